@@ -1,0 +1,3 @@
+from calibtool.cli import main
+
+main()

@@ -1,0 +1,107 @@
+"""The application: commands, exit codes and one-line errors."""
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from calibtool import __version__
+from calibtool.cli import (
+    compensate,
+    demo,
+    evaluate,
+    export,
+    identify,
+    import_,
+    info,
+    plot,
+    robots,
+    simulate,
+    train,
+)
+from calibtool.cli.files import message
+from calibtool.cli.provenance import remember_command
+from calibtool.errors import CalibtoolError
+
+
+class _Group(TyperGroup):
+    """Turns every foreseen failure into one line on stderr and its documented exit code."""
+
+    debug = False
+
+    def main(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any
+    ) -> None:
+        arguments = list(sys.argv[1:] if args is None else args)
+        remember_command(arguments)
+        _Group.debug = "--debug" in arguments
+        extra["standalone_mode"] = False
+        try:
+            code = super().main(arguments, prog_name or "calibtool", **extra)
+        except CalibtoolError as error:
+            self._give_up(str(error), error.exit_code)
+        except MemoryError:
+            self._give_up("out of memory; use fewer configurations at a time", 1)
+        except Exception as error:
+            if hasattr(error, "format_message"):  # wrong usage, found by typer
+                self._give_up(f"{error.format_message()} (see calibtool --help)", 2)
+            if self.debug:
+                raise
+            text = " ".join(str(error).split())
+            self._give_up(f"unexpected {type(error).__name__}: {text}; please report it with the output of --debug", 1)
+        sys.exit(code if isinstance(code, int) else 0)
+
+    def _give_up(self, text: str, code: int) -> None:
+        if self.debug and sys.exc_info()[0] is not None and code != 2:
+            import traceback
+
+            traceback.print_exc()
+        message(" ".join(text.split()))
+        sys.exit(code)
+
+
+app = typer.Typer(
+    cls=_Group,
+    help="Make a serial robot accurate in software: from its description and measurements to corrected joint targets.",
+    epilog="Exit codes: 0 done, 1 unexpected, 2 wrong usage, 3 bad input data, 4 no solution, 5 an acceptance limit was "
+    "not met, 130 interrupted.",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"calibtool {__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+for _name, _function in (
+    ("robots", robots.robots),
+    ("simulate", simulate.simulate),
+    ("import", import_.import_),
+    ("identify", identify.identify),
+    ("train", train.train),
+    ("evaluate", evaluate.evaluate),
+    ("compensate", compensate.compensate),
+    ("export", export.export),
+    ("plot", plot.plot),
+    ("info", info.info),
+    ("demo", demo.demo),
+):
+    app.command(_name)(_function)

@@ -1,0 +1,50 @@
+"""calibtool compensate: poses or joints in, corrected joints out."""
+
+from typing import Annotated
+
+import typer
+
+from calibtool.cli.files import check_output, message, one_stdin, read_text, shown, write_output
+from calibtool.cli.load import load_calibration
+from calibtool.cli.options import EXACT, CalibrationFile, CompensationMethod, Force, Output, choice
+
+_LISTED = 10  # rows named one by one on stderr
+
+
+def compensate(
+    calibration: CalibrationFile,
+    targets: Annotated[
+        str,
+        typer.Argument(metavar="[TARGETS]", help="CSV with joints (j1_deg …) or poses (x_mm … qw …); '-' is stdin."),
+    ] = "-",
+    output: Output = "-",
+    method: CompensationMethod = EXACT,
+    force: Force = False,
+) -> None:
+    """Correct commanded poses or joint positions, so that the actual robot goes where the drawing says.
+
+    The output has the corrected joints, the input's other columns and a status: ok, near-singular, out-of-limits or
+    unreachable (empty joints, exit code 4; the other rows are written all the same).
+
+    Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv
+    """
+    check_output(output, force)
+    one_stdin(calibration, targets)
+    choice(method, ("exact", "one-step"), "--method")
+    from typing import cast
+
+    from calibtool.compensation.program import compensate_table
+    from calibtool.compensation.solve import Method
+    from calibtool.errors import NoSolutionError
+
+    loaded, _ = load_calibration(calibration)
+    result = compensate_table(loaded, read_text(targets), shown(targets), cast(Method, method))
+    write_output(output, result.text, force)
+    for line in result.remarks[:_LISTED]:
+        message(line)
+    if len(result.remarks) > _LISTED:
+        message(f"… and {len(result.remarks) - _LISTED} more rows; see the column status")
+    if result.unreachable:
+        raise NoSolutionError(
+            f"{shown(targets)}: {result.unreachable} of {result.rows} rows are unreachable; the others are written"
+        )

@@ -1,0 +1,45 @@
+"""calibtool demo: the whole way on the built-in robot."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calibtool.cli.evaluate import show_evaluation
+from calibtool.cli.files import STREAM, message, write_output
+from calibtool.cli.options import Force, Seed
+from calibtool.cli.provenance import provenance
+
+
+def demo(
+    output: Annotated[str, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")] = "demo",
+    seed: Seed = 0,
+    force: Force = False,
+) -> None:
+    """Run the paper's experiment on the FANUC M-1000iA: files, table, plots and C code in one folder.
+
+    Example: calibtool demo -o demo
+    """
+    from calibtool.demo import run_demo
+    from calibtool.errors import UsageError
+
+    if output == STREAM:
+        raise UsageError("demo writes a folder; give -o DIR")
+    folder = Path(output)
+    if folder.is_file():
+        raise UsageError(f"{output}: is a file; give the name of a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not force:
+        raise UsageError(f"{output}: exists already and is not empty; choose another name, or add --force")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{output}: cannot be made: {error.strerror or error}") from None
+
+    def write(name: str, contents: bytes | str) -> None:
+        write_output(str(folder / name), contents, True)
+
+    result = run_demo(seed, provenance(seed), write, message)
+    show_evaluation(result)
+    message(f"Everything is in {folder}:")
+    for path in sorted(folder.iterdir()):
+        message(f"  {path}")

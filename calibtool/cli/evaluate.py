@@ -1,0 +1,118 @@
+"""calibtool evaluate: methods side by side."""
+
+from typing import Annotated
+
+import typer
+
+from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
+from calibtool.cli.load import load_calibration, load_measurements
+from calibtool.cli.options import EXACT, CompensationMethod, Force, Json, choice
+from calibtool.cli.show import print_json, print_table
+
+
+def evaluate(
+    calibrations: Annotated[
+        list[str], typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'.")
+    ],
+    on: Annotated[
+        str, typer.Option(metavar="MEASUREMENTS", help="Measurements to judge on, best ones no fit has seen.")
+    ],
+    output: Annotated[
+        str | None,
+        typer.Option("-o", "--output", metavar="FILE.csv", help="Signed errors of every configuration; '-' is stdout."),
+    ] = None,
+    method: CompensationMethod = EXACT,
+    refit_setup: Annotated[
+        bool,
+        typer.Option(
+            "--refit-setup", help="The instrument was moved: register it again on these rows, for every method."
+        ),
+    ] = False,
+    require: Annotated[
+        list[str] | None,
+        typer.Option(metavar="LIMIT", help="Acceptance limit, such as position_max_mm=0.2; exit code 5 if not met."),
+    ] = None,
+    json: Json = False,
+    force: Force = False,
+) -> None:
+    """Compare calibrations with the nominal robot: driven to corrected joints if simulated, predicted if real.
+
+    Example: calibtool evaluate paper.h5 local-poe.h5 --on fresh.h5 --json
+    """
+    if json and output == "-":
+        from calibtool.errors import UsageError
+
+        raise UsageError("--json and -o - both want stdout; give -o FILE")
+    if output is not None:
+        check_output(output, force)
+    one_stdin(*calibrations, on)
+    choice(method, ("exact", "one-step"), "--method")
+    from typing import cast
+
+    from calibtool.compensation.solve import Method
+    from calibtool.errors import AcceptanceError
+    from calibtool.evaluation.acceptance import broken_limits, parse_limit
+    from calibtool.evaluation.compare import evaluate as run
+    from calibtool.evaluation.metrics import error_rows
+    from calibtool.tables import format_table
+
+    limits = [parse_limit(text) for text in require or []]
+    named = [(stem(path), load_calibration(path)[0]) for path in calibrations]
+    measurements, _ = load_measurements(on)
+    evaluation = run(named, measurements, method=cast(Method, method), refit_setup=refit_setup)
+    if output is not None:
+        write_output(output, format_table(*error_rows(evaluation.methods)), force)
+    report = evaluation.as_json()
+    if json:
+        print_json(report)
+    else:
+        show_evaluation(report)
+    for errors, marked in zip(evaluation.methods, evaluation.marked, strict=True):
+        if marked:
+            message(
+                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations are near a singularity "
+                "or out of limits"
+            )
+    broken = broken_limits(evaluation.methods[1:], limits)
+    if broken:
+        raise AcceptanceError(broken[0])
+
+
+def show_evaluation(report: dict[str, object]) -> None:
+    """The table for people."""
+    rows = []
+    methods = report["methods"]
+    assert isinstance(methods, list)
+    for entry in methods:
+        position, reduction = entry["position_mm"], entry["reduction_percent"]
+        row = [
+            entry["name"],
+            *(f"{position[s]:.3f}" for s in ("mean", "rms", "p95", "max")),
+            f"{reduction['position_max']:.1f}",
+        ]
+        orientation = entry["orientation_mrad"]
+        if orientation is None:
+            row += ["-"] * 5
+        else:
+            row += [
+                *(f"{orientation[s]:.3f}" for s in ("mean", "rms", "p95", "max")),
+                f"{reduction['orientation_max']:.1f}",
+            ]
+        rows.append(row)
+    header = [
+        "method",
+        "mean mm",
+        "rms mm",
+        "p95 mm",
+        "max mm",
+        "max −%",
+        "mean mrad",
+        "rms mrad",
+        "p95 mrad",
+        "max mrad",
+        "max −%",
+    ]
+    kind = (
+        "driven to corrected joints, without noise" if report["kind"] == "compensated" else "measured minus predicted"
+    )
+    print_table(f"{report['robot']}, {report['configurations']} configurations, {kind}", header, rows)

@@ -1,0 +1,106 @@
+"""Files at the command line: `-` for the standard streams, whole or not at all, nothing overwritten unasked."""
+
+import contextlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import BinaryIO
+
+from calibtool.errors import InputError, UsageError
+
+STREAM = "-"
+
+
+def message(text: str) -> None:
+    """One line for people, on stderr."""
+    print(text, file=sys.stderr, flush=True)  # noqa: T201
+
+
+def read_bytes(path: str) -> bytes:
+    """The contents of a file, or of stdin for `-`. UsageError if there is no such file, InputError if it is unreadable."""
+    if path == STREAM:
+        if sys.stdin.isatty():
+            raise UsageError("stdin is a terminal; give a file, or pipe one in")
+        return _binary(sys.stdin).read()
+    try:
+        return Path(path).read_bytes()
+    except FileNotFoundError:
+        raise UsageError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+
+
+def read_text(path: str) -> str:
+    """The same as text, UTF-8."""
+    try:
+        return read_bytes(path).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{shown(path)}: not a UTF-8 text file (byte {error.start + 1})") from None
+
+
+def shown(path: str) -> str:
+    """How a path is called in messages."""
+    return "stdin" if path == STREAM else path
+
+
+def stem(path: str) -> str:
+    """Name of a calibration in tables: the file's stem, or `stdin`."""
+    return "stdin" if path == STREAM else Path(path).stem
+
+
+def one_stdin(*paths: str | None) -> None:
+    """UsageError when more than one input wants stdin."""
+    if sum(path == STREAM for path in paths) > 1:
+        raise UsageError("only one input can be '-': stdin holds one file")
+
+
+def check_output(path: str, force: bool, *, binary: bool = False) -> None:
+    """Refuse an output before the work starts: an existing file without --force, a missing folder, binary on a terminal."""
+    if path == STREAM:
+        if binary and sys.stdout.isatty():
+            raise UsageError("the output is binary and stdout is a terminal; give -o FILE, or a pipe")
+        return
+    target = Path(path)
+    if target.is_dir():
+        raise UsageError(f"{path}: is a folder; give the name of a file")
+    if target.exists() and not force:
+        raise UsageError(f"{path}: exists already; choose another name, or overwrite it with --force")
+    if not target.parent.is_dir():
+        raise UsageError(f"{path}: there is no folder {target.parent}")
+    if not os.access(target.parent, os.W_OK):
+        raise UsageError(f"{path}: the folder {target.parent} is not writable")
+
+
+def write_output(path: str, contents: bytes | str, force: bool) -> None:
+    """Write the whole file or nothing: into a temporary file beside it, then renamed."""
+    data = contents.encode("utf-8") if isinstance(contents, str) else contents
+    check_output(path, force, binary=isinstance(contents, bytes))
+    if path == STREAM:
+        stream = _binary(sys.stdout)
+        stream.write(data)
+        stream.flush()
+        return
+    target = Path(path)
+    temporary: str | None = None
+    try:
+        descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(temporary, 0o666 & ~mask)
+        os.replace(temporary, target)
+        temporary = None
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+
+
+def _binary(stream: object) -> BinaryIO:
+    return stream.buffer  # type: ignore[attr-defined]

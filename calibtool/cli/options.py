@@ -1,0 +1,25 @@
+"""Options that several commands share."""
+
+from typing import Annotated
+
+import typer
+
+Output = Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Output file; '-' is stdout.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite an existing output.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
+MeasurementsFile = Annotated[str, typer.Argument(metavar="MEASUREMENTS", help="Measurements file; '-' is stdin.")]
+CalibrationFile = Annotated[str, typer.Argument(metavar="CALIBRATION", help="Calibration file; '-' is stdin.")]
+CompensationMethod = Annotated[
+    str, typer.Option("--method", metavar="exact|one-step", help="Solve exactly, or with the one step of Eq. 24.")
+]
+EXACT = "exact"
+
+
+def choice(value: str, allowed: tuple[str, ...], option: str) -> str:
+    """`value` if it is allowed; UsageError with near names otherwise."""
+    from calibtool.errors import UsageError, near_names
+
+    if value not in allowed:
+        raise UsageError(f"{option}: unknown '{value}'; {near_names(value, allowed)}")
+    return value

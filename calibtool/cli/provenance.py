@@ -1,0 +1,38 @@
+"""Where a result comes from: the command, its inputs' checksums, the seed and versions; no clock, no output name."""
+
+import hashlib
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+
+_OUTPUT_OPTIONS = ("-o", "--output", "--rest")
+_command: list[str] = []
+
+
+def remember_command(arguments: Sequence[str]) -> None:
+    """Keep the command line without what does not change the result: output names, --force, --json, --debug."""
+    _command.clear()
+    skip = False
+    for argument in arguments:
+        if skip:
+            skip = False
+        elif argument in _OUTPUT_OPTIONS:
+            skip = True
+        elif argument not in ("--force", "--json", "--debug") and not argument.startswith(
+            ("--output=", "--rest=", "-o")
+        ):
+            _command.append(argument)
+
+
+def provenance(seed: int | None = None, **inputs: bytes) -> dict[str, str]:
+    """The provenance group of a file: command, seed, SHA-256 of every input by its role, versions."""
+    result = {"command": " ".join(["calibtool", *_command])}
+    if seed is not None:
+        result["seed"] = str(seed)
+    for role, data in inputs.items():
+        result[f"sha256_{role}"] = hashlib.sha256(data).hexdigest()
+    for package in ("calibtool", "pin", "numpy", "scipy", "h5py"):
+        try:
+            result[f"version_{package}"] = version(package)
+        except PackageNotFoundError:
+            result[f"version_{package}"] = "unknown"
+    return result

@@ -1,0 +1,34 @@
+"""calibtool robots: the catalogue, or one robot."""
+
+from typing import Annotated
+
+import typer
+
+from calibtool.cli.options import Json
+from calibtool.cli.show import lines, print_json
+
+
+def robots(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="A robot of the catalogue, or a path.")] = None,
+    json: Json = False,
+) -> None:
+    """List the carried robots, or show one: joints, limits, axes, targets, workspaces.
+
+    Example: calibtool robots fanuc-m1000ia
+    """
+    from calibtool.robot.catalogue import load_robot, robot_names
+    from calibtool.summary import robot_entry, robot_summary
+
+    if name is not None:
+        summary = robot_summary(load_robot(name))
+        if json:
+            print_json(summary)
+        else:
+            typer.echo("\n".join(lines(summary)))
+        return
+    entries = [robot_entry(load_robot(each)) for each in robot_names()]
+    if json:
+        print_json({"schema": "calibtool/robots", "schema_version": 1, "robots": entries})
+    else:
+        for entry in entries:
+            typer.echo(f"{entry['name']:<18} {entry['joints']}  {entry['title']}")

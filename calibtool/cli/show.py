@@ -1,0 +1,48 @@
+"""Tables for people, on stderr, and JSON objects for programs, on stdout."""
+
+import json
+import sys
+from collections.abc import Sequence
+
+
+def print_json(value: dict[str, object]) -> None:
+    """One JSON object on stdout."""
+    sys.stdout.write(json.dumps(value, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table on stderr; the first column is left-aligned text. Colour only on a terminal without NO_COLOR."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(stderr=True, width=None if sys.stderr.isatty() else 140, highlight=False)
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
+    for i, name in enumerate(header):
+        table.add_column(name, justify="left" if i == 0 else "right")
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+
+
+def lines(summary: dict[str, object], indent: str = "") -> list[str]:
+    """A nested summary as `key: value` lines."""
+    result = []
+    for key, value in summary.items():
+        if isinstance(value, dict):
+            result += [f"{indent}{key}:", *lines(value, indent + "  ")]
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            result.append(f"{indent}{key}:")
+            for item in value:
+                result.append(f"{indent}  - " + ", ".join(f"{k} {_text(v)}" for k, v in item.items()))
+        else:
+            result.append(f"{indent}{key}: {_text(value)}")
+    return result
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_text(v) for v in value) + "]"
+    return "none" if value is None else str(value)

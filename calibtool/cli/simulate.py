@@ -1,0 +1,106 @@
+"""calibtool simulate: measure a perturbed robot."""
+
+from typing import Annotated
+
+import typer
+
+from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output
+from calibtool.cli.load import load_measurements
+from calibtool.cli.options import Force, Output, Seed
+from calibtool.cli.provenance import provenance
+
+
+def simulate(
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="A robot of the catalogue, or a path.")],
+    output: Output = "-",
+    configurations: Annotated[int, typer.Option("-n", "--configurations", min=1, help="How many to measure.")] = 100,
+    seed: Seed = 0,
+    workspace: Annotated[
+        str | None, typer.Option(help="A named workspace of the robot (default: its first); 'full' is the joint range.")
+    ] = None,
+    errors: Annotated[
+        str, typer.Option(help="'all', or a comma list of geometric, gear, gravity, backlash, thermal.")
+    ] = "geometric",
+    length_error_mm: Annotated[float, typer.Option(min=0, help="Standard deviation of geometric lengths.")] = 0.5,
+    angle_error_mrad: Annotated[float, typer.Option(min=0, help="Standard deviation of geometric angles.")] = 0.5,
+    gear_mrad: Annotated[
+        float, typer.Option(min=0, help="Standard deviation of each gear harmonic's coefficients.")
+    ] = 0.2,
+    gravity_mrad: Annotated[float, typer.Option(min=0, help="Wind-up of a loaded joint at its largest torque.")] = 0.5,
+    backlash_mrad: Annotated[float, typer.Option(min=0, help="Half width of the backlash (mm if prismatic).")] = 0.1,
+    thermal_k: Annotated[float, typer.Option(min=0, help="Temperature rise of the steel links.")] = 10.0,
+    noise_mm: Annotated[float, typer.Option(min=0, help="Measurement noise per coordinate.")] = 0.05,
+    unregistered: Annotated[
+        bool, typer.Option("--unregistered", help="Instrument and targets at random places that stay unknown.")
+    ] = False,
+    same_robot: Annotated[
+        str | None, typer.Option(metavar="FILE.h5", help="Measure the actual robot of that simulation again.")
+    ] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="POSES", help="Measure at these configurations: a CSV of joints or poses.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Measure a perturbed robot: three targets at configurations of a workspace, with noise; the truth is kept apart.
+
+    Example: calibtool simulate fanuc-m1000ia -n 100 --seed 1 -o measurements.h5
+    """
+    check_output(output, force, binary=True)
+    one_stdin(same_robot, at)
+    from dataclasses import replace
+
+    from calibtool.compensation.program import read_configurations
+    from calibtool.errors import InputError, UsageError
+    from calibtool.measurement.simulate import Simulation
+    from calibtool.measurement.simulate import simulate as run
+    from calibtool.robot.actual import ERROR_KINDS, ErrorScales
+    from calibtool.robot.catalogue import load_robot
+    from calibtool.storage import to_bytes
+
+    model = load_robot(robot)
+    kinds = ERROR_KINDS if errors == "all" else tuple(kind.strip() for kind in errors.split(","))
+    unknown = [kind for kind in kinds if kind not in ERROR_KINDS]
+    if unknown:
+        raise UsageError(f"--errors: unknown '{unknown[0]}'; known: all, {', '.join(ERROR_KINDS)}")
+    inputs: dict[str, bytes] = {}
+    truth = None
+    if same_robot is not None:
+        earlier, inputs["same_robot"] = load_measurements(same_robot)
+        if earlier.truth is None:
+            raise InputError(
+                f"{shown(same_robot)}: holds no simulated robot; --same-robot needs a file of calibtool simulate"
+            )
+        if unregistered != (not earlier.setup.known) and unregistered:
+            raise UsageError("--unregistered: the set-up is that of --same-robot")
+        from calibtool.calibration import check_same_robot
+
+        check_same_robot(earlier.robot, model, shown(same_robot), "ROBOT")
+        truth = earlier.truth
+    q_at = None
+    if at is not None:
+        text = read_text(at)
+        inputs["at"] = text.encode()
+        q_at = read_configurations(text, shown(at), model)
+    scales = ErrorScales(
+        kinds=kinds,
+        length=length_error_mm * 1e-3,
+        angle=angle_error_mrad * 1e-3,
+        gear=gear_mrad * 1e-3,
+        gravity=gravity_mrad * 1e-3,
+        backlash=backlash_mrad * 1e-3,
+        temperature=thermal_k,
+    )
+    measurements = run(
+        model,
+        Simulation(
+            seed=seed,
+            configurations=configurations,
+            workspace=model.workspace(workspace)[1],
+            scales=scales,
+            noise=noise_mm * 1e-3,
+            unregistered=unregistered,
+            at=q_at,
+            same_robot=truth,
+        ),
+    )
+    write_output(output, to_bytes(replace(measurements, provenance=provenance(seed, **inputs))), force)

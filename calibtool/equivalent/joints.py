@@ -1,0 +1,58 @@
+"""The equivalent robot (Eqs. 12–17): actuated joints, virtual joints for n < 6, and its Jacobian J_ρ."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from calibtool.measurement.sampling import sample_configurations
+from calibtool.robot.description import VirtualJoint
+from calibtool.robot.mechanism import Mechanism, at_point, singularity_distance
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, adjoint
+
+ELEMENTARY: tuple[VirtualJoint, ...] = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class EquivalentRobot:
+    """A robot whose only errors are joint motion errors δρ = (actuated, virtual), p = max(n, 6) of them.
+
+    virtual_joints   elementary twists fixed in the tool frame, 6 − n of them (none for n ≥ 6), nominal value zero
+    """
+
+    n: int
+    virtual_joints: tuple[VirtualJoint, ...]
+
+    @property
+    def p(self) -> int:
+        """Number of joint motion errors."""
+        return self.n + len(self.virtual_joints)
+
+    def forward_and_jacobian(self, mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
+        """T_base_tool (N, 4, 4) of `mechanism` and J_ρ (N, 6, p) in K_0 (Eq. 14), q (N, n) in rad or m."""
+        pose, jacobian = mechanism.forward_and_jacobian(q)
+        if not self.virtual_joints:
+            return pose, jacobian
+        columns = [ELEMENTARY.index(name) for name in self.virtual_joints]
+        return pose, np.concatenate([jacobian, adjoint(pose)[:, :, columns]], axis=-1)
+
+
+def equivalent_robot(robot: Robot) -> EquivalentRobot:
+    """The equivalent robot of a description: its virtual joints if it names them, otherwise the best ones.
+
+    Best is the largest worst-case `singularity_distance` of J_ρ over 200 fixed configurations of the default workspace.
+    """
+    if robot.n >= 6:
+        return EquivalentRobot(robot.n, ())
+    override = robot.source.description.equivalent
+    if override is not None:
+        return EquivalentRobot(robot.n, tuple(override.virtual_joints))
+    workspace = robot.workspace(None)[1]
+    q = sample_configurations(robot, workspace, 200, np.random.default_rng(0))
+
+    def worst(names: tuple[VirtualJoint, ...]) -> float:
+        pose, jacobian = EquivalentRobot(robot.n, names).forward_and_jacobian(robot.mechanism, q)
+        return float(singularity_distance(at_point(jacobian, pose[:, :3, 3]), robot.length).min())
+
+    return EquivalentRobot(robot.n, max(combinations(ELEMENTARY, 6 - robot.n), key=worst))

@@ -1,0 +1,69 @@
+"""The two losses of the paper, both as E(w) = 1/K Σ_k |t_k − R_k N(q_k, w)|²."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibtool.equivalent.network import Network
+from calibtool.robot.se3 import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Loss:
+    """Training data of the equivalent robot: q (K, n), R (K, r, p) and t (K, r).
+
+    task loss (Eq. 20): R, t from the QR factors of Σ^(−1/2) P J_ρ, so E is the weighted error of the target points, up to
+    a constant. joint loss (Eq. 21): R = I and t = (P J_ρ)⁺ δp.
+    """
+
+    q: Array
+    R: Array
+    t: Array
+
+    def rows(self, index: np.ndarray) -> "Loss":
+        return Loss(self.q[index], self.R[index], self.t[index])
+
+    def value(self, network: Network) -> float:
+        """E(w)."""
+        return float((self.residual(network) ** 2).sum() / len(self.q))
+
+    @property
+    def without_network(self) -> float:
+        """E for N = 0."""
+        return float((self.t**2).sum() / len(self.q))
+
+    def residual(self, network: Network) -> Array:
+        """t − R N: (K, r)."""
+        return self.t - (self.R @ network(self.q)[..., None])[..., 0]
+
+    def residual_and_jacobian(self, network: Network) -> tuple[Array, Array]:
+        """Residual as a vector (K·r,) and ∂(R N)/∂w (K·r, W), weights in the order of `Network.weights`."""
+        s = network.scaled_input(self.q)
+        hidden = np.tanh(s @ network.hidden_weights.T + network.hidden_bias)
+        scaled = self.R * network.output_scale  # (K, r, p)
+        output = hidden @ network.output_weights.T + network.output_bias
+        residual = self.t - (scaled @ output[..., None])[..., 0]
+        into_hidden = (scaled @ network.output_weights) * (1.0 - hidden**2)[:, None, :]  # (K, r, h)
+        count, r = self.t.shape
+        blocks = (
+            (into_hidden[..., None] * s[:, None, None, :]).reshape(count, r, -1),
+            into_hidden,
+            (scaled[..., None] * hidden[:, None, None, :]).reshape(count, r, -1),
+            scaled,
+        )
+        return residual.ravel(), np.concatenate(blocks, axis=-1).reshape(count * r, -1)
+
+
+def task_loss(q: Array, G: Array, y: Array) -> Loss:
+    """Task-space loss: weighted matrix G = Σ^(−1/2) P J_ρ (K, d, p) and weighted residual y (K, d) (Eq. 20).
+
+    |y − G N|² = |R (δρ̂ − N)|² + const with G = Q R: the products with P J_ρ are done once, not at every iteration.
+    """
+    Q, R = np.linalg.qr(G)
+    return Loss(q, R, (np.swapaxes(Q, -1, -2) @ y[..., None])[..., 0])
+
+
+def joint_loss(q: Array, G: Array, y: Array) -> Loss:
+    """Joint-space loss: δρ̂ = G⁺ y, every component alike (Eq. 21); δρ̂ has minimum norm where G does not determine it."""
+    t = (np.linalg.pinv(G, rcond=1e-9) @ y[..., None])[..., 0]
+    return Loss(q, np.broadcast_to(np.eye(G.shape[-1]), (len(q), G.shape[-1], G.shape[-1])), t)

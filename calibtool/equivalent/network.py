@@ -1,0 +1,81 @@
+"""The network δρ = N(q, w) (Eq. 16): one tanh layer, linear output, scaled inputs and outputs."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from calibtool.robot.se3 import Array, readonly
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """N(q) = output_scale ∘ (W₂ tanh(W₁ s + b₁) + b₂), s = (q − input_centre) / input_scale.
+
+    input_centre, input_scale   (n,) rad or m: the training range becomes [−1, 1]
+    hidden_weights (h, n), hidden_bias (h,), output_weights (p, h), output_bias (p,): dimensionless
+    output_scale                (p,) rad or m
+    """
+
+    input_centre: Array
+    input_scale: Array
+    hidden_weights: Array
+    hidden_bias: Array
+    output_weights: Array
+    output_bias: Array
+    output_scale: Array
+
+    def __call__(self, q: Array) -> Array:
+        """Joint motion errors δρ (N, p) in rad or m for joint positions q (N, n)."""
+        hidden = np.tanh(self.scaled_input(q) @ self.hidden_weights.T + self.hidden_bias)
+        return (hidden @ self.output_weights.T + self.output_bias) * self.output_scale
+
+    def scaled_input(self, q: Array) -> Array:
+        """s (N, n), within [−1, 1] inside the training range."""
+        return (q - self.input_centre) / self.input_scale
+
+    @property
+    def hidden(self) -> int:
+        return len(self.hidden_bias)
+
+    @property
+    def weights(self) -> Array:
+        """w, all adjustable weights in one vector: W₁, b₁, W₂, b₂."""
+        parts = (self.hidden_weights, self.hidden_bias, self.output_weights, self.output_bias)
+        return np.concatenate([part.ravel() for part in parts])
+
+    def with_weights(self, weights: Array) -> Self:
+        """The same network with another weight vector."""
+        h, n = self.hidden_weights.shape
+        p = len(self.output_bias)
+        w1, b1, w2, b2 = np.split(weights, np.cumsum([h * n, h, p * h]))
+        return replace(
+            self,
+            hidden_weights=readonly(w1.reshape(h, n)),
+            hidden_bias=readonly(b1),
+            output_weights=readonly(w2.reshape(p, h)),
+            output_bias=readonly(b2),
+        )
+
+
+def rule_of_thumb(n: int) -> int:
+    """Number of hidden nodes √(6n), rounded (paper, Section III-B)."""
+    return round(float(np.sqrt(6 * n)))
+
+
+def initial_network(q: Array, output_scale: Array, hidden: int, rng: np.random.Generator) -> Network:
+    """A network with normally distributed weights, scaled to the range of the training configurations q (K, n).
+
+    Weights into a node have a variance of one over their number, so that the nodes start in the bend of the tanh.
+    """
+    low, high = q.min(axis=0), q.max(axis=0)
+    n, p = q.shape[1], len(output_scale)
+    return Network(
+        input_centre=readonly((low + high) / 2),
+        input_scale=readonly(np.where(high - low > 1e-9, (high - low) / 2, 1.0)),
+        hidden_weights=readonly(rng.normal(size=(hidden, n)) / np.sqrt(n)),
+        hidden_bias=readonly(rng.normal(size=hidden) / np.sqrt(n)),
+        output_weights=readonly(rng.normal(size=(p, hidden)) / np.sqrt(hidden)),
+        output_bias=readonly(np.zeros(p)),
+        output_scale=readonly(output_scale),
+    )

@@ -1,0 +1,130 @@
+"""Levenberg–Marquardt and gradient descent on a `Loss`, both with early stopping on a validation loss."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from calibtool.equivalent.loss import Loss
+from calibtool.equivalent.network import Network
+from calibtool.robot.se3 import Array, readonly
+
+Optimiser = Literal["lm", "gd"]
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """One training run: E at every iteration, the first one before any step.
+
+    training, validation   (I,) loss on the two halves (validation is NaN without validation rows)
+    chosen                 iteration whose weights were kept
+    reason                 why it ended
+    """
+
+    training: Array
+    validation: Array
+    chosen: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """When a run ends.
+
+    max_iterations   steps at most
+    patience         steps without a better validation loss
+    change           relative change of the training loss below which it is taken as settled (paper, after Eq. 22)
+    """
+
+    max_iterations: int
+    patience: int
+    change: float
+
+
+LM_STOPPING = Stopping(max_iterations=200, patience=10, change=1e-7)
+GD_STOPPING = Stopping(max_iterations=20_000, patience=500, change=1e-7)
+
+
+def levenberg_marquardt(network: Network, loss: Loss) -> Iterator[tuple[Network, float]]:
+    """Networks with ever lower loss; ends when no damping finds a lower one."""
+    damping = 1e-2
+    residual, J = loss.residual_and_jacobian(network)
+    value = float(residual @ residual)
+    while True:
+        gram, gradient = J.T @ J, J.T @ residual
+        scale = np.diag(gram).mean()
+        while True:
+            step = _solve(gram, damping * scale, gradient)
+            trial = network.with_weights(network.weights + step)
+            trial_residual, trial_J = loss.residual_and_jacobian(trial)
+            trial_value = float(trial_residual @ trial_residual)
+            if trial_value < value:
+                break
+            damping *= 4.0
+            if damping > 1e12:
+                return
+        network, residual, J, value = trial, trial_residual, trial_J, trial_value
+        damping = max(damping / 4.0, 1e-12)
+        yield network, value / len(loss.q)
+
+
+def gradient_descent(network: Network, loss: Loss, rate: float = 0.1) -> Iterator[tuple[Network, float]]:
+    """w ← w − α ∂E/∂w (Eq. 22), on the loss divided by its value without a network, which makes α free of units.
+
+    α is halved where a step would raise the loss, and grows by 5 % otherwise, as a hand would do it.
+    """
+    unit = max(loss.without_network * len(loss.q), 1e-300)
+    residual, J = loss.residual_and_jacobian(network)
+    value = float(residual @ residual)
+    while rate > 1e-12:
+        trial = network.with_weights(network.weights + rate * 2.0 * (J.T @ residual) / unit)
+        trial_residual, trial_J = loss.residual_and_jacobian(trial)
+        trial_value = float(trial_residual @ trial_residual)
+        if trial_value > value:
+            rate /= 2.0
+            continue
+        network, residual, J, value = trial, trial_residual, trial_J, trial_value
+        rate *= 1.05
+        yield network, value / len(loss.q)
+
+
+def run(
+    steps: Callable[[Network, Loss], Iterator[tuple[Network, float]]],
+    network: Network,
+    training: Loss,
+    validation: Loss | None,
+    stopping: Stopping,
+) -> tuple[Network, History]:
+    """Follow an optimiser and keep the weights with the lowest validation loss (training loss without validation)."""
+
+    def judge(candidate: Network, training_value: float) -> float:
+        return training_value if validation is None else validation.value(candidate)
+
+    values = [training.value(network)]
+    judged = [judge(network, values[0])]
+    best, chosen = network, 0
+    reason = "the loss cannot be lowered further"
+    for candidate, value in steps(network, training):
+        values.append(value)
+        judged.append(judge(candidate, value))
+        iteration = len(values) - 1
+        if judged[-1] < judged[chosen]:
+            best, chosen = candidate, iteration
+        if iteration - chosen >= stopping.patience:
+            reason = f"no better validation loss in {stopping.patience} iterations"
+            break
+        if values[-2] - value <= stopping.change * values[-2]:
+            reason = "the training loss has settled"
+            break
+        if iteration >= stopping.max_iterations:
+            reason = f"{stopping.max_iterations} iterations"
+            break
+    validated = np.full(len(values), np.nan) if validation is None else np.array(judged)
+    return best, History(readonly(values), readonly(validated), chosen, reason)
+
+
+def _solve(gram: Array, damping: float, gradient: Array) -> Array:
+    damped = gram + damping * np.eye(len(gram))
+    return cho_solve(cho_factor(damped, overwrite_a=True, check_finite=False), gradient, check_finite=False)

@@ -1,0 +1,41 @@
+"""Every failure that a user can meet, with its exit code. A message is one line: place, what is wrong, remedy."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class CalibtoolError(Exception):
+    """Root of all failures that calibtool foresees."""
+
+    exit_code = 1
+
+
+class UsageError(CalibtoolError):
+    """The command or call is wrong: an unknown name, options that contradict each other."""
+
+    exit_code = 2
+
+
+class InputError(CalibtoolError):
+    """The data are bad: a cell, a file, a description."""
+
+    exit_code = 3
+
+
+class NoSolutionError(CalibtoolError):
+    """The data are in order but there is no answer: not converged, not observable, unreachable."""
+
+    exit_code = 4
+
+
+class AcceptanceError(CalibtoolError):
+    """The answer does not meet a limit that the user set."""
+
+    exit_code = 5
+
+
+def near_names(name: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown name: the near names, or all of them when none is near."""
+    names = list(known)
+    near = get_close_matches(name, names, n=3, cutoff=0.4)
+    return f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(names)}"

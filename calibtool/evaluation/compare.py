@@ -1,0 +1,125 @@
+"""Methods side by side on measurements: really driven to corrected joints where the truth is known, predicted otherwise."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calibtool.calibration import Calibration, check_same_robot, fitting_setup
+from calibtool.compensation.solve import Method, compensate_joints
+from calibtool.evaluation.metrics import MethodErrors, summary
+from calibtool.measurement.measurements import Measurements, Setup, Truth, determines_orientation
+from calibtool.measurement.observation import measured_in_base, residuals
+from calibtool.measurement.registration import register, rigid_fit
+from calibtool.measurement.simulate import observe
+from calibtool.robot.se3 import Array, inverse, log3, transform_points
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The first method is the nominal robot.
+
+    kind    `compensated`: the actual robot was driven to the corrected joints and observed without noise;
+            `predicted`: what is left between measured and predicted target points
+    marked  (methods,) how many rows of the compensation were not plainly `ok`
+    """
+
+    robot: str
+    configurations: int
+    kind: Literal["compensated", "predicted"]
+    methods: list[MethodErrors]
+    marked: list[int]
+
+    def as_json(self) -> dict[str, object]:
+        """The object that `evaluate --json` prints (a contract of DESIGN)."""
+        return {
+            "schema": "calibtool/evaluation",
+            "schema_version": 1,
+            "robot": self.robot,
+            "configurations": self.configurations,
+            "kind": self.kind,
+            "methods": [summary(method, self.methods[0]) for method in self.methods],
+        }
+
+
+def evaluate(
+    calibrations: list[tuple[str, Calibration]],
+    measurements: Measurements,
+    *,
+    method: Method = "exact",
+    refit_setup: bool = False,
+) -> Evaluation:
+    """Errors of the nominal robot and of every calibration at the configurations of `measurements`.
+
+    refit_setup: fit unknown instrument frame and targets again on these rows, for every method alike (a moved tracker);
+    otherwise the set-up that belongs to the training is used and nothing is fitted here.
+    Raises InputError when a calibration is for another robot.
+    """
+    for name, given in calibrations:
+        check_same_robot(given.robot, measurements.robot, f"calibration '{name}'", "the measurements")
+    every: list[tuple[str, Calibration | None]] = [("nominal", None), *calibrations]
+    methods, marked = [], []
+    for name, calibration in every:
+        count = 0
+        if measurements.truth is not None:
+            errors, count = _compensated(name, calibration, measurements, measurements.truth, method)
+        else:
+            first = calibrations[0][1] if calibrations else None
+            errors = _predicted(name, calibration, first, measurements, refit_setup)
+        methods.append(errors)
+        marked.append(count)
+    return Evaluation(
+        robot=measurements.robot.name,
+        configurations=len(measurements),
+        kind="predicted" if measurements.truth is None else "compensated",
+        methods=methods,
+        marked=marked,
+    )
+
+
+def _compensated(
+    name: str, calibration: Calibration | None, measurements: Measurements, truth: Truth, method: Method
+) -> tuple[MethodErrors, int]:
+    robot, q = measurements.robot, measurements.q
+    marked = 0
+    if calibration is None:
+        driven, setup = q, measurements.setup
+    else:
+        result = compensate_joints(calibration, q, method)
+        driven, setup = result.q, fitting_setup(calibration, measurements)
+        marked = int((result.status != "ok").sum())
+    commanded = robot.mechanism.forward(q)
+    if measurements.setup.known:
+        actual = truth.actual.forward(driven)
+        turn = log3(actual[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
+        return MethodErrors(name, (actual - commanded)[:, None, :3, 3], turn), marked
+    # Commanded poses live in the registered frame: compare target points there, as an instrument would.
+    seen = transform_points(inverse(setup.T_instrument_base), observe(truth.actual, truth.setup, driven))
+    return _from_points(name, seen, commanded, setup), marked
+
+
+def _predicted(
+    name: str, calibration: Calibration | None, first: Calibration | None, measurements: Measurements, refit: bool
+) -> MethodErrors:
+    robot, q = measurements.robot, measurements.q
+    pose = robot.mechanism.forward(q) if calibration is None else calibration.forward(q)
+    if measurements.setup.known:
+        setup = measurements.setup
+    elif refit:
+        setup = register(measurements, pose)
+    elif calibration is not None:
+        setup = fitting_setup(calibration, measurements)
+    else:
+        setup = measurements.setup if first is None else first.nominal_setup
+    points, rotations = measured_in_base(measurements, setup)
+    if rotations is None:
+        return _from_points(name, points, pose, setup)
+    left = residuals(measurements, setup, pose)
+    return MethodErrors(name, left[:, None, :3], left[:, 3:])
+
+
+def _from_points(name: str, points: Array, pose: Array, setup: Setup) -> MethodErrors:
+    """Errors of target points (N, m, 3) in K_0 against those of poses; the turn is that of the best rigid fit."""
+    expected = transform_points(pose, setup.targets)
+    turn = log3(rigid_fit(expected, points)[:, :3, :3]) if determines_orientation(setup.targets) else None
+    return MethodErrors(name, points - expected, turn)

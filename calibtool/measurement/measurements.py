@@ -1,0 +1,110 @@
+"""Measurements: what was commanded, what the instrument saw, and what is known of the set-up."""
+
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+
+from calibtool.errors import InputError
+from calibtool.robot.actual import ActualRobot
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, readonly
+
+_COLLINEAR = 1e-3  # smallest extent across the line over the largest one along it
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """Where the instrument stands and what it looks at: given, or estimated by registration.
+
+    T_instrument_base  (4, 4) pose of K_0 in the instrument's frame
+    targets            (m, 3) target points in the tool frame, m; the sensor's origin for a 6-D instrument
+    R_tool_sensor      (3, 3) orientation of a 6-D instrument's sensor in the tool frame, None for target points
+    frame_known        the instrument's frame was given (otherwise it belongs to every fit)
+    targets_known      targets (and sensor orientation) were given
+    """
+
+    T_instrument_base: Array
+    targets: Array
+    R_tool_sensor: Array | None = None
+    frame_known: bool = True
+    targets_known: bool = True
+
+    @property
+    def known(self) -> bool:
+        """Nothing of the set-up has to be estimated."""
+        return self.frame_known and self.targets_known
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What only a simulation knows: the actual robot and the actual set-up."""
+
+    actual: ActualRobot
+    setup: Setup
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """N configurations and what was measured there.
+
+    q            (N, n) commanded joint positions, rad or m
+    points       (N, m, 3) measured target points in the instrument's frame, m
+    rotations    (N, 3, 3) measured R_instrument_sensor of a 6-D instrument, or None
+    noise_position, noise_orientation   stated standard deviations per coordinate, m and rad
+    provenance   command line, seed, input checksums, versions: text by name
+    """
+
+    robot: Robot
+    q: Array
+    points: Array
+    rotations: Array | None
+    setup: Setup
+    noise_position: float
+    noise_orientation: float
+    truth: Truth | None = None
+    provenance: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.robot.check_positions(self.q, "measurements")
+        shape = (len(self.q), len(self.setup.targets), 3)
+        if self.points.shape != shape:
+            raise InputError(f"measurements: points have shape {self.points.shape}, expected {shape}")
+        if not np.isfinite(self.points).all() or (self.rotations is not None and not np.isfinite(self.rotations).all()):
+            raise InputError("measurements: a measured value is not finite")
+        if not (self.noise_position > 0 and self.noise_orientation > 0):
+            raise InputError("measurements: the stated noise must be above zero; it is the weight of the fit")
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def kind(self) -> str:
+        """`points` (target points) or `pose` (one 6-D sensor)."""
+        return "points" if self.rotations is None else "pose"
+
+    def rows(self, index: np.ndarray) -> Self:
+        """The same measurements at some configurations only."""
+        rotations = None if self.rotations is None else readonly(self.rotations[index])
+        return replace(self, q=readonly(self.q[index]), points=readonly(self.points[index]), rotations=rotations)
+
+
+def determines_orientation(targets: Array) -> bool:
+    """Whether target points (m, 3) are at least three and not on one line."""
+    if len(targets) < 3:
+        return False
+    extents = np.linalg.svd(targets - targets.mean(axis=0), compute_uv=False)
+    return bool(extents[1] > _COLLINEAR * extents[0])
+
+
+def check_targets(targets: Array, place: str) -> None:
+    """InputError when three or more targets lie on one line, or two coincide: the pose would not be determined."""
+    if len(targets) >= 3 and not determines_orientation(targets):
+        raise InputError(
+            f"{place}: the {len(targets)} target points are collinear, so the turn about their line stays unseen; "
+            "move one off the line, or use one target (position only)"
+        )
+    for i, point in enumerate(targets):
+        near = np.linalg.norm(targets[i + 1 :] - point, axis=-1) < 1e-6
+        if near.any():
+            raise InputError(f"{place}: targets {i + 1} and {i + 2 + int(np.argmax(near))} are the same point")

@@ -1,0 +1,77 @@
+"""Configurations to measure: drawn in task space, reachable, inside the limits, away from singularities."""
+
+import numpy as np
+
+from calibtool.errors import NoSolutionError
+from calibtool.robot.description import Workspace
+from calibtool.robot.inverse import solve_poses
+from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, exp6
+
+
+def sample_configurations(robot: Robot, workspace: Workspace | None, count: int, rng: np.random.Generator) -> Array:
+    """Joint positions (count, n) of a workspace, in rad or m.
+
+    With a workspace: poses uniform in its box and cone, solved by inverse kinematics from its home; for n < 6 the
+    reachable pose nearest to the drawn one. Without (`full`): uniform over the joint range. Configurations outside the
+    limits or nearer to a singularity than MIN_SINGULARITY_DISTANCE are drawn again.
+
+    Raises NoSolutionError when hardly any pose of the workspace is reachable.
+    """
+    accepted: list[Array] = []
+    found = tried = 0
+    while found < count:
+        batch = max(2 * (count - found), 50)
+        q = _uniform(robot, batch, rng) if workspace is None else _in_workspace(robot, workspace, batch, rng)
+        q = q[robot.within_limits(q)]
+        q = q[robot.singularity_distance(q) >= MIN_SINGULARITY_DISTANCE]
+        accepted.append(q)
+        found += len(q)
+        tried += batch
+        if tried > 2000 and found < 0.01 * tried:
+            raise NoSolutionError(
+                f"{robot.name}: only {found} of {tried} poses of the workspace can be reached inside the joint limits; "
+                "make it smaller or move its home"
+            )
+    return np.concatenate(accepted)[:count]
+
+
+def _uniform(robot: Robot, count: int, rng: np.random.Generator) -> Array:
+    return robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
+
+
+def _in_workspace(robot: Robot, workspace: Workspace, count: int, rng: np.random.Generator) -> Array:
+    """Solved poses of the box and cone; rows that are not reached, or left the box, are dropped."""
+    home = robot.home(workspace)
+    T_base_home = robot.mechanism.forward(home[None])[0]
+    box = np.array(workspace.box_m)
+    cone = np.deg2rad(workspace.cone_deg)
+    roll = cone if workspace.roll_deg is None else np.deg2rad(workspace.roll_deg)
+
+    # Tilts of the tool axis uniform over the cap of the cone, then a turn about the axis.
+    tilt = np.arccos(1.0 - rng.random(count) * (1.0 - np.cos(cone)))
+    direction = rng.uniform(-np.pi, np.pi, count)
+    turn = rng.uniform(-roll, roll, count)
+    tilts = np.zeros((count, 6))
+    tilts[:, 3], tilts[:, 4] = tilt * np.cos(direction), tilt * np.sin(direction)
+    turns = np.zeros((count, 6))
+    turns[:, 5] = turn
+    target = T_base_home @ exp6(tilts) @ exp6(turns)
+    centre = T_base_home[:3, 3]
+    target[:, :3, 3] = centre + box * rng.uniform(-0.5, 0.5, (count, 3))
+
+    solved = solve_poses(
+        robot.mechanism.forward_and_jacobian,
+        target,
+        np.tile(home, (count, 1)),
+        length=robot.length,
+        lower=robot.lower,
+        upper=robot.upper,
+        tolerance=1e-8,
+    )
+    if robot.n >= 6:
+        return solved.q[solved.reached]
+    q = solved.q[solved.converged]
+    inside = np.abs(robot.mechanism.forward(q)[:, :3, 3] - centre) <= box / 2 + 1e-9
+    return q[inside.all(axis=-1)]

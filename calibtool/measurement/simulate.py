@@ -1,0 +1,99 @@
+"""Measure an actual robot that only the simulation knows."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calibtool.errors import InputError
+from calibtool.measurement.measurements import Measurements, Setup, Truth, check_targets
+from calibtool.measurement.registration import register
+from calibtool.measurement.sampling import sample_configurations
+from calibtool.robot.actual import ActualRobot, ErrorScales, random_actual
+from calibtool.robot.description import Workspace
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
+
+ORIENTATION_NOISE = 0.1e-3  # rad, stated for 6-D instruments unless told otherwise
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What is to be simulated.
+
+    configurations  number to sample in `workspace` (None: the whole joint range)
+    at              (N, n) joint positions to measure at instead of sampled ones
+    actual          the robot and set-up of an earlier simulation, measured again
+    unregistered    instrument and targets at random places that the estimators do not know
+    noise           standard deviation per coordinate, m
+    """
+
+    seed: int = 0
+    configurations: int = 100
+    workspace: Workspace | None = None
+    scales: ErrorScales = field(default_factory=ErrorScales)
+    noise: float = 0.05e-3
+    unregistered: bool = False
+    at: Array | None = None
+    same_robot: Truth | None = None
+
+
+def simulate(robot: Robot, simulation: Simulation) -> Measurements:
+    """Draw an actual robot, drive it to configurations and observe its targets with noise.
+
+    The robot, the configurations, the noise and the set-up have streams of their own, spawned from the seed. A robot
+    measured again takes other streams than its first measurement, so that the same seed gives fresh configurations.
+    """
+    again = simulation.same_robot is not None
+    entropy = np.random.SeedSequence([simulation.seed, 1] if again else simulation.seed)
+    robot_rng, configuration_rng, noise_rng, setup_rng = (np.random.default_rng(s) for s in entropy.spawn(4))
+
+    if simulation.same_robot is not None:
+        truth = simulation.same_robot
+    else:
+        check_targets(robot.targets, f"{robot.name}: targets")
+        setup = Setup(readonly(np.eye(4)), robot.targets)
+        if simulation.unregistered:
+            setup = _random_setup(setup, setup_rng)
+        truth = Truth(random_actual(robot, simulation.scales, robot_rng), setup)
+
+    if simulation.at is not None:
+        q = simulation.at
+        robot.check_positions(q, "configurations")
+    else:
+        q = sample_configurations(robot, simulation.workspace, simulation.configurations, configuration_rng)
+    if not len(q):
+        raise InputError("configurations: there is none to measure at")
+
+    points = observe(truth.actual, truth.setup, q)
+    points = points + noise_rng.normal(size=points.shape) * simulation.noise
+    known = truth.setup.known
+    measurements = Measurements(
+        robot=robot,
+        q=readonly(q),
+        points=readonly(points),
+        rotations=None,
+        setup=truth.setup if known else replace(truth.setup, T_instrument_base=readonly(np.eye(4))),
+        noise_position=max(simulation.noise, 1e-6),
+        noise_orientation=ORIENTATION_NOISE,
+        truth=truth,
+    )
+    return measurements if known else replace(measurements, setup=register(measurements))
+
+
+def observe(actual: ActualRobot, setup: Setup, q: Array) -> Array:
+    """Target points in the instrument's frame without noise, q (N, n) → (N, m, 3)."""
+    return transform_points(setup.T_instrument_base @ actual.forward(q), setup.targets)
+
+
+def _random_setup(nominal: Setup, rng: np.random.Generator) -> Setup:
+    """An instrument up to 5 m away in any orientation, targets moved and turned together anywhere near the tool."""
+    frame = exp6(np.concatenate([rng.normal(size=3), rng.normal(size=3)]))
+    frame[:3, 3] = rng.uniform(-5, 5, 3)
+    shift = exp6(np.concatenate([np.zeros(3), rng.normal(size=3)]))
+    shift[:3, 3] = rng.uniform(-0.2, 0.2, 3)
+    return Setup(
+        readonly(inverse(frame)),
+        readonly(transform_points(shift, nominal.targets)),
+        frame_known=False,
+        targets_known=False,
+    )

@@ -1,0 +1,149 @@
+"""The actual robot of a simulation (METHOD §2): geometric errors, and the physical effects that depend on the motion."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from calibtool.robot.geometry import GeometricErrors, mechanism
+from calibtool.robot.mechanism import Mechanism
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, exp6, inverse, log6, readonly
+
+ERROR_KINDS = ("geometric", "gear", "gravity", "backlash", "thermal")
+
+STEEL_EXPANSION = 12e-6  # per K
+_CARRIES_LOAD = 0.02  # a joint carries load when its torque reaches this part of the largest joint's
+
+
+@dataclass(frozen=True)
+class ErrorScales:
+    """Sizes of the simulated errors, in SI; a kind that is not in `kinds` is absent.
+
+    length, angle  standard deviation of every element of δζ, δξ, δq: m and rad (a prismatic offset is a length)
+    gear           standard deviation of each coefficient of the first and second harmonic, rad
+    gravity        wind-up of each load-carrying joint at its largest static torque, rad
+    backlash       half width, rad (m per metre-sized prismatic axis: the same figure)
+    temperature    rise in K on steel links
+    """
+
+    kinds: tuple[str, ...] = ("geometric",)
+    length: float = 0.5e-3
+    angle: float = 0.5e-3
+    gear: float = 0.2e-3
+    gravity: float = 0.5e-3
+    backlash: float = 0.1e-3
+    temperature: float = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class ActualRobot:
+    """A robot whose geometry and joint motions differ from the drawing; exact, nothing is linearised.
+
+    geometry    δζ, δξ, δq
+    gear        (n, 4) a1, b1, a2, b2 in rad: δq_j += a1 sin q + b1 cos q + a2 sin 2q + b2 cos 2q
+    compliance  (n,) c_j in rad per N m (see `gravity_torque`): δq_j −= c_j · τ_g,j(q)
+    backlash    (n,) half width in rad or m: δq_j −= half width · direction of the last motion
+    expansion   relative growth of every link along itself
+    """
+
+    robot: Robot
+    geometry: GeometricErrors
+    gear: Array
+    compliance: Array
+    backlash: Array
+    expansion: float
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The Pinocchio model with edited placements and helical joints."""
+        chain = self.robot.chain
+        grown = chain.placements.copy()
+        grown[:, :3, 3] *= 1.0 + self.expansion
+        placements = log6(inverse(chain.placements) @ grown @ exp6(self.geometry.placements))
+        return mechanism(chain, GeometricErrors(placements, self.geometry.twists, self.geometry.offsets))
+
+    def joint_motion(self, q: Array) -> Array:
+        """Error δq(q) of the joint motions beyond the constant offsets, q (N, n) in the order of measuring: (N, n).
+
+        Backlash takes the direction of each joint from the row before; the first row comes from the home position.
+        """
+        error = np.zeros_like(q)
+        if self.gear.any():
+            for harmonic in (1, 2):
+                a, b = self.gear[:, 2 * harmonic - 2], self.gear[:, 2 * harmonic - 1]
+                error += a * np.sin(harmonic * q) + b * np.cos(harmonic * q)
+        if self.compliance.any():
+            error -= self.compliance * gravity_torque(self.robot, q)
+        if self.backlash.any():
+            home = self.robot.home(self.robot.workspace(None)[1])
+            error -= self.backlash * np.sign(np.diff(q, axis=0, prepend=home[None]))
+        return error
+
+    def forward(self, q: Array) -> Array:
+        """Actual T_base_tool when the joints are commanded to q (N, n): (N, 4, 4)."""
+        return self.mechanism.forward(q + self.joint_motion(q))
+
+
+def random_actual(robot: Robot, scales: ErrorScales, rng: np.random.Generator) -> ActualRobot:
+    """Draw an actual robot. Every kind has its own stream, so that adding one leaves the others as they were."""
+    n = robot.n
+    streams = dict(zip(ERROR_KINDS, rng.spawn(len(ERROR_KINDS)), strict=True))
+    length, angle = scales.length, scales.angle
+    geometry = GeometricErrors.none(n)
+    if "geometric" in scales.kinds:
+        stream = streams["geometric"]
+        sizes = np.repeat([length, angle], 3)
+        geometry = GeometricErrors(
+            placements=readonly(stream.normal(size=(n + 1, 6)) * sizes),
+            twists=readonly(stream.normal(size=(n, 6)) * sizes),
+            offsets=readonly(stream.normal(size=n) * np.where(robot.prismatic, length, angle)),
+        )
+    revolute = ~np.array(robot.prismatic)
+    gear = np.zeros((n, 4))
+    if "gear" in scales.kinds:
+        gear = streams["gear"].normal(size=(n, 4)) * scales.gear * revolute[:, None]
+    compliance = np.zeros(n)
+    if "gravity" in scales.kinds:
+        largest = _largest_torque(robot)
+        carrying = revolute & (largest > _CARRIES_LOAD * largest[revolute].max(initial=0.0)) & (largest > 1e-9)
+        compliance = np.divide(scales.gravity, largest, out=compliance, where=carrying)
+    return ActualRobot(
+        robot=robot,
+        geometry=geometry,
+        gear=readonly(gear),
+        compliance=readonly(compliance),
+        backlash=readonly(np.full(n, scales.backlash if "backlash" in scales.kinds else 0.0)),
+        expansion=STEEL_EXPANSION * scales.temperature if "thermal" in scales.kinds else 0.0,
+    )
+
+
+def gravity_torque(robot: Robot, q: Array) -> Array:
+    """Generalised gravity τ_g(q), N m (N if prismatic): q (N, n) → (N, n).
+
+    From Pinocchio with the URDF's masses; where it has none, from uniform links of 1 kg/m, of which only the shape of
+    the function matters.
+    """
+    model = _with_masses(robot)
+    data = model.createData()
+    return np.array([pin.computeGeneralizedGravity(model, data, row) for row in np.asarray(q)]).reshape(-1, robot.n)
+
+
+def _with_masses(robot: Robot) -> pin.Model:
+    model = robot.chain.model
+    if sum(inertia.mass for inertia in model.inertias) > 0:
+        return model
+    model = model.copy()
+    for j in range(1, robot.n + 1):
+        link = robot.chain.placements[j, :3, 3]  # to the next joint, or to the tool
+        length = float(np.linalg.norm(link))
+        model.inertias[j] = pin.Inertia(length, link / 2, np.zeros((3, 3)))
+    return model
+
+
+def _largest_torque(robot: Robot) -> Array:
+    """Largest |τ_g| of each joint over 500 fixed configurations of the whole joint range: (n,)."""
+    rng = np.random.default_rng(0)
+    q = robot.lower + (robot.upper - robot.lower) * rng.random((500, robot.n))
+    return np.abs(gravity_torque(robot, q)).max(axis=0)

@@ -1,0 +1,41 @@
+"""The carried robots, and everything that is accepted where a robot's name is."""
+
+from functools import lru_cache
+from pathlib import Path
+
+from calibtool.errors import UsageError, near_names
+from calibtool.robot.description import read_source
+from calibtool.robot.model import Robot, is_path
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def shipped(kind: str) -> Path:
+    """The folder `robots` or `data`: inside an installed package, or at the top of a checkout."""
+    installed = _PACKAGE / "_shipped" / kind
+    return installed if installed.is_dir() else _PACKAGE.parent / kind
+
+
+def robot_names() -> list[str]:
+    """Names of the carried robots, sorted."""
+    return sorted(path.parent.name for path in shipped("robots").glob("*/robot.toml"))
+
+
+def load_robot(name: str) -> Robot:
+    """A robot by its name in the catalogue, or by the path of a folder, a robot.toml or a URDF.
+
+    Raises UsageError for an unknown name or path, InputError for a description that is wrong.
+    """
+    names = robot_names()
+    if name in names:
+        return _carried(name)
+    if not is_path(name):
+        raise UsageError(f"unknown robot '{name}'; {near_names(name, names)} (or the path of a robot.toml or URDF)")
+    if not Path(name).exists():
+        raise UsageError(f"{name}: no such file or folder")
+    return Robot.from_source(read_source(Path(name)))
+
+
+@lru_cache
+def _carried(name: str) -> Robot:
+    return Robot.from_source(read_source(shipped("robots") / name / "robot.toml"))

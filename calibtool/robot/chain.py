@@ -1,0 +1,160 @@
+"""URDF text → a Pinocchio model that is one serial chain with one coordinate per joint."""
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from calibtool.errors import InputError, near_names
+from calibtool.robot.description import Source
+from calibtool.robot.se3 import Array, readonly
+
+
+@dataclass(frozen=True, eq=False)
+class SerialChain:
+    """n one-coordinate joints in a row, from K_0 to the tool.
+
+    model        Pinocchio model, nq = nv = n, joints 1…n in order
+    placements   (n+1, 4, 4) M_j, pose of joint frame j in frame j−1 at q_j = 0; the last one is the tool's, K_{n+1}
+    twists       (n, 6) ξ_j, unit twist of joint j in its own frame
+    lower, upper (n,) joint limits in rad or m; ±π for a continuous joint
+    """
+
+    model: pin.Model
+    placements: Array
+    twists: Array
+    lower: Array
+    upper: Array
+
+
+def build_chain(source: Source) -> SerialChain:
+    """Lock, cut and rebuild the URDF's model: joints that Pinocchio stores as (cos, sin) become plain angles.
+
+    Raises InputError for an unknown joint or frame, a chain that branches before the tool, or a joint of several
+    degrees of freedom.
+    """
+    name = source.description.name
+    kinematics = source.description.kinematics
+    full = _parse_urdf(source.urdf_text, name)
+    reduced = _lock(full, kinematics.locked_joints, name)
+    tool = reduced.frames[_frame_id(reduced, kinematics.tool_frame, name)]
+
+    joints = _joints_to(reduced, tool.parentJoint, name)
+    base = _base_placement(reduced, kinematics.base_frame, name)
+    model = pin.Model()
+    model.name = name
+    model.gravity = pin.Motion(base.rotation.T @ reduced.gravity.linear, np.zeros(3))
+    placements, twists, lower, upper = [], [], [], []
+    for position, j in enumerate(joints):
+        old = reduced.joints[j]
+        twist = _unit_twist(old, reduced.names[j], name)
+        placement = base.actInv(reduced.jointPlacements[j]) if position == 0 else reduced.jointPlacements[j]
+        new = model.addJoint(position, _joint_model(twist), placement, reduced.names[j])
+        model.appendBodyToJoint(new, reduced.inertias[j], pin.SE3.Identity())
+        placements.append(placement.homogeneous)
+        twists.append(twist)
+        low, high = _limits(reduced, old)
+        lower.append(low)
+        upper.append(high)
+    placements.append(tool.placement.homogeneous)
+    return SerialChain(model, readonly(placements), readonly(twists), readonly(lower), readonly(upper))
+
+
+def last_frame(urdf_text: str, name: str) -> str:
+    """The link farthest from the root, the natural tool of a bare URDF."""
+    model = _parse_urdf(urdf_text, name)
+    bodies = [f for f in model.frames if f.type == pin.FrameType.BODY]
+    return str(max(enumerate(bodies), key=lambda item: (item[1].parentJoint, item[0]))[1].name)
+
+
+def _parse_urdf(urdf_text: str, name: str) -> pin.Model:
+    # From a file, not from a string: urdfdom prints nothing useful for a string, and refuses some encodings.
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.urdf"
+        path.write_text(urdf_text, encoding="utf-8")
+        try:
+            model = pin.buildModelFromUrdf(str(path))
+        except (ValueError, RuntimeError):
+            raise InputError(f"{name}: the URDF cannot be read; check it with a URDF checker") from None
+    if model.njoints < 2:
+        raise InputError(f"{name}: the URDF has no movable joint")
+    return model
+
+
+def _lock(model: pin.Model, locked: dict[str, float], name: str) -> pin.Model:
+    q = pin.neutral(model)
+    ids = []
+    for joint, value in locked.items():
+        if not model.existJointName(joint):
+            raise InputError(
+                f"{name}: locked joint '{joint}' is not in the URDF; {near_names(joint, list(model.names)[1:])}"
+            )
+        j = model.getJointId(joint)
+        ids.append(j)
+        if model.joints[j].nq == 1:
+            q[model.joints[j].idx_q] = value
+        else:  # continuous: (cos, sin)
+            q[model.joints[j].idx_q : model.joints[j].idx_q + 2] = np.cos(value), np.sin(value)
+    return pin.buildReducedModel(model, ids, q) if ids else model
+
+
+def _frame_id(model: pin.Model, frame: str, name: str) -> int:
+    if not model.existFrame(frame):  # getFrameId answers nframes for a missing name
+        raise InputError(
+            f"{name}: frame '{frame}' is not in the URDF; {near_names(frame, [f.name for f in model.frames])}"
+        )
+    return int(model.getFrameId(frame))
+
+
+def _base_placement(model: pin.Model, base_frame: str | None, name: str) -> pin.SE3:
+    if base_frame is None:
+        return pin.SE3.Identity()
+    frame = model.frames[_frame_id(model, base_frame, name)]
+    if frame.parentJoint != 0:
+        raise InputError(f"{name}: base frame '{base_frame}' moves with joint '{model.names[frame.parentJoint]}'")
+    return frame.placement
+
+
+def _joints_to(model: pin.Model, last: int, name: str) -> list[int]:
+    """Joint ids from the base to joint `last`; a joint beside or beyond this way must be locked by the description."""
+    way: list[int] = []
+    while last > 0:
+        way.insert(0, last)
+        last = model.parents[last]
+    beside = [str(model.names[j]) for j in range(1, model.njoints) if j not in way]
+    if beside:
+        raise InputError(f"{name}: joints {', '.join(beside)} are not between base and tool; lock them in [kinematics]")
+    if not way:
+        raise InputError(f"{name}: no joint moves the tool frame")
+    return way
+
+
+def _unit_twist(joint: pin.JointModel, joint_name: str, name: str) -> Array:
+    if joint.nv != 1:
+        raise InputError(
+            f"{name}: joint '{joint_name}' has {joint.nv} degrees of freedom; only single ones are modelled"
+        )
+    data = joint.createData()
+    joint.calc(data, np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0]))
+    return np.array(data.S, dtype=float).reshape(6)
+
+
+def _joint_model(twist: Array) -> pin.JointModel:
+    """The Pinocchio joint of a pure rotation or translation."""
+    linear, angular = twist[:3], twist[3:]
+    if np.linalg.norm(angular) < 0.5:
+        return pin.JointModelPrismaticUnaligned(linear)
+    aligned = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
+    for axis, model in enumerate(aligned):
+        if angular[axis] == 1.0:
+            return model()
+    return pin.JointModelRevoluteUnaligned(angular)
+
+
+def _limits(model: pin.Model, joint: pin.JointModel) -> tuple[float, float]:
+    if joint.nq == 2:
+        return -np.pi, np.pi
+    low, high = float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
+    return (low, high) if np.isfinite([low, high]).all() and high > low else (-np.pi, np.pi)

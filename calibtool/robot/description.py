@@ -1,0 +1,160 @@
+"""robot.toml: what a robot is called, where its kinematics come from, its targets, workspaces and limits."""
+
+import tomllib
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from calibtool.errors import InputError, near_names
+
+Point = tuple[float, float, float]
+VirtualJoint = Literal["x", "y", "z", "rx", "ry", "rz"]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Kinematics(_Strict):
+    """Source of the kinematics: one of `urdf` (a path beside robot.toml) and `example_robot_data` (a path inside it)."""
+
+    urdf: str | None = None
+    example_robot_data: str | None = None
+    base_frame: str | None = None  # K_0; the URDF's root link unless named
+    tool_frame: str
+    locked_joints: dict[str, float] = {}  # rad or m
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "Kinematics":
+        if (self.urdf is None) == (self.example_robot_data is None):
+            raise ValueError("give exactly one of 'urdf' and 'example_robot_data'")
+        return self
+
+
+class Workspace(_Strict):
+    """A box (full edge lengths, along K_0) and an orientation cone (half angle) round the tool pose at `home`.
+
+    `roll_deg` bounds the turn about the tool's z axis; it is the cone's angle unless given. `home` is written with the
+    names of table columns: `{ j1_deg = 0, j2_mm = 100 }`.
+    """
+
+    home: dict[str, float]
+    box_m: Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=3, max_length=3)]
+    cone_deg: Annotated[float, Field(ge=0, le=180)]
+    roll_deg: Annotated[float, Field(ge=0, le=180)] | None = None
+
+
+class Targets(_Strict):
+    """Target points fixed to the flange, in the tool frame."""
+
+    points_mm: Annotated[list[Point], Field(min_length=1)]
+
+
+class Equivalent(_Strict):
+    """Overrides of the equivalent robot: the virtual joints, elementary twists of the tool frame, of an arm with n < 6."""
+
+    virtual_joints: list[VirtualJoint]
+
+
+class Description(_Strict):
+    """The contents of a robot.toml."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    title: str
+    notes: list[str] = []
+    kinematics: Kinematics
+    limits: dict[str, tuple[float, float]] = {}  # by column name: j1_deg = [-180, 180]
+    targets: Targets
+    workspaces: dict[str, Workspace] = {}  # the first one is the default; `full` always exists
+    equivalent: Equivalent | None = None
+
+    @model_validator(mode="after")
+    def _full_is_built_in(self) -> "Description":
+        if "full" in self.workspaces:
+            raise ValueError("the workspace 'full' is built in (the whole joint range); choose another name")
+        return self
+
+
+@dataclass(frozen=True)
+class Source:
+    """A description together with the texts that it was read from; enough to build the robot again anywhere."""
+
+    description: Description
+    toml_text: str
+    urdf_text: str
+
+
+def parse_source(toml_text: str, urdf_text: str, place: str) -> Source:
+    """Validate the text of a robot.toml. Raises InputError with `place`, the key and what is wrong."""
+    return Source(_parse_description(toml_text, place), toml_text, urdf_text)
+
+
+def read_source(path: Path) -> Source:
+    """Read `path`: a directory with a robot.toml, a robot.toml, or a bare URDF."""
+    if path.is_dir():
+        path = path / "robot.toml"
+    text = _read_text(path)
+    if path.suffix == ".urdf":
+        return source_from_urdf(text, path.stem)
+    description = _parse_description(text, str(path))
+    kinematics = description.kinematics
+    if kinematics.urdf is not None:
+        urdf_path = path.parent / kinematics.urdf
+    else:
+        urdf_path = example_robot_data() / str(kinematics.example_robot_data)
+    return Source(description, text, _read_text(urdf_path))
+
+
+def source_from_urdf(urdf_text: str, name: str) -> Source:
+    """A description for a bare URDF: the last link is the tool, three targets on a circle of 0.1 m round it."""
+    from calibtool.robot.chain import last_frame  # Pinocchio is only needed here
+
+    safe = "".join(c if c.isalnum() or c in "._-" else "-" for c in name).lstrip("._-") or "robot"
+    toml_text = (
+        f'name = "{safe}"\ntitle = "{safe}, from a bare URDF"\n'
+        'notes = ["Made from a bare URDF: the tool is the last link, the targets are stand-ins."]\n\n'
+        f'[kinematics]\nurdf = "robot.urdf"\ntool_frame = "{last_frame(urdf_text, name)}"\n\n'
+        "[targets]\npoints_mm = [[100.0, 0.0, 0.0], [-50.0, 86.6, 0.0], [-50.0, -86.6, 0.0]]\n"
+    )
+    return parse_source(toml_text, urdf_text, name)
+
+
+def example_robot_data() -> Path:
+    """Where the installed example-robot-data keeps its robots (its wheel has no Python module)."""
+    try:
+        located = distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots")
+    except PackageNotFoundError:
+        raise InputError("example-robot-data is not installed; run: pip install example-robot-data") from None
+    return Path(str(located))
+
+
+def _parse_description(toml_text: str, place: str) -> Description:
+    try:
+        return Description.model_validate(tomllib.loads(toml_text))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{place}: not valid TOML: {error}") from None
+    except ValidationError as error:
+        raise InputError(f"{place}: {validation_message(error, Description)}") from None
+
+
+def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
+    """The first finding of pydantic as one line: key, what is wrong, near names for an unknown key."""
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        known = model.model_fields if len(first["loc"]) == 1 else {}
+        return f"unknown key '{key}'" + (f"; {near_names(key, known)}" if known else "")
+    message = first["msg"].removeprefix("Value error, ")
+    return f"{key}: {message}" if key else message
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a UTF-8 text file") from None

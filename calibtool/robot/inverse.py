@@ -1,0 +1,160 @@
+"""Inverse kinematics: damped Newton in batches, joint limits, several starts, and a verdict for every row."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibtool.robot.mechanism import at_point, scale_rows
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, log3
+
+ForwardAndJacobian = Callable[[Array], tuple[Array, Array]]
+
+_STEP_LIMIT = 0.6  # rad (or characteristic lengths): longer steps leave the region where the Jacobian tells the truth
+
+
+@dataclass(frozen=True, eq=False)
+class InverseResult:
+    """Answers of an inverse kinematics, one row per pose.
+
+    q            (N, n) best joint positions found, rad or m
+    converged    (N,) a stationary point was reached: the pose itself, or, for n < 6, the nearest one
+    reached      (N,) what is left is below the tolerance
+    position     (N,) what is left at the tool point, m
+    orientation  (N,) what is left as a rotation angle, rad
+    iterations   (N,) Newton steps of the successful start
+    """
+
+    q: Array
+    converged: np.ndarray
+    reached: np.ndarray
+    position: Array
+    orientation: Array
+    iterations: np.ndarray
+
+
+def solve_poses(
+    forward_and_jacobian: ForwardAndJacobian,
+    target: Array,
+    q_start: Array,
+    *,
+    length: float,
+    lower: Array | None = None,
+    upper: Array | None = None,
+    max_iterations: int = 60,
+    tolerance: float = 1e-9,
+) -> InverseResult:
+    """Damped Newton from `q_start` to T(q) = target; for n < 6 to the least weighted pose error.
+
+    The error is weighed at the tool point: translation divided by `length` beside the rotation in rad; the damping of
+    Levenberg and Marquardt grows with the squared error (Sugihara 2011), so that it vanishes at the answer.
+
+    target (N, 4, 4) in K_0, q_start (N, n) in rad or m, length in m, limits (n,): joints are kept inside when given.
+    `tolerance` (rad, or characteristic lengths) decides between reached and not.
+    """
+    q = q_start.copy()
+    count = len(q)
+    error = np.empty((count, 6))
+    stationary = np.zeros(count, dtype=bool)
+    iterations = np.zeros(count, dtype=int)
+    active = np.arange(count)
+    pose, jacobian = forward_and_jacobian(q)
+    error[:] = _tool_error(target, pose, length)
+    for _ in range(max_iterations):
+        if not len(active):
+            break
+        step = _damped_step(scale_rows(at_point(jacobian, pose[:, :3, 3]), length), error[active])
+        longest = np.linalg.norm(step, axis=-1, keepdims=True)
+        proposed = q[active] + step * np.minimum(1.0, _STEP_LIMIT / np.maximum(longest, 1e-300))
+        if lower is not None and upper is not None:
+            proposed = np.clip(proposed, lower, upper)
+        moved = np.abs(proposed - q[active]).max(axis=-1)
+        q[active] = proposed
+        iterations[active] += 1
+        pose, jacobian = forward_and_jacobian(q[active])
+        error[active] = _tool_error(target[active], pose, length)
+        done = (moved < 1e-10) | (np.linalg.norm(error[active], axis=-1) < 1e-14)
+        stationary[active[done]] = True
+        active, pose, jacobian = active[~done], pose[~done], jacobian[~done]
+    left = np.linalg.norm(error, axis=-1)
+    return InverseResult(
+        q=q,
+        converged=stationary | (left < tolerance),
+        reached=left < tolerance,
+        position=np.linalg.norm(error[:, :3], axis=-1) * length,
+        orientation=np.linalg.norm(error[:, 3:], axis=-1),
+        iterations=iterations,
+    )
+
+
+def inverse_kinematics(
+    robot: Robot,
+    target: Array,
+    q_seed: Array | None = None,
+    *,
+    rng: np.random.Generator | None = None,
+    starts: int = 20,
+    tolerance: float = 1e-8,
+) -> InverseResult:
+    """Joint positions of the nominal robot within its limits for T_base_tool, (N, 4, 4).
+
+    q_seed (N, n) or (n,): where to start, the answer is on its branch if it can be; without it the home of the default
+    workspace. Rows that do not arrive are started again, up to `starts` times, from random joint positions drawn from
+    `rng` (a fixed one unless given). An angle is returned within half a turn of its seed where the limits allow it.
+    """
+    rng = np.random.default_rng(0) if rng is None else rng
+    seed = robot.home(robot.workspace(None)[1]) if q_seed is None else q_seed
+    seed = np.clip(np.broadcast_to(seed, (len(target), robot.n)), robot.lower, robot.upper)
+
+    def solve(rows: np.ndarray, q_start: Array) -> InverseResult:
+        result = solve_poses(
+            robot.mechanism.forward_and_jacobian,
+            target[rows],
+            q_start,
+            length=robot.length,
+            lower=robot.lower,
+            upper=robot.upper,
+            tolerance=tolerance,
+        )
+        result.q[:] = _nearest_turn(robot, result.q, seed[rows])
+        return result
+
+    best = solve(np.arange(len(target)), seed)
+    several_turns = (robot.upper - robot.lower > 2 * np.pi) & ~np.array(robot.prismatic)
+    low = np.where(several_turns, np.maximum(robot.lower, -np.pi), robot.lower)
+    span = np.where(several_turns, 2 * np.pi, robot.upper - robot.lower)
+    for _ in range(starts):
+        rows = np.flatnonzero(~best.reached)
+        if not len(rows):
+            break
+        again = solve(rows, np.minimum(low + span * rng.random((len(rows), robot.n)), robot.upper))
+        cost = best.position[rows] / robot.length + best.orientation[rows]
+        better = again.position / robot.length + again.orientation < cost
+        for field in ("q", "converged", "reached", "position", "orientation", "iterations"):
+            getattr(best, field)[rows[better]] = getattr(again, field)[better]
+    return best
+
+
+def _damped_step(jacobian: Array, error: Array) -> Array:
+    """Least-squares step (minimum norm for n > 6) with damping |error|²: (N, 6, n), (N, 6) → (N, n)."""
+    transposed = np.swapaxes(jacobian, -1, -2)
+    damping = np.minimum((error**2).sum(-1), 1.0)[:, None, None] * 0.03 + 1e-14
+    if jacobian.shape[-1] >= 6:
+        gram = jacobian @ transposed + damping * np.eye(6)
+        return (transposed @ np.linalg.solve(gram, error[..., None]))[..., 0]
+    gram = transposed @ jacobian + damping * np.eye(jacobian.shape[-1])
+    return np.linalg.solve(gram, transposed @ error[..., None])[..., 0]
+
+
+def _tool_error(target: Array, pose: Array, length: float) -> Array:
+    """Displacement of the tool point over `length` and rotation vector, both in K_0: (N, 6)."""
+    rotation = log3(target[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2))
+    return np.concatenate([(target[:, :3, 3] - pose[:, :3, 3]) / length, rotation], axis=-1)
+
+
+def _nearest_turn(robot: Robot, q: Array, seed: Array) -> Array:
+    """The same pose with every angle within half a turn of the seed, where the limits allow it."""
+    turned = q - 2 * np.pi * np.round((q - seed) / (2 * np.pi))
+    allowed = (turned >= robot.lower) & (turned <= robot.upper) & ~np.array(robot.prismatic)
+    return np.where(allowed, turned, q)

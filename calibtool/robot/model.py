@@ -1,0 +1,134 @@
+"""Robot: a description, its serial chain and what everything else asks of it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from calibtool.errors import InputError, UsageError, near_names
+from calibtool.robot.chain import SerialChain, build_chain
+from calibtool.robot.description import Source, Workspace
+from calibtool.robot.geometry import mechanism
+from calibtool.robot.mechanism import Mechanism, at_point, singularity_distance
+from calibtool.robot.se3 import Array, readonly
+from calibtool.units import joint_and_factor, joint_values
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """The nominal robot. Joint positions q are (N, n), in rad, or m for a prismatic joint."""
+
+    source: Source
+    chain: SerialChain
+    lower: Array  # (n,) joint limits
+    upper: Array
+
+    @classmethod
+    def from_source(cls, source: Source) -> "Robot":
+        """Build the robot and check everything in the description that needs the joints. Raises InputError."""
+        chain = build_chain(source)
+        description = source.description
+        prismatic = _prismatic(chain)
+        lower, upper = chain.lower.copy(), chain.upper.copy()
+        for name, (low, high) in description.limits.items():
+            place = f"{description.name}: limits"
+            index, factor = joint_and_factor(name, prismatic, place)
+            if not low < high:
+                raise InputError(f"{place}.{name}: the lower limit {low:g} is not below the upper limit {high:g}")
+            lower[index], upper[index] = low * factor, high * factor
+        for name, workspace in description.workspaces.items():
+            joint_values(workspace.home, prismatic, f"{description.name}: workspaces.{name}.home")
+        n = len(prismatic)
+        if description.equivalent is not None and len(set(description.equivalent.virtual_joints)) != max(6 - n, 0):
+            raise InputError(
+                f"{description.name}: equivalent.virtual_joints: {max(6 - n, 0)} different ones are needed"
+            )
+        return cls(source, chain, readonly(lower), readonly(upper))
+
+    @property
+    def name(self) -> str:
+        return self.source.description.name
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.chain.twists)
+
+    @cached_property
+    def prismatic(self) -> list[bool]:
+        """Per joint: prismatic (m) or not (rad)."""
+        return _prismatic(self.chain)
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The nominal kinematics."""
+        return mechanism(self.chain)
+
+    @cached_property
+    def targets(self) -> Array:
+        """(m, 3) target points in the tool frame, m."""
+        return readonly(np.array(self.source.description.targets.points_mm) * 1e-3)
+
+    @cached_property
+    def length(self) -> float:
+        """Characteristic length in m: half of the sum of link lengths and prismatic strokes. Weighs rad against m."""
+        links = np.linalg.norm(self.chain.placements[1:, :3, 3], axis=-1).sum()
+        strokes = (self.upper - self.lower)[self.prismatic].sum()
+        return float(max(links + strokes, 1e-3) / 2)
+
+    @property
+    def joint_units(self) -> list[str]:
+        """SI unit of each joint position."""
+        return ["m" if p else "rad" for p in self.prismatic]
+
+    @property
+    def joint_columns(self) -> list[str]:
+        """Header of each joint in tables for people: j1_deg, or j1_mm if prismatic."""
+        return [f"j{i + 1}_{'mm' if p else 'deg'}" for i, p in enumerate(self.prismatic)]
+
+    @property
+    def workspace_names(self) -> list[str]:
+        """Named workspaces, the default first."""
+        return [*self.source.description.workspaces, "full"]
+
+    def workspace(self, name: str | None) -> tuple[str, Workspace | None]:
+        """The workspace called `name`, or the default one; None stands for `full`. Raises UsageError if unknown."""
+        names = self.workspace_names
+        chosen = names[0] if name is None else name
+        if chosen not in names:
+            raise UsageError(f"{self.name} has no workspace '{chosen}'; {near_names(chosen, names)}")
+        return chosen, self.source.description.workspaces.get(chosen)
+
+    def home(self, workspace: Workspace | None) -> Array:
+        """Joint positions (n,) at the middle of a workspace; the middle of the joint range for `full`."""
+        if workspace is None:
+            return (self.lower + self.upper) / 2
+        return np.array(joint_values(workspace.home, self.prismatic, self.name))
+
+    def within_limits(self, q: Array) -> np.ndarray:
+        """Per row of q (N, n): all joints inside their limits (a rounding error of 1e-9 is forgiven). (N,) bool"""
+        return np.all((q >= self.lower - 1e-9) & (q <= self.upper + 1e-9), axis=-1)
+
+    def singularity_distance(self, q: Array) -> Array:
+        """Smooth lower bound of σ_min of the actuated Jacobian at the tool, see `mechanism.singularity_distance`. (N,)"""
+        pose, jacobian = self.mechanism.forward_and_jacobian(q)
+        return singularity_distance(at_point(jacobian, pose[:, :3, 3]), self.length)
+
+    def check_positions(self, q: Array, place: str) -> None:
+        """InputError unless q is (N, n) and finite."""
+        if q.ndim != 2 or q.shape[1] != self.n:
+            raise InputError(f"{place}: joint positions have shape {q.shape}, but {self.name} has {self.n} joints")
+        if not np.isfinite(q).all():
+            raise InputError(
+                f"{place}: row {int(np.argwhere(~np.isfinite(q))[0, 0]) + 1} holds a joint position that is not finite"
+            )
+
+
+def _prismatic(chain: SerialChain) -> list[bool]:
+    return [bool(np.linalg.norm(twist[3:]) < 0.5) for twist in chain.twists]
+
+
+def is_path(name: str) -> bool:
+    """Whether a robot's name means a file or a folder instead of one of the catalogue."""
+    return "/" in name or "\\" in name or Path(name).suffix in (".toml", ".urdf") or Path(name).is_dir()

@@ -1,0 +1,51 @@
+"""Units at the borders: names of columns and options carry them, the inside is metres and radians."""
+
+import math
+import re
+
+from calibtool.errors import InputError
+
+TO_SI = {"m": 1.0, "mm": 1e-3, "rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
+LENGTHS = ("m", "mm")
+ANGLES = ("rad", "deg")
+
+_JOINT_COLUMN = re.compile(r"j([1-9]\d*)_([a-z]+)")
+
+
+def joint_column(name: str) -> tuple[int, str] | None:
+    """Joint index (from 0) and unit of a header such as `j3_deg`; None when `name` is no joint header."""
+    match = _JOINT_COLUMN.fullmatch(name.strip())
+    return (int(match[1]) - 1, match[2]) if match else None
+
+
+def joint_values(values: dict[str, float], prismatic: list[bool], place: str) -> list[float]:
+    """Values named like table columns, `{j1_deg = 10, j2_mm = 5}`, in the order of the joints, in rad or m.
+
+    Raises InputError for a name that is no joint of this robot, a unit that does not fit the joint, or a missing joint.
+    """
+    result: dict[int, float] = {}
+    for name, value in values.items():
+        index, factor = joint_and_factor(name, prismatic, place)
+        result[index] = value * factor
+    missing = [f"j{i + 1}" for i in range(len(prismatic)) if i not in result]
+    if missing:
+        raise InputError(f"{place}: no value for {', '.join(missing)}")
+    return [result[i] for i in range(len(prismatic))]
+
+
+def joint_and_factor(name: str, prismatic: list[bool], place: str) -> tuple[int, float]:
+    """Joint index and factor to SI of a joint header, checked against the robot's joints (InputError otherwise)."""
+    parsed = joint_column(name)
+    n = len(prismatic)
+    if parsed is None:
+        raise InputError(
+            f"{place}: '{name}' is no joint name; expected j1_deg … j{n}_deg (or _rad; _mm, _m if prismatic)"
+        )
+    index, unit = parsed
+    if index >= n:
+        raise InputError(f"{place}: '{name}' names joint {index + 1}, but the robot has {n} joints")
+    allowed = LENGTHS if prismatic[index] else ANGLES
+    if unit not in allowed:
+        kind = "prismatic" if prismatic[index] else "revolute"
+        raise InputError(f"{place}: '{name}': joint {index + 1} is {kind}; its unit is {' or '.join(allowed)}")
+    return index, TO_SI[unit]
