@@ -139,12 +139,14 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     if base.parameters:
         kept = base.singular_values[: base.rank]
         result.append(
-            f"rank {base.rank} of {base.parameters} parameters ({base.observable_rank} could be determined), singular values "
-            f"{kept[-1]:.3g} to {kept[0]:.3g}, {base.iterations} iterations"
+            f"rank {base.rank} of {base.parameters} parameters ({base.observable_rank} could be determined), "
+            f"singular values {kept[-1]:.3g} to {kept[0]:.3g}, {base.iterations} iterations"
         )
     if base.unobservable:
         missing = base.observable_rank - base.rank
-        result.append(f"warning: {missing} directions are not observable from these configurations, such as {base.unobservable[0]}")
+        result.append(
+            f"warning: {missing} directions are not observable from these configurations, such as {base.unobservable[0]}"
+        )
     if training is None:
         return result
     gain = _loss_reduction(training)

@@ -21,7 +21,7 @@ def compensate(
     method: CompensationMethod = EXACT,
     force: Force = False,
 ) -> None:
-    """Correct commanded poses or joint positions, so that the actual robot goes where the drawing says.
+    """Correct commanded poses or joint positions.
 
     The output has the corrected joints, the input's other columns and a status: ok, near-singular, out-of-limits or
     unreachable (empty joints, exit code 4; the other rows are written all the same).

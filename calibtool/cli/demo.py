@@ -16,7 +16,9 @@ def demo(
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Run the paper's experiment on the FANUC M-1000iA: files, table, plots and C code in one folder.
+    """Run the paper's experiment from end to end.
+
+    On the FANUC M-1000iA: files, table, plots and C code in one folder.
 
     Example: calibtool demo -o demo
     """

@@ -35,7 +35,10 @@ def evaluate(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Compare calibrations with the nominal robot: driven to corrected joints if simulated, predicted if real.
+    """Compare calibrations with the nominal robot.
+
+    Simulated measurements: the actual robot is driven to the corrected joints and measured without noise. Real ones:
+    measured minus predicted target points. The table for people goes to stderr.
 
     Example: calibtool evaluate paper.h5 local-poe.h5 --on fresh.h5 --json
     """

@@ -18,7 +18,7 @@ def export(
     output: Output = "-",
     force: Force = False,
 ) -> None:
-    """Write the compensator q → q_m for a controller or another program.
+    """Write the compensator as JSON or C code.
 
     For C, -o NAME.c also writes NAME.h, and NAME starts every symbol.
 

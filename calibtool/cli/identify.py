@@ -24,7 +24,9 @@ def identify(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Identify the geometry by the local POE formula; rank and what cannot be observed are reported.
+    """Identify the geometry by the local POE formula.
+
+    Rank, singular values and what cannot be observed are reported.
 
     Example: calibtool identify measurements.h5 --model local-poe -o local-poe.h5
     """

@@ -33,7 +33,9 @@ def import_(
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Bring an instrument's table in: three targets, one target, or 6-D poses; unknown frame and targets are estimated.
+    """Bring in an instrument's table.
+
+    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and unknown targets are estimated.
 
     Example: calibtool import tracker.csv --robot ur10 --columns map.toml -o measurements.h5
     """

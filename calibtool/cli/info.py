@@ -13,7 +13,7 @@ def info(
     file: Annotated[str, typer.Argument(metavar="FILE", help="A measurements or calibration file; '-' is stdin.")],
     json: Json = False,
 ) -> None:
-    """Show what a file holds: kind, robot, counts, units, provenance.
+    """Show what a file holds.
 
     Example: calibtool info calibration.h5
     """

@@ -24,7 +24,9 @@ def plot(
     method: CompensationMethod = EXACT,
     force: Force = False,
 ) -> None:
-    """Draw the training curve (the paper's Fig. 4) or the errors before and after, methods side by side (Fig. 5).
+    """Draw the training curve, or errors per configuration.
+
+    These are figures 4 and 5 of the paper; the errors show the methods side by side, before and after.
 
     Example: calibtool plot errors paper.h5 local-poe.h5 --on measurements.h5 -o errors.svg
     """

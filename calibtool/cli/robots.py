@@ -12,7 +12,9 @@ def robots(
     name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="A robot of the catalogue, or a path.")] = None,
     json: Json = False,
 ) -> None:
-    """List the carried robots, or show one: joints, limits, axes, targets, workspaces.
+    """List the carried robots, or show one.
+
+    For one robot: joints with limits and axes, targets, workspaces, virtual joints, sources of its numbers.
 
     Example: calibtool robots fanuc-m1000ia
     """

@@ -41,7 +41,9 @@ def simulate(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Measure a perturbed robot: three targets at configurations of a workspace, with noise; the truth is kept apart.
+    """Measure a perturbed robot, made up from a seed.
+
+    Its targets are observed with noise at configurations of a workspace; the truth is kept in a group of its own.
 
     Example: calibtool simulate fanuc-m1000ia -n 100 --seed 1 -o measurements.h5
     """

@@ -35,7 +35,9 @@ def train(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Train the equivalent robot's network on what the base model leaves over, with early stopping.
+    """Train a network on top of a base model.
+
+    The network learns the joint motion errors of the equivalent robot that the base model leaves over.
 
     Example: calibtool train measurements.h5 --base nominal --loss task -o paper.h5
     """

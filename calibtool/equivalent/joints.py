@@ -29,13 +29,17 @@ class EquivalentRobot:
         """Number of joint motion errors."""
         return self.n + len(self.virtual_joints)
 
+    @property
+    def virtual_columns(self) -> list[int]:
+        """Which columns of Ad(T_base_tool) the virtual joints are."""
+        return [ELEMENTARY.index(name) for name in self.virtual_joints]
+
     def forward_and_jacobian(self, mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
         """T_base_tool (N, 4, 4) of `mechanism` and J_ρ (N, 6, p) in K_0 (Eq. 14), q (N, n) in rad or m."""
         pose, jacobian = mechanism.forward_and_jacobian(q)
         if not self.virtual_joints:
             return pose, jacobian
-        columns = [ELEMENTARY.index(name) for name in self.virtual_joints]
-        return pose, np.concatenate([jacobian, adjoint(pose)[:, :, columns]], axis=-1)
+        return pose, np.concatenate([jacobian, adjoint(pose)[:, :, self.virtual_columns]], axis=-1)
 
 
 def equivalent_robot(robot: Robot) -> EquivalentRobot:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from calibtool.equivalent.loss import Loss
 from calibtool.equivalent.network import Network
@@ -48,25 +48,33 @@ GD_STOPPING = Stopping(max_iterations=20_000, patience=500, change=1e-7)
 
 
 def levenberg_marquardt(network: Network, loss: Loss) -> Iterator[tuple[Network, float]]:
-    """Networks with ever lower loss; ends when no damping finds a lower one."""
-    damping = 1e-2
+    """Networks with ever lower loss; ends when no damping finds a lower one.
+
+    The damping follows the ratio of real to predicted decrease (Nielsen 1999).
+    """
     residual, J = loss.residual_and_jacobian(network)
     value = float(residual @ residual)
-    while True:
+    damping, growth = 1e-2 * float((J * J).sum() / J.shape[1]), 2.0
+    weights = network.weights
+    while np.isfinite(damping):
         gram, gradient = J.T @ J, J.T @ residual
-        scale = np.diag(gram).mean()
-        while True:
-            step = _solve(gram, damping * scale, gradient)
-            trial = network.with_weights(network.weights + step)
-            trial_residual, trial_J = loss.residual_and_jacobian(trial)
-            trial_value = float(trial_residual @ trial_residual)
+        while np.isfinite(damping):
+            step = _damped_step(gram, damping, gradient)
+            trial = network.with_weights(weights + step)
+            trial_value = loss.value(trial) * len(loss.q)
+            predicted = float(step @ (damping * step + gradient))
             if trial_value < value:
                 break
-            damping *= 4.0
-            if damping > 1e12:
-                return
-        network, residual, J, value = trial, trial_residual, trial_J, trial_value
-        damping = max(damping / 4.0, 1e-12)
+            damping *= growth
+            growth *= 2.0
+        else:
+            return
+        ratio = (value - trial_value) / max(predicted, 1e-300)
+        damping *= max(1.0 / 3.0, 1.0 - (2.0 * min(ratio, 1.0) - 1.0) ** 3)
+        growth = 2.0
+        network, weights = trial, trial.weights
+        residual, J = loss.residual_and_jacobian(network)
+        value = trial_value
         yield network, value / len(loss.q)
 
 
@@ -125,6 +133,11 @@ def run(
     return best, History(readonly(values), readonly(validated), chosen, reason)
 
 
-def _solve(gram: Array, damping: float, gradient: Array) -> Array:
-    damped = gram + damping * np.eye(len(gram))
-    return cho_solve(cho_factor(damped, overwrite_a=True, check_finite=False), gradient, check_finite=False)
+def _damped_step(gram: Array, damping: float, gradient: Array) -> Array:
+    damped = gram.copy()
+    damped.flat[:: len(gram) + 1] += damping
+    factor, info = dpotrf(damped, lower=True, overwrite_a=True)
+    if info != 0:  # not positive definite in floating point: a longer damping will do
+        return np.zeros_like(gradient)
+    step: Array = dpotrs(factor, gradient, lower=True)[0]
+    return step

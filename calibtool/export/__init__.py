@@ -1,0 +1,1 @@
+"""Calibrations in forms that other programs read: as_json, c_code."""

@@ -9,6 +9,7 @@ from calibtool.robot.se3 import Array, skew
 
 # Nearer to a singularity than this (see `singularity_distance`) 1 mrad of pose error costs up to 50 mrad of joint motion.
 MIN_SINGULARITY_DISTANCE = 0.02
+GRAM_REGULARISATION = 1e-14  # keeps J Jᵀ invertible at a singularity
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +72,11 @@ def singularity_distance(jacobian: Array, length: float) -> Array:
 
 
 def regularised_gram(jacobian: Array, length: float) -> Array:
-    """J Jᵀ (c ≥ 6) or JᵀJ (c < 6) with rows scaled as in `singularity_distance`, kept invertible by 1e-14."""
+    """J Jᵀ (c ≥ 6) or JᵀJ (c < 6) with rows scaled as in `singularity_distance`, plus GRAM_REGULARISATION."""
     scaled = scale_rows(jacobian, length)
     transposed = np.swapaxes(scaled, -1, -2)
     gram = scaled @ transposed if jacobian.shape[-1] >= 6 else transposed @ scaled
-    return gram + 1e-14 * np.eye(gram.shape[-1])
+    return gram + GRAM_REGULARISATION * np.eye(gram.shape[-1])
 
 
 def scale_rows(jacobian: Array, length: float) -> Array:

@@ -1,0 +1,123 @@
+"""A calibration as JSON: complete, so that a reader needs no URDF, no catalogue and no calibtool."""
+
+import json
+from typing import Any
+
+from calibtool.calibration import Calibration
+from calibtool.equivalent.network import Network
+from calibtool.measurement.measurements import Setup
+from calibtool.robot.geometry import GeometricErrors
+from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.model import Robot
+
+SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 1
+
+# How q_m is computed from the other keys, for a reader who has nothing but the file.
+FORMULA = {
+    "purpose": "q_m = correct(q): command q_m, and the calibrated robot's tool goes where the nominal robot's would be at q",
+    "units": "m and rad; rad_or_m: in the unit of that joint; indices j count from 1, virtual_joint_columns from 0",
+    "twist": "(v, w): three linear elements first, then three angular ones",
+    "pose": "4x4 homogeneous matrix T_a_b = [[R, p], [0, 1]], row by row: pose of frame b in frame a",
+    "frames": "K_0 is the robot's base, K_{n+1} its tool; placement M_j is the pose of joint frame j in joint frame j - 1 "
+    "with joint j at zero, M_{n+1} that of the tool; twist xi_j of joint j is written in its own frame",
+    "exp6": "exp6((v, w)) = matrix exponential of [[S(w), v], [0, 0]], S(w) b = w x b; log6 is its inverse, |w| <= pi",
+    "adjoint": "Ad(T) = [[R, S(p) R], [0, R]]: twists of frame b to frame a for T = T_a_b",
+    "network": "N(q) = output_scale * (W2 tanh(W1 s + b1) + b2), s = (q - input_centre) / input_scale, element by element; "
+    "W1, b1 = hidden_weights, hidden_bias; W2, b2 = output_weights, output_bias; p elements: the n actuated joints, "
+    "then the virtual ones; N(q) = 0 if network is null (Eq. 16)",
+    "nominal": "T_nominal(q) = M_1 exp6(xi_1 q_1) ... M_n exp6(xi_n q_n) M_{n+1}, M = nominal_placements_m, "
+    "xi = nominal_twists_per_rad_or_m (Eq. 7)",
+    "base": "T_base(q): the same product with M = placements_m = M_j exp6(placement_errors_m_rad_j), "
+    "xi = nominal_twists_per_rad_or_m + twist_errors_per_rad_or_m, and q + offset_errors_rad_or_m for q (Eq. 8)",
+    "jacobian": "J, 6 x p: column j = 1..n is Ad(F_j) xi_j, xi_j and F_j those of the base, F_j the product up to and "
+    "with the exponential of joint j; then, of Ad(T_base(q)), each of virtual_joint_columns (Eq. 14)",
+    "calibrated": "T_calibrated(q) = exp6(J N(q)) T_base(q)",
+    "error": "e = log6(T_calibrated(q) inverse(T_nominal(q))) (Eqs. 9, 10)",
+    "weighting": "replace e and every column of J, (v, w), by ((v + w x t) / characteristic_length_m, w), t the position in "
+    "T_calibrated(q)",
+    "distance": "d = 1 / sqrt(trace(inverse(G))), G = J J' + gram_regularisation I: how far J is from a singularity",
+    "motion": "rho = J' inverse(G + lambda^2 I) e, lambda = max(0, min_singularity_distance - d) (Eq. 15); where lambda > 0 "
+    "the motion is damped and a part of the error stays",
+    "correction": "base_model.name 'nominal': q_m = q - (the first n elements of N(q)), nothing else is needed "
+    "(Eqs. 23, 24); any other: q_m = q - (the first n elements of rho) (Eq. 24)",
+}
+
+
+def calibration_as_json(calibration: Calibration) -> str:
+    """One JSON object, schema `calibtool/compensator`, that says how q_m (Eq. 24) is computed and holds every number for it.
+
+    Units stand in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under `formula`. A float is written
+    with as many digits as it takes to read exactly the same one; the same calibration gives the same text.
+    """
+    robot, equivalent = calibration.robot, calibration.equivalent
+    contents = {
+        "schema": SCHEMA,
+        "schema_version": SCHEMA_VERSION,
+        "robot": robot.name,
+        "formula": FORMULA,
+        "joints": _joints(robot),
+        "nominal_placements_m": robot.chain.placements.tolist(),
+        "nominal_twists_per_rad_or_m": robot.chain.twists.tolist(),
+        "base_model": _base_model(robot, calibration.base.model, calibration.base.geometry),
+        "equivalent_robot": {
+            "p": equivalent.p,
+            "virtual_joints": list(equivalent.virtual_joints),
+            "virtual_joint_columns": equivalent.virtual_columns,
+        },
+        "characteristic_length_m": robot.length,
+        "min_singularity_distance": MIN_SINGULARITY_DISTANCE,
+        "gram_regularisation": GRAM_REGULARISATION,
+        "network": None if calibration.network is None else _network(calibration.network),
+        "setup": _setup(calibration.base.setup),
+        "configurations": calibration.configurations,
+        "noise_position_m": calibration.noise_position,
+        "noise_orientation_rad": calibration.noise_orientation,
+        "provenance": calibration.provenance,
+    }
+    return json.dumps(contents, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _joints(robot: Robot) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": robot.chain.model.names[j + 1],
+            "kind": "prismatic" if robot.prismatic[j] else "revolute",
+            "unit": robot.joint_units[j],
+            "lower_rad_or_m": float(robot.lower[j]),
+            "upper_rad_or_m": float(robot.upper[j]),
+        }
+        for j in range(robot.n)
+    ]
+
+
+def _base_model(robot: Robot, name: str, geometry: GeometricErrors) -> dict[str, Any]:
+    return {
+        "name": name,
+        "placement_errors_m_rad": geometry.placements.tolist(),
+        "twist_errors_per_rad_or_m": geometry.twists.tolist(),
+        "offset_errors_rad_or_m": geometry.offsets.tolist(),
+        "placements_m": geometry.placements_of(robot.chain).tolist(),
+    }
+
+
+def _network(network: Network) -> dict[str, Any]:
+    return {
+        "input_centre_rad_or_m": network.input_centre.tolist(),
+        "input_scale_rad_or_m": network.input_scale.tolist(),
+        "hidden_weights": network.hidden_weights.tolist(),
+        "hidden_bias": network.hidden_bias.tolist(),
+        "output_weights": network.output_weights.tolist(),
+        "output_bias": network.output_bias.tolist(),
+        "output_scale_rad_or_m": network.output_scale.tolist(),
+    }
+
+
+def _setup(setup: Setup) -> dict[str, Any]:
+    """Where the measurements were made; no part of the correction."""
+    return {
+        "T_instrument_base_m": setup.T_instrument_base.tolist(),
+        "targets_m": setup.targets.tolist(),
+        "R_tool_sensor": None if setup.R_tool_sensor is None else setup.R_tool_sensor.tolist(),
+        "frame_known": setup.frame_known,
+        "targets_known": setup.targets_known,
+    }
