@@ -45,15 +45,16 @@ def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callab
     write("fresh.h5", to_bytes(replace(fresh, provenance=provenance)))
 
     report("identify   local POE formula (Eq. 11)")
-    report("train      network on the nominal robot (the paper), and on the identified one")
+    report("train      network on the nominal robot (the paper); complete model, network where it helps")
     options = TrainingOptions(seed=seed)
     calibrations: list[tuple[str, Calibration]] = [
         ("paper", train(measurements, "nominal", options)),
         ("local-poe", identify(measurements, "local-poe")),
-        ("local-poe-network", train(measurements, "local-poe", options)),
+        ("complete", train(measurements, "complete", replace(options, regularisation="bayes"))),
     ]
+    calibrations = [(name, replace(calibration, provenance=provenance)) for name, calibration in calibrations]
     for name, calibration in calibrations:
-        write(f"{name}.h5", to_bytes(replace(calibration, provenance=provenance)))
+        write(f"{name}.h5", to_bytes(calibration))
     best = calibrations[-1][1]
 
     report(f"evaluate   on {FRESH_CONFIGURATIONS} configurations that no fit has seen")

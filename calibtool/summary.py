@@ -3,8 +3,11 @@
 import numpy as np
 
 from calibtool.calibration import Calibration
+from calibtool.calibration.learning_curve import LearningCurve
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.training import TrainingReport
+from calibtool.identification.model import Identification, Posterior
+from calibtool.identification.report import design_findings, parameter_rows, strongest_correlations
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, log6
@@ -103,11 +106,31 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
             "singular_values": [float(f"{s:.6g}") for s in base.singular_values],
             "unobservable": list(base.unobservable),
         }
+    if base.posterior is not None:
+        base_summary |= _posterior_summary(calibration, base.posterior)
+    if base.flagged is not None:
+        flagged = base.flagged
+        base_summary["flagged"] = {
+            "configurations": [int(row) + 1 for row in flagged.rows],
+            "residual_mm": [float(f"{v * 1e3:.6g}") for v in flagged.position],
+            "standard_deviations": [float(f"{v:.6g}") for v in flagged.size],
+            "cluster": flagged.cluster,
+            "dropped": flagged.dropped,
+        }
     network: dict[str, object] = {"used": calibration.network is not None}
+    if calibration.validation is not None:
+        network["cross_validation"] = {
+            "folds": calibration.validation.folds,
+            "gain_percent": calibration.validation.gain,
+            "standard_error_percent": calibration.validation.standard_error,
+        }
     if training is not None:
         network |= {
             "loss": training.loss,
+            "regularisation": training.regularisation,
             "optimizer": training.optimiser,
+            "members": len(calibration.networks),
+            "effective_weights": training.effective,
             "hidden": training.hidden,
             "training_configurations": len(training.training_rows),
             "validation_configurations": len(training.validation_rows),
@@ -129,13 +152,42 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
 
 
 def calibration_lines(calibration: Calibration) -> list[str]:
-    """A few lines for people: what was determined, how well it fits, whether the network helps."""
+    """A few lines for people: what was determined, how well it fits, what is suspicious, whether the network helps."""
     base, training = calibration.base, calibration.training
     noise = f"stated noise {calibration.noise_position * 1e3:.3g} mm"
     fit = f"residual {base.residual_rms[0] * 1e3:.3g} mm rms per coordinate, {noise}"
     if base.residual_rms[1] is not None:
         fit += f"; {base.residual_rms[1] * 1e3:.3g} mrad, stated {calibration.noise_orientation * 1e3:.3g}"
     result = [f"{base.model}: {calibration.robot.name}, {calibration.configurations} configurations, {fit}"]
+    if base.posterior is not None:
+        result += _complete_lines(calibration)
+    elif base.model == "local-poe":
+        result += _rank_lines(base)
+    result += [f"warning: {finding}" for finding in design_findings(calibration.robot, calibration.q)]
+    if base.flagged is not None and len(base.flagged.rows):
+        result += _flagged_lines(calibration)
+    validation = calibration.validation
+    if validation is not None:
+        gain_percent = round(validation.gain, 1) + 0.0
+        verdict = f"cross-validated gain {gain_percent:+.1f} ± {validation.standard_error:.1f} %"
+        members = "" if training is None else f"{training.effective:.1f} effective weights of a member"
+        used = f"{len(calibration.networks)} members, {members}" if calibration.networks else "not used"
+        result.append(f"network: {used} ({verdict})")
+    elif training is not None:
+        gain = _loss_reduction(training)
+        judged = "validation" if len(training.validation_rows) else "training"
+        if calibration.network is None:
+            result.append(f"network: not used, it does not lower the {judged} loss ({gain:+.1f} %)")
+        else:
+            result.append(
+                f"network: {training.hidden} hidden nodes, {training.loss} loss, {training.optimiser}, iteration "
+                f"{training.history.chosen}, {judged} loss {-gain:+.1f} %"
+            )
+    return result
+
+
+def _rank_lines(base: Identification) -> list[str]:
+    result = []
     if base.parameters:
         kept = base.singular_values[: base.rank]
         result.append(
@@ -147,23 +199,109 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         result.append(
             f"warning: {missing} directions are not observable from these configurations, such as {base.unobservable[0]}"
         )
-    if training is None:
-        return result
-    gain = _loss_reduction(training)
-    if calibration.network is None:
-        result.append(f"network: not used, it does not lower the validation loss ({gain:+.1f} %)")
-    else:
-        result.append(
-            f"network: {training.hidden} hidden nodes, {training.loss} loss, {training.optimiser}, iteration "
-            f"{training.history.chosen}, validation loss {-gain:+.1f} %"
-        )
     return result
+
+
+def _complete_lines(calibration: Calibration) -> list[str]:
+    base = calibration.base
+    posterior = base.posterior
+    assert posterior is not None
+    parameters = posterior.parameters
+    gravity = ", ".join(str(j + 1) for j in parameters.gravity)
+    functions = f"{parameters.harmonics} harmonics per joint" if parameters.harmonics else "no harmonics"
+    functions += f", gravity on joints {gravity}" if gravity else ", no gravity"
+    functions += "" if parameters.twists else ", no twist errors"
+    estimated = posterior.noise_factor * calibration.noise_position * 1e3
+    result = [
+        f"{posterior.effective:.1f} of {parameters.count} parameters determined, {functions}, "
+        f"estimated noise {estimated:.3g} mm, {base.iterations} iterations"
+    ]
+    if not 0.5 <= posterior.noise_factor <= 2.0:
+        result.append(
+            f"warning: the residuals say {estimated:.3g} mm of noise, stated are {calibration.noise_position * 1e3:.3g} mm: "
+            "either the statement is wrong or the robot does what the model cannot describe"
+        )
+    if base.unobservable:
+        names = ", ".join(base.unobservable[:6]) + (" …" if len(base.unobservable) > 6 else "")
+        result.append(f"{len(base.unobservable)} parameters stay at their tolerance (not observable here): {names}")
+    return result
+
+
+def _flagged_lines(calibration: Calibration) -> list[str]:
+    flagged = calibration.base.flagged
+    assert flagged is not None
+    done = (
+        "left out"
+        if flagged.dropped
+        else "kept; --loss-function cauchy lowers their weight, --drop-flagged leaves them out"
+    )
+    result = [f"warning: {len(flagged.rows)} rows do not fit ({done})"]
+    order = np.argsort(-flagged.size)[:5]
+    result += [
+        f"  configuration {flagged.rows[k] + 1}: {flagged.position[k] * 1e3:.3g} mm, {flagged.size[k]:.1f} times the noise"
+        for k in order
+    ]
+    if flagged.cluster:
+        result.append(f"  {flagged.cluster}")
+    return result
+
+
+def _posterior_summary(calibration: Calibration, posterior: Posterior) -> dict[str, object]:
+    parameters = posterior.parameters
+    rows = parameter_rows(calibration.robot, calibration.base)
+    return {
+        "effective_parameters": posterior.effective,
+        "estimated_noise_mm": posterior.noise_factor * calibration.noise_position * 1e3,
+        "log_evidence": posterior.log_evidence,
+        "twist_errors": parameters.twists,
+        "harmonics": parameters.harmonics,
+        "gravity_joints": [j + 1 for j in parameters.gravity],
+        "parameter_table": [
+            {
+                "name": row.name,
+                "unit": row.unit,
+                "value": row.value,
+                "std": row.std,
+                "tolerance": row.tolerance,
+                "determined": row.determined,
+                "at_prior": row.at_prior,
+            }
+            for row in rows
+        ],
+        "correlations": [
+            {"parameters": [a, b], "correlation": value} for a, b, value in strongest_correlations(posterior)
+        ],
+    }
 
 
 def _loss_reduction(training: TrainingReport) -> float:
     """Reduction of the loss by the best network, in percent."""
     without = training.loss_without
     return 100.0 * (1.0 - float(training.restart_losses.min()) / without) if without > 0 else 0.0
+
+
+def learning_curve_summary(curve: LearningCurve) -> dict[str, object]:
+    """Cross-validated errors, and what more configurations would buy."""
+    last = int(curve.configurations[-1])
+    return {
+        "configurations": [int(count) for count in curve.configurations],
+        "position_rms_mm": [float(error) * 1e3 for error in curve.error],
+        "floor_mm": curve.floor * 1e3,
+        "predicted": [
+            {"configurations": count, "position_rms_mm": curve.predicted(count) * 1e3} for count in (2 * last, 4 * last)
+        ],
+    }
+
+
+def learning_curve_lines(curve: LearningCurve, count: int) -> list[str]:
+    """The same for people."""
+    pairs = zip(curve.configurations, curve.error, strict=True)
+    points = ", ".join(f"{size}: {error * 1e3:.3g} mm" for size, error in pairs)
+    return [
+        f"learning curve (rms per coordinate on held-out rows, noise included): {points}",
+        f"{count} more configurations would give about {curve.predicted(2 * count) * 1e3:.3g} mm, "
+        f"no number of them less than {curve.floor * 1e3:.3g} mm",
+    ]
 
 
 def _setup_summary(setup: Setup) -> dict[str, object]:

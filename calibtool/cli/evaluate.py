@@ -6,7 +6,7 @@ import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
 from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import EXACT, CompensationMethod, Force, Json, choice
+from calibtool.cli.options import EXACT, CompensationMethod, Force, Json, Outside, choice
 from calibtool.cli.show import print_json, print_table
 
 
@@ -22,6 +22,7 @@ def evaluate(
         typer.Option("-o", "--output", metavar="FILE.csv", help="Signed errors of every configuration; '-' is stdout."),
     ] = None,
     method: CompensationMethod = EXACT,
+    outside: Outside = "mark",
     refit_setup: Annotated[
         bool,
         typer.Option(
@@ -52,6 +53,7 @@ def evaluate(
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
+    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
     from calibtool.errors import AcceptanceError
     from calibtool.evaluation.acceptance import broken_limits, parse_limit
@@ -59,10 +61,12 @@ def evaluate(
     from calibtool.evaluation.metrics import error_rows
     from calibtool.tables import format_table
 
+    choice(outside, OUTSIDE_POLICIES, "--outside")
     limits = [parse_limit(text) for text in require or []]
     named = [(stem(path), load_calibration(path)[0]) for path in calibrations]
     measurements, _ = load_measurements(on)
-    evaluation = run(named, measurements, method=cast(Method, method), refit_setup=refit_setup)
+    policy = cast(OutsidePolicy, outside)
+    evaluation = run(named, measurements, method=cast(Method, method), refit_setup=refit_setup, outside=policy)
     if output is not None:
         write_output(output, format_table(*error_rows(evaluation.methods)), force)
     report = evaluation.as_json()
@@ -75,6 +79,11 @@ def evaluate(
             message(
                 f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations are near a singularity "
                 "or out of limits"
+            )
+    for errors, far in zip(evaluation.methods, evaluation.outside, strict=True):
+        if far:
+            message(
+                f"warning: {errors.name}: {far} of {evaluation.configurations} configurations are unlike the training's"
             )
     broken = broken_limits(evaluation.methods[1:], limits)
     if broken:

@@ -4,14 +4,26 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, message, write_output
-from calibtool.cli.load import load_measurements
+from calibtool.cli.base import (
+    AngleTolerance,
+    DropFlagged,
+    FixedTolerances,
+    Gravity,
+    Harmonics,
+    LengthTolerance,
+    LossFunction,
+    base_options,
+)
+from calibtool.cli.files import check_output, message, one_stdin, write_output
+from calibtool.cli.load import load_calibration, load_measurements
 from calibtool.cli.options import Force, Json, MeasurementsFile, choice
 from calibtool.cli.provenance import provenance
-from calibtool.cli.show import print_json
+from calibtool.cli.show import print_json, print_table
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
+
+_CLEAREST = 15
 
 
 def identify(
@@ -20,31 +32,112 @@ def identify(
         str | None,
         typer.Option("-o", "--output", metavar="FILE", help="Output file; '-' is stdout (default without --json)."),
     ] = None,
-    model: Annotated[str, typer.Option(metavar="local-poe", help="The base model.")] = "local-poe",
+    model: Annotated[str, typer.Option(metavar="local-poe|complete", help="The base model.")] = "complete",
+    harmonics: Harmonics = None,
+    gravity: Gravity = None,
+    fixed_tolerances: FixedTolerances = False,
+    tolerance_mm: LengthTolerance = None,
+    tolerance_mrad: AngleTolerance = None,
+    loss_function: LossFunction = "squared",
+    drop_flagged: DropFlagged = False,
+    refit: Annotated[
+        str | None, typer.Option(metavar="base,tool", help="Fit only base and/or tool of --from to these measurements.")
+    ] = None,
+    source: Annotated[
+        str | None, typer.Option("--from", metavar="CALIBRATION", help="The calibration that --refit takes over.")
+    ] = None,
+    parameters: Annotated[
+        bool, typer.Option("--parameters", help="Show every parameter with its uncertainty.")
+    ] = False,
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Identify the geometry by the local POE formula.
+    """Identify the errors of the geometry and of the joint motions.
 
-    Rank, singular values and what cannot be observed are reported.
+    complete: every error with a tolerance, harmonics and gravity where the evidence asks for them, ± for each parameter.
+    local-poe: initial relative poses only (Eq. 11), with rank, singular values and what cannot be observed.
 
-    Example: calibtool identify measurements.h5 --model local-poe -o local-poe.h5
+    Example: calibtool identify measurements.h5 --model complete -o complete.h5
     """
     target = report_target(output, json)
     if target is not None:
         check_output(target, force, binary=True)
+    one_stdin(measurements, source)
     from dataclasses import replace
 
     from calibtool.calibration import IDENTIFIED_MODELS
     from calibtool.calibration import identify as run
+    from calibtool.calibration.transfer import refit as transfer
+    from calibtool.errors import UsageError
     from calibtool.storage import to_bytes
 
     choice(model, IDENTIFIED_MODELS, "--model")
-    data, raw = load_measurements(measurements)
-    calibration = replace(run(data, model), provenance=provenance(None, measurements=raw))
-    report_calibration(calibration, "calibtool/identification", json)
+    if (refit is None) != (source is None):
+        raise UsageError("--refit and --from belong together: --refit base,tool --from CALIBRATION")
+    inputs: dict[str, bytes] = {}
+    extra: dict[str, object] = {}
+    if refit is not None and source is not None:
+        old, inputs["from"] = load_calibration(source)
+        data, inputs["measurements"] = load_measurements(measurements)
+        calibration, verdict = transfer(old, data, tuple(part.strip() for part in refit.split(",")))
+        extra["transfer"] = {
+            "nominal_rms_mm": verdict.nominal * 1e3,
+            "calibrated_rms_mm": verdict.calibrated * 1e3,
+            "still_helps": verdict.still_helps,
+        }
+        says = "still helps" if verdict.still_helps else "no longer helps: identify again"
+        message(
+            f"refitted {refit}: {verdict.calibrated * 1e3:.3g} mm rms on left-out rows, "
+            f"nominal {verdict.nominal * 1e3:.3g} mm: the calibration {says}"
+        )
+    else:
+        data, inputs["measurements"] = load_measurements(measurements)
+        options = base_options(
+            model,
+            data.robot,
+            harmonics,
+            gravity,
+            fixed_tolerances,
+            tolerance_mm,
+            tolerance_mrad,
+            loss_function,
+            drop_flagged,
+        )
+        calibration = run(data, options)
+    calibration = replace(calibration, provenance=provenance(None, **inputs))
+    report_calibration(calibration, "calibtool/identification", json, extra)
+    if not json and calibration.base.posterior is not None:
+        show_parameters(calibration, parameters)
     if target is not None:
         write_output(target, to_bytes(calibration), force)
+
+
+def show_parameters(calibration: "Calibration", every: bool) -> None:
+    """The parameter table for people: the clearest errors, or every parameter, and the strongest correlations."""
+    from calibtool.identification.report import parameter_rows, strongest_correlations
+
+    rows = parameter_rows(calibration.robot, calibration.base)
+    shown = rows if every else sorted(rows, key=lambda row: -abs(row.value) / row.std)[:_CLEAREST]
+    print_table(
+        f"{len(shown)} of {len(rows)} parameters" + ("" if every else ", the clearest (all: --parameters or --json)"),
+        ["parameter", "value", "±", "tolerance", "unit", "determined", ""],
+        [
+            [
+                row.name,
+                f"{row.value:.4f}",
+                f"{row.std:.4f}",
+                f"{row.tolerance:.4f}",
+                row.unit,
+                f"{100 * row.determined:.1f} %",
+                "at prior" if row.at_prior else "",
+            ]
+            for row in shown
+        ],
+    )
+    posterior = calibration.base.posterior
+    assert posterior is not None
+    pairs = ", ".join(f"{a} and {b} {value:+.2f}" for a, b, value in strongest_correlations(posterior, 3))
+    message(f"strongest correlations: {pairs}")
 
 
 def report_target(output: str | None, json: bool) -> str | None:
@@ -56,12 +149,14 @@ def report_target(output: str | None, json: bool) -> str | None:
     return output if output is not None or json else "-"
 
 
-def report_calibration(calibration: "Calibration", schema: str, json: bool) -> None:
+def report_calibration(
+    calibration: "Calibration", schema: str, json: bool, extra: dict[str, object] | None = None
+) -> None:
     """What came out: JSON on stdout, or a few lines on stderr."""
     from calibtool.summary import calibration_lines, calibration_summary
 
     if json:
-        print_json({**calibration_summary(calibration), "schema": schema})
+        print_json({**calibration_summary(calibration), **(extra or {}), "schema": schema})
         return
     for line in calibration_lines(calibration):
         message(line)

@@ -14,6 +14,14 @@ CompensationMethod = Annotated[
     str, typer.Option("--method", metavar="exact|one-step", help="Solve exactly, or with the one step of Eq. 24.")
 ]
 EXACT = "exact"
+Outside = Annotated[
+    str,
+    typer.Option(
+        "--outside",
+        metavar="mark|base|refuse",
+        help="Rows unlike the training: mark, use the base model alone, or refuse.",
+    ),
+]
 
 
 def choice(value: str, allowed: tuple[str, ...], option: str) -> str:

@@ -5,7 +5,17 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, one_stdin, write_output
+from calibtool.cli.base import (
+    AngleTolerance,
+    DropFlagged,
+    FixedTolerances,
+    Gravity,
+    Harmonics,
+    LengthTolerance,
+    LossFunction,
+    base_options,
+)
+from calibtool.cli.files import check_output, message, one_stdin, write_output
 from calibtool.cli.identify import report_calibration, report_target
 from calibtool.cli.load import load_calibration, load_measurements
 from calibtool.cli.options import Force, Json, MeasurementsFile, Seed, choice
@@ -20,24 +30,40 @@ def train(
     ] = None,
     base: Annotated[
         str,
-        typer.Option(metavar="nominal|local-poe|FILE.h5", help="What the network builds on; 'nominal' is the paper."),
-    ] = "local-poe",
+        typer.Option(
+            metavar="nominal|local-poe|complete|FILE.h5", help="What the network builds on ('nominal': the paper)."
+        ),
+    ] = "complete",
     loss: Annotated[str, typer.Option(metavar="task|joint", help="Loss of Eq. 20 or of Eq. 21.")] = "task",
     optimizer: Annotated[
         str, typer.Option(metavar="lm|gd", help="Levenberg-Marquardt, or gradient descent (Eq. 22).")
     ] = "lm",
+    regularisation: Annotated[
+        str | None,
+        typer.Option(metavar="bayes|early-stopping", help="Default: bayes; early-stopping (the paper) on 'nominal'."),
+    ] = None,
     hidden: Annotated[int | None, typer.Option(min=1, help="Hidden nodes (default: the square root of 6n).")] = None,
-    validation: Annotated[
-        float, typer.Option(min=0, max=0.9, help="Part of the configurations that stops the training.")
-    ] = 0.5,
-    restarts: Annotated[int, typer.Option(min=1, help="Networks tried; the best on the validation part is kept.")] = 5,
+    validation: Annotated[float, typer.Option(min=0, max=0.9, help="Part of the rows for early stopping.")] = 0.5,
+    restarts: Annotated[int, typer.Option(min=1, help="Networks trained: averaged (bayes), or the best kept.")] = 5,
+    folds: Annotated[int, typer.Option(min=2, help="Parts of the cross-validation (bayes).")] = 5,
+    learning_curve: Annotated[
+        bool, typer.Option("--learning-curve", help="Also report the error against the number of configurations.")
+    ] = False,
+    harmonics: Harmonics = None,
+    gravity: Gravity = None,
+    fixed_tolerances: FixedTolerances = False,
+    tolerance_mm: LengthTolerance = None,
+    tolerance_mrad: AngleTolerance = None,
+    loss_function: LossFunction = "squared",
+    drop_flagged: DropFlagged = False,
     seed: Seed = 0,
     json: Json = False,
     force: Force = False,
 ) -> None:
     """Train a network on top of a base model.
 
-    The network learns the joint motion errors of the equivalent robot that the base model leaves over.
+    The network learns the joint motion errors of the equivalent robot that the base model leaves over. With Bayesian
+    regularisation it is kept only if cross-validation, with the base identified again in every fold, says that it helps.
 
     Example: calibtool train measurements.h5 --base nominal --loss task -o paper.h5
     """
@@ -50,28 +76,63 @@ def train(
     from dataclasses import replace
     from typing import cast
 
+    import numpy as np
+
     from calibtool.calibration import BASE_MODELS, Calibration
     from calibtool.calibration import train as run
+    from calibtool.calibration.fit import BaseOptions, on_base
+    from calibtool.calibration.learning_curve import learning_curve as curve_of
     from calibtool.equivalent.optimisers import Optimiser
-    from calibtool.equivalent.training import LossName, TrainingOptions
+    from calibtool.equivalent.training import LossName, Regularisation, TrainingOptions
+    from calibtool.errors import UsageError
     from calibtool.storage import to_bytes
+    from calibtool.summary import learning_curve_lines, learning_curve_summary
 
     inputs: dict[str, bytes] = {}
-    start: Calibration | str = base
+    start: Calibration | BaseOptions
     if base not in BASE_MODELS:
         if base != "-" and not Path(base).exists() and "." not in base and "/" not in base:
             choice(base, BASE_MODELS, "--base")
         start, inputs["base"] = load_calibration(base)
-    data, inputs["measurements"] = load_measurements(measurements)
+        data, inputs["measurements"] = load_measurements(measurements)
+    else:
+        data, inputs["measurements"] = load_measurements(measurements)
+        start = base_options(
+            base,
+            data.robot,
+            harmonics,
+            gravity,
+            fixed_tolerances,
+            tolerance_mm,
+            tolerance_mrad,
+            loss_function,
+            drop_flagged,
+        )
+    if regularisation is None:
+        regularisation = "early-stopping" if base == "nominal" or optimizer == "gd" else "bayes"
+    choice(regularisation, ("bayes", "early-stopping"), "--regularisation")
+    if regularisation == "bayes" and optimizer == "gd":
+        raise UsageError("--optimizer gd takes --regularisation early-stopping; bayes needs second derivatives")
     options = TrainingOptions(
         loss=cast(LossName, loss),
         optimiser=cast(Optimiser, optimizer),
+        regularisation=cast(Regularisation, regularisation),
         hidden=hidden,
         validation=validation,
         restarts=restarts,
+        folds=folds,
         seed=seed,
     )
     calibration = replace(run(data, start, options), provenance=provenance(seed, **inputs))
-    report_calibration(calibration, "calibtool/training", json)
+    extra: dict[str, object] = {}
+    if learning_curve:
+        curve = curve_of(
+            data, lambda rows, stream: on_base(rows, start, options, stream), folds, np.random.default_rng(seed)
+        )
+        extra["learning_curve"] = learning_curve_summary(curve)
+    report_calibration(calibration, "calibtool/training", json, extra)
+    if learning_curve and not json:
+        for line in learning_curve_lines(curve, len(data)):
+            message(line)
     if target is not None:
         write_output(target, to_bytes(calibration), force)

@@ -1,11 +1,22 @@
 """Tables of targets: configurations to measure at, and commanded joints or poses to correct."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from calibtool.calibration import Calibration
-from calibtool.compensation.solve import OK, UNREACHABLE, Compensation, Method, compensate_joints, compensate_poses
+from calibtool.calibration.guard import coverage
+from calibtool.calibration.uncertainty import predicted_uncertainty
+from calibtool.compensation.solve import (
+    OK,
+    OUTSIDE,
+    UNREACHABLE,
+    Compensation,
+    Method,
+    compensate_joints,
+    compensate_poses,
+)
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.model import Robot
@@ -13,10 +24,13 @@ from calibtool.robot.se3 import Array
 from calibtool.tables import Table, format_table, joints_from_header, number, parse_table, poses_from_header
 from calibtool.units import TO_SI
 
+OutsidePolicy = Literal["mark", "base", "refuse"]
+OUTSIDE_POLICIES = ("mark", "base", "refuse")
+
 
 @dataclass(frozen=True)
 class CompensatedTable:
-    """text: the output CSV; remarks: a line for every row that is not plainly `ok`; unreachable: how many rows of `rows`."""
+    """text: the output CSV; remarks: a line for every row that is not plainly `ok`; unreachable: rows without joints."""
 
     text: str
     remarks: list[str]
@@ -43,24 +57,33 @@ def read_configurations(text: str, name: str, robot: Robot) -> Array:
     return solved.q
 
 
-def compensate_table(calibration: Calibration, text: str, name: str, method: Method) -> CompensatedTable:
+def compensate_table(
+    calibration: Calibration,
+    text: str,
+    name: str,
+    method: Method,
+    *,
+    outside: OutsidePolicy = "mark",
+    uncertainty: bool = False,
+) -> CompensatedTable:
     """Correct every row of a table.
 
     Joint columns are replaced by the corrected joints, in their units; pose columns give way to joints in degrees (mm if
     prismatic). Where a row has both, the pose is commanded and the joints choose the branch. Other columns pass through;
-    a column `status` is added, and for n < 6 what no joint can correct (`left_mm`, `left_mrad`).
+    a column `status` is added, for n < 6 what no joint can correct (`left_mm`, `left_mrad`), and with `uncertainty` the
+    predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Rows outside the configurations of the training are
+    marked, take the base model alone (`base`), or get no joints (`refuse`).
     """
     robot = calibration.robot
     table = parse_table(text, name)
     joints = joints_from_header(table, robot)
     poses = poses_from_header(table)
-    if poses is not None:
-        result = compensate_poses(calibration, poses[0], None if joints is None else joints[0], method)
-    elif joints is not None:
-        result = compensate_joints(calibration, joints[0], method)
-    else:
+    if poses is None and joints is None:
         raise _no_targets(table)
-    for added in ("status", "left_mm", "left_mrad"):
+    q_given = None if joints is None else joints[0]
+    T_given = None if poses is None else poses[0]
+    result = guarded(calibration, q_given, T_given, method, outside)
+    for added in ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad"):
         if added in table.header:
             raise InputError(f"{name}: a column '{added}' is there already; is this an output of compensate?")
 
@@ -74,24 +97,58 @@ def compensate_table(calibration: Calibration, text: str, name: str, method: Met
     limited = robot.n < 6
     if limited:
         header += ["left_mm", "left_mrad"]
+    sure = np.full((len(table), 2), np.nan)
+    if uncertainty:
+        header += ["sd_mm", "sd_mrad"]
+        known = np.isfinite(result.q).all(axis=-1)
+        spread = predicted_uncertainty(calibration, result.q[known])
+        sure[known] = np.stack([spread.position, spread.orientation], axis=-1) * 1e3
     rows = []
     for k, cells in enumerate(table.rows):
         row = [*map(number, values[k]), *(cells[i] for i in kept), str(result.status[k])]
         if limited:
             row += [f"{result.position[k] * 1e3:.6g}", f"{result.orientation[k] * 1e3:.6g}"]
+        if uncertainty:
+            row += [number(float(f"{value:.6g}")) for value in sure[k]]
         rows.append(row)
     return CompensatedTable(
         text=format_table(header, rows),
         remarks=_remarks(table, result),
-        unreachable=int((result.status == UNREACHABLE).sum()),
+        unreachable=int(np.isnan(result.q).any(axis=-1).sum()),
         rows=len(table),
     )
+
+
+def guarded(
+    calibration: Calibration, q: Array | None, T_base_tool: Array | None, method: Method, outside: OutsidePolicy
+) -> Compensation:
+    """Corrected joints with the extrapolation guard: q (N, n) or poses (N, 4, 4), for which q then chooses the branch."""
+
+    def run(model: Calibration) -> Compensation:
+        if T_base_tool is not None:
+            return compensate_poses(model, T_base_tool, q, method)
+        assert q is not None
+        return compensate_joints(model, q, method)
+
+    result = run(calibration)
+    rows = np.flatnonzero(np.isfinite(result.q).all(axis=-1))
+    far = rows[coverage(calibration, result.q[rows]).outside]
+    if outside == "base" and len(far) and calibration.networks:
+        alone = run(replace(calibration, networks=()))
+        for field in ("q", "status", "position", "orientation"):
+            getattr(result, field)[far] = getattr(alone, field)[far]
+    result.status[far[result.status[far] == OK]] = OUTSIDE
+    if outside == "refuse":
+        result.q[far] = np.nan
+        result.status[far] = OUTSIDE
+    return result
 
 
 def _remarks(table: Table, result: Compensation) -> list[str]:
     meaning = {
         "near-singular": "near a singularity: damped, {left:.3g} mm of the error stay",
         "out-of-limits": "the corrected joints are outside the joint limits",
+        OUTSIDE: "outside the configurations of the training",
         UNREACHABLE: "the pose is unreachable: no joints are given",
     }
     return [

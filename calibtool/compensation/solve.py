@@ -14,6 +14,7 @@ from calibtool.robot.se3 import Array, log3
 Method = Literal["exact", "one-step"]
 
 OK, NEAR_SINGULAR, OUT_OF_LIMITS, UNREACHABLE = "ok", "near-singular", "out-of-limits", "unreachable"
+OUTSIDE = "outside"  # unlike any configuration of the training
 LARGEST_CORRECTION = 0.1  # rad or characteristic lengths; a longer way near a singularity is no correction any more
 
 

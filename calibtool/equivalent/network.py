@@ -1,5 +1,6 @@
 """The network δρ = N(q, w) (Eq. 16): one tanh layer, linear output, scaled inputs and outputs."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -56,6 +57,18 @@ class Network:
             output_weights=readonly(w2.reshape(p, h)),
             output_bias=readonly(b2),
         )
+
+
+def averaged(networks: Sequence[Network]) -> Network:
+    """The mean of networks with the same scalings, which is one network again, with all their hidden nodes."""
+    first, count = networks[0], len(networks)
+    return replace(
+        first,
+        hidden_weights=readonly(np.concatenate([network.hidden_weights for network in networks])),
+        hidden_bias=readonly(np.concatenate([network.hidden_bias for network in networks])),
+        output_weights=readonly(np.concatenate([network.output_weights for network in networks], axis=1) / count),
+        output_bias=readonly(np.mean([network.output_bias for network in networks], axis=0)),
+    )
 
 
 def rule_of_thumb(n: int) -> int:

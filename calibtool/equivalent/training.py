@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from calibtool.equivalent.bayesian import train_bayesian
 from calibtool.equivalent.loss import joint_loss, task_loss
 from calibtool.equivalent.network import Network, initial_network, rule_of_thumb
 from calibtool.equivalent.optimisers import (
@@ -18,30 +19,44 @@ from calibtool.equivalent.optimisers import (
 )
 from calibtool.robot.se3 import Array
 
+_ITERATIONS = {"lm": (levenberg_marquardt, LM_STOPPING), "gd": (gradient_descent, GD_STOPPING)}
+
 LossName = Literal["task", "joint"]
+Regularisation = Literal["bayes", "early-stopping"]
 
 
 @dataclass(frozen=True)
 class TrainingOptions:
-    """hidden: nodes, √(6n) unless given. restarts: networks tried, the best on the validation rows is kept."""
+    """How a network is trained.
+
+    regularisation  `bayes`: all rows train, every restart is a member of an ensemble that is averaged;
+                    `early-stopping` (the paper): a validation part stops the training and chooses the best restart
+    hidden          nodes, √(6n) unless given
+    validation      part of the configurations for early stopping
+    restarts        networks trained
+    folds           of the cross-validation that decides whether the networks are used (bayes)
+    """
 
     loss: LossName = "task"
     optimiser: Optimiser = "lm"
+    regularisation: Regularisation = "early-stopping"
     hidden: int | None = None
     validation: float = 0.5
     restarts: int = 5
+    folds: int = 5
     seed: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingReport:
-    """How a network came about.
+    """How networks came about.
 
     history        of the best restart
     training_rows, validation_rows   indices of the configurations
     restart_losses (restarts,) validation loss of each (training loss without validation rows)
     loss_without   the same loss without a network
-    loss, optimiser, hidden   the options as used
+    effective      effective number of weights γ, mean of the members (bayes), otherwise all of them
+    loss, optimiser, regularisation, hidden   the options as used
     """
 
     history: History
@@ -49,8 +64,10 @@ class TrainingReport:
     validation_rows: np.ndarray
     restart_losses: Array
     loss_without: float
+    effective: float
     loss: LossName
     optimiser: Optimiser
+    regularisation: Regularisation
     hidden: int
 
     @property
@@ -66,49 +83,50 @@ def split_rows(count: int, validation: float, rng: np.random.Generator) -> tuple
     return np.sort(order[held:]), np.sort(order[:held])
 
 
-def train_network(
-    q: Array,
-    G: Array,
-    y: Array,
-    training_rows: np.ndarray,
-    validation_rows: np.ndarray,
-    options: TrainingOptions,
-    rng: np.random.Generator,
-) -> tuple[Network | None, TrainingReport]:
-    """Fit N to y ≈ G N; None in place of the network where it is no better than none at all.
+def train_networks(
+    q: Array, G: Array, y: Array, options: TrainingOptions, rng: np.random.Generator
+) -> tuple[tuple[Network, ...], TrainingReport]:
+    """Fit N to y ≈ G N: members of an ensemble (bayes), or one network, or none where it does not help (early stopping).
 
     q (K, n) in rad or m; G (K, d, p) = Σ^(−1/2) P J_ρ; y (K, d) weighted residuals of the base model.
     """
+    bayes = options.regularisation == "bayes"
+    training_rows, validation_rows = split_rows(len(q), 0.0 if bayes else options.validation, rng)
     loss = (task_loss if options.loss == "task" else joint_loss)(q, G, y)
     training = loss.rows(training_rows)
     validation = loss.rows(validation_rows) if len(validation_rows) else None
-    steps = levenberg_marquardt if options.optimiser == "lm" else gradient_descent
-    stopping = LM_STOPPING if options.optimiser == "lm" else GD_STOPPING
     output_scale = _output_scale(G[training_rows], y[training_rows])
     hidden = rule_of_thumb(q.shape[1]) if options.hidden is None else options.hidden
-    runs: list[tuple[Network, History]] = []
-    scores: list[float] = []
-    for stream in rng.spawn(options.restarts):
-        network, history = run(
-            steps, initial_network(q[training_rows], output_scale, hidden, stream), training, validation, stopping
+    starts = [initial_network(q[training_rows], output_scale, hidden, r) for r in rng.spawn(options.restarts)]
+    if bayes:
+        members = [train_bayesian(start, training) for start in starts]
+        networks = [member.network for member in members]
+        histories = [member.history for member in members]
+        effective = float(np.mean([member.effective for member in members]))
+    else:
+        steps, stopping = _ITERATIONS[options.optimiser]
+        networks, histories = map(
+            list, zip(*(run(steps, start, training, validation, stopping) for start in starts), strict=True)
         )
-        runs.append((network, history))
-        scores.append(
-            float(history.training[history.chosen] if validation is None else history.validation[history.chosen])
-        )
+        effective = float(len(starts[0].weights))
+    scores = np.array([(h.training if validation is None else h.validation)[h.chosen] for h in histories])
     best = int(np.argmin(scores))
     without = (training if validation is None else validation).without_network
     report = TrainingReport(
-        history=runs[best][1],
+        history=histories[best],
         training_rows=training_rows,
         validation_rows=validation_rows,
-        restart_losses=np.array(scores),
+        restart_losses=scores,
         loss_without=without,
+        effective=effective,
         loss=options.loss,
         optimiser=options.optimiser,
+        regularisation=options.regularisation,
         hidden=hidden,
     )
-    return runs[best][0] if scores[best] < without else None, report
+    if bayes:
+        return tuple(networks), report
+    return ((networks[best],) if scores[best] < without else ()), report
 
 
 def _output_scale(G: Array, y: Array) -> Array:

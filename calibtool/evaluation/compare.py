@@ -1,12 +1,15 @@
 """Methods side by side on measurements: really driven to corrected joints where the truth is known, predicted otherwise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from calibtool.calibration import Calibration, check_same_robot, fitting_setup
-from calibtool.compensation.solve import Method, compensate_joints
+from calibtool.calibration.guard import coverage
+from calibtool.compensation.program import OutsidePolicy, guarded
+from calibtool.compensation.solve import NEAR_SINGULAR, OUT_OF_LIMITS, Method
+from calibtool.errors import NoSolutionError
 from calibtool.evaluation.metrics import MethodErrors, summary
 from calibtool.measurement.measurements import Measurements, Setup, Truth, determines_orientation
 from calibtool.measurement.observation import measured_in_base, residuals
@@ -21,7 +24,8 @@ class Evaluation:
 
     kind    `compensated`: the actual robot was driven to the corrected joints and observed without noise;
             `predicted`: what is left between measured and predicted target points
-    marked  (methods,) how many rows of the compensation were not plainly `ok`
+    marked   (methods,) how many rows of the compensation were near a singularity or out of limits
+    outside  (methods,) how many rows are unlike the configurations of the training
     """
 
     robot: str
@@ -29,6 +33,7 @@ class Evaluation:
     kind: Literal["compensated", "predicted"]
     methods: list[MethodErrors]
     marked: list[int]
+    outside: list[int]
 
     def as_json(self) -> dict[str, object]:
         """The object that `evaluate --json` prints (a contract of DESIGN)."""
@@ -48,46 +53,63 @@ def evaluate(
     *,
     method: Method = "exact",
     refit_setup: bool = False,
+    outside: OutsidePolicy = "mark",
 ) -> Evaluation:
     """Errors of the nominal robot and of every calibration at the configurations of `measurements`.
 
+    outside: what to do at configurations unlike those of the training: count them, predict them by the base model alone,
+    or refuse.
     refit_setup: fit unknown instrument frame and targets again on these rows, for every method alike (a moved tracker);
     otherwise the set-up that belongs to the training is used and nothing is fitted here.
     Raises InputError when a calibration is for another robot.
     """
     for name, given in calibrations:
         check_same_robot(given.robot, measurements.robot, f"calibration '{name}'", "the measurements")
+    if measurements.truth is None:  # a method is judged on whole observations
+        measurements = measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
     every: list[tuple[str, Calibration | None]] = [("nominal", None), *calibrations]
-    methods, marked = [], []
+    methods, marked, far = [], [], []
     for name, calibration in every:
         count = 0
+        unlike = np.zeros(len(measurements), dtype=bool)
+        if calibration is not None:
+            unlike = coverage(calibration, measurements.q).outside
+            if outside == "refuse" and unlike.any():
+                raise NoSolutionError(f"{name}: {int(unlike.sum())} configurations are outside those of the training")
         if measurements.truth is not None:
-            errors, count = _compensated(name, calibration, measurements, measurements.truth, method)
+            errors, count = _compensated(name, calibration, measurements, measurements.truth, method, outside)
         else:
             first = calibrations[0][1] if calibrations else None
-            errors = _predicted(name, calibration, first, measurements, refit_setup)
+            errors = _predicted(name, calibration, first, measurements, refit_setup, outside)
         methods.append(errors)
         marked.append(count)
+        far.append(int(unlike.sum()))
     return Evaluation(
         robot=measurements.robot.name,
         configurations=len(measurements),
         kind="predicted" if measurements.truth is None else "compensated",
         methods=methods,
         marked=marked,
+        outside=far,
     )
 
 
 def _compensated(
-    name: str, calibration: Calibration | None, measurements: Measurements, truth: Truth, method: Method
+    name: str,
+    calibration: Calibration | None,
+    measurements: Measurements,
+    truth: Truth,
+    method: Method,
+    outside: OutsidePolicy,
 ) -> tuple[MethodErrors, int]:
     robot, q = measurements.robot, measurements.q
     marked = 0
     if calibration is None:
         driven, setup = q, measurements.setup
     else:
-        result = compensate_joints(calibration, q, method)
+        result = guarded(calibration, q, None, method, outside)
         driven, setup = result.q, fitting_setup(calibration, measurements)
-        marked = int((result.status != "ok").sum())
+        marked = int(np.isin(result.status, (NEAR_SINGULAR, OUT_OF_LIMITS)).sum())
     commanded = robot.mechanism.forward(q)
     if measurements.setup.known:
         actual = truth.actual.forward(driven)
@@ -99,10 +121,18 @@ def _compensated(
 
 
 def _predicted(
-    name: str, calibration: Calibration | None, first: Calibration | None, measurements: Measurements, refit: bool
+    name: str,
+    calibration: Calibration | None,
+    first: Calibration | None,
+    measurements: Measurements,
+    refit: bool,
+    outside: OutsidePolicy,
 ) -> MethodErrors:
     robot, q = measurements.robot, measurements.q
     pose = robot.mechanism.forward(q) if calibration is None else calibration.forward(q)
+    if calibration is not None and calibration.networks and outside == "base":
+        unlike = coverage(calibration, q).outside
+        pose[unlike] = replace(calibration, networks=()).forward(q[unlike])
     if measurements.setup.known:
         setup = measurements.setup
     elif refit:

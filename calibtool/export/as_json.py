@@ -5,10 +5,11 @@ from typing import Any
 
 from calibtool.calibration import Calibration
 from calibtool.equivalent.network import Network
+from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Setup
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot
+from calibtool.robot.motion import link_masses
 
 SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 1
 
@@ -28,7 +29,11 @@ FORMULA = {
     "nominal": "T_nominal(q) = M_1 exp6(xi_1 q_1) ... M_n exp6(xi_n q_n) M_{n+1}, M = nominal_placements_m, "
     "xi = nominal_twists_per_rad_or_m (Eq. 7)",
     "base": "T_base(q): the same product with M = placements_m = M_j exp6(placement_errors_m_rad_j), "
-    "xi = nominal_twists_per_rad_or_m + twist_errors_per_rad_or_m, and q + offset_errors_rad_or_m for q (Eq. 8)",
+    "xi = nominal_twists_per_rad_or_m + twist_errors_per_rad_or_m, and q + offset_errors_rad_or_m + m(q) for q (Eq. 8)",
+    "joint_motion": "m_j(q) = sum over h = 1, 2, ... of harmonics_rad[j][2h - 2] sin(h q_j) + harmonics_rad[j][2h - 1] "
+    "cos(h q_j), minus compliance_rad_per_nm[j] tau_j(q)",
+    "torque": "tau_j(q) = - sum over links i = j..n of link_masses_kg[i] g . (v_j + w_j x c_i), g = gravity_m_per_s2, "
+    "(v_j, w_j) = Ad(F_j) xi_j and c_i = F_i centres_of_mass_m[i] of the nominal robot at q",
     "jacobian": "J, 6 x p: column j = 1..n is Ad(F_j) xi_j, xi_j and F_j those of the base, F_j the product up to and "
     "with the exponential of joint j; then, of Ad(T_base(q)), each of virtual_joint_columns (Eq. 14)",
     "calibrated": "T_calibrated(q) = exp6(J N(q)) T_base(q)",
@@ -58,7 +63,7 @@ def calibration_as_json(calibration: Calibration) -> str:
         "joints": _joints(robot),
         "nominal_placements_m": robot.chain.placements.tolist(),
         "nominal_twists_per_rad_or_m": robot.chain.twists.tolist(),
-        "base_model": _base_model(robot, calibration.base.model, calibration.base.geometry),
+        "base_model": _base_model(robot, calibration.base),
         "equivalent_robot": {
             "p": equivalent.p,
             "virtual_joints": list(equivalent.virtual_joints),
@@ -90,12 +95,19 @@ def _joints(robot: Robot) -> list[dict[str, Any]]:
     ]
 
 
-def _base_model(robot: Robot, name: str, geometry: GeometricErrors) -> dict[str, Any]:
+def _base_model(robot: Robot, base: Identification) -> dict[str, Any]:
+    geometry = base.geometry
+    masses, centres, gravity = link_masses(robot)
     return {
-        "name": name,
+        "name": base.model,
         "placement_errors_m_rad": geometry.placements.tolist(),
         "twist_errors_per_rad_or_m": geometry.twists.tolist(),
         "offset_errors_rad_or_m": geometry.offsets.tolist(),
+        "harmonics_rad": base.motion.harmonics.tolist(),
+        "compliance_rad_per_nm": base.motion.compliance.tolist(),
+        "link_masses_kg": masses.tolist(),
+        "centres_of_mass_m": centres.tolist(),
+        "gravity_m_per_s2": gravity.tolist(),
         "placements_m": geometry.placements_of(robot.chain).tolist(),
     }
 

@@ -11,6 +11,7 @@ from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
 from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot
+from calibtool.robot.motion import JointMotion, link_masses
 from calibtool.robot.se3 import Array
 
 _LINE = 116  # characters
@@ -59,7 +60,7 @@ def _values(calibration: Calibration) -> dict[str, Any]:
         "network": network,
         "network_size": size,
         "joints": _joints(robot),
-        "cost": _cost(robot.n, equivalent.p, network.hidden if network else 0, kinematic),
+        "cost": _cost(robot.n, equivalent.p, network.hidden if network else 0, kinematic, calibration.base.motion),
         "n": robot.n,
         "p": equivalent.p,
         "nominal_placements": robot.chain.placements,
@@ -67,11 +68,28 @@ def _values(calibration: Calibration) -> dict[str, Any]:
         "base_placements": geometry.placements_of(robot.chain),
         "base_twists": robot.chain.twists + geometry.twists,
         "base_offsets": geometry.offsets,
+        "motion": _motion(robot, calibration.base.motion),
         "virtual_joints": ", ".join(equivalent.virtual_joints),
         "virtual_twists": np.eye(6)[columns],
         "characteristic_length": robot.length,
         "min_singularity_distance": MIN_SINGULARITY_DISTANCE,
         "gram_regularisation": GRAM_REGULARISATION,
+    }
+
+
+def _motion(robot: Robot, motion: JointMotion) -> dict[str, Any] | None:
+    """The joint-motion functions, None without any."""
+    if motion.is_none:
+        return None
+    masses, centres, gravity = link_masses(robot)
+    return {
+        "orders": motion.harmonics.shape[1] // 2 if motion.harmonics.any() else 0,
+        "harmonics": motion.harmonics,
+        "gravity": bool(motion.compliance.any()),
+        "compliance": motion.compliance,
+        "masses": masses,
+        "centres": centres,
+        "gravity_vector": gravity,
     }
 
 
@@ -84,7 +102,7 @@ def _joints(robot: Robot) -> list[str]:
     ]
 
 
-def _cost(n: int, p: int, hidden: int, kinematic: bool) -> str:
+def _cost(n: int, p: int, hidden: int, kinematic: bool, motion: JointMotion) -> str:
     """Arithmetic of one correction, counted in the generated code, and its stack under gcc -O2 on a 64-bit machine."""
     flops, calls, doubles = 2 * n, hidden, p + hidden
     if hidden:
@@ -96,6 +114,13 @@ def _cost(n: int, p: int, hidden: int, kinematic: bool) -> str:
         if hidden:
             flops += 12 * p + 148
             calls += 3
+    if motion.harmonics.any():
+        flops += 2 * n * motion.harmonics.shape[1]
+        calls += n * motion.harmonics.shape[1]
+    if motion.compliance.any():
+        flops += 260 * n + 10 * n * (n + 1)
+        calls += 5 * n
+        doubles += 10 * n + 30
     return f"about {flops} flops and {calls} calls of <math.h>; about {8 * doubles + 256} bytes of stack"
 
 

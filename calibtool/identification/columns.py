@@ -5,10 +5,9 @@ taken at the frames given, so that an iteration can linearise where it stands.
 """
 
 import numpy as np
-import pinocchio as pin
 
 from calibtool.robot.poe import Frames
-from calibtool.robot.se3 import Array, adjoint
+from calibtool.robot.se3 import Array, adjoint, left_jacobian
 
 
 def placement_columns(frames: Frames) -> Array:
@@ -24,11 +23,7 @@ def twist_columns(frames: Frames, twists: Array, q: Array) -> Array:
     twists (n, 6) ξ_j in the joint's frame, q (N, n) in rad or m.
     """
     count, n = q.shape
-    left = np.empty((count, n, 6, 6))
-    for k in range(count):
-        for j in range(n):
-            left[k, j] = pin.Jexp6(pin.Motion(-twists[j] * q[k, j]))  # J_l(x) = J_r(−x)
-    blocks = adjoint(frames.before) @ left * q[:, :, None, None]
+    blocks = adjoint(frames.before) @ left_jacobian(twists, q) * q[:, :, None, None]
     return np.moveaxis(blocks, 1, 2).reshape(count, 6, 6 * n)
 
 

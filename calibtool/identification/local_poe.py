@@ -3,51 +3,21 @@
 What the data cannot tell apart is reported instead of hidden: rank, singular values and unobservable directions.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from calibtool.errors import NoSolutionError
 from calibtool.identification.columns import placement_columns
+from calibtool.identification.model import Identification, split_rms
+from calibtool.identification.parameters import COMPONENTS
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import observation_matrix, residuals, target_columns, weights
 from calibtool.measurement.registration import update_setup
 from calibtool.robot.geometry import GeometricErrors
+from calibtool.robot.motion import JointMotion
 from calibtool.robot.poe import Frames
 from calibtool.robot.se3 import Array, readonly
 
 RANK_TOLERANCE = 1e-8  # of the largest singular value; the exact redundancies lie near 1e-16
-_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
-
-
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """An identified base model.
-
-    model            `local-poe`
-    geometry         identified δζ (δξ = 0, δq = 0)
-    setup            the set-up, its unknown parts fitted together with δζ
-    singular_values  (p,) of the weighted identification matrix at the nominal robot, 1/m and 1/rad mixed by 1 m = 1 rad
-    rank             number of directions that these measurements determine
-    observable_rank  number that any measurements of this kind could determine
-    unobservable     what is missing between the two, each direction by its largest elements
-    residual_rms     of the measured coordinates after the fit: position (m), orientation (rad, None for target points)
-    iterations       Gauss–Newton steps
-    """
-
-    model: str
-    geometry: GeometricErrors
-    setup: Setup
-    singular_values: Array
-    rank: int
-    observable_rank: int
-    unobservable: tuple[str, ...]
-    residual_rms: tuple[float, float | None]
-    iterations: int
-
-    @property
-    def parameters(self) -> int:
-        return len(self.singular_values)
 
 
 def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> Identification:
@@ -63,12 +33,14 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
 
     rng = np.random.default_rng(0)
     anywhere = robot.lower + (robot.upper - robot.lower) * rng.random((100, robot.n))
-    observable_rank = _rank(
-        np.linalg.svd(_matrix(geometry.frames(robot.chain, anywhere), setup, weight), compute_uv=False)
-    )
-    equations = len(q) * len(weight)
+    seen_anywhere = _matrix(geometry.frames(robot.chain, anywhere), setup, weight.max(axis=0))
+    observable_rank = _rank(np.linalg.svd(seen_anywhere, compute_uv=False))
+    # Points of a rigid tool show no more than six things of a configuration.
+    shown = measurements.points.shape[1] * 3 if setup.R_tool_sensor is None else 6
+    shown = min(shown, 6) if setup.targets_known else shown
+    equations = len(q) * shown
     if equations < observable_rank:
-        needed = -(-observable_rank // len(weight))
+        needed = -(-observable_rank // shown)
         raise NoSolutionError(
             f"local-poe: {len(q)} configurations give {equations} equations for {observable_rank} identifiable parameters; "
             f"measure at least {needed} (twice as many for a useful result)"
@@ -96,21 +68,15 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
     return Identification(
         model="local-poe",
         geometry=geometry,
+        motion=JointMotion.none(robot.n),
         setup=setup,
         singular_values=readonly(singular_values),
         rank=rank,
         observable_rank=observable_rank,
-        unobservable=_directions(null_space, names, observable_rank - rank),
-        residual_rms=split_rms(final, setup),
+        unobservable=_directions(null_space, seen_anywhere, names, observable_rank - rank),
+        residual_rms=split_rms(final, measurements),
         iterations=iteration,
     )
-
-
-def split_rms(left: Array, setup: Setup) -> tuple[float, float | None]:
-    """RMS per coordinate of residuals (N, d): positions in m, and the orientation in rad where it is measured."""
-    split = 3 * len(setup.targets)
-    position = float(np.sqrt(np.mean(left[:, :split] ** 2)))
-    return position, float(np.sqrt(np.mean(left[:, split:] ** 2))) if left.shape[1] > split else None
 
 
 def _matrix(frames: Frames, setup: Setup, weight: Array) -> Array:
@@ -118,7 +84,7 @@ def _matrix(frames: Frames, setup: Setup, weight: Array) -> Array:
     columns = observation_matrix(setup, frames.tool) @ placement_columns(frames)
     if not setup.targets_known:  # free targets take the place of the tool's own error, the two cannot be told apart
         columns = np.concatenate([columns[:, :, :-6], target_columns(setup, frames.tool)], axis=-1)
-    return (columns * weight[:, None]).reshape(-1, columns.shape[-1])
+    return (columns * weight[..., None]).reshape(-1, columns.shape[-1])
 
 
 def _moved(geometry: GeometricErrors, setup: Setup, step: Array) -> tuple[GeometricErrors, Setup]:
@@ -135,34 +101,24 @@ def _rank(singular_values: np.ndarray) -> int:
 
 def _parameter_names(n: int, setup: Setup) -> list[str]:
     joints = n + 1 if setup.targets_known else n
-    names = [f"ζ{j + 1}.{c}" for j in range(joints) for c in _COMPONENTS]
+    names = [f"ζ{j + 1}.{c}" for j in range(joints) for c in COMPONENTS]
     if not setup.targets_known:
-        names += [f"target{i + 1}.{c}" for i in range(len(setup.targets)) for c in _COMPONENTS[:3]]
-        names += [f"sensor.{c}" for c in _COMPONENTS[3:]] if setup.R_tool_sensor is not None else []
+        names += [f"target{i + 1}.{c}" for i in range(len(setup.targets)) for c in COMPONENTS[:3]]
+        names += [f"sensor.{c}" for c in COMPONENTS[3:]] if setup.R_tool_sensor is not None else []
     return names
 
 
-def _directions(null_space: Array, names: list[str], missing: int) -> tuple[str, ...]:
-    """Text for the directions with the smallest singular values that a better design would see."""
+def _directions(null_space: Array, seen_anywhere: Array, names: list[str], missing: int) -> tuple[str, ...]:
+    """Text for the directions that these configurations do not show but others would, clearest there first.
+
+    The null space holds the exact redundancies too; they stay invisible in `seen_anywhere`, the matrix of configurations
+    all over the joint range.
+    """
+    if missing <= 0 or not len(null_space):
+        return ()
+    _, _, vt = np.linalg.svd(seen_anywhere @ null_space.T, full_matrices=False)
     texts = []
-    for vector in null_space[:missing]:
+    for vector in (vt @ null_space)[:missing]:
         largest = np.argsort(-np.abs(vector))[:3]
         texts.append(" ".join(f"{vector[i]:+.2f}·{names[i]}" for i in largest))
     return tuple(texts)
-
-
-def nominal_model(measurements: Measurements) -> Identification:
-    """The drawing itself as a base model: no errors, the set-up as known or registered (the paper's starting point)."""
-    robot, setup = measurements.robot, measurements.setup
-    left = residuals(measurements, setup, robot.mechanism.forward(measurements.q))
-    return Identification(
-        model="nominal",
-        geometry=GeometricErrors.none(robot.n),
-        setup=setup,
-        singular_values=readonly(np.zeros(0)),
-        rank=0,
-        observable_rank=0,
-        unobservable=(),
-        residual_rms=split_rms(left, setup),
-        iterations=0,
-    )

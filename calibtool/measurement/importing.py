@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from scipy.spatial.transform import Rotation
 
-from calibtool.errors import InputError, UsageError
+from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.measurement.measurements import Measurements, Setup, check_targets
 from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import ORIENTATION_NOISE
@@ -84,7 +84,7 @@ class Noise(_Strict):
 class ColumnMap(_Strict):
     """The contents of a `--columns` file."""
 
-    delimiter: str | None = None
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
     decimal: Literal[".", ","] | None = None
     joints: JointColumns
     targets: list[TargetColumns] = []
@@ -148,6 +148,9 @@ def import_table(
         rotations = _rotations(table, columns.pose)
     else:
         points = np.stack([_target_points(table, target) for target in columns.targets], axis=1)
+    seen = ~np.isnan(points[..., 0])
+    if not seen.any(axis=-1).all():
+        raise InputError(f"{table.place(int(np.argmin(seen.any(axis=-1))))}: no target was measured in this row")
     setup = _setup(columns, robot, points, frame or columns.instrument.frame, robot_targets, name)
     measurements = Measurements(
         robot=robot,
@@ -159,13 +162,22 @@ def import_table(
         noise_orientation=columns.noise.orientation_mrad * 1e-3,
     )
     warnings = []
+    if not seen.all():
+        first = table.place(int(np.argmin(seen.all(axis=-1))))
+        warnings.append(
+            f"{first}: {int((~seen.all(axis=-1)).sum())} of {len(q)} rows lack a target; the others of the row count"
+        )
     outside = ~robot.within_limits(q)
     if outside.any():
         first = table.place(int(np.argmax(outside)))
         warnings.append(
             f"{first}: {int(outside.sum())} of {len(q)} rows are outside the joint limits of {robot.name}; kept"
         )
-    return replace(measurements, setup=register(measurements)), warnings
+    try:
+        return replace(measurements, setup=register(measurements)), warnings
+    except NoSolutionError as error:
+        hint = f" ({warnings[0]})" if warnings else ""
+        raise NoSolutionError(f"{error}{hint}") from None
 
 
 def select_rows(
@@ -248,12 +260,12 @@ def _header_targets(header: Sequence[str]) -> list[dict[str, object]]:
 
 def _target_points(table: Table, target: TargetColumns) -> Array:
     if target.measured is not None:
-        points = table.numbers(target.measured)
+        points = table.optional_numbers(target.measured)
     else:
         assert target.nominal is not None
         assert target.error is not None
         sign = 1.0 if target.error_is == "measured-minus-nominal" else -1.0
-        points = table.numbers(target.nominal) + sign * table.numbers(target.error)
+        points = table.optional_numbers(target.nominal) + sign * table.optional_numbers(target.error)
     return points * TO_SI[target.unit]
 
 
@@ -288,7 +300,9 @@ def _setup(columns: ColumnMap, robot: Robot, points: Array, frame: str, robot_ta
     if known:
         check_targets(targets, name)
     # Measured points show a collinear set too, whatever is known of the targets.
-    check_targets(points[0], f"{name}: first row")
+    whole = points[~np.isnan(points[..., 0]).any(axis=-1)]
+    if len(whole):
+        check_targets(whole[0], f"{name}: measured points")
     return Setup(
         T_instrument_base=readonly(np.eye(4)),
         targets=readonly(targets),

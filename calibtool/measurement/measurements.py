@@ -49,7 +49,7 @@ class Measurements:
     """N configurations and what was measured there.
 
     q            (N, n) commanded joint positions, rad or m
-    points       (N, m, 3) measured target points in the instrument's frame, m
+    points       (N, m, 3) measured target points in the instrument's frame, m; NaN for a target that was not seen
     rotations    (N, 3, 3) measured R_instrument_sensor of a 6-D instrument, or None
     noise_position, noise_orientation   stated standard deviations per coordinate, m and rad
     provenance   command line, seed, input checksums, versions: text by name
@@ -70,13 +70,37 @@ class Measurements:
         shape = (len(self.q), len(self.setup.targets), 3)
         if self.points.shape != shape:
             raise InputError(f"measurements: points have shape {self.points.shape}, expected {shape}")
-        if not np.isfinite(self.points).all() or (self.rotations is not None and not np.isfinite(self.rotations).all()):
+        whole = np.isfinite(self.points).all(axis=-1) | np.isnan(self.points).all(axis=-1)
+        if not whole.all() or (self.rotations is not None and not np.isfinite(self.rotations).all()):
             raise InputError("measurements: a measured value is not finite")
-        if not (self.noise_position > 0 and self.noise_orientation > 0):
+        if not self.seen.any(axis=-1).all():
+            raise InputError(f"measurements: row {int(np.argmin(self.seen.any(axis=-1))) + 1} has no target at all")
+        if (self.rotations is None) != (self.setup.R_tool_sensor is None):
+            raise InputError(
+                "measurements: measured rotations and the sensor's orientation on the tool belong together"
+            )
+        if self.rotations is not None and self.rotations.shape != (len(self.q), 3, 3):
+            raise InputError(
+                f"measurements: rotations have shape {self.rotations.shape}, expected {(len(self.q), 3, 3)}"
+            )
+        if self.truth is not None and self.truth.setup.targets.shape != self.setup.targets.shape:
+            raise InputError("measurements: the true targets are not as many as the measured ones")
+        if not (0 < self.noise_position < np.inf and 0 < self.noise_orientation < np.inf):
             raise InputError("measurements: the stated noise must be above zero; it is the weight of the fit")
 
     def __len__(self) -> int:
         return len(self.q)
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Which targets were seen: (N, m) bool."""
+        seen: np.ndarray = ~np.isnan(self.points[..., 0])
+        return seen
+
+    @property
+    def equations(self) -> int:
+        """Number of measured coordinates."""
+        return 3 * int(self.seen.sum()) + (0 if self.rotations is None else 3 * len(self.q))
 
     @property
     def kind(self) -> str:

@@ -20,9 +20,10 @@ def measured_in_base(measurements: Measurements, setup: Setup) -> tuple[Array, A
 
 
 def residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> Array:
-    """Measured minus predicted, in K_0: (N, d), m and rad."""
+    """Measured minus predicted, in K_0: (N, d), m and rad; 0 for a target that was not seen."""
     points, rotations = measured_in_base(measurements, setup)
     left = (points - transform_points(T_base_tool, setup.targets)).reshape(len(points), -1)
+    left[~measurements.seen.repeat(3, axis=-1)] = 0.0
     if rotations is None or setup.R_tool_sensor is None:
         return left
     predicted = T_base_tool[:, :3, :3] @ setup.R_tool_sensor
@@ -52,8 +53,10 @@ def target_columns(setup: Setup, T_base_tool: Array) -> Array:
 
 
 def weights(measurements: Measurements) -> Array:
-    """1/σ of every component of an observation, from the stated noise: (d,), 1/m and 1/rad."""
-    position = np.full(3 * measurements.points.shape[1], 1.0 / measurements.noise_position)
+    """1/σ of every component of every observation, from the stated noise, 0 where a target was not seen: (N, d)."""
+    seen = measurements.seen.repeat(3, axis=-1)
+    position = seen / measurements.noise_position
     if measurements.rotations is None:
         return position
-    return np.concatenate([position, np.full(3, 1.0 / measurements.noise_orientation)])
+    orientation = np.full((len(seen), 3), 1.0 / measurements.noise_orientation)
+    return np.concatenate([position, orientation], axis=-1)

@@ -28,7 +28,7 @@ def register(measurements: Measurements, T_base_tool: Array | None = None) -> Se
     unknowns = 6 * (not setup.frame_known) + (3 * len(setup.targets) + 3 * (setup.R_tool_sensor is not None)) * (
         not setup.targets_known
     )
-    equations = len(measurements) * len(weights(measurements))
+    equations = measurements.equations
     if equations <= unknowns:
         raise NoSolutionError(
             f"registration: {len(measurements)} configurations give {equations} equations for {unknowns} unknowns of "
@@ -68,7 +68,7 @@ def _refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Set
         if not setup.targets_known:
             blocks.append(target_columns(setup, poses))
         left = (residuals(measurements, setup, poses) * weight).ravel()
-        columns = (np.concatenate(blocks, axis=-1) * weight[:, None]).reshape(len(left), -1)
+        columns = (np.concatenate(blocks, axis=-1) * weight[..., None]).reshape(len(left), -1)
         step: Array = np.linalg.lstsq(columns, left, rcond=1e-9)[0].astype(float)
         base = None if setup.frame_known else step[:6]
         shift = None if setup.targets_known else step[0 if setup.frame_known else 6 :]
@@ -94,7 +94,8 @@ def _closed_forms(measurements: Measurements, poses: Array) -> list[Setup]:
         if setup.R_tool_sensor is not None:
             targets = np.concatenate([targets, targets + setup.R_tool_sensor.T])
         predicted = targets @ np.swapaxes(poses[:, :3, :3], -1, -2) + poses[:, None, :3, 3]
-        starts.append((rigid_fit(predicted.reshape(-1, 3), points.reshape(-1, 3)), targets))
+        seen = ~np.isnan(points[..., 0])
+        starts.append((rigid_fit(predicted[seen], points[seen]), targets))
     else:
         for tolerance in _RANK_TOLERANCES:
             frame = _linear_frame(poses, points, tolerance)
@@ -114,7 +115,8 @@ def _closed_forms(measurements: Measurements, poses: Array) -> list[Setup]:
 def _linear_frame(poses: Array, points: Array, tolerance: float) -> Array:
     """T_instrument_base from R_base_instrument p_k,i + s − R_k p_i = t_k, linear in the nine elements of the rotation."""
     count, m = points.shape[:2]
-    centre = points.reshape(-1, 3).mean(axis=0)
+    centre = np.nanmean(points.reshape(-1, 3), axis=0)
+    seen = ~np.isnan(points[..., 0])
     A = np.zeros((count, m, 3, 12 + 3 * m))
     for row in range(3):
         A[:, :, row, 3 * row : 3 * row + 3] = points - centre
@@ -122,7 +124,7 @@ def _linear_frame(poses: Array, points: Array, tolerance: float) -> Array:
     for i in range(m):
         A[:, i, :, 12 + 3 * i : 15 + 3 * i] = -poses[:, :3, :3]
     b = np.broadcast_to(poses[:, None, :3, 3], (count, m, 3))
-    x: Array = np.linalg.lstsq(A.reshape(-1, 12 + 3 * m), b.ravel(), rcond=tolerance)[0].astype(float)
+    x: Array = np.linalg.lstsq(A[seen].reshape(-1, 12 + 3 * m), b[seen].ravel(), rcond=tolerance)[0].astype(float)
     T_base_instrument = np.eye(4)
     T_base_instrument[:3, :3] = _nearest_rotation(x[:9].reshape(3, 3))
     T_base_instrument[:3, 3] = x[9:12] - T_base_instrument[:3, :3] @ centre
@@ -133,7 +135,7 @@ def _mean_targets(poses: Array, T_instrument_base: Array, points: Array) -> Arra
     """Targets in the tool frame, averaged over the configurations: (m, 3)."""
     T_tool_instrument = inverse(T_instrument_base @ poses)
     seen = points @ np.swapaxes(T_tool_instrument[:, :3, :3], -1, -2) + T_tool_instrument[:, None, :3, 3]
-    return seen.mean(axis=0)
+    return np.nanmean(seen, axis=0)
 
 
 def rigid_fit(source: Array, target: Array) -> Array:

@@ -4,17 +4,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from calibtool.robot.geometry import GeometricErrors, mechanism
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.model import Robot
+from calibtool.robot.motion import JointMotion, largest_torque, load_carrying
 from calibtool.robot.se3 import Array, exp6, inverse, log6, readonly
 
 ERROR_KINDS = ("geometric", "gear", "gravity", "backlash", "thermal")
 
 STEEL_EXPANSION = 12e-6  # per K
-_CARRIES_LOAD = 0.02  # a joint carries load when its torque reaches this part of the largest joint's
 
 
 @dataclass(frozen=True)
@@ -67,23 +66,25 @@ class ActualRobot:
     def joint_motion(self, q: Array) -> Array:
         """Error δq(q) of the joint motions beyond the constant offsets, q (N, n) in the order of measuring: (N, n).
 
-        Backlash takes the direction of each joint from the row before; the first row comes from the home position.
+        Backlash takes the direction of each joint's last motion from the rows before; the first row comes from home.
         """
-        error = np.zeros_like(q)
-        if self.gear.any():
-            for harmonic in (1, 2):
-                a, b = self.gear[:, 2 * harmonic - 2], self.gear[:, 2 * harmonic - 1]
-                error += a * np.sin(harmonic * q) + b * np.cos(harmonic * q)
-        if self.compliance.any():
-            error -= self.compliance * gravity_torque(self.robot, q)
+        error = JointMotion(self.gear, self.compliance).errors(self.robot, q)
         if self.backlash.any():
             home = self.robot.home(self.robot.workspace(None)[1])
-            error -= self.backlash * np.sign(np.diff(q, axis=0, prepend=home[None]))
+            error -= self.backlash * _directions(np.diff(q, axis=0, prepend=home[None]))
         return error
 
     def forward(self, q: Array) -> Array:
         """Actual T_base_tool when the joints are commanded to q (N, n): (N, 4, 4)."""
         return self.mechanism.forward(q + self.joint_motion(q))
+
+
+def _directions(moves: Array) -> Array:
+    """Sign of each joint's last motion (N, n): a joint that stands still stays on its side."""
+    direction = np.sign(moves)
+    for k in range(1, len(direction)):
+        direction[k] = np.where(direction[k] == 0, direction[k - 1], direction[k])
+    return direction
 
 
 def random_actual(robot: Robot, scales: ErrorScales, rng: np.random.Generator) -> ActualRobot:
@@ -106,9 +107,8 @@ def random_actual(robot: Robot, scales: ErrorScales, rng: np.random.Generator) -
         gear = streams["gear"].normal(size=(n, 4)) * scales.gear * revolute[:, None]
     compliance = np.zeros(n)
     if "gravity" in scales.kinds:
-        largest = _largest_torque(robot)
-        carrying = revolute & (largest > _CARRIES_LOAD * largest[revolute].max(initial=0.0)) & (largest > 1e-9)
-        compliance = np.divide(scales.gravity, largest, out=compliance, where=carrying)
+        carrying = load_carrying(robot)
+        compliance[carrying] = scales.gravity / largest_torque(robot)[carrying]
     return ActualRobot(
         robot=robot,
         geometry=geometry,
@@ -117,33 +117,3 @@ def random_actual(robot: Robot, scales: ErrorScales, rng: np.random.Generator) -
         backlash=readonly(np.full(n, scales.backlash if "backlash" in scales.kinds else 0.0)),
         expansion=STEEL_EXPANSION * scales.temperature if "thermal" in scales.kinds else 0.0,
     )
-
-
-def gravity_torque(robot: Robot, q: Array) -> Array:
-    """Generalised gravity τ_g(q), N m (N if prismatic): q (N, n) → (N, n).
-
-    From Pinocchio with the URDF's masses; where it has none, from uniform links of 1 kg/m, of which only the shape of
-    the function matters.
-    """
-    model = _with_masses(robot)
-    data = model.createData()
-    return np.array([pin.computeGeneralizedGravity(model, data, row) for row in np.asarray(q)]).reshape(-1, robot.n)
-
-
-def _with_masses(robot: Robot) -> pin.Model:
-    model = robot.chain.model
-    if sum(inertia.mass for inertia in model.inertias) > 0:
-        return model
-    model = model.copy()
-    for j in range(1, robot.n + 1):
-        link = robot.chain.placements[j, :3, 3]  # to the next joint, or to the tool
-        length = float(np.linalg.norm(link))
-        model.inertias[j] = pin.Inertia(length, link / 2, np.zeros((3, 3)))
-    return model
-
-
-def _largest_torque(robot: Robot) -> Array:
-    """Largest |τ_g| of each joint over 500 fixed configurations of the whole joint range: (n,)."""
-    rng = np.random.default_rng(0)
-    q = robot.lower + (robot.upper - robot.lower) * rng.random((500, robot.n))
-    return np.abs(gravity_torque(robot, q)).max(axis=0)

@@ -29,7 +29,8 @@ def poe_frames(placements: Array, twists: Array, q: Array) -> Frames:
     count, n = q.shape
     before, after = np.empty((count, n, 4, 4)), np.empty((count, n, 4, 4))
     pose = np.broadcast_to(np.eye(4), (count, 4, 4))
+    motions = exp6(twists * q[:, :, None])
     for j in range(n):
         before[:, j] = pose @ placements[j]
-        pose = after[:, j] = before[:, j] @ exp6(twists[j] * q[:, j, None])
+        pose = after[:, j] = before[:, j] @ motions[:, j]
     return Frames(before, after, pose @ placements[n])

@@ -1,0 +1,37 @@
+"""Cross-validation over configurations: the base model and the networks are fitted again in every fold."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from calibtool.calibration.model import Calibration, CrossValidation, fitting_setup
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.observation import residuals, weights
+from calibtool.robot.se3 import Array
+
+Fit = Callable[[Measurements, np.random.Generator], Calibration]
+
+
+def cross_validate(measurements: Measurements, fit: Fit, folds: int, rng: np.random.Generator) -> CrossValidation:
+    """Errors on held-out configurations with and without the networks of `fit`; targets of one are never split."""
+    count = len(measurements)
+    folds = min(folds, count)
+    without, with_networks = np.empty(count), np.empty(count)
+    order = rng.permutation(count)
+    for held, stream in zip(np.array_split(order, folds), rng.spawn(folds), strict=True):
+        rest = np.setdiff1d(order, held)
+        calibration = fit(measurements.rows(rest), stream)
+        part = measurements.rows(held)
+        with_networks[held] = squared_errors(calibration, part)
+        without[held] = squared_errors(replace(calibration, networks=()), part)
+    difference = without - with_networks
+    base = max(float(without.mean()), 1e-300)
+    error = float(difference.std(ddof=1)) / np.sqrt(count) if count > 1 else np.inf
+    return CrossValidation(folds, 100.0 * float(difference.mean()) / base, 100.0 * error / base)
+
+
+def squared_errors(calibration: Calibration, measurements: Measurements) -> Array:
+    """Weighted squared residuals of each configuration, in the calibration's own set-up: (N,)."""
+    left = residuals(measurements, fitting_setup(calibration, measurements), calibration.forward(measurements.q))
+    return ((left * weights(measurements)) ** 2).sum(axis=-1)

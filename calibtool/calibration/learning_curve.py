@@ -1,0 +1,62 @@
+"""What more configurations would buy: cross-validated error against their number."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from calibtool.calibration.model import Calibration, fitting_setup
+from calibtool.errors import NoSolutionError
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.observation import residuals
+from calibtool.robot.se3 import Array, readonly
+
+_PARTS = (0.25, 0.4, 0.6, 0.8, 1.0)
+
+Fit = Callable[[Measurements, np.random.Generator], Calibration]
+
+
+@dataclass(frozen=True, eq=False)
+class LearningCurve:
+    """Position error on held-out configurations, RMS per coordinate.
+
+    configurations  (s,) used for a fit
+    error           (s,) m
+    floor, slope    of error² = floor² + slope² / configurations: what no number of configurations removes (m), the rest (m)
+    """
+
+    configurations: np.ndarray
+    error: Array
+    floor: float
+    slope: float
+
+    def predicted(self, count: int) -> float:
+        """Expected error in m with `count` configurations."""
+        return float(np.sqrt(self.floor**2 + self.slope**2 / count))
+
+
+def learning_curve(measurements: Measurements, fit: Fit, folds: int, rng: np.random.Generator) -> LearningCurve:
+    """Fit on growing parts of every fold's training rows and judge on the fold. Sizes too small to fit are left out."""
+    count = len(measurements)
+    order = rng.permutation(count)
+    sizes = sorted({round(part * (count - count // folds)) for part in _PARTS})
+    squares: dict[int, list[float]] = {}
+    for held, stream in zip(np.array_split(order, folds), rng.spawn(folds), strict=True):
+        rest = rng.permutation(np.setdiff1d(order, held))
+        judged = measurements.rows(held)
+        for size in sizes:
+            try:
+                calibration = fit(measurements.rows(np.sort(rest[:size])), stream)
+            except NoSolutionError:
+                continue
+            left = residuals(judged, fitting_setup(calibration, judged), calibration.forward(judged.q))
+            position = left[:, : 3 * judged.points.shape[1]]
+            squares.setdefault(size, []).append(float((position**2).sum() / (3 * judged.seen.sum())))
+    known = sorted(size for size, values in squares.items() if len(values) == folds)
+    if len(known) < 2:
+        raise NoSolutionError(f"learning curve: {count} configurations are too few to hold some back; measure more")
+    errors = np.array([np.mean(squares[size]) for size in known])
+    A = np.stack([np.ones(len(known)), 1.0 / np.array(known)], axis=-1) / errors[:, None]
+    (floor, slope), _ = nnls(A, np.ones(len(known)))
+    return LearningCurve(np.array(known), readonly(np.sqrt(errors)), float(np.sqrt(floor)), float(np.sqrt(slope)))

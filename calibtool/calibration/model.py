@@ -1,0 +1,129 @@
+"""Calibration: what it predicts."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from calibtool.equivalent.joints import EquivalentRobot
+from calibtool.equivalent.network import Network, averaged
+from calibtool.equivalent.training import TrainingReport
+from calibtool.errors import InputError
+from calibtool.identification.model import Identification
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.robot.geometry import mechanism
+from calibtool.robot.mechanism import Mechanism
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, exp6
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """What the networks gain on configurations that neither they nor their base have seen.
+
+    folds           parts into which the configurations were split
+    gain            reduction of the mean weighted squared error by the networks, in percent of the base alone
+    standard_error  of the gain, from the differences of single configurations
+    """
+
+    folds: int
+    gain: float
+    standard_error: float
+
+    @property
+    def helps(self) -> bool:
+        """The gain is more than chance would give."""
+        return self.gain > 2.0 * self.standard_error
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """T_calibrated(q) = exp6(J_ρ(q) N(q)) · T_base-model(q), N = 0 without a network.
+
+    base            identified base model, with the set-up fitted in it
+    networks        members whose mean is N; none when a base model stands alone or networks do not help
+    training        how the networks came about; None when a base model stands alone
+    validation      what they gain in cross-validation; None where that was not asked
+    nominal_setup   the set-up as it was known, or registered with the nominal robot
+    noise_position, noise_orientation   stated noise of the measurements used, m and rad
+    q               (N, n) the configurations used, rad or m
+    """
+
+    robot: Robot
+    base: Identification
+    equivalent: EquivalentRobot
+    networks: tuple[Network, ...]
+    training: TrainingReport | None
+    validation: CrossValidation | None
+    nominal_setup: Setup
+    noise_position: float
+    noise_orientation: float
+    q: Array
+    provenance: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def configurations(self) -> int:
+        """How many configurations were used."""
+        return len(self.q)
+
+    @cached_property
+    def network(self) -> Network | None:
+        """The mean of the members as one network, None without any."""
+        return averaged(self.networks) if self.networks else None
+
+    @cached_property
+    def base_mechanism(self) -> Mechanism:
+        """Pinocchio mechanism of the base model's geometry."""
+        return mechanism(self.robot.chain, self.base.geometry)
+
+    def base_forward_and_jacobian(self, q: Array) -> tuple[Array, Array]:
+        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for joint positions q (N, n).
+
+        The slope of the joint-motion functions, about a thousandth, is left out of J_ρ.
+        """
+        return self.equivalent.forward_and_jacobian(self.base_mechanism, self._driven(q))
+
+    def forward(self, q: Array) -> Array:
+        """Calibrated T_base_tool for joint positions q (N, n): (N, 4, 4) in K_0."""
+        if self.network is None:
+            return self.base_mechanism.forward(self._driven(q))
+        return self.forward_and_jacobian(q)[0]
+
+    def forward_and_jacobian(self, q: Array) -> tuple[Array, Array]:
+        """Calibrated T_base_tool (N, 4, 4) and the base model's J_ρ (N, 6, p).
+
+        ∂N/∂q, about a thousandth of J_ρ, is left out: Newton's method converges by as much at every step all the same.
+        """
+        pose, jacobian = self.base_forward_and_jacobian(q)
+        if self.network is not None:
+            pose = exp6((jacobian @ self.network(q)[..., None])[..., 0]) @ pose
+        return pose, jacobian
+
+    def _driven(self, q: Array) -> Array:
+        return q if self.base.motion.is_none else q + self.base.motion.errors(self.robot, q)
+
+
+def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup:
+    """The set-up in which a calibration predicts these measurements: theirs if known, else the calibration's own.
+
+    Raises InputError when the calibration's targets cannot be those of the measurements.
+    """
+    if measurements.setup.known:
+        return measurements.setup
+    setup, other = calibration.base.setup, measurements.setup
+    if len(setup.targets) != len(other.targets) or (setup.R_tool_sensor is None) != (other.R_tool_sensor is None):
+        raise InputError(
+            "the calibration was made with other targets than these measurements; evaluate with --refit-setup"
+        )
+    return setup
+
+
+def check_same_robot(a: Robot, b: Robot, place_a: str, place_b: str) -> None:
+    """InputError unless two descriptions have the same kinematics."""
+    same = (
+        a.n == b.n
+        and np.allclose(a.chain.placements, b.chain.placements, atol=1e-9)
+        and np.allclose(a.chain.twists, b.chain.twists, atol=1e-9)
+    )
+    if not same:
+        raise InputError(f"{place_a} is for '{a.name}', but {place_b} for '{b.name}': the kinematics differ")

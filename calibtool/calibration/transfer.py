@@ -1,0 +1,85 @@
+"""Take an old calibration over to a new set-up: only base and tool are fitted, on a few new rows."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibtool.calibration.model import Calibration, check_same_robot
+from calibtool.errors import UsageError
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.observation import residuals, weights
+from calibtool.measurement.registration import register, rigid_fit
+from calibtool.robot.geometry import GeometricErrors
+from calibtool.robot.se3 import Array, inverse, log6, readonly, translation
+
+REFITTED = ("base", "tool")
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Errors on left-out rows, RMS per coordinate in m, with the same parts refitted for nominal and calibrated robot."""
+
+    nominal: float
+    calibrated: float
+
+    @property
+    def still_helps(self) -> bool:
+        return self.calibrated < self.nominal
+
+
+def refit(calibration: Calibration, measurements: Measurements, parts: tuple[str, ...]) -> tuple[Calibration, Transfer]:
+    """The calibration with base and/or tool fitted to new measurements, and whether it still beats the nominal robot.
+
+    Judged by leaving each row out in turn (at most 20 groups). In a known set-up the refitted frames become errors of the
+    first and the last placement; in an unknown one they are the set-up. Raises UsageError for anything but base and tool.
+    """
+    unknown = [part for part in parts if part not in REFITTED]
+    if unknown or not parts:
+        raise UsageError(f"--refit: '{','.join(parts)}'; expected base, tool or base,tool")
+    check_same_robot(calibration.robot, measurements.robot, "the calibration", "the measurements")
+    free = replace(
+        measurements.setup,
+        frame_known=measurements.setup.frame_known and "base" not in parts,
+        targets_known=measurements.setup.targets_known and "tool" not in parts,
+    )
+    pose = calibration.forward(measurements.q)
+    setup = register(replace(measurements, setup=free), pose)
+    nominal_pose = measurements.robot.mechanism.forward(measurements.q)
+    transfer = Transfer(
+        nominal=_left_out(measurements, free, nominal_pose),
+        calibrated=_left_out(measurements, free, pose),
+    )
+    if measurements.setup.known:
+        geometry = _absorbed(calibration, measurements.setup, setup)
+        moved = replace(calibration, base=replace(calibration.base, geometry=geometry, posterior=None))
+    else:
+        restored = replace(
+            setup, frame_known=measurements.setup.frame_known, targets_known=measurements.setup.targets_known
+        )
+        moved = replace(calibration, base=replace(calibration.base, setup=restored, posterior=None))
+    return replace(moved, nominal_setup=measurements.setup), transfer
+
+
+def _absorbed(calibration: Calibration, known: Setup, fitted: Setup) -> GeometricErrors:
+    """Base and tool as errors of the first and last placement, so that poses come out in the known set-up."""
+    chain, geometry = calibration.robot.chain, calibration.base.geometry
+    placements = geometry.placements_of(chain).copy()
+    placements[0] = inverse(known.T_instrument_base) @ fitted.T_instrument_base @ placements[0]
+    if len(known.targets) >= 3:
+        placements[-1] = placements[-1] @ rigid_fit(known.targets, fitted.targets)
+    else:
+        placements[-1] = placements[-1] @ translation((fitted.targets - known.targets).mean(axis=0))
+    errors = readonly(log6(inverse(chain.placements) @ placements))
+    return GeometricErrors(errors, geometry.twists, geometry.offsets)
+
+
+def _left_out(measurements: Measurements, free: Setup, pose: Array) -> float:
+    """RMS per coordinate, in m, on rows that the registration did not see."""
+    count = len(measurements)
+    squares = np.empty(count)
+    for held in np.array_split(np.arange(count), min(count, 20)):
+        rest = np.setdiff1d(np.arange(count), held)
+        setup = register(replace(measurements.rows(rest), setup=free), pose[rest])
+        left = residuals(measurements.rows(held), setup, pose[held])
+        squares[held] = ((left * weights(measurements.rows(held))) ** 2).sum(axis=-1)
+    return float(np.sqrt(squares.sum() / measurements.equations)) * measurements.noise_position

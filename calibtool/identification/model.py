@@ -1,0 +1,125 @@
+"""What an identification ends in: errors of the geometry and of the joint motions, the set-up, and how sure it all is."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from calibtool.identification.parameters import ErrorState, Parameters
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.observation import residuals
+from calibtool.robot.geometry import GeometricErrors
+from calibtool.robot.motion import JointMotion
+from calibtool.robot.se3 import Array, readonly
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """A Gaussian over the parameters of the complete model.
+
+    parameters    which errors they are, and their order
+    prior_std     (p,) tolerance of each, as used (SI)
+    covariance    (p, p) of the estimate
+    noise_factor  estimated noise over the stated one
+    effective     effective number of parameters γ that the data determined
+    log_evidence  of the data, up to a constant that is the same for every model of the same measurements
+    """
+
+    parameters: Parameters
+    prior_std: Array
+    covariance: Array
+    noise_factor: float
+    effective: float
+    log_evidence: float
+
+    @property
+    def std(self) -> Array:
+        """(p,) standard deviation of each parameter."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True, eq=False)
+class Flagged:
+    """Rows that do not fit the model, and what may be behind them.
+
+    rows      (f,) configurations, from 0
+    size      (f,) residual in standard deviations per coordinate
+    position  (f,) residual as RMS over the target points, m
+    cluster   one line that names the region and the likely joint, None where the rows are spread
+    dropped   they were left out of the final fit
+    """
+
+    rows: np.ndarray
+    size: Array
+    position: Array
+    cluster: str | None
+    dropped: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """An identified base model.
+
+    model            `nominal`, `local-poe` or `complete`
+    geometry         identified δζ, δξ, δq
+    motion           identified joint-motion functions
+    setup            the set-up, its unknown parts fitted together with the errors
+    singular_values  (p,) of the weighted identification matrix at the nominal robot, 1/m and 1/rad mixed by 1 m = 1 rad
+    rank             number of directions that these measurements determine
+    observable_rank  number that any measurements of this kind could determine
+    unobservable     what is missing between the two, each direction by its largest elements
+    residual_rms     of the measured coordinates after the fit: position (m), orientation (rad, None for target points)
+    iterations       Gauss–Newton steps
+    posterior        of the complete model, None for the others
+    flagged          rows that do not fit, None where nobody looked
+    """
+
+    model: str
+    geometry: GeometricErrors
+    motion: JointMotion
+    setup: Setup
+    singular_values: Array
+    rank: int
+    observable_rank: int
+    unobservable: tuple[str, ...]
+    residual_rms: tuple[float, float | None]
+    iterations: int
+    posterior: Posterior | None = None
+    flagged: Flagged | None = None
+
+    @property
+    def parameters(self) -> int:
+        return len(self.singular_values)
+
+    @property
+    def state(self) -> ErrorState:
+        """The errors and the set-up together."""
+        return ErrorState(self.geometry, self.motion, self.setup)
+
+    def with_setup(self, setup: Setup) -> Self:
+        return replace(self, setup=setup)
+
+
+def split_rms(left: Array, measurements: Measurements) -> tuple[float, float | None]:
+    """RMS per measured coordinate of residuals (N, d): positions in m, the orientation in rad where it is measured."""
+    split = 3 * measurements.points.shape[1]
+    position = float(np.sqrt((left[:, :split] ** 2).sum() / (3 * measurements.seen.sum())))
+    return position, float(np.sqrt(np.mean(left[:, split:] ** 2))) if left.shape[1] > split else None
+
+
+def nominal_model(measurements: Measurements) -> Identification:
+    """The drawing itself as a base model: no errors, the set-up as known or registered (the paper's starting point)."""
+    robot, setup = measurements.robot, measurements.setup
+    left = residuals(measurements, setup, robot.mechanism.forward(measurements.q))
+    return Identification(
+        model="nominal",
+        geometry=GeometricErrors.none(robot.n),
+        motion=JointMotion.none(robot.n),
+        setup=setup,
+        singular_values=readonly(np.zeros(0)),
+        rank=0,
+        observable_rank=0,
+        unobservable=(),
+        residual_rms=split_rms(left, measurements),
+        iterations=0,
+    )

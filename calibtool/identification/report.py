@@ -1,0 +1,98 @@
+"""What an identification tells people: its parameters with their uncertainty, and findings about the design."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibtool.identification.model import Identification, Posterior
+from calibtool.robot.model import Robot
+from calibtool.robot.motion import largest_torque
+from calibtool.robot.se3 import Array
+
+AT_PRIOR = 0.99  # a standard deviation above this part of the tolerance: the data said nothing
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One parameter in `unit`: value ± std, tolerance, how much of the prior's width the data removed (0 to 1)."""
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    tolerance: float
+    determined: float
+
+    @property
+    def at_prior(self) -> bool:
+        """Not observable from these configurations."""
+        return self.std > AT_PRIOR * self.tolerance
+
+
+def parameter_rows(robot: Robot, identification: Identification) -> list[ParameterRow]:
+    """Every parameter of a complete model in mm and mrad; a wind-up at the joint's largest torque."""
+    posterior = identification.posterior
+    if posterior is None:
+        return []
+    theta = identification.state.vector(posterior.parameters)
+    std, prior = posterior.std, posterior.prior_std
+    factors, units = _display(robot, posterior)
+    return [
+        ParameterRow(
+            name=name,
+            unit=units[i],
+            value=float(theta[i] * factors[i]),
+            std=float(std[i] * factors[i]),
+            tolerance=float(prior[i] * factors[i]),
+            determined=float(1.0 - (std[i] / prior[i]) ** 2),
+        )
+        for i, name in enumerate(posterior.parameters.names)
+    ]
+
+
+def strongest_correlations(posterior: Posterior, count: int = 5) -> list[tuple[str, str, float]]:
+    """Pairs of parameters that the data can hardly tell apart, largest correlation first."""
+    correlation = posterior.covariance / np.outer(posterior.std, posterior.std)
+    rows, columns = np.triu_indices(len(correlation), k=1)
+    order = np.argsort(-np.abs(correlation[rows, columns]))[:count]
+    names = posterior.parameters.names
+    return [(names[rows[k]], names[columns[k]], float(correlation[rows[k], columns[k]])) for k in order]
+
+
+def design_findings(robot: Robot, q: Array) -> list[str]:
+    """What is wrong with the configurations themselves: joints that never move, repeated rows, poses in one plane."""
+    findings = []
+    still = [j + 1 for j in range(robot.n) if np.ptp(q[:, j]) < 1e-3]
+    if still:
+        names = ", ".join(map(str, still))
+        findings.append(f"joint {names} never moves: what depends on it stays at its tolerance; measure with it moved")
+    repeated = len(q) - len(np.unique(q.round(9), axis=0))
+    if repeated:
+        findings.append(f"{repeated} rows repeat the joint positions of another row; they count, but show nothing new")
+    if robot.n >= 6 and len(q) > 3:
+        points = robot.mechanism.forward(q)[:, :3, 3]
+        extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if extents[2] < 0.01 * extents[0]:
+            findings.append("all tool positions lie in one plane; errors out of it are hardly seen")
+    return findings
+
+
+def _display(robot: Robot, posterior: Posterior) -> tuple[Array, list[str]]:
+    """Factor and unit in which people read each parameter."""
+    factors = np.full(posterior.parameters.count, 1e3)
+    units = []
+    for i, name in enumerate(posterior.parameters.names):
+        family, _, component = name.partition(".")
+        if family.startswith("gravity"):
+            factors[i] = 1e3 * largest_torque(robot)[int(family[7:]) - 1]
+            units.append("mrad")
+        elif component:
+            unit = "mrad" if component.startswith("r") else "mm"
+            moves = family.startswith("ξ")
+            per = "/m" if moves and robot.prismatic[int(family[1:]) - 1] else "/rad"
+            units.append(unit + per if moves else unit)
+        elif family.startswith("q"):
+            units.append("mm" if robot.prismatic[int(family[1:]) - 1] else "mrad")
+        else:
+            units.append("mrad")
+    return factors, units

@@ -1,0 +1,78 @@
+"""Rows that do not fit: weights of robust loss functions, flags, and whether the flagged rows are one region (METHOD §7)."""
+
+from typing import Literal
+
+import numpy as np
+from scipy.stats import chi2, hypergeom
+
+from calibtool.identification.model import Flagged
+from calibtool.identification.parameters import ErrorState
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.observation import residuals, weights
+from calibtool.robot.se3 import Array
+
+LossFunction = Literal["squared", "huber", "cauchy"]
+LOSS_FUNCTIONS = ("squared", "huber", "cauchy")
+
+_HUBER, _CAUCHY = 1.5, 2.5  # in typical residuals of a row
+_FALSE_ALARM = 0.01  # chance that any row of a clean set is flagged
+_CLUSTER_SIGNIFICANCE = 0.01
+
+
+def row_weights(sizes: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
+    """Weight of each row's squared residuals (N,), 1 for rows that fit; sizes (N,) squared, of d (N,) coordinates."""
+    relative = np.sqrt(sizes / d) / _robust_scale(sizes, d)
+    if loss_function == "huber":
+        return np.minimum(1.0, _HUBER / np.maximum(relative, 1e-12))
+    if loss_function == "cauchy":
+        return 1.0 / (1.0 + (relative / _CAUCHY) ** 2)
+    return np.ones(len(sizes))
+
+
+def find_flagged(measurements: Measurements, state: ErrorState, sizes: Array) -> Flagged:
+    """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set; nothing is changed."""
+    d = (weights(measurements) > 0).sum(axis=-1)
+    scale = _robust_scale(sizes, d)
+    limit = chi2.isf(_FALSE_ALARM / len(sizes), d)
+    rows = np.flatnonzero(sizes / scale**2 > limit)
+    left = residuals(measurements, state.setup, state.frames(measurements.robot, measurements.q).tool)
+    points = left[rows, : 3 * len(state.setup.targets)].reshape(len(rows), len(state.setup.targets), 3)
+    return Flagged(
+        rows=rows,
+        size=np.sqrt(sizes[rows] / d[rows]) / scale,
+        position=np.sqrt((points**2).sum(axis=-1).sum(axis=-1) / measurements.seen[rows].sum(axis=-1)),
+        cluster=_cluster(measurements, rows),
+    )
+
+
+def _robust_scale(sizes: Array, d: np.ndarray) -> float:
+    """Noise over the stated one, from the median row: half of the rows may be bad."""
+    return float(np.sqrt(max(np.median(sizes / chi2.median(d)), 1e-30)))
+
+
+def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
+    """The joint and its interval in which flagged rows crowd, if chance would hardly do that (hypergeometric test)."""
+    count, flagged = len(measurements), len(rows)
+    if flagged < 3:
+        return None
+    best: tuple[float, int, float, float, int, int] | None = None
+    for j in range(measurements.robot.n):
+        values = measurements.q[:, j]
+        own = np.sort(values[rows])
+        take = max(3, int(np.ceil(0.7 * flagged)))  # most of the flagged rows; stragglers may lie elsewhere
+        for start in range(flagged - take + 1):
+            low, high = own[start], own[start + take - 1]
+            inside = int(((values >= low) & (values <= high)).sum())
+            chance = float(hypergeom.sf(take - 1, count, inside, flagged))
+            if best is None or chance < best[0]:
+                best = (chance, j, low, high, take, inside)
+    assert best is not None
+    chance, j, low, high, take, inside = best
+    tests = measurements.robot.n * flagged
+    if chance * tests > _CLUSTER_SIGNIFICANCE:
+        return None
+    unit, factor = ("mm", 1e3) if measurements.robot.prismatic[j] else ("deg", 180.0 / np.pi)
+    return (
+        f"{take} of {flagged} flagged rows have joint {j + 1} between {low * factor:.4g} and {high * factor:.4g} {unit}, "
+        f"where {inside} of all {count} rows are: look at joint {j + 1} there before calling them outliers"
+    )

@@ -1,0 +1,96 @@
+"""Joint motions that depend on the position: gear eccentricity and wind-up under gravity (METHOD §2, §7.2)."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Self
+
+import numpy as np
+import pinocchio as pin
+
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, readonly
+
+_CARRIES_LOAD = 0.02  # a joint carries load when its torque reaches this part of the largest joint's
+
+
+@dataclass(frozen=True, eq=False)
+class JointMotion:
+    """δq_j(q) = Σ_h a_jh sin(h q_j) + b_jh cos(h q_j) − c_j τ_g,j(q), beyond the constant offset.
+
+    harmonics   (n, 2H) a_j1, b_j1, a_j2, b_j2, … in rad; zero for prismatic joints
+    compliance  (n,) c_j in rad per N m of `gravity_torque`; zero for joints that carry no load
+    """
+
+    harmonics: Array
+    compliance: Array
+
+    @classmethod
+    def none(cls, n: int) -> Self:
+        """No such errors, for n joints."""
+        return cls(readonly(np.zeros((n, 0))), readonly(np.zeros(n)))
+
+    @property
+    def is_none(self) -> bool:
+        return not (self.harmonics.any() or self.compliance.any())
+
+    def errors(self, robot: Robot, q: Array) -> Array:
+        """δq for joint positions q (N, n): (N, n) in rad."""
+        result = np.zeros_like(q)
+        if self.harmonics.any():
+            result += (harmonic_functions(q, self.harmonics.shape[1] // 2) * self.harmonics).sum(axis=-1)
+        if self.compliance.any():
+            result -= self.compliance * gravity_torque(robot, q)
+        return result
+
+
+def harmonic_functions(q: Array, count: int) -> Array:
+    """sin q, cos q, sin 2q, cos 2q, … up to `count`: q (N, n) → (N, n, 2 count)."""
+    orders = np.arange(1, count + 1) * q[..., None]
+    return np.stack([np.sin(orders), np.cos(orders)], axis=-1).reshape(*q.shape, 2 * count)
+
+
+def gravity_torque(robot: Robot, q: Array) -> Array:
+    """Generalised gravity τ_g(q), N m (N if prismatic): q (N, n) → (N, n).
+
+    From Pinocchio with the URDF's masses; where it has none, from uniform links of 1 kg/m, of which only the shape of
+    the function matters.
+    """
+    model = gravity_model(robot)
+    data = model.createData()
+    return np.array([pin.computeGeneralizedGravity(model, data, row) for row in np.asarray(q)]).reshape(-1, robot.n)
+
+
+@lru_cache
+def gravity_model(robot: Robot) -> pin.Model:
+    """The nominal Pinocchio model with the masses that `gravity_torque` uses."""
+    model = robot.chain.model
+    if sum(inertia.mass for inertia in model.inertias) > 0:
+        return model
+    model = model.copy()
+    for j in range(1, robot.n + 1):
+        link = robot.chain.placements[j, :3, 3]  # to the next joint, or to the tool
+        model.inertias[j] = pin.Inertia(float(np.linalg.norm(link)), link / 2, np.zeros((3, 3)))
+    return model
+
+
+def link_masses(robot: Robot) -> tuple[Array, Array, Array]:
+    """Masses (n,) kg, their centres (n, 3) in the joint frames, m, and gravity (3,) in K_0, m/s², of `gravity_torque`."""
+    model = gravity_model(robot)
+    masses = np.array([inertia.mass for inertia in list(model.inertias)[1:]])
+    centres = np.array([inertia.lever for inertia in list(model.inertias)[1:]])
+    return masses, centres, np.array(model.gravity.linear)
+
+
+def load_carrying(robot: Robot) -> np.ndarray:
+    """Revolute joints whose static torque matters, at least 2 % of the largest joint's: (n,) bool."""
+    largest = largest_torque(robot)
+    revolute = ~np.array(robot.prismatic)
+    return revolute & (largest > _CARRIES_LOAD * largest[revolute].max(initial=0.0)) & (largest > 1e-9)
+
+
+@lru_cache
+def largest_torque(robot: Robot) -> Array:
+    """Largest |τ_g| of each joint over 500 fixed configurations of the whole joint range: (n,)."""
+    rng = np.random.default_rng(0)
+    q = robot.lower + (robot.upper - robot.lower) * rng.random((500, robot.n))
+    return readonly(np.abs(gravity_torque(robot, q)).max(axis=0))

@@ -1,0 +1,97 @@
+"""The only room that knows HDF5: measurements and calibrations to bytes and back. Formats: docs/file-formats.md.
+
+The same contents give the same bytes: no time stamps, no pickles, groups and datasets in a fixed order.
+"""
+
+import io
+from collections.abc import Callable
+from typing import BinaryIO, TypeVar
+
+import h5py
+
+from calibtool import __version__
+from calibtool.calibration.model import Calibration
+from calibtool.errors import CalibtoolError, InputError
+from calibtool.measurement.measurements import Measurements
+from calibtool.storage.calibrations import build_calibration, write_calibration
+from calibtool.storage.measurements import build_measurements, write_measurements
+from calibtool.storage.parts import write_robot
+
+MEASUREMENTS, CALIBRATION = "calibtool/measurements", "calibtool/calibration"
+SCHEMA_VERSION = 1
+
+T = TypeVar("T")
+
+
+def to_bytes(contents: Measurements | Calibration) -> bytes:
+    """The HDF5 file of measurements or of a calibration."""
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", libver=("v110", "v110")) as file:  # its metadata carry checksums
+        file.attrs["schema"] = MEASUREMENTS if isinstance(contents, Measurements) else CALIBRATION
+        file.attrs["schema_version"] = SCHEMA_VERSION
+        file.attrs["creator"] = "calibtool"
+        file.attrs["creator_version"] = __version__
+        write_robot(file, contents.robot)
+        if isinstance(contents, Measurements):
+            write_measurements(file, contents)
+        else:
+            write_calibration(file, contents)
+        provenance = file.create_group("provenance")
+        for name, text in sorted(contents.provenance.items()):
+            provenance.attrs[name] = text
+    return buffer.getvalue()
+
+
+def read_measurements(stream: BinaryIO, name: str) -> Measurements:
+    """Measurements from a binary stream; `name` stands in messages. Raises InputError for anything else."""
+    return _read(stream, name, MEASUREMENTS, build_measurements)
+
+
+def read_calibration(stream: BinaryIO, name: str) -> Calibration:
+    """A calibration from a binary stream; `name` stands in messages. Raises InputError for anything else."""
+    return _read(stream, name, CALIBRATION, build_calibration)
+
+
+def read_any(stream: BinaryIO, name: str) -> Measurements | Calibration:
+    """Whichever of the two kinds the stream holds."""
+    return _read(
+        stream,
+        name,
+        None,
+        lambda file: (build_measurements if _schema(file) == MEASUREMENTS else build_calibration)(file),
+    )
+
+
+def _read(stream: BinaryIO, name: str, schema: str | None, build: Callable[[h5py.File], T]) -> T:
+    data = stream.read()
+    if not data:
+        raise InputError(f"{name}: empty; expected a calibtool HDF5 file (did the command before fail?)")
+    try:
+        with h5py.File(io.BytesIO(data), "r") as file:
+            found = _schema(file)
+            if found not in (MEASUREMENTS, CALIBRATION):
+                raise InputError(
+                    f"{name}: an HDF5 file, but not one of calibtool (no schema {MEASUREMENTS} or {CALIBRATION})"
+                )
+            version = int(file.attrs.get("schema_version", 0))
+            if version > SCHEMA_VERSION:
+                raise InputError(
+                    f"{name}: written in format version {version}, this calibtool reads up to {SCHEMA_VERSION}; "
+                    "install a newer calibtool"
+                )
+            if schema is not None and found != schema:
+                raise InputError(f"{name}: holds {found}, expected {schema}")
+            return build(file)
+    except InputError as error:
+        raise error if str(error).startswith(name) else InputError(f"{name}: {error}") from None
+    except CalibtoolError:
+        raise
+    except OSError:
+        raise InputError(f"{name}: not an HDF5 file, or cut off; expected a file that calibtool wrote") from None
+    except (KeyError, ValueError, TypeError, RuntimeError, IndexError, AttributeError, OverflowError) as error:
+        raise InputError(f"{name}: damaged: {' '.join(str(error).split())}") from None
+
+
+def _schema(file: h5py.File) -> str:
+    value = file.attrs.get("schema", "")
+    return value if isinstance(value, str) else ""

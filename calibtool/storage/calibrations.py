@@ -1,0 +1,246 @@
+"""A calibration as HDF5 groups."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+
+from calibtool.calibration.model import Calibration, CrossValidation
+from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
+from calibtool.equivalent.network import Network
+from calibtool.equivalent.optimisers import History
+from calibtool.equivalent.training import TrainingReport
+from calibtool.identification.model import Flagged, Identification, Posterior
+from calibtool.identification.parameters import Parameters
+from calibtool.measurement.measurements import Setup
+from calibtool.robot.model import Robot
+from calibtool.robot.motion import JointMotion
+from calibtool.robot.se3 import readonly
+from calibtool.storage.parts import (
+    get,
+    put,
+    put_text,
+    read_geometry,
+    read_number,
+    read_provenance,
+    read_robot,
+    read_setup,
+    write_geometry,
+    write_setup,
+)
+
+
+def write_calibration(file: h5py.File, calibration: Calibration) -> None:
+    robot, base = calibration.robot, calibration.base
+    model = file.create_group("model")
+    model.attrs["name"] = base.model
+    model.attrs["noise_position_m"] = calibration.noise_position
+    model.attrs["noise_orientation_rad"] = calibration.noise_orientation
+    model.attrs["rank"] = base.rank
+    model.attrs["observable_rank"] = base.observable_rank
+    model.attrs["iterations"] = base.iterations
+    model.attrs["residual_rms_position_m"] = base.residual_rms[0]
+    if base.residual_rms[1] is not None:
+        model.attrs["residual_rms_orientation_rad"] = base.residual_rms[1]
+    put_text(model, "unobservable", list(base.unobservable), "parameters or directions that were not determined")
+    units = ", ".join(robot.joint_units)
+    put(model, "joint_positions", calibration.q, units, "configurations used", "joint", "configuration", "joint")
+    write_geometry(model, base.geometry)
+    put(model, "harmonics", base.motion.harmonics, "rad", "sin q, cos q, sin 2q … of δq", "joint", "joint", "term")
+    put(model, "compliance", base.motion.compliance, "rad/(N m)", "wind-up per gravity torque", "joint", "joint")
+    put(
+        model,
+        "singular_values",
+        base.singular_values,
+        "1/m, 1/rad",
+        "of the weighted identification matrix",
+        "",
+        "index",
+    )
+    if base.posterior is not None:
+        _write_posterior(model.create_group("posterior"), base.posterior)
+    if base.flagged is not None:
+        _write_flagged(model.create_group("flagged"), base.flagged)
+    write_setup(file.create_group("registration"), base.setup)
+    write_setup(file.create_group("registration_nominal"), calibration.nominal_setup)
+    equivalent = file.create_group("equivalent")
+    put_text(
+        equivalent, "virtual_joints", list(calibration.equivalent.virtual_joints), "elementary twists of the tool frame"
+    )
+    for i, network in enumerate(calibration.networks):
+        _write_network(file.create_group(f"networks/{i}"), network, units)
+    if calibration.training is not None:
+        _write_training(file.create_group("training"), calibration.training)
+    if calibration.validation is not None:
+        group = file.create_group("cross_validation")
+        for name in ("folds", "gain", "standard_error"):
+            group.attrs[name] = getattr(calibration.validation, name)
+
+
+def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
+    parameters = posterior.parameters
+    group.attrs["twists"] = parameters.twists
+    group.attrs["harmonics"] = parameters.harmonics
+    group.attrs["gravity"] = np.array(parameters.gravity, dtype=int)
+    for name in ("noise_factor", "effective", "log_evidence"):
+        group.attrs[name] = getattr(posterior, name)
+    put_text(group, "names", parameters.names, "parameter names")
+    put(group, "prior_std", posterior.prior_std, "SI", "tolerance as used", "", "parameter")
+    put(group, "covariance", posterior.covariance, "SI", "of the estimate", "", "parameter", "parameter")
+
+
+def _write_flagged(group: h5py.Group, flagged: Flagged) -> None:
+    group.attrs["cluster"] = flagged.cluster or ""
+    group.attrs["dropped"] = flagged.dropped
+    put(group, "rows", flagged.rows, "1", "configurations that do not fit, from 0", "", "row")
+    put(group, "size", flagged.size, "1", "residual in standard deviations per coordinate", "", "row")
+    put(group, "position", flagged.position, "m", "residual over the target points", "base", "row")
+
+
+def _write_network(group: h5py.Group, network: Network, units: str) -> None:
+    put(group, "input_centre", network.input_centre, units, "middle of the training range", "joint", "joint")
+    put(group, "input_scale", network.input_scale, units, "half of the training range", "joint", "joint")
+    put(group, "hidden_weights", network.hidden_weights, "1", "W1", "", "hidden", "joint")
+    put(group, "hidden_bias", network.hidden_bias, "1", "b1", "", "hidden")
+    put(group, "output_weights", network.output_weights, "1", "W2", "", "motion", "hidden")
+    put(group, "output_bias", network.output_bias, "1", "b2", "", "motion")
+    put(group, "output_scale", network.output_scale, "rad or m", "unit of each joint motion error", "joint", "motion")
+
+
+def _write_training(group: h5py.Group, training: TrainingReport) -> None:
+    history = training.history
+    group.attrs["reason"] = history.reason
+    group.attrs["chosen"] = history.chosen
+    group.attrs["loss_without"] = training.loss_without
+    group.attrs["loss"] = training.loss
+    group.attrs["optimiser"] = training.optimiser
+    group.attrs["regularisation"] = training.regularisation
+    group.attrs["effective"] = training.effective
+    group.attrs["hidden"] = training.hidden
+    put(group, "training_loss", history.training, training.loss_units, "loss on the training rows", "", "iteration")
+    put(
+        group,
+        "validation_loss",
+        history.validation,
+        training.loss_units,
+        "loss on the validation rows",
+        "",
+        "iteration",
+    )
+    put(
+        group,
+        "restart_losses",
+        training.restart_losses,
+        training.loss_units,
+        "best loss of each restart",
+        "",
+        "restart",
+    )
+    put(group, "training_rows", training.training_rows, "1", "configurations trained on", "", "row")
+    put(group, "validation_rows", training.validation_rows, "1", "configurations validated on", "", "row")
+
+
+def build_calibration(file: h5py.File) -> Calibration:
+    robot = read_robot(file)
+    model = file["model"]
+    setup = read_setup(file["registration"])
+    orientation = model.attrs.get("residual_rms_orientation_rad")
+    base = Identification(
+        model=str(model.attrs["name"]),
+        geometry=read_geometry(model, robot.n),
+        motion=JointMotion(get(model, "harmonics", robot.n, -1), get(model, "compliance", robot.n)),
+        setup=setup,
+        singular_values=get(model, "singular_values", -1),
+        rank=int(model.attrs["rank"]),
+        observable_rank=int(model.attrs["observable_rank"]),
+        unobservable=tuple(str(text) for text in model["unobservable"].asstr()[()]),
+        residual_rms=(
+            read_number(model, "residual_rms_position_m"),
+            None if orientation is None else float(orientation),
+        ),
+        iterations=int(model.attrs["iterations"]),
+        posterior=_posterior(model["posterior"], robot, setup) if "posterior" in model else None,
+        flagged=_flagged(model["flagged"]) if "flagged" in model else None,
+    )
+    virtual = tuple(str(name) for name in file["equivalent"]["virtual_joints"].asstr()[()])
+    if len(virtual) != max(6 - robot.n, 0) or not set(virtual) <= set(ELEMENTARY):
+        raise ValueError(f"equivalent/virtual_joints {virtual} do not complete {robot.n} joints")
+    equivalent = EquivalentRobot(robot.n, virtual)  # type: ignore[arg-type]
+    networks = file.get("networks", {})
+    validation = file["cross_validation"].attrs if "cross_validation" in file else None
+    return Calibration(
+        robot=robot,
+        base=base,
+        equivalent=equivalent,
+        networks=tuple(_network(networks[str(i)], robot.n, equivalent.p) for i in range(len(networks))),
+        training=_training(file["training"]) if "training" in file else None,
+        validation=None
+        if validation is None
+        else CrossValidation(int(validation["folds"]), float(validation["gain"]), float(validation["standard_error"])),
+        nominal_setup=read_setup(file["registration_nominal"]),
+        noise_position=read_number(model, "noise_position_m"),
+        noise_orientation=read_number(model, "noise_orientation_rad"),
+        q=get(model, "joint_positions", -1, robot.n),
+        provenance=read_provenance(file),
+    )
+
+
+def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
+    gravity = tuple(int(j) for j in group.attrs["gravity"])
+    parameters = replace(
+        Parameters.of(robot, setup, bool(group.attrs["twists"]), int(group.attrs["harmonics"]), gravity=False),
+        gravity=gravity,
+    )
+    p = parameters.count
+    return Posterior(
+        parameters=parameters,
+        prior_std=get(group, "prior_std", p),
+        covariance=get(group, "covariance", p, p),
+        noise_factor=read_number(group, "noise_factor"),
+        effective=read_number(group, "effective"),
+        log_evidence=read_number(group, "log_evidence"),
+    )
+
+
+def _flagged(group: h5py.Group) -> Flagged:
+    return Flagged(
+        rows=group["rows"][()].astype(int),
+        size=get(group, "size", -1),
+        position=get(group, "position", -1),
+        cluster=str(group.attrs["cluster"]) or None,
+        dropped=bool(group.attrs["dropped"]),
+    )
+
+
+def _network(group: h5py.Group, n: int, p: int) -> Network:
+    hidden = len(group["hidden_bias"])
+    return Network(
+        input_centre=get(group, "input_centre", n),
+        input_scale=get(group, "input_scale", n),
+        hidden_weights=get(group, "hidden_weights", hidden, n),
+        hidden_bias=get(group, "hidden_bias", hidden),
+        output_weights=get(group, "output_weights", p, hidden),
+        output_bias=get(group, "output_bias", p),
+        output_scale=get(group, "output_scale", p),
+    )
+
+
+def _training(group: h5py.Group) -> TrainingReport:
+    history = History(
+        training=get(group, "training_loss", -1),
+        validation=readonly(group["validation_loss"][()], (-1,)),  # NaN without validation rows
+        chosen=int(group.attrs["chosen"]),
+        reason=str(group.attrs["reason"]),
+    )
+    return TrainingReport(
+        history=history,
+        training_rows=group["training_rows"][()],
+        validation_rows=group["validation_rows"][()],
+        restart_losses=get(group, "restart_losses", -1),
+        loss_without=read_number(group, "loss_without"),
+        loss=str(group.attrs["loss"]),  # type: ignore[arg-type]
+        optimiser=str(group.attrs["optimiser"]),  # type: ignore[arg-type]
+        regularisation=str(group.attrs["regularisation"]),  # type: ignore[arg-type]
+        effective=read_number(group, "effective"),
+        hidden=int(group.attrs["hidden"]),
+    )

@@ -1,0 +1,120 @@
+"""The parts that both kinds of file share: self-describing datasets, the robot, the set-up, geometric errors."""
+
+from typing import Any
+
+import h5py
+import numpy as np
+
+from calibtool.measurement.measurements import Setup
+from calibtool.robot.description import parse_source
+from calibtool.robot.geometry import GeometricErrors
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, readonly
+
+
+def put(group: h5py.Group, name: str, values: Any, units: str, long_name: str, frame: str, *dims: str) -> None:
+    """A dataset that describes itself."""
+    dataset = group.create_dataset(name, data=np.asarray(values))
+    dataset.attrs["units"] = units
+    dataset.attrs["long_name"] = long_name
+    dataset.attrs["frame"] = frame
+    for axis, label in enumerate(dims):
+        dataset.dims[axis].label = label
+
+
+def put_text(group: h5py.Group, name: str, text: Any, long_name: str) -> None:
+    """Text, or a list of texts, that describes itself."""
+    dataset = group.create_dataset(name, data=text, dtype=h5py.string_dtype())
+    dataset.attrs["units"] = ""
+    dataset.attrs["long_name"] = long_name
+    dataset.attrs["frame"] = ""
+    if dataset.ndim:
+        dataset.dims[0].label = "item"
+
+
+def read_number(group: h5py.Group, name: str) -> float:
+    """A finite attribute. KeyError or ValueError otherwise."""
+    value = float(group.attrs[name])
+    if not np.isfinite(value):
+        raise ValueError(f"{group.name}: {name} is not finite")
+    return value
+
+
+def get(group: h5py.Group, name: str, *shape: int) -> Array:
+    """A finite dataset of the given shape, -1 for any length. KeyError or ValueError otherwise."""
+    values = group[name][()]
+    array = readonly(values, shape)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{group.name}/{name} holds a value that is not finite")
+    return array
+
+
+def text(group: h5py.Group, name: str) -> str:
+    return str(group[name].asstr()[()])
+
+
+def write_robot(file: h5py.File, robot: Robot) -> None:
+    group = file.create_group("robot")
+    group.attrs["name"] = robot.name
+    put_text(group, "description", robot.source.toml_text, "text of robot.toml")
+    put_text(group, "urdf", robot.source.urdf_text, "text of the URDF")
+
+
+def read_robot(file: h5py.File) -> Robot:
+    group = file["robot"]
+    return Robot.from_source(parse_source(text(group, "description"), text(group, "urdf"), "robot"))
+
+
+def write_setup(group: h5py.Group, setup: Setup) -> None:
+    group.attrs["frame_known"] = setup.frame_known
+    group.attrs["targets_known"] = setup.targets_known
+    put(
+        group,
+        "T_instrument_base",
+        setup.T_instrument_base,
+        "m",
+        "pose of the robot base",
+        "instrument",
+        "row",
+        "column",
+    )
+    put(group, "targets", setup.targets, "m", "target points on the tool", "tool", "target", "axis")
+    if setup.R_tool_sensor is not None:
+        put(group, "R_tool_sensor", setup.R_tool_sensor, "1", "orientation of the 6-D sensor", "tool", "row", "column")
+
+
+def read_setup(group: h5py.Group) -> Setup:
+    return Setup(
+        T_instrument_base=get(group, "T_instrument_base", 4, 4),
+        targets=get(group, "targets", -1, 3),
+        R_tool_sensor=get(group, "R_tool_sensor", 3, 3) if "R_tool_sensor" in group else None,
+        frame_known=bool(group.attrs["frame_known"]),
+        targets_known=bool(group.attrs["targets_known"]),
+    )
+
+
+def write_geometry(group: h5py.Group, geometry: GeometricErrors) -> None:
+    put(group, "placement_errors", geometry.placements, "m, rad", "δζ of M_j exp6(δζ_j)", "joint", "joint", "twist")
+    put(
+        group,
+        "twist_errors",
+        geometry.twists,
+        "per rad or m",
+        "δξ of exp6((ξ_j + δξ_j) q_j)",
+        "joint",
+        "joint",
+        "twist",
+    )
+    put(group, "offset_errors", geometry.offsets, "rad or m", "δq added to the joint position", "joint", "joint")
+
+
+def read_geometry(group: h5py.Group, n: int) -> GeometricErrors:
+    return GeometricErrors(
+        placements=get(group, "placement_errors", n + 1, 6),
+        twists=get(group, "twist_errors", n, 6),
+        offsets=get(group, "offset_errors", n),
+    )
+
+
+def read_provenance(file: h5py.File) -> dict[str, str]:
+    return {name: str(value) for name, value in file["provenance"].attrs.items()}
