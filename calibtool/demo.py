@@ -52,8 +52,9 @@ def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callab
         ("local-poe", identify(measurements, "local-poe")),
         ("local-poe-network", train(measurements, "local-poe", options)),
     ]
+    calibrations = [(name, replace(calibration, provenance=provenance)) for name, calibration in calibrations]
     for name, calibration in calibrations:
-        write(f"{name}.h5", to_bytes(replace(calibration, provenance=provenance)))
+        write(f"{name}.h5", to_bytes(calibration))
     best = calibrations[-1][1]
 
     report(f"evaluate   on {FRESH_CONFIGURATIONS} configurations that no fit has seen")

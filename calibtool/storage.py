@@ -34,7 +34,7 @@ T = TypeVar("T")
 def to_bytes(contents: Measurements | Calibration) -> bytes:
     """The HDF5 file of measurements or of a calibration."""
     buffer = io.BytesIO()
-    with h5py.File(buffer, "w") as file:
+    with h5py.File(buffer, "w", libver=("v110", "v110")) as file:  # its metadata carry checksums
         file.attrs["schema"] = MEASUREMENTS if isinstance(contents, Measurements) else CALIBRATION
         file.attrs["schema_version"] = SCHEMA_VERSION
         file.attrs["creator"] = "calibtool"
@@ -45,7 +45,7 @@ def to_bytes(contents: Measurements | Calibration) -> bytes:
         else:
             _write_calibration(file, contents)
         provenance = file.create_group("provenance")
-        for name, text in contents.provenance.items():
+        for name, text in sorted(contents.provenance.items()):
             provenance.attrs[name] = text
     return buffer.getvalue()
 
@@ -93,7 +93,7 @@ def _read(stream: BinaryIO, name: str, schema: str | None, build: Callable[[h5py
         raise
     except OSError:
         raise InputError(f"{name}: not an HDF5 file, or cut off; expected a file that calibtool wrote") from None
-    except (KeyError, ValueError, TypeError, RuntimeError, IndexError, AttributeError) as error:
+    except (KeyError, ValueError, TypeError, RuntimeError, IndexError, AttributeError, OverflowError) as error:
         raise InputError(f"{name}: damaged: {' '.join(str(error).split())}") from None
 
 
@@ -115,6 +115,24 @@ def _put(group: h5py.Group, name: str, values: Any, units: str, long_name: str, 
         dataset.dims[axis].label = label
 
 
+def _put_text(group: h5py.Group, name: str, text: Any, long_name: str) -> None:
+    """Text, or a list of texts, that describes itself."""
+    dataset = group.create_dataset(name, data=text, dtype=h5py.string_dtype())
+    dataset.attrs["units"] = ""
+    dataset.attrs["long_name"] = long_name
+    dataset.attrs["frame"] = ""
+    if dataset.ndim:
+        dataset.dims[0].label = "item"
+
+
+def _read_number(group: h5py.Group, name: str) -> float:
+    """A finite attribute. KeyError or ValueError otherwise."""
+    value = float(group.attrs[name])
+    if not np.isfinite(value):
+        raise ValueError(f"{group.name}: {name} is not finite")
+    return value
+
+
 def _get(group: h5py.Group, name: str, *shape: int) -> Array:
     """A finite dataset of the given shape, -1 for any length. KeyError or ValueError otherwise."""
     values = group[name][()]
@@ -134,8 +152,8 @@ def _text(group: h5py.Group, name: str) -> str:
 def _write_robot(file: h5py.File, robot: Robot) -> None:
     group = file.create_group("robot")
     group.attrs["name"] = robot.name
-    group.create_dataset("description", data=robot.source.toml_text, dtype=h5py.string_dtype())
-    group.create_dataset("urdf", data=robot.source.urdf_text, dtype=h5py.string_dtype())
+    _put_text(group, "description", robot.source.toml_text, "text of robot.toml")
+    _put_text(group, "urdf", robot.source.urdf_text, "text of the URDF")
 
 
 def _robot(file: h5py.File) -> Robot:
@@ -249,7 +267,7 @@ def _measurements(file: h5py.File) -> Measurements:
             gear=_get(stored, "gear", robot.n, 4),
             compliance=_get(stored, "compliance", robot.n),
             backlash=_get(stored, "backlash", robot.n),
-            expansion=float(stored.attrs["expansion"]),
+            expansion=_read_number(stored, "expansion"),
         )
         truth = Truth(actual, _setup(stored["registration"]))
     return Measurements(
@@ -258,8 +276,8 @@ def _measurements(file: h5py.File) -> Measurements:
         points=_get(group, "points", -1, -1, 3),
         rotations=rotations,
         setup=_setup(file["registration"]),
-        noise_position=float(group.attrs["noise_position_m"]),
-        noise_orientation=float(group.attrs["noise_orientation_rad"]),
+        noise_position=_read_number(group, "noise_position_m"),
+        noise_orientation=_read_number(group, "noise_orientation_rad"),
         truth=truth,
         provenance=_provenance(file),
     )
@@ -285,7 +303,7 @@ def _write_calibration(file: h5py.File, calibration: Calibration) -> None:
     model.attrs["residual_rms_position_m"] = base.residual_rms[0]
     if base.residual_rms[1] is not None:
         model.attrs["residual_rms_orientation_rad"] = base.residual_rms[1]
-    model.create_dataset("unobservable", data=list(base.unobservable), dtype=h5py.string_dtype())
+    _put_text(model, "unobservable", list(base.unobservable), "parameters or directions that were not determined")
     _write_geometry(model, base.geometry)
     _put(
         model,
@@ -299,8 +317,8 @@ def _write_calibration(file: h5py.File, calibration: Calibration) -> None:
     _write_setup(file.create_group("registration"), base.setup)
     _write_setup(file.create_group("registration_nominal"), calibration.nominal_setup)
     equivalent = file.create_group("equivalent")
-    equivalent.create_dataset(
-        "virtual_joints", data=list(calibration.equivalent.virtual_joints), dtype=h5py.string_dtype()
+    _put_text(
+        equivalent, "virtual_joints", list(calibration.equivalent.virtual_joints), "elementary twists of the tool frame"
     )
     if calibration.network is not None:
         _write_network(file.create_group("network"), calibration.network, ", ".join(calibration.robot.joint_units))
@@ -362,7 +380,7 @@ def _calibration(file: h5py.File) -> Calibration:
         observable_rank=int(model.attrs["observable_rank"]),
         unobservable=tuple(str(text) for text in model["unobservable"].asstr()[()]),
         residual_rms=(
-            float(model.attrs["residual_rms_position_m"]),
+            _read_number(model, "residual_rms_position_m"),
             None if orientation is None else float(orientation),
         ),
         iterations=int(model.attrs["iterations"]),
@@ -378,8 +396,8 @@ def _calibration(file: h5py.File) -> Calibration:
         network=_network(file["network"], robot.n, equivalent.p) if "network" in file else None,
         training=_training(file["training"]) if "training" in file else None,
         nominal_setup=_setup(file["registration_nominal"]),
-        noise_position=float(model.attrs["noise_position_m"]),
-        noise_orientation=float(model.attrs["noise_orientation_rad"]),
+        noise_position=_read_number(model, "noise_position_m"),
+        noise_orientation=_read_number(model, "noise_orientation_rad"),
         configurations=int(model.attrs["configurations"]),
         provenance=_provenance(file),
     )
@@ -410,7 +428,7 @@ def _training(group: h5py.Group) -> TrainingReport:
         training_rows=group["training_rows"][()],
         validation_rows=group["validation_rows"][()],
         restart_losses=_get(group, "restart_losses", -1),
-        loss_without=float(group.attrs["loss_without"]),
+        loss_without=_read_number(group, "loss_without"),
         loss=str(group.attrs["loss"]),  # type: ignore[arg-type]
         optimiser=str(group.attrs["optimiser"]),  # type: ignore[arg-type]
         hidden=int(group.attrs["hidden"]),

@@ -150,12 +150,13 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     if training is None:
         return result
     gain = _loss_reduction(training)
+    judged = "validation" if len(training.validation_rows) else "training"
     if calibration.network is None:
-        result.append(f"network: not used, it does not lower the validation loss ({gain:+.1f} %)")
+        result.append(f"network: not used, it does not lower the {judged} loss ({gain:+.1f} %)")
     else:
         result.append(
             f"network: {training.hidden} hidden nodes, {training.loss} loss, {training.optimiser}, iteration "
-            f"{training.history.chosen}, validation loss {-gain:+.1f} %"
+            f"{training.history.chosen}, {judged} loss {-gain:+.1f} %"
         )
     return result
 

@@ -26,6 +26,7 @@ class Table:
     lines: list[int]
     delimiter: str
     decimal: str
+    header_line: int = 1
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -46,7 +47,7 @@ class Table:
             values = np.array(cells, dtype=float).reshape(len(cells), len(columns))
         except ValueError:
             values = None
-        if values is None or not np.isfinite(values).all():
+        if values is None or not np.isfinite(values).all() or any("_" in cell for row in cells for cell in row):
             raise self._bad_cell(cells, columns)
         return values
 
@@ -58,7 +59,7 @@ class Table:
         for row, texts in enumerate(cells):
             for column, text in zip(columns, texts, strict=True):
                 try:
-                    finite = np.isfinite(float(text))
+                    finite = "_" not in text and np.isfinite(float(text))  # Python would read 1_0 as ten
                 except ValueError:
                     finite = False
                 if not finite:
@@ -74,30 +75,49 @@ def parse_table(text: str, name: str, delimiter: str | None = None, decimal: str
     recognised only where it is not the delimiter. Raises InputError for an empty table, a repeated column or a row of
     another length.
     """
-    lines = text.removeprefix("\ufeff").splitlines()
-    first = next((i for i, line in enumerate(lines) if line.strip()), None)
+    text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+    first = next((line for line in text.split("\n") if line.strip()), None)
     if first is None:
         raise InputError(f"{name}: empty; expected a header line and rows")
     if delimiter is None:
-        delimiter = next((d for d in _DELIMITERS if d in lines[first]), " ")
-    kept = [(i + 1, line) for i, line in enumerate(lines) if line.strip()]
-    if delimiter == " ":
-        cells = [line.split() for _, line in kept]
-    else:
-        cells = list(csv.reader((line for _, line in kept), delimiter=delimiter))
-    header = [cell.strip() for cell in cells[0]]
+        delimiter = next((d for d in _DELIMITERS if d in first), " ")
+    records = _records(text, name, delimiter)
+    if not records:
+        raise InputError(f"{name}: empty; expected a header line and rows")
+    header_line, header = records[0]
     repeated = {column for column in header if column and header.count(column) > 1}
     if repeated:
-        raise InputError(f"{name}:{kept[0][0]}: column '{min(repeated)}' appears more than once")
-    rows = [[cell.strip() for cell in row] for row in cells[1:]]
-    for (line, _), row in zip(kept[1:], rows, strict=True):
+        raise InputError(f"{name}:{header_line}: column '{min(repeated)}' appears more than once")
+    for line, row in records[1:]:
         if len(row) != len(header):
             raise InputError(f"{name}:{line}: {len(row)} cells, but the header has {len(header)} columns")
+    rows = [row for _, row in records[1:]]
     if not rows:
         raise InputError(f"{name}: a header but no rows")
     if decimal is None:
-        decimal = "," if delimiter != "," and any("," in cell for cell in rows[0]) else "."
-    return Table(name, header, rows, [line for line, _ in kept[1:]], delimiter, decimal)
+        decimal = "," if delimiter != "," and any("," in cell for row in rows for cell in row) else "."
+    return Table(name, header, rows, [line for line, _ in records[1:]], delimiter, decimal, header_line)
+
+
+def _records(text: str, name: str, delimiter: str) -> list[tuple[int, list[str]]]:
+    """Line number and stripped cells of every line that is not empty. InputError for broken quotes."""
+    if delimiter == " ":
+        return [(i + 1, line.split()) for i, line in enumerate(text.split("\n")) if line.strip()]
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
+    records: list[tuple[int, list[str]]] = []
+    lines = text.split("\n")
+    start = 1
+    try:
+        for row in reader:
+            if reader.line_num > start or lines[start - 1].count('"') % 2:
+                raise InputError(f"{name}:{start}: a quote is not closed in its line; expected one row per line")
+            cells = [cell.strip() for cell in row]
+            if any(cells):
+                records.append((start, cells))
+            start = reader.line_num + 1
+    except csv.Error as error:
+        raise InputError(f"{name}:{start}: {error}; check the quotes") from None
+    return records
 
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -123,7 +143,7 @@ def joint_columns_of(table: Table, robot: Robot) -> list[str] | None:
     for column in table.header:
         if joint_column(column) is None:
             continue
-        index, _ = joint_and_factor(column, robot.prismatic, f"{table.name}:1")
+        index, _ = joint_and_factor(column, robot.prismatic, f"{table.name}:{table.header_line}")
         if index in found:
             raise InputError(f"{table.name}: joint {index + 1} has two columns, '{found[index]}' and '{column}'")
         found[index] = column
@@ -142,7 +162,7 @@ def joint_positions(table: Table, robot: Robot, columns: Sequence[str], units: S
     """
     q = table.numbers(columns) * np.array([TO_SI[unit] for unit in units])
     for j, unit in enumerate(units):
-        bound = 2 * max(np.pi, abs(robot.lower[j]), abs(robot.upper[j]))
+        bound = 2 * max(2 * np.pi, abs(robot.lower[j]), abs(robot.upper[j]))
         if unit == "rad" and np.abs(q[:, j]).max() > bound:
             row = int(np.argmax(np.abs(q[:, j]) > bound))
             raise InputError(

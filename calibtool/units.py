@@ -26,6 +26,8 @@ def joint_values(values: dict[str, float], prismatic: list[bool], place: str) ->
     result: dict[int, float] = {}
     for name, value in values.items():
         index, factor = joint_and_factor(name, prismatic, place)
+        if index in result:
+            raise InputError(f"{place}: joint {index + 1} is given twice, again by '{name}'")
         result[index] = value * factor
     missing = [f"j{i + 1}" for i in range(len(prismatic)) if i not in result]
     if missing:

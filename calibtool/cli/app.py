@@ -36,7 +36,8 @@ class _Group(TyperGroup):
     ) -> None:
         arguments = list(sys.argv[1:] if args is None else args)
         remember_command(arguments)
-        _Group.debug = "--debug" in arguments
+        _Group.debug = "--debug" in arguments  # accepted before and after the command
+        arguments = [argument for argument in arguments if argument != "--debug"]
         extra["standalone_mode"] = False
         try:
             code = super().main(arguments, prog_name or "calibtool", **extra)

@@ -25,6 +25,8 @@ def demo(
     from calibtool.demo import run_demo
     from calibtool.errors import UsageError
 
+    if not output:
+        raise UsageError("-o: the folder has no name")
     if output == STREAM:
         raise UsageError("demo writes a folder; give -o DIR")
     folder = Path(output)

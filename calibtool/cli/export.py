@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, write_output
+from calibtool.cli.files import check_output, write_output, write_outputs
 from calibtool.cli.load import load_calibration
 from calibtool.cli.options import CalibrationFile, Force, Output, choice
 
@@ -40,5 +40,4 @@ def export(
         write_output(output, calibration_as_json(loaded), force)
         return
     header, source = calibration_as_c(loaded, Path(output).stem)
-    write_output(header_path, header, force)
-    write_output(output, source, force)
+    write_outputs({header_path: header, output: source}, force)

@@ -61,9 +61,13 @@ def check_output(path: str, force: bool, *, binary: bool = False) -> None:
         if binary and sys.stdout.isatty():
             raise UsageError("the output is binary and stdout is a terminal; give -o FILE, or a pipe")
         return
+    if not path:
+        raise UsageError("the output has no name; give a file, or '-' for stdout")
     target = Path(path)
     if target.is_dir():
         raise UsageError(f"{path}: is a folder; give the name of a file")
+    if target.exists() and not target.is_file():
+        return  # a device or a named pipe is written to, never replaced
     if target.exists() and not force:
         raise UsageError(f"{path}: exists already; choose another name, or overwrite it with --force")
     if not target.parent.is_dir():
@@ -72,16 +76,25 @@ def check_output(path: str, force: bool, *, binary: bool = False) -> None:
         raise UsageError(f"{path}: the folder {target.parent} is not writable")
 
 
+def same_file(a: str, b: str) -> bool:
+    """Whether two outputs are one file."""
+    return os.path.realpath(a) == os.path.realpath(b)
+
+
 def write_output(path: str, contents: bytes | str, force: bool) -> None:
     """Write the whole file or nothing: into a temporary file beside it, then renamed."""
     data = contents.encode("utf-8") if isinstance(contents, str) else contents
     check_output(path, force, binary=isinstance(contents, bytes))
     if path == STREAM:
-        stream = _binary(sys.stdout)
-        stream.write(data)
-        stream.flush()
+        write_stdout(data)
         return
     target = Path(path)
+    if target.exists() and not target.is_file():
+        try:
+            target.write_bytes(data)
+        except OSError as error:
+            raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from None
+        return
     temporary: str | None = None
     try:
         descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
@@ -100,6 +113,46 @@ def write_output(path: str, contents: bytes | str, force: bool) -> None:
         if temporary is not None:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
+
+
+def write_outputs(outputs: dict[str, bytes | str], force: bool) -> None:
+    """Several files that belong together: when one cannot be written, those before it are put back as they were."""
+    written: dict[str, bytes | None] = {}
+    for path, contents in outputs.items():
+        target = Path(path)
+        before = target.read_bytes() if path != STREAM and target.is_file() else None
+        try:
+            write_output(path, contents, force)
+        except UsageError:
+            for earlier, old in written.items():
+                if old is None:
+                    Path(earlier).unlink(missing_ok=True)
+                else:
+                    write_output(earlier, old, True)
+            raise
+        if path != STREAM:
+            written[path] = before
+
+
+def write_stdout(data: bytes) -> None:
+    """Everything to stdout. UsageError if it is closed or full; a reader that went away ends the command quietly."""
+    try:
+        stream, rest = _binary(sys.stdout), memoryview(data)
+        while rest:  # unbuffered, one call may take only a part
+            rest = rest[stream.write(rest) :]
+        stream.flush()
+    except BrokenPipeError:
+        _give_up_stdout()
+        raise
+    except (OSError, AttributeError, ValueError) as error:
+        _give_up_stdout()
+        raise UsageError(f"stdout: cannot be written: {getattr(error, 'strerror', None) or 'it is closed'}") from None
+
+
+def _give_up_stdout() -> None:
+    """Keep Python from writing the rest again when it ends, and from complaining."""
+    with contextlib.suppress(OSError, AttributeError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _binary(stream: object) -> BinaryIO:

@@ -4,9 +4,10 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, message, one_stdin, read_text, shown, write_output
+from calibtool.cli.files import check_output, message, one_stdin, read_text, same_file, shown, write_outputs
 from calibtool.cli.options import Force, Output, Seed, choice
 from calibtool.cli.provenance import provenance
+from calibtool.errors import UsageError
 
 
 def import_(
@@ -42,8 +43,8 @@ def import_(
     check_output(output, force, binary=True)
     if rest is not None:
         check_output(rest, force, binary=True)
-        if rest == output:
-            raise_same_output(rest)
+        if same_file(rest, output):
+            raise UsageError(f"--rest and -o are the same, {rest}")
     one_stdin(table, columns)
     from dataclasses import replace
     from typing import Literal, cast
@@ -72,13 +73,10 @@ def import_(
     for warning in warnings:
         message(f"warning: {warning}")
     taken, left = select_rows(measurements, rows, sample, seed)
+    if rest is not None and not len(left):
+        raise UsageError("--rest: no row is left; take fewer with --sample or --rows")
     origin = provenance(seed if sample is not None else None, **inputs)
-    write_output(output, to_bytes(replace(taken, provenance=origin)), force)
+    outputs: dict[str, bytes | str] = {output: to_bytes(replace(taken, provenance=origin))}
     if rest is not None:
-        write_output(rest, to_bytes(replace(left, provenance=origin)), force)
-
-
-def raise_same_output(path: str) -> None:
-    from calibtool.errors import UsageError
-
-    raise UsageError(f"--rest and -o are the same, {path}")
+        outputs[rest] = to_bytes(replace(left, provenance=origin))
+    write_outputs(outputs, force)

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import read_bytes, shown
+from calibtool.cli.files import read_bytes, shown, write_stdout
 from calibtool.cli.options import Json
 from calibtool.cli.show import lines, print_json
 
@@ -32,4 +32,4 @@ def info(
     if json:
         print_json({**summary, "schema": "calibtool/info"})
     else:
-        typer.echo("\n".join(lines(summary)))
+        write_stdout(("\n".join(lines(summary)) + "\n").encode())

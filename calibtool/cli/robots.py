@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from calibtool.cli.files import write_stdout
 from calibtool.cli.options import Json
 from calibtool.cli.show import lines, print_json
 
@@ -26,11 +27,11 @@ def robots(
         if json:
             print_json(summary)
         else:
-            typer.echo("\n".join(lines(summary)))
+            write_stdout(("\n".join(lines(summary)) + "\n").encode())
         return
     entries = [robot_entry(load_robot(each)) for each in robot_names()]
     if json:
         print_json({"schema": "calibtool/robots", "schema_version": 1, "robots": entries})
     else:
         for entry in entries:
-            typer.echo(f"{entry['name']:<18} {entry['joints']}  {entry['title']}")
+            write_stdout(f"{entry['name']:<18} {entry['joints']}  {entry['title']}\n".encode())

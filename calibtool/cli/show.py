@@ -4,10 +4,12 @@ import json
 import sys
 from collections.abc import Sequence
 
+from calibtool.cli.files import write_stdout
+
 
 def print_json(value: dict[str, object]) -> None:
     """One JSON object on stdout."""
-    sys.stdout.write(json.dumps(value, ensure_ascii=False, allow_nan=False) + "\n")
+    write_stdout((json.dumps(value, allow_nan=False) + "\n").encode("ascii"))
 
 
 def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -1,5 +1,6 @@
 """calibtool simulate: measure a perturbed robot."""
 
+from math import isfinite
 from typing import Annotated
 
 import typer
@@ -8,6 +9,7 @@ from calibtool.cli.files import check_output, one_stdin, read_text, shown, write
 from calibtool.cli.load import load_measurements
 from calibtool.cli.options import Force, Output, Seed
 from calibtool.cli.provenance import provenance
+from calibtool.errors import InputError, UsageError
 
 
 def simulate(
@@ -49,10 +51,21 @@ def simulate(
     """
     check_output(output, force, binary=True)
     one_stdin(same_robot, at)
+    sizes = {
+        "--length-error-mm": length_error_mm,
+        "--angle-error-mrad": angle_error_mrad,
+        "--gear-mrad": gear_mrad,
+        "--gravity-mrad": gravity_mrad,
+        "--backlash-mrad": backlash_mrad,
+        "--thermal-k": thermal_k,
+        "--noise-mm": noise_mm,
+    }
+    for option, size in sizes.items():
+        if not isfinite(size):
+            raise UsageError(f"{option}: {size} is no finite number")
     from dataclasses import replace
 
     from calibtool.compensation.program import read_configurations
-    from calibtool.errors import InputError, UsageError
     from calibtool.measurement.simulate import Simulation
     from calibtool.measurement.simulate import simulate as run
     from calibtool.robot.actual import ERROR_KINDS, ErrorScales

@@ -45,6 +45,6 @@ def broken_limits(methods: list[MethodErrors], limits: list[Limit]) -> list[str]
                 broken.append(f"{place}: orientation is not measured here, so the limit cannot be judged")
                 continue
             found = statistics(sizes, 1e-3)[limit.statistic]
-            if found > limit.value:
+            if not found <= limit.value:  # NaN is no success
                 broken.append(f"{place} {found:.4g} {limit.unit} is above the limit of {limit.value:g} {limit.unit}")
     return broken

@@ -47,12 +47,14 @@ def statistics(values: Array, unit: float) -> dict[str, float]:
 def summary(method: MethodErrors, nominal: MethodErrors) -> dict[str, object]:
     """One entry of `methods` in the JSON of `evaluate`: statistics and reductions against the nominal robot."""
     position, before = statistics(method.position_size, 1e-3), statistics(nominal.position_size, 1e-3)
-    reduction = {f"position_{s}": _reduction(before[s], position[s]) for s in ("mean", "max", "std")}
+    parts = ("mean", "max", "std")
+    reduction: dict[str, float | None] = {f"position_{s}": _reduction(before[s], position[s]) for s in parts}
+    reduction |= {f"orientation_{s}": None for s in parts}
     orientation = None
     if method.orientation_size is not None and nominal.orientation_size is not None:
         orientation = statistics(method.orientation_size, 1e-3)
         before = statistics(nominal.orientation_size, 1e-3)
-        reduction |= {f"orientation_{s}": _reduction(before[s], orientation[s]) for s in ("mean", "max", "std")}
+        reduction |= {f"orientation_{s}": _reduction(before[s], orientation[s]) for s in parts}
     return {
         "name": method.name,
         "position_mm": position,

@@ -63,12 +63,14 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
 
     rng = np.random.default_rng(0)
     anywhere = robot.lower + (robot.upper - robot.lower) * rng.random((100, robot.n))
-    observable_rank = _rank(
-        np.linalg.svd(_matrix(geometry.frames(robot.chain, anywhere), setup, weight), compute_uv=False)
-    )
-    equations = len(q) * len(weight)
+    seen_anywhere = _matrix(geometry.frames(robot.chain, anywhere), setup, weight)
+    observable_rank = _rank(np.linalg.svd(seen_anywhere, compute_uv=False))
+    # Points of a rigid tool show no more than six things of a configuration.
+    shown = measurements.points.shape[1] * 3 if setup.R_tool_sensor is None else 6
+    shown = min(shown, 6) if setup.targets_known else shown
+    equations = len(q) * shown
     if equations < observable_rank:
-        needed = -(-observable_rank // len(weight))
+        needed = -(-observable_rank // shown)
         raise NoSolutionError(
             f"local-poe: {len(q)} configurations give {equations} equations for {observable_rank} identifiable parameters; "
             f"measure at least {needed} (twice as many for a useful result)"
@@ -100,7 +102,7 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
         singular_values=readonly(singular_values),
         rank=rank,
         observable_rank=observable_rank,
-        unobservable=_directions(null_space, names, observable_rank - rank),
+        unobservable=_directions(null_space, seen_anywhere, names, observable_rank - rank),
         residual_rms=split_rms(final, setup),
         iterations=iteration,
     )
@@ -142,10 +144,17 @@ def _parameter_names(n: int, setup: Setup) -> list[str]:
     return names
 
 
-def _directions(null_space: Array, names: list[str], missing: int) -> tuple[str, ...]:
-    """Text for the directions with the smallest singular values that a better design would see."""
+def _directions(null_space: Array, seen_anywhere: Array, names: list[str], missing: int) -> tuple[str, ...]:
+    """Text for the directions that these configurations do not show but others would, clearest there first.
+
+    The null space holds the exact redundancies too; they stay invisible in `seen_anywhere`, the matrix of configurations
+    all over the joint range.
+    """
+    if missing <= 0 or not len(null_space):
+        return ()
+    _, _, vt = np.linalg.svd(seen_anywhere @ null_space.T, full_matrices=False)
     texts = []
-    for vector in null_space[:missing]:
+    for vector in (vt @ null_space)[:missing]:
         largest = np.argsort(-np.abs(vector))[:3]
         texts.append(" ".join(f"{vector[i]:+.2f}·{names[i]}" for i in largest))
     return tuple(texts)

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from scipy.spatial.transform import Rotation
 
-from calibtool.errors import InputError, UsageError
+from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.measurement.measurements import Measurements, Setup, check_targets
 from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import ORIENTATION_NOISE
@@ -84,7 +84,7 @@ class Noise(_Strict):
 class ColumnMap(_Strict):
     """The contents of a `--columns` file."""
 
-    delimiter: str | None = None
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
     decimal: Literal[".", ","] | None = None
     joints: JointColumns
     targets: list[TargetColumns] = []
@@ -165,7 +165,11 @@ def import_table(
         warnings.append(
             f"{first}: {int(outside.sum())} of {len(q)} rows are outside the joint limits of {robot.name}; kept"
         )
-    return replace(measurements, setup=register(measurements)), warnings
+    try:
+        return replace(measurements, setup=register(measurements)), warnings
+    except NoSolutionError as error:
+        hint = f" ({warnings[0]})" if warnings else ""
+        raise NoSolutionError(f"{error}{hint}") from None
 
 
 def select_rows(

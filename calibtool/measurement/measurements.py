@@ -72,7 +72,17 @@ class Measurements:
             raise InputError(f"measurements: points have shape {self.points.shape}, expected {shape}")
         if not np.isfinite(self.points).all() or (self.rotations is not None and not np.isfinite(self.rotations).all()):
             raise InputError("measurements: a measured value is not finite")
-        if not (self.noise_position > 0 and self.noise_orientation > 0):
+        if (self.rotations is None) != (self.setup.R_tool_sensor is None):
+            raise InputError(
+                "measurements: measured rotations and the sensor's orientation on the tool belong together"
+            )
+        if self.rotations is not None and self.rotations.shape != (len(self.q), 3, 3):
+            raise InputError(
+                f"measurements: rotations have shape {self.rotations.shape}, expected {(len(self.q), 3, 3)}"
+            )
+        if self.truth is not None and self.truth.setup.targets.shape != self.setup.targets.shape:
+            raise InputError("measurements: the true targets are not as many as the measured ones")
+        if not (0 < self.noise_position < np.inf and 0 < self.noise_orientation < np.inf):
             raise InputError("measurements: the stated noise must be above zero; it is the weight of the fit")
 
     def __len__(self) -> int:

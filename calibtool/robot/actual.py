@@ -67,7 +67,7 @@ class ActualRobot:
     def joint_motion(self, q: Array) -> Array:
         """Error δq(q) of the joint motions beyond the constant offsets, q (N, n) in the order of measuring: (N, n).
 
-        Backlash takes the direction of each joint from the row before; the first row comes from the home position.
+        Backlash takes the direction of each joint's last motion from the rows before; the first row comes from home.
         """
         error = np.zeros_like(q)
         if self.gear.any():
@@ -78,12 +78,20 @@ class ActualRobot:
             error -= self.compliance * gravity_torque(self.robot, q)
         if self.backlash.any():
             home = self.robot.home(self.robot.workspace(None)[1])
-            error -= self.backlash * np.sign(np.diff(q, axis=0, prepend=home[None]))
+            error -= self.backlash * _directions(np.diff(q, axis=0, prepend=home[None]))
         return error
 
     def forward(self, q: Array) -> Array:
         """Actual T_base_tool when the joints are commanded to q (N, n): (N, 4, 4)."""
         return self.mechanism.forward(q + self.joint_motion(q))
+
+
+def _directions(moves: Array) -> Array:
+    """Sign of each joint's last motion (N, n): a joint that stands still stays on its side."""
+    direction = np.sign(moves)
+    for k in range(1, len(direction)):
+        direction[k] = np.where(direction[k] == 0, direction[k - 1], direction[k])
+    return direction
 
 
 def random_actual(robot: Robot, scales: ErrorScales, rng: np.random.Generator) -> ActualRobot:

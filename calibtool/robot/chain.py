@@ -1,6 +1,10 @@
 """URDF text → a Pinocchio model that is one serial chain with one coordinate per joint."""
 
+import contextlib
+import os
+import re
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,7 +39,7 @@ def build_chain(source: Source) -> SerialChain:
     Raises InputError for an unknown joint or frame, a chain that branches before the tool, or a joint of several
     degrees of freedom.
     """
-    name = source.description.name
+    name = source.place
     kinematics = source.description.kinematics
     full = _parse_urdf(source.urdf_text, name)
     reduced = _lock(full, kinematics.locked_joints, name)
@@ -44,7 +48,7 @@ def build_chain(source: Source) -> SerialChain:
     joints = _joints_to(reduced, tool.parentJoint, name)
     base = _base_placement(reduced, kinematics.base_frame, name)
     model = pin.Model()
-    model.name = name
+    model.name = source.description.name
     model.gravity = pin.Motion(base.rotation.T @ reduced.gravity.linear, np.zeros(3))
     placements, twists, lower, upper = [], [], [], []
     for position, j in enumerate(joints):
@@ -70,17 +74,42 @@ def last_frame(urdf_text: str, name: str) -> str:
 
 
 def _parse_urdf(urdf_text: str, name: str) -> pin.Model:
-    # From a file, not from a string: urdfdom prints nothing useful for a string, and refuses some encodings.
+    # From a file: urdfdom refuses some encodings in a string.
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.urdf"
         path.write_text(urdf_text, encoding="utf-8")
+        said = Path(folder) / "said"
         try:
-            model = pin.buildModelFromUrdf(str(path))
+            with _redirected_stderr(said):
+                model = pin.buildModelFromUrdf(str(path))
         except (ValueError, RuntimeError):
-            raise InputError(f"{name}: the URDF cannot be read; check it with a URDF checker") from None
+            reason = _reason(said.read_text(errors="replace"))
+            raise InputError(f"{name}: the URDF cannot be read{reason}; check it with a URDF checker") from None
     if model.njoints < 2:
         raise InputError(f"{name}: the URDF has no movable joint")
     return model
+
+
+@contextlib.contextmanager
+def _redirected_stderr(path: Path) -> Iterator[None]:
+    """urdfdom writes to the process's stderr by itself: keep what it says in a file."""
+    with path.open("wb") as stream:
+        try:
+            kept = os.dup(2)
+        except OSError:  # no stderr at all
+            yield
+            return
+        os.dup2(stream.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
+def _reason(said: str) -> str:
+    match = re.search(r"Error:\s+(.+)", said)
+    return f": {match[1].strip()}" if match else ""
 
 
 def _lock(model: pin.Model, locked: dict[str, float], name: str) -> pin.Model:

@@ -4,7 +4,7 @@ import tomllib
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -85,11 +85,12 @@ class Source:
     description: Description
     toml_text: str
     urdf_text: str
+    place: str  # where it was read, for messages
 
 
 def parse_source(toml_text: str, urdf_text: str, place: str) -> Source:
     """Validate the text of a robot.toml. Raises InputError with `place`, the key and what is wrong."""
-    return Source(_parse_description(toml_text, place), toml_text, urdf_text)
+    return Source(_parse_description(toml_text, place), toml_text, urdf_text, place)
 
 
 def read_source(path: Path) -> Source:
@@ -105,14 +106,14 @@ def read_source(path: Path) -> Source:
         urdf_path = path.parent / kinematics.urdf
     else:
         urdf_path = example_robot_data() / str(kinematics.example_robot_data)
-    return Source(description, text, _read_text(urdf_path))
+    return Source(description, text, _read_text(urdf_path), str(path))
 
 
 def source_from_urdf(urdf_text: str, name: str) -> Source:
     """A description for a bare URDF: the last link is the tool, three targets on a circle of 0.1 m round it."""
     from calibtool.robot.chain import last_frame  # Pinocchio is only needed here
 
-    safe = "".join(c if c.isalnum() or c in "._-" else "-" for c in name).lstrip("._-") or "robot"
+    safe = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in name).lstrip("._-") or "robot"
     toml_text = (
         f'name = "{safe}"\ntitle = "{safe}, from a bare URDF"\n'
         'notes = ["Made from a bare URDF: the tool is the last link, the targets are stand-ins."]\n\n'
@@ -141,14 +142,33 @@ def _parse_description(toml_text: str, place: str) -> Description:
 
 
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first finding of pydantic as one line: key, what is wrong, near names for an unknown key."""
-    first = error.errors()[0]
+    """A finding of pydantic as one line: key, what is wrong, near names for an unknown key, which comes first."""
+    findings = error.errors()
+    first = next((finding for finding in findings if finding["type"] == "extra_forbidden"), findings[0])
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
-        known = model.model_fields if len(first["loc"]) == 1 else {}
-        return f"unknown key '{key}'" + (f"; {near_names(key, known)}" if known else "")
+        known = _fields_at(model, first["loc"][:-1])
+        return f"unknown key '{key}'" + (f"; {near_names(str(first['loc'][-1]), known)}" if known else "")
     message = first["msg"].removeprefix("Value error, ")
     return f"{key}: {message}" if key else message
+
+
+def _fields_at(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
+    """Keys of the model that stands at `path` inside another one, none if that cannot be told."""
+    for part in path:
+        if isinstance(part, int) or part not in model.model_fields:
+            continue  # an element of a list or of a table with free names: the model is already that of its values
+        inner = _models_in(model.model_fields[part].annotation)
+        if not inner:
+            return []
+        model = inner[0]
+    return list(model.model_fields)
+
+
+def _models_in(annotation: object) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in _models_in(argument)]
 
 
 def _read_text(path: Path) -> str:

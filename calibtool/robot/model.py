@@ -31,19 +31,21 @@ class Robot:
         description = source.description
         prismatic = _prismatic(chain)
         lower, upper = chain.lower.copy(), chain.upper.copy()
+        seen: set[int] = set()
         for name, (low, high) in description.limits.items():
-            place = f"{description.name}: limits"
+            place = f"{source.place}: limits"
             index, factor = joint_and_factor(name, prismatic, place)
+            if index in seen:
+                raise InputError(f"{place}: joint {index + 1} is given twice, again by '{name}'")
+            seen.add(index)
             if not low < high:
                 raise InputError(f"{place}.{name}: the lower limit {low:g} is not below the upper limit {high:g}")
             lower[index], upper[index] = low * factor, high * factor
         for name, workspace in description.workspaces.items():
-            joint_values(workspace.home, prismatic, f"{description.name}: workspaces.{name}.home")
+            joint_values(workspace.home, prismatic, f"{source.place}: workspaces.{name}.home")
         n = len(prismatic)
         if description.equivalent is not None and len(set(description.equivalent.virtual_joints)) != max(6 - n, 0):
-            raise InputError(
-                f"{description.name}: equivalent.virtual_joints: {max(6 - n, 0)} different ones are needed"
-            )
+            raise InputError(f"{source.place}: equivalent.virtual_joints: {max(6 - n, 0)} different ones are needed")
         return cls(source, chain, readonly(lower), readonly(upper))
 
     @property
