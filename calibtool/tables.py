@@ -162,7 +162,7 @@ def joint_positions(table: Table, robot: Robot, columns: Sequence[str], units: S
     """
     q = table.numbers(columns) * np.array([TO_SI[unit] for unit in units])
     for j, unit in enumerate(units):
-        bound = 2 * max(2 * np.pi, abs(robot.lower[j]), abs(robot.upper[j]))
+        bound = 2 * max(np.pi, abs(robot.lower[j]), abs(robot.upper[j]))
         if unit == "rad" and np.abs(q[:, j]).max() > bound:
             row = int(np.argmax(np.abs(q[:, j]) > bound))
             raise InputError(
