@@ -10,7 +10,7 @@ demo: $(VENV)/.installed
 	$(BIN)/calibtool demo -o $(OUTPUT) --force
 
 test: $(VENV)/.tests-installed lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 lint: $(VENV)/.tests-installed
 	$(BIN)/ruff check .

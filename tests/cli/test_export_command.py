@@ -1,0 +1,98 @@
+"""calibtool export: JSON that stands alone, C that corrects as `compensate --method one-step` does."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import Files, answer, refused, rows_of, run, write_table
+
+
+def test_json_on_stdout_and_in_a_file(files: Files) -> None:
+    result = run("export", files.network, "--format", "json")
+    assert result.stderr == ""
+    run("export", files.network, "--format", "json", "-o", "c.json")
+    assert Path("c.json").read_text(encoding="utf-8") == result.stdout
+    assert run("export", "-", "--format", "json", stdin=Path(files.network).read_bytes()).stdout == result.stdout
+
+
+def test_json_holds_what_a_reader_needs(files: Files) -> None:
+    value = json.loads(run("export", files.network, "--format", "json").stdout)
+    assert (value["schema"], value["schema_version"]) == ("calibtool/compensator", 1)
+    assert value["robot"] == "planar-3r"
+    assert [joint["unit"] for joint in value["joints"]] == ["rad"] * 3
+    assert np.shape(value["nominal_placements_m"]) == (4, 4, 4)
+    assert np.shape(value["nominal_twists_per_rad_or_m"]) == (3, 6)
+    assert value["equivalent_robot"]["virtual_joints"] == answer("robots", "planar-3r")["virtual_joints"]
+    assert np.shape(value["network"]["hidden_weights"]) == (4, 3)
+    assert np.shape(value["network"]["output_weights"]) == (6, 4)
+    assert value["provenance"] == answer("info", files.network)["provenance"]
+    assert json.loads(run("export", files.local_poe, "--format", "json").stdout)["network"] is None
+
+
+def test_c_is_a_source_and_a_header_beside_it(files: Files) -> None:
+    Path("src").mkdir()
+    result = run("export", files.network, "--format", "c", "-o", "src/robot_a.c")
+    assert result.stdout_bytes == b""
+    assert result.stderr == ""
+    assert sorted(path.name for path in Path("src").iterdir()) == ["robot_a.c", "robot_a.h"]
+    source, header = Path("src/robot_a.c").read_text(), Path("src/robot_a.h").read_text()
+    assert '#include "robot_a.h"' in source
+    assert "int robot_a_correct(" in header
+    assert "int robot_a_correct(" in source
+
+
+@pytest.mark.parametrize("name", ["network", "local_poe", "paper", "six_network"])
+def test_c_corrects_as_the_command_does(files: Files, name: str) -> None:
+    """Compiled with warnings as errors, and run on the joints of a table."""
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    calibration = getattr(files, name)
+    rows = [[0.3, -0.5, 0.8, 0.1, -1.2, 0.4], [-0.7, 0.2, -0.1, -0.4, -0.9, 2.0]]
+    n = 6 if name.startswith("six") else 3
+    names = [f"j{k}_rad" for k in range(1, n + 1)]
+    write_table("t.csv", names, [row[:n] for row in rows])
+    corrected = rows_of(run("compensate", calibration, "t.csv", "--method", "one-step").stdout)
+    expected = [[float(row[name]) for name in names] for row in corrected]
+
+    run("export", calibration, "--format", "c", "-o", "comp.c")
+    numbers = ", ".join("{" + ", ".join(map(str, row[:n])) + "}" for row in rows)
+    Path("main.c").write_text(
+        '#include <stdio.h>\n#include "comp.h"\n'
+        f"int main(void) {{\n  const double q[2][COMP_N] = {{{numbers}}};\n  double q_m[COMP_N];\n"
+        "  for (int k = 0; k < 2; k++) {\n    if (comp_correct(q[k], q_m) != COMP_OK) return 1;\n"
+        '    for (int j = 0; j < COMP_N; j++) printf("%.17g ", q_m[j]);\n  }\n  return 0;\n}\n'
+    )
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
+    subprocess.run([compiler, *strict, "main.c", "comp.c", "-lm", "-o", "main"], check=True, timeout=60)
+    printed = subprocess.run(["./main"], capture_output=True, check=True, timeout=60).stdout
+    np.testing.assert_allclose(np.array(printed.split(), dtype=float).reshape(2, n), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("output", [[], ["-o", "-"], ["-o", "comp"], ["-o", "comp.h"], ["-o", "comp.cpp"]])
+def test_c_needs_a_name_that_ends_in_c(files: Files, output: list[str]) -> None:
+    assert ".c" in refused(2, "export", files.network, "--format", "c", *output)
+
+
+@pytest.mark.parametrize("name", ["comp-x.c", "3axis.c", "my robot.c", "é.c", ".c"])
+def test_c_needs_a_name_that_can_begin_a_symbol(files: Files, name: str) -> None:
+    refused(2, "export", files.network, "--format", "c", "-o", name)
+
+
+@pytest.mark.parametrize("existing", ["comp.c", "comp.h"])
+def test_neither_c_file_is_overwritten_unasked(files: Files, existing: str) -> None:
+    Path(existing).write_text("mine")
+    assert existing in refused(2, "export", files.network, "--format", "c", "-o", "comp.c")
+    run("export", files.network, "--format", "c", "-o", "comp.c", "--force")
+    assert "comp_correct" in Path(existing).read_text()
+
+
+def test_the_same_calibration_gives_the_same_text(files: Files) -> None:
+    for folder in ("a", "b"):
+        Path(folder).mkdir()
+        run("export", files.network, "--format", "c", "-o", f"{folder}/comp.c")
+    for name in ("comp.c", "comp.h"):
+        assert Path("a", name).read_bytes() == Path("b", name).read_bytes()

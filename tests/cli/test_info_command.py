@@ -1,0 +1,58 @@
+"""calibtool info: what a file holds, for people and as JSON."""
+
+import hashlib
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+from commandline import Files, answer, run
+
+
+def test_a_measurements_file(files: Files) -> None:
+    value = answer("info", files.measurements)
+    assert (value["schema"], value["schema_version"]) == ("calibtool/info", 1)
+    assert (value["kind"], value["robot"], value["configurations"]) == ("measurements", "planar-3r", 40)
+    assert value["observation"] == "3 target points"
+    assert value["noise_position_mm"] == pytest.approx(0.05)
+    assert value["simulated"] is True
+    assert value["registration"]["targets_on_tool_mm"] == answer("robots", "planar-3r")["targets_mm"]
+
+
+def test_a_calibration_file(files: Files) -> None:
+    value = answer("info", files.network)
+    assert (value["kind"], value["robot"], value["configurations"]) == ("calibration", "planar-3r", 40)
+    assert value["base"]["model"] == "local-poe"
+    assert value["network"]["used"] is True
+    assert value["network"]["restarts"] == 1
+    assert answer("info", files.local_poe)["network"] == {"used": False}
+    assert answer("info", files.paper)["base"]["model"] == "nominal"
+
+
+def test_provenance(files: Files) -> None:
+    provenance = answer("info", files.network)["provenance"]
+    assert provenance["seed"] == "0"
+    assert provenance["command"] == f"calibtool train {files.measurements} --restarts 1"
+    assert provenance["sha256_measurements"] == hashlib.sha256(Path(files.measurements).read_bytes()).hexdigest()
+    assert provenance["version_calibtool"] == version("calibtool")
+    assert provenance["version_numpy"] == version("numpy")
+
+
+@pytest.mark.parametrize("name", ["measurements", "network", "local_poe", "paper", "ten"])
+def test_text_and_json_say_the_same(files: Files, name: str) -> None:
+    path = getattr(files, name)
+    result = run("info", path)
+    assert result.stderr == ""
+    value = answer("info", path)
+    for key in value:
+        if key != "schema":
+            assert f"\n{key}:" in "\n" + result.stdout
+    assert f"robot: {value['robot']}\n" in result.stdout
+    assert f"command: {value['provenance']['command']}\n" in result.stdout
+
+
+@pytest.mark.parametrize("name", ["measurements", "network"])
+def test_from_stdin(files: Files, name: str) -> None:
+    path = getattr(files, name)
+    data = Path(path).read_bytes()
+    assert run("info", "-", stdin=data).stdout == run("info", path).stdout
+    assert answer("info", "-", stdin=data) == answer("info", path)

@@ -1,0 +1,303 @@
+"""The actual robot of a simulation: every effect is what its formula says, of its stated size, and switched on alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from derivatives import assert_derivative, finite_differences
+from test_poe import expm_chain, random_positions
+
+from calibtool.identification.columns import offset_columns, placement_columns, twist_columns
+from calibtool.robot.actual import (
+    ERROR_KINDS,
+    STEEL_EXPANSION,
+    ActualRobot,
+    ErrorScales,
+    gravity_torque,
+    random_actual,
+)
+from calibtool.robot.catalogue import load_robot
+from calibtool.robot.geometry import GeometricErrors, relative_error
+from calibtool.robot.model import Robot
+from calibtool.robot.poe import poe_frames
+from calibtool.robot.se3 import Array, inverse
+
+
+def actual(robot: Robot, *kinds: str, seed: int = 3) -> ActualRobot:
+    return random_actual(robot, ErrorScales(kinds=kinds), np.random.default_rng(seed))
+
+
+def present(robot: ActualRobot) -> set[str]:
+    """The kinds that are not zero."""
+    geometry = robot.geometry
+    kinds = {
+        "geometric": geometry.placements.any() or geometry.twists.any() or geometry.offsets.any(),
+        "gear": robot.gear.any(),
+        "gravity": robot.compliance.any(),
+        "backlash": robot.backlash.any(),
+        "thermal": robot.expansion != 0,
+    }
+    return {kind for kind, here in kinds.items() if here}
+
+
+# --- kinds ---
+
+
+@pytest.mark.parametrize("kind", ERROR_KINDS)
+def test_each_kind_alone_moves_the_tool_and_leaves_the_others_out(
+    fanuc: Robot, kind: str, rng: np.random.Generator
+) -> None:
+    robot = actual(fanuc, kind)
+    assert present(robot) == {kind}
+    q = random_positions(fanuc, rng, 5)
+    moved = np.linalg.norm(robot.forward(q)[:, :3, 3] - fanuc.mechanism.forward(q)[:, :3, 3], axis=-1)
+    assert (moved > 1e-6).all()
+    assert (moved < 50e-3).all()
+
+
+def test_without_a_kind_the_robot_is_the_nominal_one(robot: Robot, rng: np.random.Generator) -> None:
+    q = random_positions(robot, rng, 3)
+    np.testing.assert_allclose(
+        actual(robot).forward(q), expm_chain(robot.chain.placements, robot.chain.twists, q), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("kind", ERROR_KINDS)
+def test_switching_other_kinds_on_leaves_a_kind_as_it_was(fanuc: Robot, kind: str) -> None:
+    alone, among_all = actual(fanuc, kind), actual(fanuc, *ERROR_KINDS)
+    without = actual(fanuc, *(k for k in ERROR_KINDS if k != kind))
+    assert present(among_all) == set(ERROR_KINDS)
+    parts = {
+        "geometric": lambda r: np.concatenate(
+            [r.geometry.placements.ravel(), r.geometry.twists.ravel(), r.geometry.offsets]
+        ),
+        "gear": lambda r: r.gear,
+        "gravity": lambda r: r.compliance,
+        "backlash": lambda r: r.backlash,
+        "thermal": lambda r: np.array(r.expansion),
+    }
+    for name, part in parts.items():
+        np.testing.assert_array_equal(part(among_all), part(alone if name == kind else without))
+
+
+def test_the_seed_decides(fanuc: Robot) -> None:
+    first, again, other = (actual(fanuc, *ERROR_KINDS, seed=seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.geometry.placements, again.geometry.placements)
+    np.testing.assert_array_equal(first.gear, again.gear)
+    assert (first.geometry.placements != other.geometry.placements).all()
+    assert (first.gear != other.gear).all()
+
+
+# --- geometry ---
+
+
+def test_geometric_errors_have_the_stated_spread(rng: np.random.Generator) -> None:
+    gantry = load_robot("gantry")
+    scales = ErrorScales(length=2e-3, angle=0.3e-3)
+    drawn = [random_actual(gantry, scales, child).geometry for child in rng.spawn(200)]
+    for twists in (np.array([g.placements for g in drawn]), np.array([g.twists for g in drawn])):
+        assert twists[..., :3].std() == pytest.approx(2e-3, rel=0.05)
+        assert twists[..., 3:].std() == pytest.approx(0.3e-3, rel=0.05)
+        assert np.abs(twists.mean(axis=0)).max() < 5 * 2e-3 / np.sqrt(200)
+    offsets = np.array([g.offsets for g in drawn])
+    assert offsets[:, :3].std() == pytest.approx(2e-3, rel=0.1)  # slides: a length
+    assert offsets[:, 3:].std() == pytest.approx(0.3e-3, rel=0.1)
+
+
+def test_geometric_errors_are_finite_motions(robot: Robot, rng: np.random.Generator) -> None:
+    errors = random_actual(robot, ErrorScales(length=0.05, angle=0.05), rng)
+    q, geometry = random_positions(robot, rng, 3), errors.geometry
+    identity = np.array([np.eye(4)] * 2)
+    placements = np.array(
+        [
+            M @ expm_chain(identity, x[None], np.ones((1, 1)))[0]
+            for M, x in zip(robot.chain.placements, geometry.placements, strict=True)
+        ]
+    )
+    expected = expm_chain(placements, robot.chain.twists + geometry.twists, q + geometry.offsets)
+    np.testing.assert_allclose(errors.forward(q), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("kinds", [("geometric",), ("thermal",), ("gear",), ("gravity",), ERROR_KINDS])
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "gantry"])
+def test_small_errors_agree_with_the_linear_columns_to_second_order(
+    name: str, kinds: tuple[str, ...], rng: np.random.Generator
+) -> None:
+    robot = load_robot(name)
+    chain, q = robot.chain, random_positions(robot, rng, 5)
+    frames = poe_frames(chain.placements, chain.twists, q)
+    drawn = actual(robot, *kinds)
+
+    def left_over(scale: float) -> float:
+        geometry = drawn.geometry
+        errors = replace(
+            drawn,
+            geometry=GeometricErrors(scale * geometry.placements, scale * geometry.twists, scale * geometry.offsets),
+            gear=scale * drawn.gear,
+            compliance=scale * drawn.compliance,
+            backlash=scale * drawn.backlash,
+            expansion=scale * drawn.expansion,
+        )
+        placements = errors.geometry.placements.copy()
+        for j, M in enumerate(chain.placements):  # growth is a shift along the link, seen in the joint's frame
+            placements[j, :3] += errors.expansion * M[:3, :3].T @ M[:3, 3]
+        motion = errors.geometry.offsets + errors.joint_motion(q)
+        linear = (
+            placement_columns(frames) @ placements.ravel()
+            + twist_columns(frames, chain.twists, q) @ errors.geometry.twists.ravel()
+            + (offset_columns(frames, chain.twists) @ motion[..., None])[..., 0]
+        )
+        return float(np.abs(relative_error(errors.forward(q), frames.tool) - linear).max())
+
+    whole, half = left_over(1.0), left_over(0.5)
+    assert whole < 2e-4  # second order of millimetres, milliradians and metres
+    assert whole < 1e-12 or 3.5 < whole / half < 4.5
+
+
+# --- gears ---
+
+
+def test_gear_errors_are_two_harmonics_of_the_commanded_position(fanuc: Robot, rng: np.random.Generator) -> None:
+    robot, q = actual(fanuc, "gear"), random_positions(fanuc, rng, 10)
+    a1, b1, a2, b2 = robot.gear.T
+    expected = a1 * np.sin(q) + b1 * np.cos(q) + a2 * np.sin(2 * q) + b2 * np.cos(2 * q)
+    np.testing.assert_allclose(robot.joint_motion(q), expected, atol=1e-16)
+    np.testing.assert_allclose(
+        robot.forward(q), expm_chain(fanuc.chain.placements, fanuc.chain.twists, q + expected), atol=1e-12
+    )
+
+
+def test_gear_errors_have_the_stated_spread_and_slides_have_no_gears(rng: np.random.Generator) -> None:
+    gantry = load_robot("gantry")
+    scales = ErrorScales(kinds=("gear",), gear=0.4e-3)
+    drawn = np.array([random_actual(gantry, scales, child).gear for child in rng.spawn(300)])
+    assert not drawn[:, :3].any()
+    np.testing.assert_allclose(drawn[:, 3:].std(axis=0), 0.4e-3, rtol=0.2)
+
+
+# --- gravity ---
+
+
+def potential_energy(robot: Robot, q: Array) -> float:
+    """Σ m g h over the links, J; for a URDF without masses of uniform links of 1 kg/m from joint to joint."""
+    after = poe_frames(robot.chain.placements, robot.chain.twists, q[None]).after[0]
+    inertias = list(robot.chain.model.inertias)[1:]
+    weightless = sum(inertia.mass for inertia in inertias) == 0
+    total = 0.0
+    for j in range(robot.n):
+        if weightless:
+            link = robot.chain.placements[j + 1][:3, 3]
+            mass, centre = float(np.linalg.norm(link)), link / 2
+        else:
+            mass, centre = inertias[j].mass, inertias[j].lever
+        total += mass * 9.81 * (after[j, :3, :3] @ centre + after[j, :3, 3])[2]
+    return total
+
+
+def test_gravity_torque_is_the_derivative_of_the_potential_energy(robot: Robot, rng: np.random.Generator) -> None:
+    for q in random_positions(robot, rng, 2):
+        torque = gravity_torque(robot, q[None])
+        assert_derivative(lambda x: np.array([potential_energy(robot, x)]), torque, q)
+
+
+def test_joints_wind_up_in_the_direction_of_the_weight(robot: Robot, rng: np.random.Generator) -> None:
+    sagging, q = actual(robot, "gravity"), random_positions(robot, rng, 3)
+    motion = sagging.joint_motion(q)
+    np.testing.assert_allclose(motion, -sagging.compliance * gravity_torque(robot, q), atol=1e-18)
+    for row, step in zip(q, motion, strict=True):
+        slope = finite_differences(lambda x: np.array(potential_energy(robot, x)), row)
+        assert slope @ step <= 1e-12  # every joint gives way downhill
+
+
+@pytest.mark.parametrize(
+    ("name", "carrying"),
+    [
+        ("fanuc-m1000ia", {1, 2}),  # upper arm and forearm; the wrist's links of 0.385 m weigh little beside them
+        ("scara", set()),
+        ("planar-3r", set()),
+        ("gantry", {4}),
+        ("ur5", {1, 2}),  # 1.4 kg of wrist at 0.1 m weigh little beside 12 kg at up to 0.8 m
+    ],
+)
+def test_only_joints_that_carry_load_wind_up(name: str, carrying: set[int]) -> None:
+    assert set(np.flatnonzero(actual(load_robot(name), "gravity").compliance)) == carrying
+
+
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "ur5", "kinova", "panda", "gantry"])
+def test_the_largest_wind_up_is_the_stated_one(name: str, rng: np.random.Generator) -> None:
+    robot = load_robot(name)
+    sagging = random_actual(robot, ErrorScales(kinds=("gravity",), gravity=0.8e-3), rng)
+    largest = np.abs(sagging.joint_motion(random_positions(robot, rng, 2000))).max(axis=0)
+    carrying = sagging.compliance > 0
+    assert carrying.any()
+    np.testing.assert_allclose(largest[carrying], 0.8e-3, rtol=0.15)
+    assert not largest[~carrying].any()
+
+
+# --- backlash ---
+
+
+def test_backlash_leaves_a_joint_behind_its_motion(fanuc: Robot) -> None:
+    home = fanuc.home(fanuc.workspace(None)[1])
+    up, down = home + 0.1, home - 0.2
+    robot = replace(actual(fanuc), backlash=np.array([1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4]))
+    motion = robot.joint_motion(np.array([up, down, up, up + 0.1, down]))
+    expected = np.array([-1, 1, -1, -1, 1])[:, None] * robot.backlash
+    np.testing.assert_allclose(motion, expected, atol=1e-18)
+
+
+def test_backlash_knows_the_direction_of_each_joint(fanuc: Robot) -> None:
+    home = fanuc.home(fanuc.workspace(None)[1])
+    direction = np.array([1, -1, 1, 1, -1, -1])
+    robot = actual(fanuc, "backlash")
+    assert (robot.backlash == 0.1e-3).all()
+    np.testing.assert_allclose(robot.joint_motion(home[None] + 0.1 * direction), -0.1e-3 * direction[None], atol=1e-18)
+
+
+def test_a_joint_that_stands_still_stays_on_the_side_of_its_last_motion(fanuc: Robot) -> None:
+    home = fanuc.home(fanuc.workspace(None)[1])
+    q = np.array([home + 0.1, home + 0.1])
+    q[1, 0] += 0.1  # only joint 1 goes on
+    motion = actual(fanuc, "backlash").joint_motion(q)
+    np.testing.assert_allclose(motion, -0.1e-3, atol=1e-18)
+
+
+# --- heat ---
+
+
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "fanuc-m900ib-700", "ur5", "panda", "kinova", "planar-3r"])
+def test_a_warm_arm_is_the_same_arm_enlarged(name: str, rng: np.random.Generator) -> None:
+    robot = load_robot(name)
+    q = random_positions(robot, rng, 5)
+    warm = random_actual(robot, ErrorScales(kinds=("thermal",), temperature=50.0), rng)
+    nominal, pose = robot.mechanism.forward(q), warm.forward(q)
+    np.testing.assert_allclose(pose[:, :3, 3], nominal[:, :3, 3] * (1 + 50.0 * STEEL_EXPANSION), atol=1e-12)
+    np.testing.assert_allclose(pose[:, :3, :3], nominal[:, :3, :3], atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "slides"), [("scara", [[0, 0, -1]]), ("gantry", [[1, 0, 0], [0, 1, 0], [0, 0, -1]])])
+def test_heat_does_not_change_what_a_slide_is_commanded(
+    name: str, slides: list[list[float]], rng: np.random.Generator
+) -> None:
+    robot = load_robot(name)
+    q = random_positions(robot, rng, 5)
+    warm = actual(robot, "thermal")
+    stroke = q[:, robot.prismatic] @ np.array(slides, dtype=float)  # the axes do not turn with the joints before them
+    links = robot.mechanism.forward(q)[:, :3, 3] - stroke
+    np.testing.assert_allclose(warm.forward(q)[:, :3, 3], links * (1 + 120e-6) + stroke, atol=1e-12)
+
+
+def test_ten_kelvin_on_a_metre_of_steel_are_an_eighth_of_a_millimetre(fanuc: Robot) -> None:
+    assert actual(fanuc, "thermal").expansion == pytest.approx(0.12e-3)  # 12 µm/m/K
+
+
+def test_heat_and_geometric_errors_multiply(fanuc: Robot, rng: np.random.Generator) -> None:
+    # M grown, then exp6(δζ): relative to the cold robot every placement is the growth in front of the same error.
+    both, cold = actual(fanuc, "geometric", "thermal"), actual(fanuc, "geometric")
+    grown = fanuc.chain.placements.copy()
+    grown[:, :3, 3] *= 1 + both.expansion
+    q = random_positions(fanuc, rng, 3)
+    placements = grown @ inverse(fanuc.chain.placements) @ cold.geometry.placements_of(fanuc.chain)
+    geometry = cold.geometry
+    expected = expm_chain(placements, fanuc.chain.twists + geometry.twists, q + geometry.offsets)
+    np.testing.assert_allclose(both.forward(q), expected, atol=1e-9)

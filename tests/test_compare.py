@@ -1,0 +1,227 @@
+"""Methods side by side: a perfect calibration leaves nothing, nothing is fitted where it is judged, and the JSON."""
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from calibtool.calibration import Calibration, identify
+from calibtool.errors import InputError
+from calibtool.evaluation.compare import evaluate
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.registration import register
+from calibtool.measurement.simulate import Simulation, simulate
+from calibtool.robot.catalogue import load_robot
+
+STATISTICS = {"mean", "std", "rms", "p95", "max"}
+
+
+@cache
+def simulated(name: str = "ur5", unregistered: bool = False) -> tuple[Measurements, Measurements]:
+    """A simulation, and the same robot at fresh configurations."""
+    robot = load_robot(name)
+    workspace = robot.workspace(None)[1]
+    first = simulate(robot, Simulation(seed=1, workspace=workspace, configurations=60, unregistered=unregistered))
+    fresh = simulate(robot, Simulation(seed=1, workspace=workspace, configurations=25, same_robot=first.truth))
+    return first, fresh
+
+
+def perfect(measurements: Measurements) -> Calibration:
+    """A calibration that holds the truth itself."""
+    truth = measurements.truth
+    assert truth is not None
+    calibration = identify(measurements, "nominal")
+    base = replace(calibration.base, model="local-poe", geometry=truth.actual.geometry, setup=truth.setup)
+    return replace(calibration, base=base)
+
+
+# --- compensated -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("unregistered", [False, True])
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "panda", "ur5"])
+def test_a_calibration_that_holds_the_truth_leaves_nothing(name: str, unregistered: bool) -> None:
+    first, fresh = simulated(name, unregistered)
+    evaluation = evaluate([("perfect", perfect(first))], fresh)
+    nominal, best = evaluation.methods
+    assert evaluation.kind == "compensated"
+    assert evaluation.marked == [0, 0]
+    assert best.position_size.max() < 1e-9
+    assert best.orientation_size is not None
+    assert best.orientation_size.max() < 2e-9
+    assert nominal.position_size.mean() > 1e-4
+    entry = evaluation.as_json()["methods"][1]  # type: ignore[index]
+    assert min(entry["reduction_percent"].values()) > 99.99
+
+
+def test_the_nominal_robot_errs_by_its_tool_pose() -> None:
+    _, fresh = simulated()
+    truth = fresh.truth
+    assert truth is not None
+    nominal = evaluate([], fresh).methods[0]
+    actual, commanded = truth.actual.forward(fresh.q), fresh.robot.mechanism.forward(fresh.q)
+    assert np.allclose(nominal.position[:, 0], actual[:, :3, 3] - commanded[:, :3, 3], atol=1e-12)
+    turn = Rotation.from_matrix(actual[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2)).as_rotvec()
+    assert nominal.orientation is not None
+    assert np.allclose(nominal.orientation, turn, atol=1e-12)
+
+
+def test_the_noise_of_the_judged_measurements_does_not_matter_where_the_truth_is_known() -> None:
+    first, fresh = simulated()
+    calibration = identify(first, "local-poe")
+    noisy = replace(fresh, points=fresh.points + 1e-3)
+    a, b = (evaluate([("c", calibration)], m).methods[1].position for m in (fresh, noisy))
+    assert np.array_equal(a, b)
+
+
+@pytest.mark.parametrize("unregistered", [False, True])
+def test_local_poe_lowers_the_error_of_fresh_configurations(unregistered: bool) -> None:
+    first, fresh = simulated("ur5", unregistered)
+    nominal, calibrated = evaluate([("c", identify(first, "local-poe"))], fresh).methods
+    assert calibrated.position_size.mean() < 0.3 * nominal.position_size.mean()
+
+
+def test_one_step_is_a_little_worse_than_exact() -> None:
+    first, fresh = simulated()
+    calibration = perfect(first)
+    exact, stepped = (evaluate([("c", calibration)], fresh, method=m).methods[1] for m in ("exact", "one-step"))  # type: ignore[arg-type]
+    nominal = evaluate([], fresh).methods[0]
+    assert exact.position_size.max() < stepped.position_size.max() < 0.05 * nominal.position_size.max()
+
+
+def test_doubtful_rows_are_counted() -> None:
+    first, _ = simulated()
+    q = np.deg2rad([[0.0, -80.0, 100.0, -110.0, -90.0, 0.0], [0.0, -80.0, 100.0, -110.0, 0.1, 0.0]])
+    again = simulate(first.robot, Simulation(seed=1, at=q, same_robot=first.truth))
+    assert evaluate([("c", identify(first, "local-poe"))], again).marked == [0, 1]
+
+
+# --- predicted -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("unregistered", [False, True])
+def test_without_the_truth_measured_and_predicted_targets_are_compared(unregistered: bool) -> None:
+    first, fresh = simulated("ur5", unregistered)
+    calibration = identify(first, "local-poe")
+    evaluation = evaluate([("c", calibration)], replace(fresh, truth=None))
+    assert evaluation.kind == "predicted"
+    setup = calibration.base.setup
+    poses = setup.T_instrument_base @ calibration.forward(fresh.q)
+    predicted = np.einsum("kab,mb->kma", poses[:, :3, :3], setup.targets) + poses[:, None, :3, 3]
+    left = (fresh.points - predicted) @ setup.T_instrument_base[:3, :3]  # along the axes of the base
+    assert np.allclose(evaluation.methods[1].position, left, atol=1e-12)
+    assert evaluation.methods[1].orientation is not None
+
+
+def test_predicted_errors_of_the_truth_are_its_noise() -> None:
+    first, fresh = simulated("ur5", True)
+    method = evaluate([("perfect", perfect(first))], replace(fresh, truth=None)).methods[1]
+    assert abs(np.sqrt((method.position**2).mean()) / 0.05e-3 - 1) < 4 / np.sqrt(2 * method.position.size)
+
+
+def test_the_nominal_robot_is_registered_on_the_training_rows_and_not_on_the_judged_ones() -> None:
+    first, fresh = simulated("ur5", True)
+    calibration = identify(first, "local-poe")
+    nominal = evaluate([("c", calibration)], replace(fresh, truth=None)).methods[0]
+    setup = register(replace(first, truth=None))
+    poses = setup.T_instrument_base @ fresh.robot.mechanism.forward(fresh.q)
+    predicted = np.einsum("kab,mb->kma", poses[:, :3, :3], setup.targets) + poses[:, None, :3, 3]
+    lengths = np.sqrt(((fresh.points - predicted) ** 2).sum(axis=-1).mean(axis=-1))
+    assert np.allclose(nominal.position_size, lengths, atol=1e-9)
+
+
+def test_what_is_judged_does_not_depend_on_the_other_judged_rows() -> None:
+    first, fresh = simulated("ur5", True)
+    calibration = identify(first, "local-poe")
+    whole, half = (
+        evaluate([("c", calibration)], replace(fresh, truth=None).rows(np.arange(count))) for count in (25, 10)
+    )
+    for a, b in zip(whole.methods, half.methods, strict=True):
+        assert np.allclose(a.position[:10], b.position, atol=1e-12)
+
+
+def test_a_moved_instrument_is_registered_again_when_asked() -> None:
+    first, fresh = simulated("ur5", True)
+    calibration = perfect(first)
+    turn = Rotation.from_rotvec([0.5, -0.3, 1.2]).as_matrix()
+    moved = replace(fresh, truth=None, points=fresh.points @ turn.T + [1.0, -2.0, 0.5])
+    blind, refitted = (evaluate([("c", calibration)], moved, refit_setup=r).methods for r in (False, True))
+    assert blind[1].position_size.min() > 0.1
+    assert refitted[1].position_size.mean() < 0.15e-3  # noise of 0.05 mm per coordinate
+    assert refitted[1].position_size.mean() < refitted[0].position_size.mean()
+
+
+def test_one_target_has_no_orientation() -> None:
+    first, fresh = simulated("ur5", True)
+    setup = Setup(np.eye(4), np.zeros((1, 3)), frame_known=False, targets_known=False)
+    one = [replace(m, points=m.points[:, :1], truth=None, setup=setup) for m in (first, fresh)]
+    one = [replace(m, setup=register(m)) for m in one]
+    evaluation = evaluate([("c", identify(one[0], "local-poe"))], one[1])
+    assert [m.orientation for m in evaluation.methods] == [None, None]
+    nominal, calibrated = evaluation.methods
+    assert calibrated.position_size.mean() < nominal.position_size.mean()
+
+
+def test_a_6d_sensor_is_compared_by_its_position_and_turn() -> None:
+    first, _ = simulated()
+    truth = first.truth
+    assert truth is not None
+    poses = truth.actual.forward(first.q)
+    pose_measured = Measurements(
+        first.robot, first.q, poses[:, None, :3, 3], poses[:, :3, :3], Setup(np.eye(4), np.zeros((1, 3)), np.eye(3)),
+        1e-5, 1e-5,
+    )  # fmt: skip
+    nominal, best = evaluate([("perfect", perfect(first))], pose_measured).methods
+    assert best.position_size.max() < 1e-9
+    commanded = first.robot.mechanism.forward(first.q)
+    assert nominal.position.shape == (60, 1, 3)
+    assert np.allclose(nominal.position[:, 0], (poses - commanded)[:, :3, 3], atol=1e-12)
+    turn = Rotation.from_matrix(poses[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2)).magnitude()
+    assert nominal.orientation_size is not None
+    assert np.allclose(nominal.orientation_size, turn, atol=1e-12)
+
+
+# --- contract --------------------------------------------------------------------------------------------------------
+
+
+def test_the_json_has_the_keys_of_the_contract() -> None:
+    first, fresh = simulated()
+    evaluation = evaluate([("local", identify(first, "local-poe")), ("perfect", perfect(first))], fresh)
+    found = json.loads(json.dumps(evaluation.as_json(), allow_nan=False))
+    assert set(found) == {"schema", "schema_version", "robot", "configurations", "kind", "methods"}
+    assert (found["schema"], found["schema_version"]) == ("calibtool/evaluation", 1)
+    assert (found["robot"], found["configurations"], found["kind"]) == ("ur5", 25, "compensated")
+    assert [entry["name"] for entry in found["methods"]] == ["nominal", "local", "perfect"]
+    reductions = {f"{q}_{s}" for q in ("position", "orientation") for s in ("mean", "max", "std")}
+    for entry in found["methods"]:
+        assert set(entry) == {"name", "position_mm", "orientation_mrad", "reduction_percent"}
+        assert set(entry["position_mm"]) == set(entry["orientation_mrad"]) == STATISTICS
+        assert set(entry["reduction_percent"]) == reductions
+    assert set(found["methods"][0]["reduction_percent"].values()) == {0.0}
+
+
+def test_the_json_has_the_same_keys_where_orientation_is_not_seen() -> None:
+    first, fresh = simulated()
+    setup = Setup(np.eye(4), first.robot.targets[:1])
+    one = [replace(m, points=m.points[:, :1], truth=None, setup=setup) for m in (first, fresh)]
+    evaluation = evaluate([("c", identify(one[0], "local-poe"))], one[1])
+    for entry in json.loads(json.dumps(evaluation.as_json(), allow_nan=False))["methods"]:
+        assert entry["orientation_mrad"] is None
+        assert {f"{q}_{s}" for q in ("position", "orientation") for s in ("mean", "max", "std")} == set(
+            entry["reduction_percent"]
+        )
+
+
+def test_nominal_comes_first_and_stands_alone_without_calibrations() -> None:
+    _, fresh = simulated()
+    assert [m.name for m in evaluate([], fresh).methods] == ["nominal"]
+
+
+def test_a_calibration_for_another_robot_is_refused() -> None:
+    _, fresh = simulated()
+    other = identify(simulated("fanuc-m1000ia")[0], "local-poe")
+    with pytest.raises(InputError, match="calibration 'other' is for 'fanuc-m1000ia', but the measurements for 'ur5'"):
+        evaluate([("other", other)], fresh)

@@ -1,0 +1,154 @@
+"""Forward kinematics, Jacobians, the distance from a singularity and the damped solution of joint motions."""
+
+import numpy as np
+import pytest
+from derivatives import assert_derivative
+from test_poe import expm_chain, random_positions
+
+from calibtool.robot.catalogue import load_robot
+from calibtool.robot.geometry import relative_error
+from calibtool.robot.mechanism import (
+    MIN_SINGULARITY_DISTANCE,
+    at_point,
+    damped_solution,
+    regularised_gram,
+    scale_rows,
+    singularity_distance,
+)
+from calibtool.robot.model import Robot
+from calibtool.robot.poe import poe_frames
+from calibtool.robot.se3 import Array
+
+
+def tool_jacobian(robot: Robot, q: Array) -> Array:
+    """Jacobian at the tool point, in K_0."""
+    pose, jacobian = robot.mechanism.forward_and_jacobian(q)
+    return at_point(jacobian, pose[:, :3, 3])
+
+
+def far_from_singular(robot: Robot, rng: np.random.Generator, count: int) -> Array:
+    q = random_positions(robot, rng, 40 * count)
+    far = q[np.linalg.svd(scale_rows(tool_jacobian(robot, q), robot.length))[1].min(axis=-1) > 0.1]
+    assert len(far) >= count
+    return far[:count]
+
+
+def test_pinocchio_the_numpy_frames_and_the_matrix_exponentials_agree(robot: Robot, rng: np.random.Generator) -> None:
+    chain, q = robot.chain, random_positions(robot, rng, 5)
+    pose = robot.mechanism.forward(q)
+    np.testing.assert_allclose(pose, expm_chain(chain.placements, chain.twists, q), atol=1e-12)
+    np.testing.assert_allclose(pose, poe_frames(chain.placements, chain.twists, q).tool, atol=1e-12)
+
+
+def test_the_jacobian_is_the_derivative_of_the_spatial_twist(robot: Robot, rng: np.random.Generator) -> None:
+    for q in random_positions(robot, rng, 3):
+        pose, jacobian = robot.mechanism.forward_and_jacobian(q[None])
+        np.testing.assert_array_equal(pose, robot.mechanism.forward(q[None]))
+
+        def twist(x: Array, start: Array = pose[0]) -> Array:
+            return relative_error(robot.mechanism.forward(x[None])[0], start)
+
+        assert_derivative(twist, jacobian[0], q)
+
+
+def test_at_the_tool_point_the_jacobian_gives_its_velocity(robot: Robot, rng: np.random.Generator) -> None:
+    q = random_positions(robot, rng, 1)
+    assert_derivative(lambda x: robot.mechanism.forward(x[None])[0, :3, 3], tool_jacobian(robot, q)[0, :3], q[0])
+
+
+def test_seen_at_a_point_a_twist_keeps_its_rotation_and_moves_that_point(rng: np.random.Generator) -> None:
+    twists, points = rng.normal(size=(3, 6, 2)), rng.normal(size=(3, 3))
+    original = twists.copy()
+    seen = at_point(twists, points)
+    np.testing.assert_array_equal(seen[:, 3:], twists[:, 3:])
+    for k in range(3):
+        for c in range(2):
+            velocity = twists[k, :3, c] + np.cross(twists[k, 3:, c], points[k])
+            np.testing.assert_allclose(seen[k, :3, c], velocity, atol=1e-14)
+    np.testing.assert_array_equal(twists, original)
+
+
+def test_singularity_distance_lies_between_a_sixth_root_and_the_least_singular_value(
+    robot: Robot, rng: np.random.Generator
+) -> None:
+    jacobian = tool_jacobian(robot, random_positions(robot, rng, 50))
+    by_length = jacobian / np.array([robot.length] * 3 + [1.0] * 3)[:, None]
+    least = np.linalg.svd(by_length)[1][:, : min(robot.n, 6)].min(axis=-1)
+    distance = singularity_distance(jacobian, robot.length)
+    assert (distance <= least + 1e-9).all()
+    assert (distance >= least / np.sqrt(6) - 1e-9).all()
+
+
+def test_singularity_distance_is_the_harmonic_sum_of_the_singular_values() -> None:
+    # 1/d² = 1/1² + 5 · 1/0.5² for rows of 2 m over a length of 2 m, and halves
+    jacobian = np.diag([2.0, 1.0, 1.0, 0.5, 0.5, 0.5])[None]
+    assert singularity_distance(jacobian, 2.0)[0] == pytest.approx(21**-0.5, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "q"),
+    [
+        ("fanuc-m1000ia", [0.1, 0.2, -0.3, 0.4, 0.0, 0.5]),  # axes 4 and 6 in line
+        ("ur5", [0.1, -1.0, 1.2, 0.4, 0.0, 0.5]),  # axes 4 and 6 parallel
+        ("planar-3r", [0.1, 0.0, 0.0]),  # the elbow stretched: det J = a1 a2 sin q2
+    ],
+)
+def test_singularity_distance_vanishes_at_a_known_singularity(name: str, q: list[float]) -> None:
+    assert load_robot(name).singularity_distance(np.array([q]))[0] < 1e-6
+
+
+def test_the_gram_matrix_takes_the_smaller_side(rng: np.random.Generator) -> None:
+    for joints, side in ((4, 4), (6, 6), (7, 6)):
+        assert regularised_gram(rng.normal(size=(2, 6, joints)), 0.5).shape == (2, side, side)
+
+
+def test_scaling_rows_leaves_rotations_and_the_argument_alone(rng: np.random.Generator) -> None:
+    jacobian = rng.normal(size=(2, 6, 5))
+    original = jacobian.copy()
+    scaled = scale_rows(jacobian, 0.25)
+    np.testing.assert_array_equal(jacobian, original)
+    np.testing.assert_allclose(scaled[:, :3], 4 * original[:, :3])
+    np.testing.assert_array_equal(scaled[:, 3:], original[:, 3:])
+
+
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "ur5", "kinova"])
+def test_far_from_a_singularity_six_joints_solve_exactly(name: str, rng: np.random.Generator) -> None:
+    robot = load_robot(name)
+    jacobian, error = tool_jacobian(robot, far_from_singular(robot, rng, 20)), rng.normal(size=(20, 6)) * 1e-3
+    x, distance = damped_solution(jacobian, error, robot.length)
+    assert (distance >= MIN_SINGULARITY_DISTANCE).all()
+    np.testing.assert_allclose(x, np.linalg.solve(jacobian, error[..., None])[..., 0], rtol=1e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["panda", "xarm7"])
+def test_seven_joints_move_as_little_as_possible(name: str, rng: np.random.Generator) -> None:
+    robot = load_robot(name)
+    jacobian, error = tool_jacobian(robot, far_from_singular(robot, rng, 20)), rng.normal(size=(20, 6)) * 1e-3
+    x, _ = damped_solution(jacobian, error, robot.length)
+    np.testing.assert_allclose((jacobian @ x[..., None])[..., 0], error, atol=1e-10)
+    idle = np.linalg.svd(jacobian)[2][:, -1]  # the motion of the elbow that leaves the tool where it is
+    assert np.abs((jacobian @ idle[..., None])[..., 0]).max() < 1e-12
+    assert np.abs((x * idle).sum(axis=-1)).max() < 1e-12
+
+
+@pytest.mark.parametrize("wrist", [0.0, 1e-9, 1e-6, 1e-4, 1e-2])
+def test_near_a_singularity_joint_motions_stay_bounded(fanuc: Robot, wrist: float, rng: np.random.Generator) -> None:
+    q = np.tile([0.1, 0.2, -0.3, 0.4, wrist, 0.5], (200, 1))
+    error = rng.normal(size=(200, 6)) * np.array([fanuc.length] * 3 + [1.0] * 3)
+    jacobian = tool_jacobian(fanuc, q)
+    x, distance = damped_solution(jacobian, error, fanuc.length)
+    damping = MIN_SINGULARITY_DISTANCE - distance
+    assert (damping > 0).all()
+    size = np.linalg.norm(error / np.array([fanuc.length] * 3 + [1.0] * 3), axis=-1)
+    assert (np.linalg.norm(x, axis=-1) <= size / (2 * damping) * (1 + 1e-9)).all()
+    # The damped solution is the least of |J x − e|² + λ² |x|²: its gradient vanishes.
+    scaled = scale_rows(jacobian, fanuc.length)
+    left = (scaled @ x[..., None])[..., 0] - error / np.array([fanuc.length] * 3 + [1.0] * 3)
+    gradient = (np.swapaxes(scaled, 1, 2) @ left[..., None])[..., 0] + damping[:, None] ** 2 * x
+    assert np.abs(gradient).max() < 1e-6
+
+
+def test_no_configuration_gives_no_pose(fanuc: Robot) -> None:
+    pose, jacobian = fanuc.mechanism.forward_and_jacobian(np.zeros((0, 6)))
+    assert pose.shape == (0, 4, 4)
+    assert jacobian.shape == (0, 6, 6)
