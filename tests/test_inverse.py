@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from test_poe import expm_chain, random_positions
 
@@ -161,6 +162,21 @@ def test_with_too_few_joints_no_small_motion_comes_nearer(name: str, rng: np.ran
             step *= size / np.linalg.norm(step, axis=1, keepdims=True)
             assert (weighted_error(robot, result.q + step, target) > left).all()
 
+
+@pytest.mark.parametrize(("name", "q"), [("scara", [0.3, 0.1, 0.1, 0.2]), ("planar-3r", [0.3, 0.1, 0.4])])
+@pytest.mark.parametrize("beyond", [0.005, 0.01, 0.02])
+def test_beyond_a_stretched_elbow_the_nearest_pose_is_found(name: str, q: list[float], beyond: float) -> None:
+    robot, seed = load_robot(name), np.array([q])
+    target = forward(robot, seed)
+    outwards = target[0, :2, 3] / np.linalg.norm(target[0, :2, 3])
+    target[0, :2, 3] += beyond * outwards
+    target[0, :3, :3] = Rotation.from_rotvec([0.05, 0.0, 0.1]).as_matrix() @ target[0, :3, :3]
+    left = weighted_error(robot, inverse_kinematics(robot, target, seed, starts=2).q, target)[0]
+    nearest = min(
+        minimize(lambda x: float(weighted_error(robot, x[None], target)[0]), start, method="Nelder-Mead", tol=1e-9).fun
+        for start in (seed[0], seed[0] * [1, -1, *[1] * (robot.n - 2)])  # either elbow
+    )
+    assert left <= 1.005 * nearest
 
 
 def test_what_no_joint_can_turn_is_left_and_no_shift_is_given_for_it() -> None:

@@ -72,6 +72,8 @@ def _in_workspace(robot: Robot, workspace: Workspace, count: int, rng: np.random
     )
     if robot.n >= 6:
         return solved.q[solved.reached]
+    # At a joint limit the nearest pose is the end of the arm's range, not the shadow of the drawn one.
     q = solved.q[solved.converged]
+    q = q[((q > robot.lower + 1e-6) & (q < robot.upper - 1e-6)).all(axis=-1)]
     inside = np.abs(robot.mechanism.forward(q)[:, :3, 3] - centre) <= box / 2 + 1e-9
     return q[inside.all(axis=-1)]

@@ -56,29 +56,34 @@ def solve_poses(
     `tolerance` (rad, or characteristic lengths) decides between reached and not.
     """
     q = q_start.copy()
-    count = len(q)
-    error = np.empty((count, 6))
+    count, n = q.shape
+    bounds = (np.full(n, -np.inf), np.full(n, np.inf)) if lower is None or upper is None else (lower, upper)
     stationary = np.zeros(count, dtype=bool)
     iterations = np.zeros(count, dtype=int)
-    active = np.arange(count)
+    caution = np.zeros(count)  # damping beside that of _damped_step, raised while steps fail
     pose, jacobian = forward_and_jacobian(q)
-    error[:] = _tool_error(target, pose, length)
+    error = _tool_error(target, pose, length)
+    jacobian = scale_rows(at_point(jacobian, pose[:, :3, 3]), length)
+    active = np.arange(count)
     for _ in range(max_iterations):
         if not len(active):
             break
-        step = _damped_step(scale_rows(at_point(jacobian, pose[:, :3, 3]), length), error[active])
+        step = _bounded_step(jacobian[active], error[active], caution[active], q[active], *bounds)
         longest = np.linalg.norm(step, axis=-1, keepdims=True)
-        proposed = q[active] + step * np.minimum(1.0, _STEP_LIMIT / np.maximum(longest, 1e-300))
-        if lower is not None and upper is not None:
-            proposed = np.clip(proposed, lower, upper)
+        proposed = np.clip(q[active] + step * np.minimum(1.0, _STEP_LIMIT / np.maximum(longest, 1e-300)), *bounds)
         moved = np.abs(proposed - q[active]).max(axis=-1)
-        q[active] = proposed
         iterations[active] += 1
-        pose, jacobian = forward_and_jacobian(q[active])
-        error[active] = _tool_error(target[active], pose, length)
+        new_pose, new_jacobian = forward_and_jacobian(proposed)
+        new_error = _tool_error(target[active], new_pose, length)
+        before, after = np.linalg.norm(error[active], axis=-1), np.linalg.norm(new_error, axis=-1)
+        better = (after <= before) | (n >= 6)
+        rows = active[better]
+        q[rows], error[rows] = proposed[better], new_error[better]
+        jacobian[rows] = scale_rows(at_point(new_jacobian[better], new_pose[better, :3, 3]), length)
+        caution[active] = np.where(better, caution[active] / 5, np.maximum(5 * caution[active], 1e-4))
         done = (moved < 1e-10) | (np.linalg.norm(error[active], axis=-1) < 1e-14)
         stationary[active[done]] = True
-        active, pose, jacobian = active[~done], pose[~done], jacobian[~done]
+        active = active[~done]
     left = np.linalg.norm(error, axis=-1)
     return InverseResult(
         q=q,
@@ -147,10 +152,22 @@ def inverse_kinematics(
     return best
 
 
-def _damped_step(jacobian: Array, error: Array) -> Array:
-    """Least-squares step (minimum norm for n > 6) with damping |error|²: (N, 6, n), (N, 6) → (N, n)."""
+def _bounded_step(jacobian: Array, error: Array, caution: Array, q: Array, lower: Array, upper: Array) -> Array:
+    """A damped step in which the joints that stand at a limit and would leave it keep still."""
+    step = _damped_step(jacobian, error, caution)
+    for _ in range(2):
+        held = ((q <= lower) & (step < 0)) | ((q >= upper) & (step > 0))
+        if not held.any():
+            break
+        jacobian = np.where(held[:, None, :], 0.0, jacobian)
+        step = _damped_step(jacobian, error, caution)
+    return step
+
+
+def _damped_step(jacobian: Array, error: Array, caution: Array) -> Array:
+    """Least-squares step (minimum norm for n > 6) with damping |error|² + caution: (N, 6, n), (N, 6) → (N, n)."""
     transposed = np.swapaxes(jacobian, -1, -2)
-    damping = np.minimum((error**2).sum(-1), 1.0)[:, None, None] * 0.03 + 1e-14
+    damping = (np.minimum((error**2).sum(-1), 1.0) * 0.03 + caution + 1e-14)[:, None, None]
     if jacobian.shape[-1] >= 6:
         gram = jacobian @ transposed + damping * np.eye(6)
         return (transposed @ np.linalg.solve(gram, error[..., None]))[..., 0]
