@@ -36,7 +36,8 @@ def report(title: str, rows: dict[str, list[list[float]]]) -> None:
 def judge(train_on: Measurements, judge_on: Measurements, seed: int, rows: dict[str, list[list[float]]]) -> None:
     calibrations = [
         ("local POE", identify(train_on, "local-poe")),
-        ("network on local POE", train(train_on, "local-poe", TrainingOptions(seed=seed))),
+        ("complete", identify(train_on, "complete")),
+        ("train (default)", train(train_on, "complete", TrainingOptions(regularisation="bayes", seed=seed))),
         ("network on nominal", train(train_on, "nominal", TrainingOptions(seed=seed))),
     ]
     entries = evaluate(calibrations, judge_on).as_json()["methods"]

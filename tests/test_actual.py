@@ -13,12 +13,12 @@ from calibtool.robot.actual import (
     STEEL_EXPANSION,
     ActualRobot,
     ErrorScales,
-    gravity_torque,
     random_actual,
 )
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.geometry import GeometricErrors, relative_error
 from calibtool.robot.model import Robot
+from calibtool.robot.motion import gravity_torque
 from calibtool.robot.poe import poe_frames
 from calibtool.robot.se3 import Array, inverse
 

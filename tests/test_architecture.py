@@ -108,7 +108,7 @@ def test_the_library_does_not_know_that_it_has_a_command_line(path: Path, tree: 
 
 
 def test_only_storage_knows_hdf5() -> None:
-    assert [room(path) for path, tree in modules() if "h5py" in tops(tree, path)] == ["storage"]
+    assert {room(path) for path, tree in modules() if "h5py" in tops(tree, path)} == {"storage"}
 
 
 def test_only_plots_knows_matplotlib() -> None:

@@ -61,7 +61,7 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     rng = np.random.default_rng(1)
     if calibration.network is None:
         scale = np.full(calibration.equivalent.p, 1e-3)
-        calibration = replace(calibration, network=initial_network(measurements.q, scale, 5, rng))
+        calibration = replace(calibration, networks=(initial_network(measurements.q, scale, 5, rng),))
     if base == "all geometric errors":
         errors = [rng.normal(size=shape) * 1e-3 for shape in ((robot.n + 1, 6), (robot.n, 6), (robot.n,))]
         calibration = replace(calibration, base=replace(calibration.base, geometry=GeometricErrors(*errors)))
@@ -266,7 +266,7 @@ def round_numbers() -> Calibration:
             ),
         ),
         equivalent=EquivalentRobot(3, ("x", "ry", "rz")),
-        network=network,
+        networks=(network,),
     )
 
 

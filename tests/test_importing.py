@@ -292,7 +292,7 @@ def test_degrees_in_a_radian_column_are_noticed() -> None:
 def test_collinear_targets_are_refused() -> None:
     line = np.array([[0.0, 0.0, 0.1], [0.1, 0.0, 0.1], [0.25, 0.0, 0.1]])
     text = three_targets_csv(points_mm(line, instrument()))
-    with pytest.raises(InputError, match=r"^table\.csv: first row: the 3 target points are collinear"):
+    with pytest.raises(InputError, match=r"^table\.csv: measured points: the 3 target points are collinear"):
         imported(text)
 
 

@@ -12,7 +12,8 @@ from scipy.stats import chi2
 
 from calibtool.calibration import identify
 from calibtool.errors import NoSolutionError
-from calibtool.identification.local_poe import identify_local_poe, nominal_model
+from calibtool.identification.local_poe import identify_local_poe
+from calibtool.identification.model import nominal_model
 from calibtool.measurement.measurements import Measurements, Setup, Truth
 from calibtool.measurement.observation import residuals, weights
 from calibtool.measurement.registration import register

@@ -329,13 +329,13 @@ NUMERIC = {
         "model/placement_errors",
         "registration/targets",
         "registration_nominal/T_instrument_base",
-        "network/input_centre",
-        "network/input_scale",
-        "network/hidden_weights",
-        "network/hidden_bias",
-        "network/output_weights",
-        "network/output_bias",
-        "network/output_scale",
+        "networks/0/input_centre",
+        "networks/0/input_scale",
+        "networks/0/hidden_weights",
+        "networks/0/hidden_bias",
+        "networks/0/output_weights",
+        "networks/0/output_bias",
+        "networks/0/output_scale",
         "training/training_loss",
     ],
 }
@@ -364,7 +364,8 @@ def test_a_dataset_with_a_row_too_few_is_refused(kind: str, path: str) -> None:
         read(edited(data, put(path, values[:-1])), "bad.h5")
 
 
-@pytest.mark.parametrize(("kind", "path"), CASES)
+# NaN in all coordinates of a measured point means that the target was not seen.
+@pytest.mark.parametrize(("kind", "path"), [case for case in CASES if case[1] != "measurements/points"])
 def test_a_dataset_with_a_value_that_is_not_finite_is_refused(kind: str, path: str) -> None:
     data = to_bytes(contents(kind))
     with h5py.File(io.BytesIO(data), "r") as file:

@@ -7,7 +7,7 @@ import pytest
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.equivalent.network import Network, initial_network
-from calibtool.equivalent.training import TrainingOptions, TrainingReport, split_rows, train_network
+from calibtool.equivalent.training import TrainingOptions, TrainingReport, split_rows, train_networks
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.actual import ErrorScales
@@ -34,9 +34,8 @@ def trained(data: int = 0, **changes: object) -> Trained:
     options = replace(TrainingOptions(), **changes)  # type: ignore[arg-type]
     q, G, y = learnable(data)
     rng = np.random.default_rng(options.seed)
-    rows = split_rows(len(q), options.validation, rng)
-    network, report = train_network(q, G, y, *rows, options, rng)
-    return (q, G, y), network, report
+    networks, report = train_networks(q, G, y, options, rng)
+    return (q, G, y), networks[0] if networks else None, report
 
 
 def mean_square(q: Array, G: Array, y: Array, network: Network | None) -> float:
@@ -121,8 +120,8 @@ def test_noise_alone_never_makes_the_validation_worse(seed: int) -> None:
     q, G = rng.uniform(-1, 1, (40, 6)), rng.normal(size=(40, 9, 6)) * 1e3
     y = rng.normal(size=(40, 9))
     options = TrainingOptions(restarts=2, seed=seed)
-    rows = split_rows(40, 0.5, rng)
-    network, report = train_network(q, G, y, *rows, options, rng)
+    networks, report = train_networks(q, G, y, options, rng)
+    network = networks[0] if networks else None
     held = report.validation_rows
     with_network, without = (mean_square(q[held], G[held], y[held], n) for n in (network, None))
     assert with_network <= without
@@ -133,8 +132,8 @@ def test_nothing_to_learn_leaves_no_network() -> None:
     q, G, _ = learnable()
     y = np.zeros((60, 9))
     rng = np.random.default_rng(0)
-    network, report = train_network(q, G, y, *split_rows(60, 0.5, rng), TrainingOptions(restarts=2), rng)
-    assert network is None
+    networks, report = train_networks(q, G, y, TrainingOptions(restarts=2), rng)
+    assert networks == ()
     assert report.loss_without == 0.0
 
 

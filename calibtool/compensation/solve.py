@@ -15,7 +15,7 @@ Method = Literal["exact", "one-step"]
 
 OK, NEAR_SINGULAR, OUT_OF_LIMITS, UNREACHABLE = "ok", "near-singular", "out-of-limits", "unreachable"
 OUTSIDE = "outside"  # unlike any configuration of the training
-LARGEST_CORRECTION = 0.1  # rad or characteristic lengths; a longer way near a singularity is no correction any more
+LARGEST_CORRECTION = 0.5  # rad or characteristic lengths; a longer way near a singularity is another branch
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,12 +82,7 @@ def _compensate(calibration: Calibration, target: Array, q: Array, method: Metho
     if method == "one-step":
         corrected = stepped
     else:
-        corrected = solve_poses(
-            lambda rows: _actuated(calibration, rows), target, stepped, length=robot.length, max_iterations=20
-        ).q
-        span = np.where(robot.prismatic, robot.length, 1.0)
-        lost = (np.abs(corrected - q) / span).max(axis=-1) > LARGEST_CORRECTION
-        corrected = np.where(lost[:, None], stepped, corrected)
+        corrected, lost = _solved(calibration, target, q, stepped)
         distance = np.where(lost, 0.0, distance)
     pose = calibration.forward(corrected)
     status = np.full(len(q), OK, dtype=object)
@@ -100,6 +95,25 @@ def _compensate(calibration: Calibration, target: Array, q: Array, method: Metho
         position=np.linalg.norm(target[:, :3, 3] - pose[:, :3, 3], axis=-1),
         orientation=np.linalg.norm(turn, axis=-1),
     )
+
+
+def _solved(calibration: Calibration, target: Array, q: Array, stepped: Array) -> tuple[Array, np.ndarray]:
+    """Newton from the one-step correction, where that fails from q itself; and the rows that found no answer near q."""
+    robot = calibration.robot
+    span = np.where(robot.prismatic, robot.length, 1.0)
+    corrected, lost = stepped.copy(), np.ones(len(q), dtype=bool)
+    for start in (stepped, q):
+        rows = np.flatnonzero(lost)
+        if not len(rows):
+            break
+        solved = solve_poses(
+            lambda x: _actuated(calibration, x), target[rows], start[rows], length=robot.length, max_iterations=30
+        )
+        near = (np.abs(solved.q - q[rows]) / span).max(axis=-1) <= LARGEST_CORRECTION
+        found = near & (solved.reached if robot.n >= 6 else solved.converged)
+        corrected[rows[found]] = solved.q[found]
+        lost[rows[found]] = False
+    return corrected, lost
 
 
 def _actuated(calibration: Calibration, q: Array) -> tuple[Array, Array]:

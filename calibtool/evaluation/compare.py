@@ -1,6 +1,6 @@
 """Methods side by side on measurements: really driven to corrected joints where the truth is known, predicted otherwise."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -33,7 +33,7 @@ class Evaluation:
     kind: Literal["compensated", "predicted"]
     methods: list[MethodErrors]
     marked: list[int]
-    outside: list[int]
+    outside: list[int] = field(default_factory=list)
 
     def as_json(self) -> dict[str, object]:
         """The object that `evaluate --json` prints (a contract of DESIGN)."""

@@ -31,6 +31,7 @@ from calibtool.storage.parts import (
 
 
 def write_calibration(file: h5py.File, calibration: Calibration) -> None:
+    """Groups of a calibration, in a fixed order."""
     robot, base = calibration.robot, calibration.base
     model = file.create_group("model")
     model.attrs["name"] = base.model
@@ -141,6 +142,7 @@ def _write_training(group: h5py.Group, training: TrainingReport) -> None:
 
 
 def build_calibration(file: h5py.File) -> Calibration:
+    """The calibration of an open file. KeyError or ValueError for a damaged one."""
     robot = read_robot(file)
     model = file["model"]
     setup = read_setup(file["registration"])

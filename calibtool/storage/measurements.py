@@ -19,6 +19,7 @@ from calibtool.storage.parts import (
 
 
 def write_measurements(file: h5py.File, measurements: Measurements) -> None:
+    """Groups of measurements, in a fixed order."""
     robot = measurements.robot
     group = file.create_group("measurements")
     group.attrs["kind"] = measurements.kind
@@ -53,6 +54,7 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
 
 
 def build_measurements(file: h5py.File) -> Measurements:
+    """The measurements of an open file. KeyError or ValueError for a damaged one."""
     robot = read_robot(file)
     group = file["measurements"]
     rotations = get(group, "rotations", -1, 3, 3) if "rotations" in group else None

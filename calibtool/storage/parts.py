@@ -50,10 +50,12 @@ def get(group: h5py.Group, name: str, *shape: int) -> Array:
 
 
 def text(group: h5py.Group, name: str) -> str:
+    """One text dataset."""
     return str(group[name].asstr()[()])
 
 
 def write_robot(file: h5py.File, robot: Robot) -> None:
+    """The description and URDF texts."""
     group = file.create_group("robot")
     group.attrs["name"] = robot.name
     put_text(group, "description", robot.source.toml_text, "text of robot.toml")
@@ -61,11 +63,13 @@ def write_robot(file: h5py.File, robot: Robot) -> None:
 
 
 def read_robot(file: h5py.File) -> Robot:
+    """The robot, built from its texts again."""
     group = file["robot"]
     return Robot.from_source(parse_source(text(group, "description"), text(group, "urdf"), "robot"))
 
 
 def write_setup(group: h5py.Group, setup: Setup) -> None:
+    """A set-up."""
     group.attrs["frame_known"] = setup.frame_known
     group.attrs["targets_known"] = setup.targets_known
     put(
@@ -84,6 +88,7 @@ def write_setup(group: h5py.Group, setup: Setup) -> None:
 
 
 def read_setup(group: h5py.Group) -> Setup:
+    """The same back."""
     return Setup(
         T_instrument_base=get(group, "T_instrument_base", 4, 4),
         targets=get(group, "targets", -1, 3),
@@ -94,6 +99,7 @@ def read_setup(group: h5py.Group) -> Setup:
 
 
 def write_geometry(group: h5py.Group, geometry: GeometricErrors) -> None:
+    """Geometric errors."""
     put(group, "placement_errors", geometry.placements, "m, rad", "δζ of M_j exp6(δζ_j)", "joint", "joint", "twist")
     put(
         group,
@@ -109,6 +115,7 @@ def write_geometry(group: h5py.Group, geometry: GeometricErrors) -> None:
 
 
 def read_geometry(group: h5py.Group, n: int) -> GeometricErrors:
+    """The same back, for n joints."""
     return GeometricErrors(
         placements=get(group, "placement_errors", n + 1, 6),
         twists=get(group, "twist_errors", n, 6),
@@ -117,4 +124,5 @@ def read_geometry(group: h5py.Group, n: int) -> GeometricErrors:
 
 
 def read_provenance(file: h5py.File) -> dict[str, str]:
+    """Texts by name."""
     return {name: str(value) for name, value in file["provenance"].attrs.items()}

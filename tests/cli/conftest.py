@@ -16,6 +16,10 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+# A network on local POE that is always there: the default trains one and may leave it out.
+EARLY = ["--base", "local-poe", "--regularisation", "early-stopping"]
+
+
 @pytest.fixture(scope="session")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
     """planar-3r: measurements, fresh (the same robot), local-poe, paper, network; fanuc-m1000ia: six-…; ur10: ten."""
@@ -26,12 +30,12 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
 
     run("simulate", "planar-3r", "-n", 40, "-o", path("measurements"))
     run("simulate", "planar-3r", "-n", 30, "--same-robot", path("measurements"), "-o", path("fresh"))
-    run("identify", path("measurements"), "-o", path("local-poe"))
+    run("identify", path("measurements"), "--model", "local-poe", "-o", path("local-poe"))
     run("train", path("measurements"), "--base", "nominal", "--restarts", 1, "-o", path("paper"))
-    run("train", path("measurements"), "--restarts", 1, "-o", path("network"))
+    run("train", path("measurements"), "--restarts", 1, *EARLY, "-o", path("network"))
     run("simulate", "fanuc-m1000ia", "-n", 40, "-o", path("six-measurements"))
     run("simulate", "fanuc-m1000ia", "-n", 30, "--same-robot", path("six-measurements"), "-o", path("six-fresh"))
-    run("train", path("six-measurements"), "--restarts", 1, "-o", path("six-network"))
+    run("train", path("six-measurements"), "--restarts", 1, *EARLY, "-o", path("six-network"))
     run("simulate", "ur10", "-n", 30, "-o", path("ten"))
     return Files(folder)
 

@@ -236,9 +236,9 @@ def edited(files: Files, name: str, path: str, value: object) -> str:
         ("measurements", "robot", None),
         ("measurements", "robot/description", "name = 3"),
         ("measurements", "registration/T_instrument_base", np.zeros((3, 3))),
-        ("network", "network/hidden_weights", np.zeros((4, 5))),
-        ("network", "network/output_bias", None),
-        ("network", "network/hidden_bias", np.full(4, np.inf)),
+        ("network", "networks/0/hidden_weights", np.zeros((4, 5))),
+        ("network", "networks/0/output_bias", None),
+        ("network", "networks/0/hidden_bias", np.full(4, np.inf)),
         ("network", "model/placement_errors", np.zeros((9, 6))),
         ("network", "registration", None),
         ("network", "equivalent/virtual_joints", None),
@@ -278,8 +278,8 @@ def test_a_calibration_of_another_robot(files: Files) -> None:
 
 def test_too_few_measurements() -> None:
     run("simulate", "fanuc-m1000ia", "-n", 3, "-o", "m.h5")
-    for command in ("identify", "train"):
-        message = refused(4, command, "m.h5", "-o", "c.h5")
+    for command, option in (("identify", "--model"), ("train", "--base")):
+        message = refused(4, command, "m.h5", option, "local-poe", "-o", "c.h5")
         assert "3 configurations" in message
         assert "at least 5" in message
 

@@ -107,7 +107,7 @@ def test_a_corrected_table_is_not_corrected_twice(files: Files) -> None:
 
 
 def test_what_no_joint_can_correct_is_stated_for_few_joints(files: Files) -> None:
-    write_table("t.csv", PLANAR, [[10, 20, 30]])
+    write_table("t.csv", PLANAR, [[20, 60, 20]])
     (row,) = rows_of(run("compensate", files.network, "t.csv").stdout)
     assert row["status"] == "ok"
     assert 0 < float(row["left_mm"]) < 2
@@ -215,7 +215,7 @@ def test_near_singular_rows_are_marked(files: Files) -> None:
 
 
 def test_rows_outside_the_limits_are_marked(files: Files) -> None:
-    write_table("t.csv", PLANAR, [[10, 20, 30], [175, 20, 30]])
+    write_table("t.csv", PLANAR, [[20, 60, 20], [175, 20, 30]])
     result = run("compensate", files.network, "t.csv")
     assert [row["status"] for row in rows_of(result.stdout)] == ["ok", "out-of-limits"]
     assert result.stderr.startswith("t.csv:3: ")

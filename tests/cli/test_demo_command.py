@@ -9,7 +9,7 @@ from typer.testing import Result
 
 Demo = tuple[Path, Result]
 
-FITTED = ["paper", "local-poe", "local-poe-network"]
+FITTED = ["paper", "local-poe", "complete"]
 TABLES = ["evaluation.csv", "line.csv", "corrected.csv"]
 FIGURES = [f"{name}.{image}" for name in ("training", "errors") for image in ("png", "svg")]
 EXPORTED = [f"compensator.{suffix}" for suffix in ("json", "c", "h")]
@@ -48,7 +48,7 @@ def test_compensation_helps(demo_run: Demo) -> None:
 
 def test_the_files_are_those_of_the_commands(demo_run: Demo) -> None:
     folder, _ = demo_run
-    best = folder / "local-poe-network.h5"
+    best = folder / "complete.h5"
     assert run("compensate", best, folder / "line.csv").stdout == (folder / "corrected.csv").read_text()
     exported = json.loads(run("export", best, "--format", "json").stdout)
     left = json.loads((folder / "compensator.json").read_text(encoding="utf-8"))
@@ -66,7 +66,7 @@ def test_every_file_says_where_it_comes_from(demo_run: Demo) -> None:
     for name in ("measurements", "fresh", *FITTED):
         assert answer("info", folder / f"{name}.h5")["provenance"]["command"] == "calibtool demo"
     provenance = json.loads((folder / "compensator.json").read_text(encoding="utf-8"))["provenance"]
-    assert provenance == answer("info", folder / "local-poe-network.h5")["provenance"]
+    assert provenance == answer("info", folder / "complete.h5")["provenance"]
 
 
 def test_the_line_is_straight_and_all_of_it_is_corrected(demo_run: Demo) -> None:

@@ -157,7 +157,7 @@ PREPARED: dict[str, tuple[Callable[[Files], None], list[str]]] = {  # what must 
     "robots": (_nothing, []),
     "simulate": (_nothing, ["measurements.h5"]),
     "import": (_tracker, ["measurements.h5"]),
-    "identify": (_measurements, ["local-poe.h5"]),
+    "identify": (_measurements, ["complete.h5"]),
     "train": (_measurements, ["paper.h5"]),
     "evaluate": (_calibrations, []),
     "compensate": (_calibration, ["corrected.csv"]),

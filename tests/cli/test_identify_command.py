@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from commandline import Files, answer, contents, refused, run, write_table
 
+LOCAL = ["--model", "local-poe"]
+
 
 def test_report_goes_to_stderr_and_the_file_where_it_is_asked(files: Files) -> None:
-    result = run("identify", files.measurements, "-o", "c.h5")
+    result = run("identify", files.measurements, *LOCAL, "-o", "c.h5")
     assert result.stdout_bytes == b""
     assert result.stderr.startswith("local-poe: planar-3r, 40 configurations")
     assert "rank 18 of 24" in result.stderr
@@ -19,20 +21,20 @@ def test_report_goes_to_stderr_and_the_file_where_it_is_asked(files: Files) -> N
 
 def test_the_file_goes_to_stdout_by_default(files: Files) -> None:
     expected = Path(files.local_poe).read_bytes()
-    assert run("identify", files.measurements).stdout_bytes == expected
-    assert run("identify", files.measurements, "-o", "-").stdout_bytes == expected
+    assert run("identify", files.measurements, *LOCAL).stdout_bytes == expected
+    assert run("identify", files.measurements, *LOCAL, "-o", "-").stdout_bytes == expected
 
 
 def test_json_makes_no_file_unless_one_is_named(files: Files) -> None:
-    value = answer("identify", files.measurements)
+    value = answer("identify", files.measurements, *LOCAL)
     assert contents(Path.cwd()) == {}
-    assert answer("identify", files.measurements, "-o", "c.h5") == value
+    assert answer("identify", files.measurements, *LOCAL, "-o", "c.h5") == value
     assert Path("c.h5").read_bytes() == Path(files.local_poe).read_bytes()
-    assert run("identify", files.measurements, "--json").stderr == ""
+    assert run("identify", files.measurements, *LOCAL, "--json").stderr == ""
 
 
 def test_keys_of_the_json(files: Files) -> None:
-    value = answer("identify", files.measurements)
+    value = answer("identify", files.measurements, *LOCAL)
     assert value["schema"] == "calibtool/identification"
     assert value["schema_version"] == 1
     assert value["robot"] == "planar-3r"
@@ -54,7 +56,7 @@ def test_json_and_the_file_cannot_share_stdout(files: Files) -> None:
 def test_number_of_identifiable_parameters(name: str, revolute: int, prismatic: int) -> None:
     """A serial arm has 4 parameters per revolute joint, 2 per prismatic one and 6 of the tool, whatever its model."""
     run("simulate", name, "-n", 25, "-o", "m.h5")
-    base = answer("identify", "m.h5")["base"]
+    base = answer("identify", "m.h5", *LOCAL)["base"]
     assert base["rank"] == base["observable_rank"] == 4 * revolute + 2 * prismatic + 6
     assert base["parameters"] == 6 * (revolute + prismatic + 1)
 
@@ -63,31 +65,31 @@ def test_what_cannot_be_observed_is_said() -> None:
     """Only joint 1 moves: joints 2 and 3 cannot be told apart."""
     write_table("at.csv", ["j1_deg", "j2_deg", "j3_deg"], [[5 * k, 60, 20] for k in range(20)])
     run("simulate", "planar-3r", "--at", "at.csv", "-o", "m.h5")
-    base = answer("identify", "m.h5")["base"]
+    base = answer("identify", "m.h5", *LOCAL)["base"]
     assert base["rank"] < base["observable_rank"] == 18
     assert len(base["unobservable"]) == base["observable_rank"] - base["rank"]
-    result = run("identify", "m.h5", "-o", "c.h5")
+    result = run("identify", "m.h5", *LOCAL, "-o", "c.h5")
     assert f"warning: {base['observable_rank'] - base['rank']} directions are not observable" in result.stderr
 
 
 def test_too_few_configurations(files: Files) -> None:
     run("simulate", "fanuc-m1000ia", "-n", 3, "-o", "m.h5")
-    message = refused(4, "identify", "m.h5", "-o", "c.h5")
+    message = refused(4, "identify", "m.h5", *LOCAL, "-o", "c.h5")
     assert "3 configurations" in message
     assert "at least 5" in message  # 30 parameters, and a rigid tool shows six things at a time
-    assert refused(4, "identify", "m.h5", "--json") == message
+    assert refused(4, "identify", "m.h5", *LOCAL, "--json") == message
     assert files.folder.is_dir()
 
 
 def test_as_many_as_it_asks_for_are_enough() -> None:
     run("simulate", "fanuc-m1000ia", "-n", 5, "-o", "m.h5")
-    assert answer("identify", "m.h5")["configurations"] == 5
+    assert answer("identify", "m.h5", *LOCAL)["configurations"] == 5
 
 
 def test_it_finds_errors_that_its_model_can_express() -> None:
     """Gear-free, noise-free, and only link placements wrong: nothing is left."""
     run("simulate", "fanuc-m1000ia", "-n", 30, "--noise-mm", 0, "--errors", "thermal", "-o", "m.h5")
-    assert answer("identify", "m.h5")["base"]["residual_rms_mm"] < 1e-6
+    assert answer("identify", "m.h5", *LOCAL)["base"]["residual_rms_mm"] < 1e-6
 
 
 def test_provenance(files: Files) -> None:

@@ -31,7 +31,10 @@ def test_a_calibration_file(files: Files) -> None:
 def test_provenance(files: Files) -> None:
     provenance = answer("info", files.network)["provenance"]
     assert provenance["seed"] == "0"
-    assert provenance["command"] == f"calibtool train {files.measurements} --restarts 1"
+    assert (
+        provenance["command"]
+        == f"calibtool train {files.measurements} --restarts 1 --base local-poe --regularisation early-stopping"
+    )
     assert provenance["sha256_measurements"] == hashlib.sha256(Path(files.measurements).read_bytes()).hexdigest()
     assert provenance["version_calibtool"] == version("calibtool")
     assert provenance["version_numpy"] == version("numpy")

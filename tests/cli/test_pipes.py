@@ -56,7 +56,9 @@ def test_identical_fits_give_identical_bytes(here: Path) -> None:
 
 
 def test_info_of_a_stream(here: Path) -> None:
-    finished = shell(f"{SIMULATE} | calibtool identify - 2> report | calibtool info - | head -n 1", here)
+    finished = shell(
+        f"{SIMULATE} | calibtool identify - --model local-poe 2> report | calibtool info - | head -n 1", here
+    )
     assert finished.stdout == b"kind: calibration\n"
     assert finished.stderr == b""
     assert Path("report").read_text().startswith("local-poe: planar-3r, 30 configurations")

@@ -7,6 +7,8 @@ from typing import Any
 import pytest
 from commandline import Files, answer, contents, refused, run
 
+EARLY = ["--base", "local-poe", "--regularisation", "early-stopping"]
+
 
 def mean_error(calibration: str, on: str) -> tuple[float, float]:
     """Mean position error in mm: nominal, and with the calibration."""
@@ -15,15 +17,15 @@ def mean_error(calibration: str, on: str) -> tuple[float, float]:
 
 
 def trained(files: Files, *options: object) -> dict[str, Any]:
-    return answer("train", files.measurements, "--restarts", 1, *options)
+    return answer("train", files.measurements, "--restarts", 1, *(() if "--base" in options else EARLY), *options)
 
 
 def test_report_and_file(files: Files) -> None:
-    result = run("train", files.measurements, "--restarts", 1, "-o", "c.h5")
+    result = run("train", files.measurements, "--restarts", 1, *EARLY, "-o", "c.h5")
     assert result.stdout_bytes == b""
     assert "network: 4 hidden nodes, task loss, lm" in result.stderr
     assert Path("c.h5").exists()
-    assert run("train", files.measurements, "--restarts", 1).stdout_bytes == Path("c.h5").read_bytes()
+    assert run("train", files.measurements, "--restarts", 1, *EARLY).stdout_bytes == Path("c.h5").read_bytes()
 
 
 def test_json_makes_no_file_unless_one_is_named(files: Files) -> None:
@@ -58,13 +60,13 @@ def test_fresh_configurations_get_better(files: Files) -> None:
 def test_base_models(files: Files) -> None:
     assert trained(files, "--base", "nominal")["base"]["model"] == "nominal"
     assert trained(files, "--base", "local-poe")["base"]["model"] == "local-poe"
-    assert trained(files)["base"]["model"] == "local-poe"
+    assert answer("train", files.measurements, "--restarts", 1)["base"]["model"] == "complete"
     assert "parameters" not in trained(files, "--base", "nominal")["base"]
 
 
 def test_a_file_as_base(files: Files) -> None:
     """The identified model of a file is used as it is: the same network as if it were identified here."""
-    run("train", files.measurements, "--restarts", 1, "--base", files.local_poe, "-o", "c.h5")
+    run("train", files.measurements, "--restarts", 1, "--base", files.local_poe, *EARLY[2:], "-o", "c.h5")
     value = answer("info", "c.h5")
     assert value["network"] == answer("info", files.network)["network"]
     provenance = value["provenance"]
@@ -118,7 +120,7 @@ def test_restarts(files: Files) -> None:
 def test_a_network_that_does_not_help_is_not_used() -> None:
     """Nothing but noise is left over to learn."""
     run("simulate", "ur10", "-n", 30, "--errors", "thermal", "-o", "m.h5")
-    result = run("train", "m.h5", "--restarts", 1, "-o", "c.h5")
+    result = run("train", "m.h5", "--restarts", 1, *EARLY, "-o", "c.h5")
     value = answer("info", "c.h5")["network"]
     assert value["used"] is False
     assert "network: not used" in result.stderr
@@ -133,7 +135,7 @@ def test_numbers_out_of_range(files: Files, form: list[str]) -> None:
 
 
 def test_a_loss_is_called_validation_only_where_something_was_held_back(files: Files) -> None:
-    assert "validation loss" in run("train", files.measurements, "--restarts", 1, "-o", "a.h5").stderr
-    without = run("train", files.measurements, "--restarts", 1, "--validation", 0, "-o", "b.h5").stderr
+    assert "validation loss" in run("train", files.measurements, "--restarts", 1, *EARLY, "-o", "a.h5").stderr
+    without = run("train", files.measurements, "--restarts", 1, *EARLY, "--validation", 0, "-o", "b.h5").stderr
     assert "network: 4 hidden nodes" in without
     assert "validation loss" not in without

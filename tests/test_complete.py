@@ -1,0 +1,166 @@
+"""The complete model: recovery of injected errors, its own uncertainty, evidence, and bad data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibtool.calibration import identify
+from calibtool.calibration.fit import BaseOptions
+from calibtool.calibration.uncertainty import predicted_uncertainty
+from calibtool.identification.complete import CompleteOptions, identify_complete
+from calibtool.identification.report import design_findings, parameter_rows
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.simulate import Simulation, simulate
+from calibtool.robot.actual import ErrorScales
+from calibtool.robot.catalogue import load_robot
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import log3, readonly
+
+PHYSICAL = ("geometric", "gear", "gravity", "thermal")
+
+
+def measured(robot: Robot, count: int = 50, seed: int = 0, **options: object) -> tuple[Measurements, Measurements]:
+    """Measurements over the whole joint range, and fresh ones of the same robot."""
+    first = simulate(robot, Simulation(seed=seed, configurations=count, **options))  # type: ignore[arg-type]
+    return first, simulate(robot, Simulation(seed=seed, configurations=300, same_robot=first.truth))
+
+
+def position_errors(calibration_forward: object, fresh: Measurements) -> np.ndarray:
+    assert fresh.truth is not None
+    actual = fresh.truth.actual.forward(fresh.q)
+    return np.linalg.norm((calibration_forward(fresh.q) - actual)[:, :3, 3], axis=-1)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "ur5", "panda", "scara", "gantry"])
+def test_fresh_configurations_of_the_whole_range_are_predicted(name: str) -> None:
+    measurements, fresh = measured(load_robot(name))
+    nominal = position_errors(measurements.robot.mechanism.forward, fresh)
+    left = position_errors(identify(measurements, "complete").forward, fresh)
+    assert left.max() < 0.05 * nominal.max()
+
+
+def test_evidence_finds_the_joint_motion_functions_that_are_there(fanuc: Robot) -> None:
+    for kinds, harmonics, gravity in ((("geometric",), 0, ()), (PHYSICAL, 2, (1, 2))):
+        posterior = identify_complete(measured(fanuc, scales=ErrorScales(kinds))[0]).posterior
+        assert posterior is not None
+        assert (posterior.parameters.harmonics, posterior.parameters.gravity) == (harmonics, gravity)
+
+
+def test_identified_functions_are_those_injected_within_their_covariance(fanuc: Robot) -> None:
+    measurements, _ = measured(fanuc, 80, scales=ErrorScales(PHYSICAL))
+    base = identify_complete(measurements, CompleteOptions(harmonics=2, gravity=True))
+    assert measurements.truth is not None
+    assert base.posterior is not None
+    parameters = base.posterior.parameters
+    gear = measurements.truth.actual.gear[list(parameters.revolute)].ravel()
+    block = parameters.blocks["harmonics"]
+    deviation = (base.motion.harmonics.ravel() - gear) / base.posterior.std[block]
+    assert np.sqrt(np.mean(deviation**2)) < 1.6
+    assert np.abs(deviation).max() < 4.5
+
+
+def test_most_fresh_errors_are_inside_their_intervals(fanuc: Robot) -> None:
+    inside = []
+    for seed in range(20):
+        measurements, fresh = measured(fanuc, 40, seed)
+        calibration = identify(measurements, "complete")
+        assert fresh.truth is not None
+        actual, predicted = fresh.truth.actual.forward(fresh.q), calibration.forward(fresh.q)
+        turn = log3(actual[:, :3, :3] @ np.swapaxes(predicted[:, :3, :3], -1, -2))
+        error = np.concatenate([(actual - predicted)[:, :3, 3], turn], axis=-1)
+        covariance = predicted_uncertainty(calibration, fresh.q).covariance
+        std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        inside.append(np.mean(np.abs(error) < 1.96 * std))
+    assert 0.90 <= np.mean(inside) <= 0.98
+
+
+def test_the_estimated_noise_is_the_real_one_whatever_is_stated(fanuc: Robot) -> None:
+    measurements, fresh = measured(fanuc, noise=0.5e-3)
+    lied = replace(measurements, noise_position=0.05e-3)
+    posterior = identify_complete(lied).posterior
+    assert posterior is not None
+    assert 8.0 < posterior.noise_factor < 12.0
+    nominal = position_errors(fanuc.mechanism.forward, fresh)
+    assert position_errors(identify(lied, "complete").forward, fresh).mean() < 0.1 * nominal.mean()
+
+
+@pytest.mark.parametrize("loss_function", ["huber", "cauchy"])
+def test_gross_errors_are_flagged_and_weigh_less(fanuc: Robot, loss_function: str) -> None:
+    measurements, fresh = measured(fanuc, 60)
+    bad = np.arange(0, 60, 10)
+    points = measurements.points.copy()
+    points[bad] += 5e-3
+    spoiled = replace(measurements, points=readonly(points))
+    options = CompleteOptions(loss_function=loss_function)  # type: ignore[arg-type]
+    robust = identify(spoiled, BaseOptions("complete", options))
+    assert robust.base.flagged is not None
+    assert set(bad) <= set(robust.base.flagged.rows)
+    plain = identify(spoiled, "complete")
+    better = position_errors(robust.forward, fresh).mean()
+    assert better < 0.6 * position_errors(plain.forward, fresh).mean()
+    dropped = identify(spoiled, BaseOptions("complete", replace(options, drop_flagged=True)))
+    assert dropped.base.flagged is not None
+    assert dropped.base.flagged.dropped
+    assert position_errors(dropped.forward, fresh).mean() < better * 1.5
+
+
+def test_bad_rows_of_one_region_are_called_a_region(fanuc: Robot) -> None:
+    measurements, _ = measured(fanuc, 150)
+    region = np.flatnonzero(measurements.q[:, 2] > np.deg2rad(50))
+    points = measurements.points.copy()
+    points[region] += 4e-3
+    options = CompleteOptions(loss_function="cauchy")
+    flagged = identify_complete(replace(measurements, points=readonly(points)), options).flagged
+    assert flagged is not None
+    assert flagged.cluster is not None
+    assert "joint 3" in flagged.cluster
+
+
+def test_clean_rows_are_hardly_ever_flagged(fanuc: Robot) -> None:
+    counts = []
+    for seed in range(10):
+        flagged = identify_complete(measured(fanuc, 40, seed)[0]).flagged
+        assert flagged is not None
+        counts.append(len(flagged.rows))
+    assert sum(counts) <= 2
+
+
+def test_a_joint_that_never_moves_is_named_and_the_rest_is_usable(fanuc: Robot) -> None:
+    q = measured(fanuc, 40)[0].q.copy()
+    q[:, 3] = 0.3
+    measurements = simulate(fanuc, Simulation(at=q))
+    calibration = identify(measurements, "complete")
+    assert any(finding.startswith("joint 4 never moves") for finding in design_findings(fanuc, q))
+    assert position_errors(calibration.forward, measurements).max() < 0.5e-3
+    assert any(row.at_prior for row in parameter_rows(fanuc, calibration.base))
+
+
+def test_repeated_rows_and_a_plane_are_found(fanuc: Robot) -> None:
+    q = measured(fanuc, 10)[0].q
+    assert design_findings(fanuc, q) == []
+    assert any("repeat" in finding for finding in design_findings(fanuc, np.concatenate([q, q[:2]])))
+    flat = np.zeros((20, 6))
+    flat[:, 1:3] = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 2))
+    assert any("plane" in finding for finding in design_findings(fanuc, flat))
+
+
+def test_rows_that_lack_a_target_count_with_the_others(fanuc: Robot) -> None:
+    measurements, fresh = measured(fanuc, 50)
+    points = measurements.points.copy()
+    points[::5, 1] = np.nan
+    calibration = identify(replace(measurements, points=readonly(points)), "complete")
+    nominal = position_errors(fanuc.mechanism.forward, fresh)
+    assert position_errors(calibration.forward, fresh).max() < 0.05 * nominal.max()
+
+
+def test_a_handful_of_configurations_still_gives_something(fanuc: Robot) -> None:
+    measurements, fresh = measured(fanuc, 4)
+    left = position_errors(identify(measurements, "complete").forward, fresh)
+    assert left.mean() < 0.8 * position_errors(fanuc.mechanism.forward, fresh).mean()
+
+
+def test_unregistered_measurements_are_predicted_in_their_frame(fanuc: Robot) -> None:
+    measurements, _ = measured(fanuc, 60, unregistered=True)
+    base = identify_complete(measurements)
+    assert base.residual_rms[0] < 0.06e-3

@@ -1,0 +1,134 @@
+"""Bayesian networks: nothing where there is nothing to learn, something where there is; the verdict of cross-validation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibtool.calibration import Calibration, identify, train
+from calibtool.calibration.guard import coverage
+from calibtool.calibration.learning_curve import learning_curve
+from calibtool.calibration.transfer import refit
+from calibtool.calibration.uncertainty import predicted_uncertainty
+from calibtool.compensation.program import guarded
+from calibtool.equivalent.bayesian import train_bayesian
+from calibtool.equivalent.loss import task_loss
+from calibtool.equivalent.network import averaged, initial_network
+from calibtool.equivalent.training import TrainingOptions
+from calibtool.errors import UsageError
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.simulate import Simulation, simulate
+from calibtool.robot.actual import ActualRobot
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import readonly
+
+BAYES = TrainingOptions(regularisation="bayes", restarts=2)
+
+
+@pytest.fixture(scope="module")
+def paper(fanuc_measurements: Measurements) -> Calibration:
+    """An ensemble on the nominal robot, which leaves it much to learn."""
+    return train(fanuc_measurements, "nominal", BAYES)
+
+
+def test_noise_alone_has_no_effective_weights() -> None:
+    rng = np.random.default_rng(0)
+    q, G = rng.uniform(-1, 1, (80, 6)), rng.normal(size=(80, 9, 6))
+    noise = rng.normal(size=(80, 9))
+    run = train_bayesian(initial_network(q, np.ones(6), 6, rng), task_loss(q, G, noise))
+    assert run.effective < 8.0  # of 84
+    assert np.sqrt(np.mean(run.network(q) ** 2)) < 0.2
+
+
+def test_a_smooth_function_and_its_noise_are_told_apart() -> None:
+    rng = np.random.default_rng(1)
+    q, G = rng.uniform(-1, 1, (150, 6)), rng.normal(size=(150, 9, 6))
+    teacher = initial_network(q, np.full(6, 50.0), 4, rng)
+    y = (G @ teacher(q)[..., None])[..., 0] + 2.0 * rng.normal(size=(150, 9))
+    run = train_bayesian(initial_network(q, np.full(6, 50.0), 6, rng), task_loss(q, G, y))
+    assert run.noise_factor == pytest.approx(2.0, rel=0.15)
+    fresh = rng.uniform(-0.9, 0.9, (500, 6))
+    assert np.sqrt(np.mean((run.network(fresh) - teacher(fresh)) ** 2)) < 0.1 * np.std(teacher(fresh))
+
+
+def test_the_mean_of_networks_is_one_network(rng: np.random.Generator) -> None:
+    q = rng.uniform(-1, 1, (20, 6))
+    members = [initial_network(q, np.full(6, 1e-3), 5, rng) for _ in range(4)]
+    np.testing.assert_allclose(averaged(members)(q), np.mean([member(q) for member in members], axis=0), atol=1e-18)
+
+
+def test_networks_are_kept_where_they_help_and_left_out_where_not(
+    paper: Calibration, fanuc_measurements: Measurements
+) -> None:
+    assert paper.validation is not None
+    assert paper.validation.gain > 90.0
+    assert len(paper.networks) == 2
+    complete = train(fanuc_measurements, "complete", BAYES)
+    assert complete.validation is not None
+    assert not complete.validation.helps
+    assert complete.networks == ()
+    base = identify(fanuc_measurements, "complete")
+    np.testing.assert_array_equal(complete.forward(fanuc_measurements.q), base.forward(fanuc_measurements.q))
+
+
+def test_the_same_seed_gives_the_same_ensemble(fanuc_measurements: Measurements, paper: Calibration) -> None:
+    again = train(fanuc_measurements, "nominal", BAYES)
+    assert again.network is not None
+    assert paper.network is not None
+    np.testing.assert_array_equal(again.network.weights, paper.network.weights)
+    assert again.validation == paper.validation
+
+
+def test_the_training_itself_is_inside_and_the_far_side_of_the_range_outside(
+    paper: Calibration, fanuc: Robot, fanuc_measurements: Measurements
+) -> None:
+    assert not coverage(paper, fanuc_measurements.q).outside.any()
+    far = fanuc_measurements.q + np.array([2.5, 0, 0, 0, 0, 0])
+    assert coverage(paper, far).outside.all()
+    alone = replace(paper, networks=())
+    kept = guarded(paper, far, None, "exact", "mark")
+    assert set(kept.status) <= {"outside", "near-singular", "out-of-limits"}
+    np.testing.assert_array_equal(
+        guarded(paper, far, None, "exact", "base").q, guarded(alone, far, None, "exact", "mark").q
+    )
+    assert np.isnan(guarded(paper, far, None, "exact", "refuse").q).all()
+
+
+def test_uncertainty_grows_away_from_the_training(fanuc_measurements: Measurements) -> None:
+    calibration = identify(fanuc_measurements, "complete")
+    near = predicted_uncertainty(calibration, fanuc_measurements.q).position
+    far = predicted_uncertainty(calibration, fanuc_measurements.q + np.array([2.5, 0, 0, 0, 0, 0])).position
+    assert far.min() > near.max()
+
+
+def test_more_configurations_are_predicted_to_be_better(fanuc_measurements: Measurements) -> None:
+    curve = learning_curve(fanuc_measurements, lambda rows, _: identify(rows, "complete"), 4, np.random.default_rng(0))
+    assert curve.error[-1] < curve.error[0]
+    assert curve.predicted(1000) <= curve.predicted(100)
+    assert curve.error[-1] > 0.045e-3  # the noise of the held-out rows is in it
+
+
+def test_a_calibration_moves_to_another_cell(fanuc: Robot) -> None:
+    """The same arm on another foot with another tool: a few rows bring the old calibration back."""
+    first = simulate(fanuc, Simulation(configurations=60))
+    old = identify(first, "complete")
+    assert first.truth is not None
+    actual = first.truth.actual
+    shifts = actual.geometry.placements.copy()
+    shifts[0] += [0.004, -0.003, 0.002, 0.003, 0.002, -0.004]
+    shifts[-1] += [0.002, 0.001, -0.003, 0.004, -0.002, 0.003]
+    moved: ActualRobot = replace(actual, geometry=replace(actual.geometry, placements=readonly(shifts)))
+    truth = replace(first.truth, actual=moved)
+    few = simulate(fanuc, Simulation(seed=3, configurations=8, same_robot=truth))
+    fresh = simulate(fanuc, Simulation(seed=4, configurations=100, same_robot=truth))
+    refitted, verdict = refit(old, few, ("base", "tool"))
+    assert verdict.still_helps
+
+    def mean_error(calibration: Calibration) -> float:
+        return float(np.linalg.norm((calibration.forward(fresh.q) - moved.forward(fresh.q))[:, :3, 3], axis=-1).mean())
+
+    assert mean_error(refitted) < 0.05 * mean_error(old)
+    other = simulate(fanuc, Simulation(seed=77, configurations=8))
+    assert not refit(old, other, ("base", "tool"))[1].still_helps
+    with pytest.raises(UsageError, match="base, tool"):
+        refit(old, few, ("elbow",))
