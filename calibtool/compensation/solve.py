@@ -109,7 +109,7 @@ def _solved(calibration: Calibration, target: Array, q: Array, stepped: Array) -
         solved = solve_poses(
             lambda x: _actuated(calibration, x), target[rows], start[rows], length=robot.length, max_iterations=30
         )
-        near = (np.abs(solved.q - q[rows]) / span).max(axis=-1) <= LARGEST_CORRECTION
+        near = np.linalg.norm((solved.q - q[rows]) / span, axis=-1) <= LARGEST_CORRECTION
         found = near & (solved.reached if robot.n >= 6 else solved.converged)
         corrected[rows[found]] = solved.q[found]
         lost[rows[found]] = False
