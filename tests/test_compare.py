@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify
@@ -90,6 +91,67 @@ def test_one_step_is_a_little_worse_than_exact() -> None:
     exact, stepped = (evaluate([("c", calibration)], fresh, method=m).methods[1] for m in ("exact", "one-step"))  # type: ignore[arg-type]
     nominal = evaluate([], fresh).methods[0]
     assert exact.position_size.max() < stepped.position_size.max() < 0.05 * nominal.position_size.max()
+
+
+def nearest_by_scipy(fresh: Measurements, row: int) -> np.ndarray:
+    """The pose of the actual robot nearest to the commanded one: (4, 4), by an independent minimiser."""
+    truth, robot = fresh.truth, fresh.robot
+    assert truth is not None
+    commanded = robot.mechanism.forward(fresh.q[row : row + 1])[0]
+
+    def left(q: np.ndarray) -> np.ndarray:
+        pose = truth.actual.forward(q[None])[0]
+        turn = Rotation.from_matrix(pose[:3, :3] @ commanded[:3, :3].T).as_rotvec()
+        return np.concatenate([(pose - commanded)[:3, 3] / robot.length, turn])
+
+    best = least_squares(left, fresh.q[row], xtol=1e-15, ftol=1e-15, gtol=1e-15, jac="3-point").x
+    pose: np.ndarray = truth.actual.forward(best[None])[0]
+    return pose
+
+
+def test_what_no_joint_can_correct_is_reported_apart() -> None:
+    first, fresh = simulated("scara")
+    evaluation = evaluate([("perfect", perfect(first))], fresh)
+    beyond = evaluation.uncorrectable
+    assert beyond is not None
+    assert len(beyond.position) == 25
+    commanded = fresh.robot.mechanism.forward(fresh.q)
+    for row in (0, 7, 24):
+        nearest = nearest_by_scipy(fresh, row)
+        assert np.allclose(beyond.position[row, 0], (nearest - commanded[row])[:3, 3], atol=1e-9)
+    best = evaluation.correctable[1]
+    assert best.position_size.max() < 1e-8
+    assert best.orientation_size is not None
+    assert best.orientation_size.max() < 1e-8
+    assert evaluation.methods[1].orientation_size is not None
+    assert evaluation.methods[1].orientation_size.mean() > 1e-4  # the whole error keeps what no joint can correct
+
+
+def test_poses_that_a_shorter_arm_cannot_reach() -> None:
+    robot = load_robot("fanuc-m1000ia")
+    elbow = np.arctan2(1.4, 0.3) - 0.03  # nearly stretched
+    q = np.array([[0.3, 0.4, elbow, 1.0, 0.9, 0.2], [0.3, 0.4, 0.1, 1.0, 0.9, 0.2]])
+    first, _ = simulated("fanuc-m1000ia")
+    truth = first.truth
+    assert truth is not None
+    lengths = np.zeros((7, 6))
+    lengths[[2, 4], [2, 0]] = -2e-3  # upper arm and forearm are 2 mm shorter each
+    shorter = replace(truth.actual, geometry=replace(truth.actual.geometry, placements=lengths))
+    fresh = simulate(robot, Simulation(seed=1, at=q, same_robot=replace(truth, actual=shorter)))
+    given = replace(first, truth=replace(truth, actual=shorter))
+    evaluation = evaluate([("perfect", perfect(given))], fresh)
+    beyond = evaluation.uncorrectable
+    assert beyond is not None
+    assert len(beyond.position) == 1
+    nearest = nearest_by_scipy(fresh, 0)
+    commanded = robot.mechanism.forward(q[:1])[0]
+    assert np.linalg.norm((nearest - commanded)[:3, 3]) > 1e-4
+    assert np.allclose(beyond.position[0, 0], (nearest - commanded)[:3, 3], atol=1e-6)
+    assert evaluation.marked == [0, 1]
+    assert evaluation.correctable[1].position_size.max() < 1e-6  # the corrected joints take the nearest pose
+    entry = evaluation.as_json()["methods"][1]  # type: ignore[index]
+    assert entry["reduction_percent"]["position_max"] > 99.9
+    assert entry["position_mm"]["max"] > 0.1
 
 
 def test_doubtful_rows_are_counted() -> None:

@@ -128,3 +128,11 @@ def show_evaluation(report: dict[str, object]) -> None:
         "driven to corrected joints, without noise" if report["kind"] == "compensated" else "measured minus predicted"
     )
     print_table(f"{report['robot']}, {report['configurations']} configurations, {kind}", header, rows)
+    beyond = report.get("uncorrectable")
+    if isinstance(beyond, dict):
+        position, orientation = beyond["position_mm"], beyond["orientation_mrad"]
+        message(
+            f"{beyond['configurations']} poses are out of the joints' reach: at best {position['mean']:.3f} mm and "
+            f"{orientation['mean']:.3f} mrad stay (at most {position['max']:.3f}, {orientation['max']:.3f}); "
+            "−% is of the part that the joints can correct"
+        )

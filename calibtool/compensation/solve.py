@@ -98,21 +98,35 @@ def _compensate(calibration: Calibration, target: Array, q: Array, method: Metho
 
 
 def _solved(calibration: Calibration, target: Array, q: Array, stepped: Array) -> tuple[Array, np.ndarray]:
-    """Newton from the one-step correction, where that fails from q itself; and the rows that found no answer near q."""
+    """Newton from the one-step correction, where that fails from q itself; and the rows that found no answer near q.
+
+    Such a row is out of reach, as where a stretched arm is shorter than drawn: it gets the nearest pose.
+    """
     robot = calibration.robot
     span = np.where(robot.prismatic, robot.length, 1.0)
     corrected, lost = stepped.copy(), np.ones(len(q), dtype=bool)
+
+    def solve(rows: np.ndarray, start: Array, descend: bool, max_iterations: int) -> np.ndarray:
+        solved = solve_poses(
+            lambda x: _actuated(calibration, x),
+            target[rows],
+            start[rows],
+            length=robot.length,
+            max_iterations=max_iterations,
+            descend=descend,
+        )
+        near = np.linalg.norm((solved.q - q[rows]) / span, axis=-1) <= LARGEST_CORRECTION
+        found = near & (solved.converged if descend or robot.n < 6 else solved.reached)
+        corrected[rows[found]] = solved.q[found]
+        return rows[found]
+
     for start in (stepped, q):
         rows = np.flatnonzero(lost)
         if not len(rows):
-            break
-        solved = solve_poses(
-            lambda x: _actuated(calibration, x), target[rows], start[rows], length=robot.length, max_iterations=30
-        )
-        near = np.linalg.norm((solved.q - q[rows]) / span, axis=-1) <= LARGEST_CORRECTION
-        found = near & (solved.reached if robot.n >= 6 else solved.converged)
-        corrected[rows[found]] = solved.q[found]
-        lost[rows[found]] = False
+            return corrected, lost
+        lost[solve(rows, start, False, 30)] = False
+    if lost.any():
+        solve(np.flatnonzero(lost), q, True, 300)
     return corrected, lost
 
 

@@ -10,11 +10,12 @@ from calibtool.calibration.guard import coverage
 from calibtool.compensation.program import OutsidePolicy, guarded
 from calibtool.compensation.solve import NEAR_SINGULAR, OUT_OF_LIMITS, Method
 from calibtool.errors import NoSolutionError
-from calibtool.evaluation.metrics import MethodErrors, summary
+from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
 from calibtool.measurement.measurements import Measurements, Setup, Truth, determines_orientation
 from calibtool.measurement.observation import measured_in_base, residuals
 from calibtool.measurement.registration import register, rigid_fit
 from calibtool.measurement.simulate import observe
+from calibtool.robot.inverse import solve_poses
 from calibtool.robot.se3 import Array, inverse, log3, transform_points
 
 
@@ -22,10 +23,15 @@ from calibtool.robot.se3 import Array, inverse, log3, transform_points
 class Evaluation:
     """The first method is the nominal robot.
 
-    kind    `compensated`: the actual robot was driven to the corrected joints and observed without noise;
-            `predicted`: what is left between measured and predicted target points
-    marked   (methods,) how many rows of the compensation were near a singularity or out of limits
-    outside  (methods,) how many rows are unlike the configurations of the training
+    kind           `compensated`: the actual robot was driven to the corrected joints and observed without noise;
+                   `predicted`: what is left between measured and predicted target points
+    marked         (methods,) how many rows of the compensation were near a singularity or out of limits
+    outside        (methods,) how many rows are unlike the configurations of the training
+    uncorrectable  what stays whatever the method, a row for every pose that the actual robot cannot take (n < 6, or out of
+                   reach of an arm that is shorter than drawn): nearest pose against commanded one; None where every pose
+                   can be taken, or that is not known
+    correctable    the methods' errors against the nearest pose that the actual robot can take; `methods` where
+                   `uncorrectable` is None
     """
 
     robot: str
@@ -34,17 +40,27 @@ class Evaluation:
     methods: list[MethodErrors]
     marked: list[int]
     outside: list[int] = field(default_factory=list)
+    uncorrectable: MethodErrors | None = None
+    correctable: list[MethodErrors] = field(default_factory=list)
 
     def as_json(self) -> dict[str, object]:
-        """The object that `evaluate --json` prints (a contract of DESIGN)."""
-        return {
+        """The object that `evaluate --json` prints (a contract of DESIGN).
+
+        Statistics are those of the whole errors, reductions those of the correctable part.
+        """
+        parts = self.correctable or self.methods
+        result: dict[str, object] = {
             "schema": "calibtool/evaluation",
             "schema_version": 1,
             "robot": self.robot,
             "configurations": self.configurations,
             "kind": self.kind,
-            "methods": [summary(method, self.methods[0]) for method in self.methods],
+            "methods": [summary(part, parts[0], whole) for part, whole in zip(parts, self.methods, strict=True)],
         }
+        if self.uncorrectable is not None:
+            count = len(self.uncorrectable.position)
+            result["uncorrectable"] = {"configurations": count, **pose_statistics(self.uncorrectable)}
+        return result
 
 
 def evaluate(
@@ -68,7 +84,8 @@ def evaluate(
     if measurements.truth is None:  # a method is judged on whole observations
         measurements = measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
     every: list[tuple[str, Calibration | None]] = [("nominal", None), *calibrations]
-    methods, marked, far = [], [], []
+    methods, correctable, marked, far = [], [], [], []
+    nearest, uncorrectable = _nearest_poses(measurements)
     for name, calibration in every:
         count = 0
         unlike = np.zeros(len(measurements), dtype=bool)
@@ -77,7 +94,10 @@ def evaluate(
             if outside == "refuse" and unlike.any():
                 raise NoSolutionError(f"{name}: {int(unlike.sum())} configurations are outside those of the training")
         if measurements.truth is not None:
-            errors, count = _compensated(name, calibration, measurements, measurements.truth, method, outside)
+            errors, part, count = _compensated(
+                name, calibration, measurements, measurements.truth, nearest, method, outside
+            )
+            correctable.append(part)
         else:
             first = calibrations[0][1] if calibrations else None
             errors = _predicted(name, calibration, first, measurements, refit_setup, outside)
@@ -91,6 +111,8 @@ def evaluate(
         methods=methods,
         marked=marked,
         outside=far,
+        uncorrectable=uncorrectable,
+        correctable=correctable,
     )
 
 
@@ -99,9 +121,11 @@ def _compensated(
     calibration: Calibration | None,
     measurements: Measurements,
     truth: Truth,
+    nearest: Array | None,
     method: Method,
     outside: OutsidePolicy,
-) -> tuple[MethodErrors, int]:
+) -> tuple[MethodErrors, MethodErrors, int]:
+    """The whole errors, those against the nearest poses, and how many corrections are doubtful."""
     robot, q = measurements.robot, measurements.q
     marked = 0
     if calibration is None:
@@ -113,11 +137,39 @@ def _compensated(
     commanded = robot.mechanism.forward(q)
     if measurements.setup.known:
         actual = truth.actual.forward(driven)
-        turn = log3(actual[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
-        return MethodErrors(name, (actual - commanded)[:, None, :3, 3], turn), marked
+        errors = _pose_errors(name, actual, commanded)
+        return errors, errors if nearest is None else _pose_errors(name, actual, nearest), marked
     # Commanded poses live in the registered frame: compare target points there, as an instrument would.
     seen = transform_points(inverse(setup.T_instrument_base), observe(truth.actual, truth.setup, driven))
-    return _from_points(name, seen, commanded, setup), marked
+    errors = _from_points(name, seen, commanded, setup)
+    return errors, errors, marked
+
+
+def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErrors | None]:
+    """Nearest poses to the commanded ones that the actual robot can take, and how far they stay; None if all can be taken.
+
+    Only where truth and set-up are known: an estimated instrument frame moves the commanded poses with the method.
+    """
+    truth, robot, q = measurements.truth, measurements.robot, measurements.q
+    if truth is None or not measurements.setup.known:
+        return None, None
+    commanded = robot.mechanism.forward(q)
+    # Motion errors of the joints do not change which poses can be taken, only where the joints have to go.
+    solved = solve_poses(
+        truth.actual.mechanism.forward_and_jacobian, commanded, q, length=robot.length, max_iterations=300, descend=True
+    )
+    if solved.reached.all():
+        return None, None
+    beyond = ~solved.reached
+    nearest = commanded.copy()
+    nearest[beyond] = truth.actual.mechanism.forward(solved.q[beyond])
+    return nearest, _pose_errors("uncorrectable", nearest[beyond], commanded[beyond])
+
+
+def _pose_errors(name: str, pose: Array, reference: Array) -> MethodErrors:
+    """Displacements of the tool origin and rotations from reference poses (N, 4, 4)."""
+    turn = log3(pose[:, :3, :3] @ np.swapaxes(reference[:, :3, :3], -1, -2))
+    return MethodErrors(name, (pose - reference)[:, None, :3, 3], turn)
 
 
 def _predicted(

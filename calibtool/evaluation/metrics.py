@@ -44,23 +44,32 @@ def statistics(values: Array, unit: float) -> dict[str, float]:
     }
 
 
-def summary(method: MethodErrors, nominal: MethodErrors) -> dict[str, object]:
-    """One entry of `methods` in the JSON of `evaluate`: statistics and reductions against the nominal robot."""
-    position, before = statistics(method.position_size, 1e-3), statistics(nominal.position_size, 1e-3)
-    parts = ("mean", "max", "std")
-    reduction: dict[str, float | None] = {f"position_{s}": _reduction(before[s], position[s]) for s in parts}
-    reduction |= {f"orientation_{s}": None for s in parts}
-    orientation = None
-    if method.orientation_size is not None and nominal.orientation_size is not None:
-        orientation = statistics(method.orientation_size, 1e-3)
-        before = statistics(nominal.orientation_size, 1e-3)
-        reduction |= {f"orientation_{s}": _reduction(before[s], orientation[s]) for s in parts}
+def summary(method: MethodErrors, nominal: MethodErrors, whole: MethodErrors | None = None) -> dict[str, object]:
+    """One entry of `methods` in the JSON of `evaluate`: statistics, and reductions against the nominal robot.
+
+    whole: the errors for the statistics, where `method` and `nominal` are only the part that the joints can correct.
+    """
+    return {"name": method.name, **pose_statistics(whole or method), "reduction_percent": _reductions(method, nominal)}
+
+
+def pose_statistics(method: MethodErrors) -> dict[str, dict[str, float] | None]:
+    """`position_mm` and `orientation_mrad` (None where it is not seen)."""
+    turned = method.orientation_size
     return {
-        "name": method.name,
-        "position_mm": position,
-        "orientation_mrad": orientation,
-        "reduction_percent": reduction,
+        "position_mm": statistics(method.position_size, 1e-3),
+        "orientation_mrad": None if turned is None else statistics(turned, 1e-3),
     }
+
+
+def _reductions(method: MethodErrors, nominal: MethodErrors) -> dict[str, float | None]:
+    found, before = pose_statistics(method), pose_statistics(nominal)
+    result: dict[str, float | None] = {}
+    for name, key in (("position", "position_mm"), ("orientation", "orientation_mrad")):
+        a, b = before[key], found[key]
+        result |= {
+            f"{name}_{s}": None if a is None or b is None else _reduction(a[s], b[s]) for s in ("mean", "max", "std")
+        }
+    return result
 
 
 def _reduction(before: float, after: float) -> float:

@@ -21,7 +21,7 @@ class InverseResult:
     """Answers of an inverse kinematics, one row per pose.
 
     q            (N, n) best joint positions found, rad or m
-    converged    (N,) a stationary point was reached: the pose itself, or, for n < 6, the nearest one
+    converged    (N,) a stationary point was reached: the pose itself, or, where steps descend, the nearest one
     reached      (N,) what is left is below the tolerance
     position     (N,) what is left at the tool point, m
     orientation  (N,) what is left as a rotation angle, rad
@@ -46,17 +46,21 @@ def solve_poses(
     upper: Array | None = None,
     max_iterations: int = 60,
     tolerance: float = 1e-9,
+    descend: bool = False,
 ) -> InverseResult:
-    """Damped Newton from `q_start` to T(q) = target; for n < 6 to the least weighted pose error.
+    """Damped Newton from `q_start` to T(q) = target; for n < 6, or to `descend`, to the least weighted pose error.
 
     The error is weighed at the tool point: translation divided by `length` beside the rotation in rad; the damping of
     Levenberg and Marquardt grows with the squared error (Sugihara 2011), so that it vanishes at the answer.
 
     target (N, 4, 4) in K_0, q_start (N, n) in rad or m, length in m, limits (n,): joints are kept inside when given.
     `tolerance` (rad, or characteristic lengths) decides between reached and not.
+    descend: accept only steps that lower the error, so that a target out of reach has the nearest pose for an answer. Without it
+    n ≥ 6 joints may pass over a hill, which finds more of the targets that can be reached.
     """
     q = q_start.copy()
     count, n = q.shape
+    descend = descend or n < 6
     bounds = (np.full(n, -np.inf), np.full(n, np.inf)) if lower is None or upper is None else (lower, upper)
     stationary = np.zeros(count, dtype=bool)
     iterations = np.zeros(count, dtype=int)
@@ -76,7 +80,7 @@ def solve_poses(
         new_pose, new_jacobian = forward_and_jacobian(proposed)
         new_error = _tool_error(target[active], new_pose, length)
         before, after = np.linalg.norm(error[active], axis=-1), np.linalg.norm(new_error, axis=-1)
-        better = (after <= before) | (n >= 6)
+        better = (after <= before) | (not descend)
         rows = active[better]
         q[rows], error[rows] = proposed[better], new_error[better]
         jacobian[rows] = scale_rows(at_point(new_jacobian[better], new_pose[better, :3, 3]), length)
