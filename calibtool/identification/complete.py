@@ -7,25 +7,23 @@ prior, and the posterior says so. Noise level, number of harmonics and, on reque
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.lapack import dpotrf, dpotri
 
 from calibtool.errors import NoSolutionError
+from calibtool.identification.equations import held_out_sizes, normal_equations, row_sizes
+from calibtool.identification.evidence import inverse, most_probable, posterior_step
 from calibtool.identification.model import Flagged, Identification, Posterior, split_rms
 from calibtool.identification.parameters import ErrorState, Parameters, Tolerances
 from calibtool.identification.robust import LossFunction, find_flagged, row_weights
 from calibtool.measurement.measurements import Measurements
-from calibtool.measurement.observation import observation_matrix, residuals, target_columns, weights
+from calibtool.measurement.observation import residuals, weights
 from calibtool.robot.se3 import Array, readonly
 
-MAX_HARMONICS = 3
-_CHUNK = 1000  # configurations whose columns are in memory together
-_PSEUDO_OBSERVATIONS = 10.0  # the stated noise counts as so many residuals
+FEW_HARMONICS = (0, 1, 2, 3)
+MANY_HARMONICS = (*FEW_HARMONICS, 6, 9, 12, 16, 20, 24, 28, 32)
+_UNEXPLAINED = 1.2  # times the stated noise: more than this left over, and more harmonics are tried
+_JUDGED = 500  # configurations on which many harmonics are judged
 _MAX_ITERATIONS = 30
-_EVIDENCE_SETTLED = 0.03
-_EVIDENCE_ROUNDS = 10  # per Gauss–Newton step
 _PRIOR_STEPS = 3  # Gauss–Newton steps in which tolerances are re-estimated
-_OCCAM = 3.0  # nats by which a larger model must be more probable
 _CONVERGED = 1e-3  # a step this small against the posterior's standard deviations changes nothing
 
 
@@ -34,10 +32,11 @@ class CompleteOptions:
     """How the complete model is identified.
 
     tolerances       prior standard deviations, those of the robot's description unless given
-    harmonics        orders per joint; None: chosen by evidence, 0 … MAX_HARMONICS
+    harmonics        orders per joint; None: chosen by evidence from FEW_HARMONICS, or MANY_HARMONICS if those are too few
     gravity          wind-up under gravity; None: chosen by evidence
     twists           errors δξ of the joint twists; None: chosen by evidence
-    estimate_priors  re-estimate the scale of every family of tolerances from the evidence
+    estimate_priors  re-estimate the scale of every family of tolerances from the evidence; joint motions only downwards,
+                     because many harmonics can cancel where a joint was measured and grow large where it was not
     loss_function    `squared`, or down-weight rows that do not fit: `huber`, `cauchy`
     drop_flagged     leave flagged rows out of a second fit
     """
@@ -77,17 +76,54 @@ def identify_complete(measurements: Measurements, options: CompleteOptions | Non
     """
     options = CompleteOptions() if options is None else options
     robot, setup = measurements.robot, measurements.setup
-    candidates = _candidates(measurements, options)
-    fit = _fit(measurements, candidates[-1], options, ErrorState.nominal(robot, setup))
-    chosen = _most_probable(fit, candidates)
-    if chosen != fit.parameters:
-        fit = _fit(measurements, chosen, options, _restricted(fit.state, fit.parameters, chosen), fit)
+    fit = _most_probable_fit(measurements, options, FEW_HARMONICS, ErrorState.nominal(robot, setup), None)
+    unexplained = fit.parameters.harmonics == FEW_HARMONICS[-1] or fit.noise_factor > _UNEXPLAINED
+    if options.harmonics is None and unexplained:
+        many = _most_probable_fit(measurements, options, MANY_HARMONICS, fit.state, fit)
+        if _predicts_better(measurements, many, fit):
+            fit = many
     flagged = find_flagged(measurements, fit.state, fit.row_sizes)
     if options.drop_flagged and len(flagged.rows):
         kept = np.setdiff1d(np.arange(len(measurements)), flagged.rows)
         again = identify_complete(measurements.rows(kept), replace(options, drop_flagged=False))
         return replace(again, flagged=replace(flagged, dropped=True))
     return _identification(measurements, fit, flagged)
+
+
+def _most_probable_fit(
+    measurements: Measurements,
+    options: CompleteOptions,
+    orders: tuple[int, ...],
+    state: ErrorState,
+    start: "_Fit | None",
+) -> _Fit:
+    """The fit of everything that the options leave open, reduced to its most probable part."""
+    candidates = [
+        Parameters.of(measurements.robot, measurements.setup, twists, harmonics, gravity)
+        for twists in ([False, True] if options.twists is None else [options.twists])
+        for harmonics in (orders if options.harmonics is None else [options.harmonics])
+        for gravity in ([False, True] if options.gravity is None else [options.gravity])
+    ]
+    fit = _fit(measurements, candidates[-1], options, state, start)
+    theta = fit.state.vector(fit.parameters)
+    chosen = most_probable(fit.parameters, theta, inverse(fit.precision), fit.prior_std, candidates)
+    if chosen == fit.parameters:
+        return fit
+    return _fit(measurements, chosen, options, _restricted(fit.state, fit.parameters, chosen), fit)
+
+
+def _predicts_better(measurements: Measurements, many: _Fit, few: _Fit) -> bool:
+    """Whether held-out configurations are predicted better, by more than twice the standard error of the gain.
+
+    The evidence alone takes joints that repeat badly for fine structure: its noise has no such thing.
+    """
+    rows = np.unique(np.linspace(0, len(measurements) - 1, min(len(measurements), _JUDGED)).astype(int))
+    part = measurements.rows(rows)
+    before, after = (
+        held_out_sizes(part, fit.parameters, fit.state, inverse(fit.precision), fit.noise_factor) for fit in (few, many)
+    )
+    gain = before - after
+    return bool(gain.mean() > 2.0 * gain.std(ddof=1) / np.sqrt(len(rows)))
 
 
 def _fit(
@@ -99,26 +135,30 @@ def _fit(
 ) -> _Fit:
     """Gauss–Newton to the maximum a posteriori; noise and tolerances are re-estimated at every step.
 
-    `start` is the fit of a larger model, whose noise and tolerances are taken over.
+    `start` is the fit of a larger or smaller model, whose noise and tolerances are taken over.
     """
-    prior_std = parameters.prior_std(measurements.robot, options.tolerances or Tolerances.of(measurements.robot))
-    noise_factor, d = 1.0, (weights(measurements) > 0).sum(axis=-1)
+    tolerances = parameters.prior_std(measurements.robot, options.tolerances or Tolerances.of(measurements.robot))
+    prior_std, noise_factor = tolerances, 1.0
     if start is not None:
-        inside = np.isin(start.parameters.names, parameters.names)
-        prior_std, noise_factor = start.prior_std[inside], start.noise_factor
+        known = dict(zip(start.parameters.names, start.prior_std, strict=True))
+        prior_std = np.array([known.get(name, s) for name, s in zip(parameters.names, tolerances, strict=True)])
+        noise_factor = start.noise_factor
+    largest = np.full(parameters.count, np.inf)
+    for name in ("harmonics", "gravity"):
+        largest[parameters.blocks[name]] = tolerances[parameters.blocks[name]]
+    d = (weights(measurements) > 0).sum(axis=-1)
     row_weight = np.ones(len(measurements))
     state = state.moved(parameters, np.zeros(parameters.count))
     for iteration in range(1, _MAX_ITERATIONS + 1):
-        information, gradient, sizes = _normal_equations(measurements, parameters, state, row_weight)
-        equations = _Quadratic(information, gradient, float(sizes @ row_weight), float(d @ row_weight))
+        equations = normal_equations(measurements, parameters, state, row_weight)
         theta = state.vector(parameters)
         previous = noise_factor
         priors = options.estimate_priors and iteration <= _PRIOR_STEPS  # then they rest, so that the steps can converge
-        solution = _posterior(parameters, equations, theta, prior_std, noise_factor, priors)
+        solution = posterior_step(parameters, equations, theta, prior_std, noise_factor, largest if priors else None)
         prior_std, noise_factor = solution.prior_std, solution.noise_factor
         state = state.moved(parameters, solution.step)
         if options.loss_function != "squared":
-            row_weight = row_weights(sizes, d, options.loss_function)
+            row_weight = row_weights(equations.row_sizes, d, options.loss_function)
         settled = np.abs(solution.step / np.sqrt(np.diag(solution.covariance))).max() < _CONVERGED
         if settled and abs(noise_factor / previous - 1.0) < 0.01:
             break
@@ -127,125 +167,8 @@ def _fit(
             raise NoSolutionError(
                 f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order and target order"
             )
-    _, _, sizes = _normal_equations(measurements, parameters, state, row_weight, sizes_only=True)
-    return _Fit(parameters, state, prior_std, information, sizes, noise_factor, solution.effective, iteration)
-
-
-@dataclass(frozen=True, eq=False)
-class _Quadratic:
-    """The sum of squares round a state: squares − 2 gᵀx + xᵀH x, from `equations` residuals."""
-
-    information: Array
-    gradient: Array
-    squares: float
-    equations: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    step: Array
-    covariance: Array
-    prior_std: Array
-    noise_factor: float
-    effective: float
-
-
-def _posterior(
-    parameters: Parameters, quadratic: _Quadratic, theta: Array, prior_std: Array, noise_factor: float, priors: bool
-) -> _Solution:
-    """Maximum a posteriori step from θ with noise and, if `priors`, tolerances at their evidence maximum (MacKay).
-
-    The quadratic model is kept, so a round costs one factorisation and no kinematics.
-    """
-    H, g = quadratic.information, quadratic.gradient
-    for _ in range(_EVIDENCE_ROUNDS):
-        covariance = _inverse(H / noise_factor**2 + np.diag(prior_std**-2.0))
-        step = covariance @ (g / noise_factor**2 - theta / prior_std**2)
-        effective = float(np.sum(H * covariance)) / noise_factor**2
-        squares = max(quadratic.squares - 2 * float(g @ step) + float(step @ H @ step), 0.0)
-        freedom = max(quadratic.equations - effective, 0.0)
-        noise = float(np.sqrt((squares + _PSEUDO_OBSERVATIONS) / (freedom + _PSEUDO_OBSERVATIONS)))
-        scaled = _re_estimated(parameters, theta + step, covariance, prior_std) if priors else prior_std
-        change = max(abs(noise / noise_factor - 1.0), float(np.abs(scaled / prior_std - 1.0).max()))
-        noise_factor, prior_std = noise, scaled
-        if change < _EVIDENCE_SETTLED:
-            break
-    return _Solution(step, covariance, prior_std, noise_factor, effective)
-
-
-def _inverse(matrix: Array) -> Array:
-    """Inverse of a symmetric positive definite matrix, scaled to unit diagonal first: m and rad mix."""
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    factor, _ = dpotrf(matrix * np.outer(scale, scale), lower=True, clean=True)
-    half, _ = dpotri(factor, lower=True)
-    inverse: Array = (half + np.tril(half, -1).T) * np.outer(scale, scale)
-    return inverse
-
-
-def _normal_equations(
-    measurements: Measurements,
-    parameters: Parameters,
-    state: ErrorState,
-    row_weight: Array,
-    sizes_only: bool = False,
-) -> tuple[Array, Array, Array]:
-    """AᵀA (p, p) and Aᵀr (p,) of the weighted residuals at the state, and |r_k|² of every row (N,), in chunks."""
-    robot, setup = measurements.robot, state.setup
-    p = parameters.count
-    information, gradient = np.zeros((p, p)), np.zeros(p)
-    sizes = np.empty(len(measurements))
-    for start in range(0, len(measurements), _CHUNK):
-        rows = np.arange(start, min(start + _CHUNK, len(measurements)))
-        part = measurements.rows(rows)
-        weight = weights(part)
-        frames = state.frames(robot, part.q)
-        left = residuals(part, setup, frames.tool) * weight
-        sizes[rows] = (left**2).sum(axis=-1)
-        if sizes_only:
-            continue
-        columns = observation_matrix(setup, frames.tool) @ parameters.pose_columns(robot, state, frames, part.q)
-        if parameters.targets:
-            columns = np.concatenate([columns, target_columns(setup, frames.tool)], axis=-1)
-        scale = np.sqrt(row_weight[rows])[:, None]
-        A = (columns * (weight * scale)[..., None]).reshape(-1, p)
-        information += A.T @ A
-        gradient += A.T @ (left * scale).ravel()
-    return information, gradient, sizes
-
-
-def _candidates(measurements: Measurements, options: CompleteOptions) -> list[Parameters]:
-    """Every model that the options leave open, the one with everything last."""
-    orders = range(MAX_HARMONICS + 1) if options.harmonics is None else [options.harmonics]
-    return [
-        Parameters.of(measurements.robot, measurements.setup, twists, harmonics, gravity)
-        for twists in ([False, True] if options.twists is None else [options.twists])
-        for harmonics in orders
-        for gravity in ([False, True] if options.gravity is None else [options.gravity])
-    ]
-
-
-def _most_probable(fit: _Fit, candidates: list[Parameters]) -> Parameters:
-    """The smallest candidate whose p(θ_dropped = 0 | data) / p(θ_dropped = 0) is near the largest (Savage and Dickey)."""
-    covariance = _inverse(fit.precision)
-    theta = fit.state.vector(fit.parameters)
-    names = np.array(fit.parameters.names)
-
-    def log_evidence(candidate: Parameters) -> float:
-        dropped = np.flatnonzero(~np.isin(names, candidate.names))
-        return _log_density_ratio(theta[dropped], covariance[np.ix_(dropped, dropped)], fit.prior_std[dropped])
-
-    evidence = [log_evidence(candidate) for candidate in candidates]
-    good = [c for c, e in zip(candidates, evidence, strict=True) if e > max(evidence) - _OCCAM]
-    return min(good, key=lambda candidate: candidate.count)
-
-
-def _log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> float:
-    """ln N(0; θ, C) − ln N(0; 0, S): the evidence for the model without these parameters against the one with them."""
-    if not len(theta):
-        return 0.0
-    factor = cho_factor(covariance, lower=True)
-    log_det = 2.0 * np.log(np.diag(factor[0])).sum()
-    return float(-0.5 * (log_det + theta @ cho_solve(factor, theta)) + np.log(prior_std).sum())
+    sizes = row_sizes(measurements, state)
+    return _Fit(parameters, state, prior_std, equations.information, sizes, noise_factor, solution.effective, iteration)
 
 
 def _restricted(state: ErrorState, old: Parameters, new: Parameters) -> ErrorState:
@@ -261,22 +184,9 @@ def _restricted(state: ErrorState, old: Parameters, new: Parameters) -> ErrorSta
     return replace(state, geometry=geometry, motion=motion)
 
 
-def _re_estimated(parameters: Parameters, theta: Array, covariance: Array, prior_std: Array) -> Array:
-    """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances keep their ratios."""
-    result = prior_std.copy()
-    determined = 1.0 - np.diag(covariance) / prior_std**2
-    for chosen in parameters.families:
-        gamma = float(determined[chosen].sum())
-        if gamma < 0.5:  # nothing was learned about this family
-            continue
-        factor = np.sqrt(float(((theta[chosen] / prior_std[chosen]) ** 2).sum()) / gamma)
-        result[chosen] = prior_std[chosen] * np.clip(factor, 0.3, 3.0)
-    return result
-
-
 def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> Identification:
     robot, parameters = measurements.robot, fit.parameters
-    covariance = _inverse(fit.precision)
+    covariance = inverse(fit.precision)
     prior_scaled = fit.prior_std[:, None] * fit.information * fit.prior_std / fit.noise_factor**2
     eigenvalues = np.clip(np.linalg.eigvalsh(prior_scaled), 0.0, None)[::-1]
     theta = fit.state.vector(parameters)

@@ -151,26 +151,32 @@ class Parameters:
         ]
         return np.concatenate(parts)
 
-    def pose_columns(self, robot: Robot, state: "ErrorState", frames: Frames, q: Array) -> Array:
-        """∂δy/∂θ without the targets (N, 6, p − targets), at the frames of the state; q (N, n) commanded."""
+    def constant_columns(self, robot: Robot, state: "ErrorState", frames: Frames, q: Array) -> Array:
+        """∂δy/∂θ without harmonics and targets at the frames of the state; q (N, n) commanded. (N, 6, ·)"""
         moved = q + state.motion.errors(robot, q) + state.geometry.offsets
         twists = robot.chain.twists + state.geometry.twists
         offsets = offset_columns(frames, twists)
-        count = len(q)
         blocks = [placement_columns(frames)]
         if self.twists:
             blocks.append(twist_columns(frames, twists, moved))
         blocks.append(offsets)
-        if self.harmonics:
-            revolute = list(self.revolute)
-            functions = harmonic_functions(q[:, revolute], self.harmonics)
-            blocks.append((offsets[:, :, revolute, None] * functions[:, None]).reshape(count, 6, -1))
         if self.gravity:
             loaded = list(self.gravity)
             blocks.append(-offsets[:, :, loaded] * gravity_torque(robot, q)[:, None, loaded])
         if self.frame_free:
-            blocks.append(np.broadcast_to(np.eye(6), (count, 6, 6)))
+            blocks.append(np.broadcast_to(np.eye(6), (len(q), 6, 6)))
         return np.concatenate(blocks, axis=-1)
+
+    def pose_columns(self, robot: Robot, state: "ErrorState", frames: Frames, q: Array) -> Array:
+        """∂δy/∂θ without the targets (N, 6, p − targets), at the frames of the state; q (N, n) commanded."""
+        constant = self.constant_columns(robot, state, frames, q)
+        if not self.harmonics:
+            return constant
+        revolute = list(self.revolute)
+        offsets = constant[:, :, self.blocks["offsets"]][:, :, revolute, None]
+        functions = harmonic_functions(q[:, revolute], self.harmonics)[:, None]
+        harmonics = (offsets * functions).reshape(len(q), 6, -1)
+        return np.insert(constant, [self.blocks["harmonics"].start] * harmonics.shape[-1], harmonics, axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,8 +55,8 @@ def solve_poses(
 
     target (N, 4, 4) in K_0, q_start (N, n) in rad or m, length in m, limits (n,): joints are kept inside when given.
     `tolerance` (rad, or characteristic lengths) decides between reached and not.
-    descend: accept only steps that lower the error, so that a target out of reach has the nearest pose for an answer. Without it
-    n ≥ 6 joints may pass over a hill, which finds more of the targets that can be reached.
+    descend: accept only steps that lower the error, so that a target out of reach has the nearest pose for an answer;
+    without it n ≥ 6 joints may pass over a hill, which finds more of the targets that can be reached.
     """
     q = q_start.copy()
     count, n = q.shape

@@ -1,0 +1,106 @@
+"""Evidence: noise, tolerances and the choice of a model from one Gaussian approximation (MacKay; Savage and Dickey)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotri
+
+from calibtool.identification.equations import NormalEquations
+from calibtool.identification.parameters import Parameters
+from calibtool.robot.se3 import Array
+
+_PSEUDO_OBSERVATIONS = 10.0  # the stated noise counts as so many residuals
+_SETTLED = 0.03
+_ROUNDS = 10  # per Gauss–Newton step
+_OCCAM = 3.0  # nats by which a larger model must be more probable
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A step of the parameters (p,), its covariance, and tolerances, noise and γ at their evidence maximum."""
+
+    step: Array
+    covariance: Array
+    prior_std: Array
+    noise_factor: float
+    effective: float
+
+
+def posterior_step(
+    parameters: Parameters,
+    equations: NormalEquations,
+    theta: Array,
+    prior_std: Array,
+    noise_factor: float,
+    largest_std: Array | None,
+) -> Solution:
+    """Maximum a posteriori step from θ (p,) with the noise re-estimated and, up to `largest_std` (p,), the tolerances.
+
+    The quadratic model is kept, so a round costs one factorisation and no kinematics. largest_std None: tolerances stay.
+    """
+    H, g = equations.information, equations.gradient
+    for _ in range(_ROUNDS):
+        covariance = inverse(H / noise_factor**2 + np.diag(prior_std**-2.0))
+        step = covariance @ (g / noise_factor**2 - theta / prior_std**2)
+        effective = float(np.sum(H * covariance)) / noise_factor**2
+        squares = max(equations.squares - 2 * float(g @ step) + float(step @ H @ step), 0.0)
+        freedom = max(equations.equations - effective, 0.0)
+        noise = float(np.sqrt((squares + _PSEUDO_OBSERVATIONS) / (freedom + _PSEUDO_OBSERVATIONS)))
+        scaled = prior_std
+        if largest_std is not None:
+            scaled = np.minimum(_re_estimated(parameters, theta + step, covariance, prior_std), largest_std)
+        change = max(abs(noise / noise_factor - 1.0), float(np.abs(scaled / prior_std - 1.0).max()))
+        noise_factor, prior_std = noise, scaled
+        if change < _SETTLED:
+            break
+    return Solution(step, covariance, prior_std, noise_factor, effective)
+
+
+def most_probable(
+    parameters: Parameters, theta: Array, covariance: Array, prior_std: Array, candidates: list[Parameters]
+) -> Parameters:
+    """The smallest candidate whose p(θ_dropped = 0 | data) / p(θ_dropped = 0) is near the largest (Savage and Dickey).
+
+    The Gaussian N(θ, covariance) over `parameters` is that of the largest candidate.
+    """
+    names = np.array(parameters.names)
+
+    def log_evidence(candidate: Parameters) -> float:
+        dropped = np.flatnonzero(~np.isin(names, candidate.names))
+        return _log_density_ratio(theta[dropped], covariance[np.ix_(dropped, dropped)], prior_std[dropped])
+
+    evidence = [log_evidence(candidate) for candidate in candidates]
+    good = [c for c, e in zip(candidates, evidence, strict=True) if e > max(evidence) - _OCCAM]
+    return min(good, key=lambda candidate: candidate.count)
+
+
+def inverse(matrix: Array) -> Array:
+    """Inverse of a symmetric positive definite matrix, scaled to unit diagonal first: m and rad mix."""
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    factor, _ = dpotrf(matrix * np.outer(scale, scale), lower=True, clean=True)
+    half, _ = dpotri(factor, lower=True)
+    result: Array = (half + np.tril(half, -1).T) * np.outer(scale, scale)
+    return result
+
+
+def _log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> float:
+    """ln N(0; θ, C) − ln N(0; 0, S): the evidence for the model without these parameters against the one with them."""
+    if not len(theta):
+        return 0.0
+    factor = cho_factor(covariance, lower=True)
+    log_det = 2.0 * np.log(np.diag(factor[0])).sum()
+    return float(-0.5 * (log_det + theta @ cho_solve(factor, theta)) + np.log(prior_std).sum())
+
+
+def _re_estimated(parameters: Parameters, theta: Array, covariance: Array, prior_std: Array) -> Array:
+    """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances keep their ratios."""
+    result = prior_std.copy()
+    determined = 1.0 - np.diag(covariance) / prior_std**2
+    for chosen in parameters.families:
+        gamma = float(determined[chosen].sum())
+        if gamma < 0.5:  # nothing was learned about this family
+            continue
+        factor = np.sqrt(float(((theta[chosen] / prior_std[chosen]) ** 2).sum()) / gamma)
+        result[chosen] = prior_std[chosen] * np.clip(factor, 0.3, 3.0)
+    return result
