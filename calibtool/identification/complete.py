@@ -113,7 +113,7 @@ def _most_probable_fit(
 
 
 def _predicts_better(measurements: Measurements, many: _Fit, few: _Fit) -> bool:
-    """Whether held-out configurations are predicted better, by more than twice the standard error of the gain.
+    """Whether held-out configurations are predicted better, by more than the standard error of the gain.
 
     The evidence alone takes joints that repeat badly for fine structure: its noise has no such thing.
     """
@@ -123,7 +123,7 @@ def _predicts_better(measurements: Measurements, many: _Fit, few: _Fit) -> bool:
         held_out_sizes(part, fit.parameters, fit.state, inverse(fit.precision), fit.noise_factor) for fit in (few, many)
     )
     gain = before - after
-    return bool(gain.mean() > 2.0 * gain.std(ddof=1) / np.sqrt(len(rows)))
+    return bool(gain.mean() > gain.std(ddof=1) / np.sqrt(len(rows)))
 
 
 def _fit(
