@@ -11,11 +11,11 @@ from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.identification.complete import CompleteOptions, identify_complete
 from calibtool.identification.report import design_findings, parameter_rows
 from calibtool.measurement.measurements import Measurements
-from calibtool.measurement.simulate import Simulation, simulate
+from calibtool.measurement.simulate import Simulation, observe, simulate
 from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import log3, readonly
+from calibtool.robot.se3 import log3, readonly, transform_points
 
 PHYSICAL = ("geometric", "gear", "gravity", "thermal")
 
@@ -45,6 +45,36 @@ def test_evidence_finds_the_joint_motion_functions_that_are_there(fanuc: Robot) 
         posterior = identify_complete(measured(fanuc, scales=ErrorScales(kinds))[0]).posterior
         assert posterior is not None
         assert (posterior.parameters.harmonics, posterior.parameters.gravity) == (harmonics, gravity)
+
+
+def test_fine_structure_of_the_joint_motions_is_found(fanuc: Robot) -> None:
+    """Twenty waves per turn, as of a gear's teeth: what a held-out row shows of them is worth the many parameters."""
+    first, fresh = measured(fanuc, 200)
+    assert first.truth is not None
+
+    def with_waves(measurements: Measurements) -> np.ndarray:
+        assert measurements.truth is not None
+        truth = measurements.truth
+        return observe(truth.actual, truth.setup, measurements.q + 0.2e-3 * np.sin(20 * measurements.q))
+
+    noise = np.random.default_rng(3).normal(0, 0.05e-3, first.points.shape)
+    wavy = replace(first, points=with_waves(first) + noise)
+    expected = with_waves(fresh)
+    left = []
+    for options in (CompleteOptions(harmonics=3), CompleteOptions()):
+        calibration = identify(wavy, BaseOptions("complete", options))
+        predicted = transform_points(calibration.forward(fresh.q), calibration.base.setup.targets)
+        left.append(np.linalg.norm(predicted - expected, axis=-1).mean())
+    assert left[1] < 0.3 * left[0]
+    assert calibration.base.motion.harmonics.shape[1] >= 40
+
+
+def test_joints_that_repeat_badly_are_not_taken_for_fine_structure(fanuc: Robot) -> None:
+    kinds = ErrorScales((*PHYSICAL, "backlash"))
+    for seed in range(3):
+        posterior = identify_complete(measured(fanuc, 50, seed, scales=kinds)[0]).posterior
+        assert posterior is not None
+        assert posterior.parameters.harmonics <= 3
 
 
 def test_identified_functions_are_those_injected_within_their_covariance(fanuc: Robot) -> None:

@@ -1,0 +1,86 @@
+"""Normal equations: the products that skip the columns of harmonics, and what a row left out would leave over."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibtool.identification.equations import held_out_sizes, normal_equations, row_sizes
+from calibtool.identification.parameters import ErrorState, Parameters
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.observation import observation_matrix, residuals, target_columns, weights
+from calibtool.measurement.simulate import Simulation, simulate
+from calibtool.robot.actual import ErrorScales
+from calibtool.robot.catalogue import load_robot
+
+
+def columns_and_residuals(
+    measurements: Measurements, parameters: Parameters, state: ErrorState
+) -> tuple[np.ndarray, np.ndarray]:
+    """Every column written out, weighted: (N, d, p) and (N, d)."""
+    frames = state.frames(measurements.robot, measurements.q)
+    columns = observation_matrix(state.setup, frames.tool) @ parameters.pose_columns(
+        measurements.robot, state, frames, measurements.q
+    )
+    if parameters.targets:
+        columns = np.concatenate([columns, target_columns(state.setup, frames.tool)], axis=-1)
+    weight = weights(measurements)
+    return columns * weight[..., None], residuals(measurements, state.setup, frames.tool) * weight
+
+
+def moved_state(measurements: Measurements, parameters: Parameters) -> ErrorState:
+    step = np.random.default_rng(0).normal(0, 1e-3, parameters.count)
+    return ErrorState.nominal(measurements.robot, measurements.setup).moved(parameters, step)
+
+
+@pytest.mark.parametrize("unregistered", [False, True])
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "scara"])
+def test_they_are_the_products_of_the_columns(name: str, unregistered: bool) -> None:
+    measurements = simulate(load_robot(name), Simulation(configurations=30, unregistered=unregistered))
+    parameters = Parameters.of(measurements.robot, measurements.setup, twists=True, harmonics=4, gravity=True)
+    state = moved_state(measurements, parameters)
+    row_weight = np.random.default_rng(1).uniform(0.1, 1.0, 30)
+    A, r = columns_and_residuals(measurements, parameters, state)
+    found = normal_equations(measurements, parameters, state, row_weight)
+    information = np.einsum("k,kdi,kdj->ij", row_weight, A, A)
+    scale = np.sqrt(np.outer(np.diag(information), np.diag(information))) + 1e-300
+    assert np.abs((found.information - information) / scale).max() < 1e-12
+    gradient = np.einsum("k,kdi,kd->i", row_weight, A, r)
+    assert np.abs(found.gradient - gradient).max() < 1e-12 * np.abs(gradient).max()
+    assert found.squares == pytest.approx(row_weight @ (r**2).sum(axis=-1))
+    assert found.equations == pytest.approx(row_weight.sum() * r.shape[1])
+    assert np.allclose(found.row_sizes, row_sizes(measurements, state))
+
+
+def test_rows_weigh_as_they_are_told_and_missing_targets_not_at_all() -> None:
+    measurements = simulate(load_robot("ur5"), Simulation(configurations=12))
+    points = measurements.points.copy()
+    points[3, 1] = np.nan
+    lacking = replace(measurements, points=points)
+    parameters = Parameters.of(measurements.robot, measurements.setup, twists=False, harmonics=2, gravity=False)
+    state = ErrorState.nominal(measurements.robot, measurements.setup)
+    weight = np.ones(12)
+    assert normal_equations(lacking, parameters, state, weight).equations == 12 * 9 - 3
+    weight[3] = 0.0
+    one, other = (normal_equations(m, parameters, state, weight) for m in (lacking, measurements))
+    assert np.allclose(one.information, other.information)
+
+
+def test_a_row_left_out_is_predicted_as_a_fit_of_the_others_would() -> None:
+    """The closed form against fits repeated without the row, of the same linear model."""
+    small = ErrorScales(length=1e-5, angle=1e-5)  # so that the robot is linear
+    measurements = simulate(load_robot("ur5"), Simulation(configurations=25, scales=small))
+    parameters = Parameters.of(measurements.robot, measurements.setup, twists=False, harmonics=1, gravity=False)
+    start = ErrorState.nominal(measurements.robot, measurements.setup)
+    prior = np.diag(np.full(parameters.count, 1e-3) ** -2.0)
+    A, r = columns_and_residuals(measurements, parameters, start)
+    H, g = np.einsum("kdi,kdj->ij", A, A), np.einsum("kdi,kd->i", A, r)
+    fitted = r - A @ np.linalg.solve(H + prior, g)
+    k = 7
+    without = np.linalg.solve(H - A[k].T @ A[k] + prior, g - A[k].T @ r[k])
+    expected = ((r[k] - A[k] @ without) ** 2).sum()
+    hat = A[k] @ np.linalg.inv(H + prior) @ A[k].T
+    assert (np.linalg.solve(np.eye(9) - hat, fitted[k]) ** 2).sum() == pytest.approx(expected, rel=1e-6)
+    state = start.moved(parameters, np.linalg.solve(H + prior, g))
+    sizes = held_out_sizes(measurements, parameters, state, np.linalg.inv(H + prior), 1.0)
+    assert sizes[k] == pytest.approx(expected, rel=1e-2)
