@@ -2,8 +2,9 @@
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress, islice
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -40,14 +41,15 @@ class Table:
     def numbers(self, columns: Sequence[str]) -> Array:
         """The named columns as numbers, (N, len(columns)). InputError names the first bad cell by line and column."""
         indices = [self.index(column) for column in columns]
-        cells = [[row[i] for i in indices] for row in self.rows]
+        whole = indices == list(range(len(self.header)))
+        cells = self.rows if whole else [[row[i] for i in indices] for row in self.rows]
         if self.decimal != ".":
             cells = [[cell.replace(self.decimal, ".") for cell in row] for row in cells]
         try:
             values = np.array(cells, dtype=float).reshape(len(cells), len(columns))
         except ValueError:
             values = None
-        if values is None or not np.isfinite(values).all() or any("_" in cell for row in cells for cell in row):
+        if values is None or not np.isfinite(values).all() or any("_" in "".join(row) for row in cells):
             raise self._bad_cell(cells, columns)
         return values
 
@@ -89,48 +91,66 @@ def parse_table(text: str, name: str, delimiter: str | None = None, decimal: str
     another length.
     """
     text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
-    first = next((line for line in text.split("\n") if line.strip()), None)
-    if first is None:
+    return next(read_tables(text.split("\n"), name, delimiter, decimal))
+
+
+def read_tables(
+    lines: Iterable[str], name: str, delimiter: str | None = None, decimal: str | None = None, batch: int | None = None
+) -> Iterator[Table]:
+    """The same from any number of lines, as tables of `batch` rows (all of them unless given) under one header."""
+    numbered = ((number, line.rstrip("\n")) for number, line in enumerate(lines, start=1))
+    filled = ((number, line) for number, line in numbered if line.strip())
+    header_line, first = next(filled, (0, ""))
+    if not header_line:
         raise InputError(f"{name}: empty; expected a header line and rows")
+    first = first.removeprefix("\ufeff")
     if delimiter is None:
         delimiter = next((d for d in _DELIMITERS if d in first), " ")
-    records = _records(text, name, delimiter)
-    if not records:
-        raise InputError(f"{name}: empty; expected a header line and rows")
-    header_line, header = records[0]
+    header = _cells([(header_line, first)], name, delimiter)[0]
     repeated = {column for column in header if column and header.count(column) > 1}
     if repeated:
         raise InputError(f"{name}:{header_line}: column '{min(repeated)}' appears more than once")
-    for line, row in records[1:]:
-        if len(row) != len(header):
-            raise InputError(f"{name}:{line}: {len(row)} cells, but the header has {len(header)} columns")
-    rows = [row for _, row in records[1:]]
-    if not rows:
+    empty = True
+    while part := list(islice(filled, batch)):
+        rows = _cells(part, name, delimiter)
+        there = [any(row) for row in rows]  # a line of delimiters alone is an empty one
+        if not all(there):
+            rows, part = list(compress(rows, there)), list(compress(part, there))
+            if not rows:
+                continue
+        for (line, _), row in zip(part, rows, strict=True):
+            if len(row) != len(header):
+                raise InputError(f"{name}:{line}: {len(row)} cells, but the header has {len(header)} columns")
+        if decimal is None:
+            decimal = "," if delimiter != "," and any("," in cell for row in rows for cell in row) else "."
+        empty = False
+        yield Table(name, header, rows, [line for line, _ in part], delimiter, decimal, header_line)
+    if empty:
         raise InputError(f"{name}: a header but no rows")
-    if decimal is None:
-        decimal = "," if delimiter != "," and any("," in cell for row in rows for cell in row) else "."
-    return Table(name, header, rows, [line for line, _ in records[1:]], delimiter, decimal, header_line)
 
 
-def _records(text: str, name: str, delimiter: str) -> list[tuple[int, list[str]]]:
-    """Line number and stripped cells of every line that is not empty. InputError for broken quotes."""
+def _cells(lines: list[tuple[int, str]], name: str, delimiter: str) -> list[list[str]]:
+    """Stripped cells of every line. InputError for broken quotes."""
     if delimiter == " ":
-        return [(i + 1, line.split()) for i, line in enumerate(text.split("\n")) if line.strip()]
-    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
-    records: list[tuple[int, list[str]]] = []
-    lines = text.split("\n")
-    start = 1
+        return [line.split() for _, line in lines]
+    rows = []
+    for number, line in lines:
+        if '"' in line:
+            rows.append(_quoted(number, line, name, delimiter))
+        elif " " in line or "\t" in line:
+            rows.append([cell.strip() for cell in line.split(delimiter)])
+        else:
+            rows.append(line.split(delimiter))
+    return rows
+
+
+def _quoted(number: int, line: str, name: str, delimiter: str) -> list[str]:
+    if line.count('"') % 2:
+        raise InputError(f"{name}:{number}: a quote is not closed in its line; expected one row per line")
     try:
-        for row in reader:
-            if reader.line_num > start or lines[start - 1].count('"') % 2:
-                raise InputError(f"{name}:{start}: a quote is not closed in its line; expected one row per line")
-            cells = [cell.strip() for cell in row]
-            if any(cells):
-                records.append((start, cells))
-            start = reader.line_num + 1
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
     except csv.Error as error:
-        raise InputError(f"{name}:{start}: {error}; check the quotes") from None
-    return records
+        raise InputError(f"{name}:{number}: {error}; check the quotes") from None
 
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

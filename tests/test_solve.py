@@ -191,7 +191,7 @@ def test_one_step_on_an_identified_base_is_the_pseudo_inverse_of_the_pose_error(
 @pytest.mark.parametrize("base", BASES)
 def test_a_calibration_without_errors_leaves_the_joints_alone(robot: Robot, base: str, method: str) -> None:
     q = configurations(robot, 10)
-    result = compensate_joints(zero(robot.name, base), q, method)  # type: ignore[arg-type]
+    result = compensate_joints(zero(robot.name, base), q, method, verify=True)  # type: ignore[arg-type]
     assert np.abs(result.q - q).max() < 1e-9
     assert (result.status == "ok").all()
     assert result.position.max() < 1e-9

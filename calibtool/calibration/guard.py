@@ -1,6 +1,7 @@
 """The extrapolation guard: configurations unlike any that a calibration was made from."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -20,7 +21,7 @@ class Coverage:
     distance   (N,) to the nearest one, joints scaled by half their range in the training, over the largest such distance
                within the training
     deviation  (N,) predicted standard deviation of the tool point over the largest one on the training configurations;
-               0 for a base model without a posterior
+               0 for a base model without a posterior, and where the distance alone decides
     """
 
     distance: Array
@@ -33,15 +34,39 @@ class Coverage:
 
 
 def coverage(calibration: Calibration, q: Array) -> Coverage:
-    """Compare joint positions q (N, n) with the configurations that the calibration was made from."""
+    """Compare joint positions q (N, n) with the configurations that the calibration was made from.
+
+    Nearer to one of them than they are to each other, and farther than the limit, no deviation is computed: it costs ten
+    times the correction itself.
+    """
+    reference = _reference(calibration)
+    distance = reference.tree.query(q / reference.scale)[0] / reference.spacing
+    deviation = np.zeros(len(q))
+    doubtful = (distance > 1.0) & (distance <= _DISTANCE)
+    if calibration.base.posterior is not None and doubtful.any():
+        found = predicted_uncertainty(calibration, q[doubtful]).position
+        deviation[doubtful] = found / max(reference.deviation, 1e-15)
+    return Coverage(distance, deviation)
+
+
+@dataclass(frozen=True, eq=False)
+class _Reference:
+    """Scaled configurations of the training, their largest spacing and predicted standard deviation (m)."""
+
+    tree: KDTree
+    scale: Array
+    spacing: float
+    deviation: float
+
+
+@lru_cache(maxsize=8)
+def _reference(calibration: Calibration) -> _Reference:
     known = calibration.q
-    low, high = known.min(axis=0), known.max(axis=0)
-    scale = np.where(high - low > 1e-9, (high - low) / 2, 1e-3)
+    half = np.ptp(known, axis=0) / 2
+    scale = np.where(half > 0.5e-9, half, 1e-3)
     tree = KDTree(known / scale)
     within = tree.query(known / scale, k=2)[0][:, 1] if len(known) > 1 else np.ones(1)
-    distance = tree.query(q / scale)[0] / max(float(within.max()), 1e-12)
-    deviation = np.zeros(len(q))
+    deviation = 0.0
     if calibration.base.posterior is not None:
-        largest = predicted_uncertainty(calibration, known).position.max()
-        deviation = predicted_uncertainty(calibration, q).position / max(float(largest), 1e-15)
-    return Coverage(distance, deviation)
+        deviation = float(predicted_uncertainty(calibration, known).position.max())
+    return _Reference(tree, scale, max(float(within.max()), 1e-12), deviation)

@@ -7,8 +7,8 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.robot.geometry import relative_error
-from calibtool.robot.inverse import inverse_kinematics, solve_poses
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE, at_point, damped_solution
+from calibtool.robot.inverse import follow_path, inverse_kinematics, solve_poses
+from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE, at_point, damped_solution, singularity_distance
 from calibtool.robot.se3 import Array, log3
 
 Method = Literal["exact", "one-step"]
@@ -24,7 +24,8 @@ class Compensation:
 
     q            (N, n) corrected joint positions, rad or m; NaN in unreachable rows
     status       (N,) `ok`, `near-singular` (damped, a part of the error stays), `out-of-limits`, `unreachable`
-    position     (N,) what the calibrated model leaves at the tool point, m (for n < 6: what no joint can correct)
+    position     (N,) what the calibrated model leaves at the tool point, m (for n < 6: what no joint can correct); NaN where
+                 nobody asked, in `ok` rows of one-step
     orientation  (N,) the same as a rotation angle, rad
     """
 
@@ -34,26 +35,36 @@ class Compensation:
     orientation: Array
 
 
-def compensate_joints(calibration: Calibration, q: Array, method: Method = "exact") -> Compensation:
-    """Correct joint positions q (N, n) so that the calibrated robot goes where the nominal one would at q."""
+def compensate_joints(
+    calibration: Calibration, q: Array, method: Method = "exact", verify: bool = False
+) -> Compensation:
+    """Correct joint positions q (N, n) so that the calibrated robot goes where the nominal one would at q.
+
+    verify: drive the calibrated model to every corrected row, also for one-step, to tell what is left.
+    """
     calibration.robot.check_positions(q, "joint positions")
-    return _compensate(calibration, calibration.robot.mechanism.forward(q), q, method)
+    return _compensate(calibration, None, q, method, verify)
 
 
 def compensate_poses(
-    calibration: Calibration, T_base_tool: Array, q_seed: Array | None = None, method: Method = "exact"
+    calibration: Calibration,
+    T_base_tool: Array,
+    q_seed: Array | None = None,
+    method: Method = "exact",
+    verify: bool = False,
 ) -> Compensation:
     """Correct joint positions for commanded poses (N, 4, 4), by nominal inverse kinematics and then as for joints.
 
-    q_seed (N, n) chooses the branch; without it each row starts from the solution of the row before.
+    q_seed (N, n) chooses the branch. With one seed (n,), or without any, the rows are a path: each starts from the solution
+    of the row before, the first from the seed or the home of the default workspace.
     """
     robot = calibration.robot
-    if q_seed is not None:
+    if q_seed is not None and q_seed.ndim == 2:
         solved = inverse_kinematics(robot, T_base_tool, q_seed)
         q, reached = solved.q, solved.reached
     else:
-        q, reached = _along_path(calibration, T_base_tool)
-    result = _compensate(calibration, T_base_tool, q, method)
+        q, reached = follow_path(robot, T_base_tool, q_seed)
+    result = _compensate(calibration, T_base_tool, q, method, verify)
     result.status[~reached] = UNREACHABLE
     result.q[~reached] = np.nan
     return result
@@ -66,45 +77,49 @@ def one_step(calibration: Calibration, q: Array) -> tuple[Array, Array]:
     damped near singularities.
     """
     robot = calibration.robot
+    if calibration.base.model == "nominal":
+        pose, jacobian = calibration.base_forward_and_jacobian(q)
+        distance = singularity_distance(at_point(jacobian, pose[:, :3, 3]), robot.length)
+        return q if calibration.network is None else q - calibration.network(q)[:, : robot.n], distance
     pose, jacobian = calibration.forward_and_jacobian(q)
     point = pose[:, :3, 3]
-    nominal = robot.mechanism.forward(q)
-    error = at_point(relative_error(pose, nominal)[..., None], point)[..., 0]
+    error = at_point(relative_error(pose, robot.mechanism.forward(q))[..., None], point)[..., 0]
     motion, distance = damped_solution(at_point(jacobian, point), error, robot.length)
-    if calibration.base.model == "nominal":
-        motion = np.zeros_like(motion) if calibration.network is None else calibration.network(q)
     return q - motion[:, : robot.n], distance
 
 
-def _compensate(calibration: Calibration, target: Array, q: Array, method: Method) -> Compensation:
+def _compensate(calibration: Calibration, target: Array | None, q: Array, method: Method, verify: bool) -> Compensation:
+    """target: commanded poses, those of the nominal robot at q for None."""
     robot = calibration.robot
-    stepped, distance = one_step(calibration, q)
-    if method == "one-step":
-        corrected = stepped
-    else:
-        corrected, lost = _solved(calibration, target, q, stepped)
-        distance = np.where(lost, 0.0, distance)
-    pose = calibration.forward(corrected)
+    corrected, distance = one_step(calibration, q)
     status = np.full(len(q), OK, dtype=object)
+    left = np.full((2, len(q)), np.nan)
+    if method == "exact":
+        target = robot.mechanism.forward(q) if target is None else target
+        corrected, lost, left = _solved(calibration, target, q, corrected)
+        distance = np.where(lost, 0.0, distance)
     status[~robot.within_limits(corrected)] = OUT_OF_LIMITS
     status[distance < MIN_SINGULARITY_DISTANCE] = NEAR_SINGULAR
-    turn = log3(target[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2))
-    return Compensation(
-        q=corrected,
-        status=status,
-        position=np.linalg.norm(target[:, :3, 3] - pose[:, :3, 3], axis=-1),
-        orientation=np.linalg.norm(turn, axis=-1),
-    )
+    judged = np.isnan(left[0]) & (verify | (robot.n < 6) | (status == NEAR_SINGULAR))
+    if judged.any():
+        aim = robot.mechanism.forward(q[judged]) if target is None else target[judged]
+        pose = calibration.forward(corrected[judged])
+        turn = log3(aim[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2))
+        left[0, judged] = np.linalg.norm(aim[:, :3, 3] - pose[:, :3, 3], axis=-1)
+        left[1, judged] = np.linalg.norm(turn, axis=-1)
+    return Compensation(q=corrected, status=status, position=left[0], orientation=left[1])
 
 
-def _solved(calibration: Calibration, target: Array, q: Array, stepped: Array) -> tuple[Array, np.ndarray]:
-    """Newton from the one-step correction, where that fails from q itself; and the rows that found no answer near q.
+def _solved(calibration: Calibration, target: Array, q: Array, stepped: Array) -> tuple[Array, np.ndarray, Array]:
+    """Newton from the one-step correction, where that fails from q itself; lost rows; what is left (2, N), m and rad.
 
-    Such a row is out of reach, as where a stretched arm is shorter than drawn: it gets the nearest pose.
+    A lost row found no answer near q: it is out of reach, as where a stretched arm is shorter than drawn, and gets the
+    nearest pose.
     """
     robot = calibration.robot
     span = np.where(robot.prismatic, robot.length, 1.0)
     corrected, lost = stepped.copy(), np.ones(len(q), dtype=bool)
+    left = np.full((2, len(q)), np.nan)
 
     def solve(rows: np.ndarray, start: Array, descend: bool, max_iterations: int) -> np.ndarray:
         solved = solve_poses(
@@ -118,32 +133,19 @@ def _solved(calibration: Calibration, target: Array, q: Array, stepped: Array) -
         near = np.linalg.norm((solved.q - q[rows]) / span, axis=-1) <= LARGEST_CORRECTION
         found = near & (solved.converged if descend or robot.n < 6 else solved.reached)
         corrected[rows[found]] = solved.q[found]
+        left[:, rows[found]] = solved.position[found], solved.orientation[found]
         return rows[found]
 
     for start in (stepped, q):
         rows = np.flatnonzero(lost)
         if not len(rows):
-            return corrected, lost
+            break
         lost[solve(rows, start, False, 30)] = False
     if lost.any():
         solve(np.flatnonzero(lost), q, True, 300)
-    return corrected, lost
+    return corrected, lost, left
 
 
 def _actuated(calibration: Calibration, q: Array) -> tuple[Array, Array]:
     pose, jacobian = calibration.forward_and_jacobian(q)
     return pose, jacobian[:, :, : calibration.robot.n]
-
-
-def _along_path(calibration: Calibration, T_base_tool: Array) -> tuple[Array, np.ndarray]:
-    """Nominal inverse kinematics of rows in order, each from the answer before: neighbours stay on one branch."""
-    robot = calibration.robot
-    q = np.empty((len(T_base_tool), robot.n))
-    reached = np.zeros(len(T_base_tool), dtype=bool)
-    seed = None
-    for k in range(len(T_base_tool)):
-        solved = inverse_kinematics(robot, T_base_tool[k : k + 1], seed)
-        q[k], reached[k] = solved.q[0], solved.reached[0]
-        if reached[k]:
-            seed = solved.q[0]
-    return q, reached

@@ -85,7 +85,7 @@ def solve_poses(
         q[rows], error[rows] = proposed[better], new_error[better]
         jacobian[rows] = scale_rows(at_point(new_jacobian[better], new_pose[better, :3, 3]), length)
         caution[active] = np.where(better, caution[active] / 5, np.maximum(5 * caution[active], 1e-4))
-        done = (moved < 1e-10) | (np.linalg.norm(error[active], axis=-1) < 1e-14)
+        done = (moved < 1e-10) | (np.linalg.norm(error[active], axis=-1) < 1e-12)
         stationary[active[done]] = True
         active = active[~done]
     left = np.linalg.norm(error, axis=-1)
@@ -154,6 +154,21 @@ def inverse_kinematics(
         for field in ("q", "converged", "reached", "position", "orientation", "iterations"):
             getattr(best, field)[rows[better]] = getattr(again, field)[winner[better]]
     return best
+
+
+def follow_path(robot: Robot, target: Array, q_seed: Array | None = None) -> tuple[Array, np.ndarray]:
+    """Nominal joint positions (N, n) of poses in order (N, 4, 4), each from the answer before, and which were reached (N,).
+
+    Neighbours stay on one branch. q_seed (n,) starts the first row, the home of the default workspace unless given.
+    """
+    q = np.empty((len(target), robot.n))
+    reached = np.zeros(len(target), dtype=bool)
+    for k in range(len(target)):
+        solved = inverse_kinematics(robot, target[k : k + 1], q_seed)
+        q[k], reached[k] = solved.q[0], solved.reached[0]
+        if reached[k]:
+            q_seed = solved.q[0]
+    return q, reached
 
 
 def _bounded_step(jacobian: Array, error: Array, caution: Array, q: Array, lower: Array, upper: Array) -> Array:

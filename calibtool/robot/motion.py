@@ -44,9 +44,15 @@ class JointMotion:
 
 
 def harmonic_functions(q: Array, count: int) -> Array:
-    """sin q, cos q, sin 2q, cos 2q, … up to `count`: q (N, n) → (N, n, 2 count)."""
-    orders = np.arange(1, count + 1) * q[..., None]
-    return np.stack([np.sin(orders), np.cos(orders)], axis=-1).reshape(*q.shape, 2 * count)
+    """sin q, cos q, sin 2q, cos 2q, … up to `count`, by the addition theorems: q (N, n) → (N, n, 2 count)."""
+    result = np.empty((*q.shape, 2 * count))
+    if not count:
+        return result
+    first = sine, cosine = np.sin(q), np.cos(q)
+    for h in range(count):
+        result[..., 2 * h], result[..., 2 * h + 1] = sine, cosine
+        sine, cosine = sine * first[1] + cosine * first[0], cosine * first[1] - sine * first[0]
+    return result
 
 
 def gravity_torque(robot: Robot, q: Array) -> Array:
@@ -57,7 +63,10 @@ def gravity_torque(robot: Robot, q: Array) -> Array:
     """
     model = gravity_model(robot)
     data = model.createData()
-    return np.array([pin.computeGeneralizedGravity(model, data, row) for row in np.asarray(q)]).reshape(-1, robot.n)
+    torque, compute = np.empty((len(q), robot.n)), pin.computeGeneralizedGravity
+    for k, row in enumerate(np.asarray(q)):
+        torque[k] = compute(model, data, row)
+    return torque
 
 
 @lru_cache
