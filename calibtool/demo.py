@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.compensation.program import compensate_table
+from calibtool.compensation.stream import compensate_text
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.evaluation.compare import evaluate
 from calibtool.evaluation.metrics import error_rows
@@ -67,7 +67,7 @@ def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callab
     report("compensate a straight line of 100 poses")
     line = _straight_line(robot)
     write("line.csv", line)
-    write("corrected.csv", compensate_table(best, line, "line.csv", "exact").text)
+    write("corrected.csv", compensate_text(best, line, "line.csv")[0])
 
     report("export     JSON and C")
     header, source = calibration_as_c(best, "compensator")

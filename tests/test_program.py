@@ -1,19 +1,36 @@
 """Tables of targets in, corrected joints out: units, other columns and order kept, every doubtful row named by line."""
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify
-from calibtool.compensation.program import CompensatedTable, compensate_table, read_configurations
-from calibtool.compensation.solve import compensate_joints, compensate_poses
+from calibtool.compensation.program import read_configurations
+from calibtool.compensation.solve import Method, compensate_joints, compensate_poses
+from calibtool.compensation.stream import StreamOptions, compensate_text
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.se3 import Array
+
+
+class CompensatedTable(NamedTuple):
+    """What `compensate_text` gives, in one."""
+
+    text: str
+    rows: int
+    remarks: list[str]
+    unreachable: int
+
+
+def compensate_table(calibration: Calibration, text: str, name: str, method: Method) -> CompensatedTable:
+    corrected, report = compensate_text(calibration, text, name, StreamOptions(method=method))
+    return CompensatedTable(corrected, report.rows, report.remarks, report.without_joints)
+
 
 UR5_HOME = np.array([0.0, -80.0, 100.0, -110.0, -90.0, 0.0])
 

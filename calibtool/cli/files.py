@@ -1,9 +1,11 @@
 """Files at the command line: `-` for the standard streams, whole or not at all, nothing overwritten unasked."""
 
 import contextlib
+import io
 import os
 import sys
 import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -37,6 +39,33 @@ def read_text(path: str) -> str:
         return read_bytes(path).decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(f"{shown(path)}: not a UTF-8 text file (byte {error.start + 1})") from None
+
+
+def text_lines(path: str) -> Iterator[str]:
+    """Lines of a text file or of stdin, UTF-8, as they arrive: memory does not grow with the file."""
+    if path == STREAM and sys.stdin.isatty():
+        raise UsageError("stdin is a terminal; give a file, or pipe one in")
+    try:
+        binary = _binary(sys.stdin) if path == STREAM else open(path, "rb")  # noqa: SIM115
+    except FileNotFoundError:
+        raise UsageError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    stream = io.TextIOWrapper(binary, encoding="utf-8")
+    count = 0
+    try:
+        for line in stream:
+            count += 1
+            yield line
+    except UnicodeDecodeError:
+        raise InputError(f"{shown(path)}: not a UTF-8 text file (after line {count})") from None
+    except OSError as error:
+        raise InputError(f"{shown(path)}: {error.strerror or error}") from None
+    finally:
+        if path == STREAM:
+            stream.detach()
+        else:
+            stream.close()
 
 
 def shown(path: str) -> str:
@@ -85,34 +114,54 @@ def write_output(path: str, contents: bytes | str, force: bool) -> None:
     """Write the whole file or nothing: into a temporary file beside it, then renamed."""
     data = contents.encode("utf-8") if isinstance(contents, str) else contents
     check_output(path, force, binary=isinstance(contents, bytes))
+    with output_stream(path, force, checked=True) as write:
+        write(data)
+
+
+@contextlib.contextmanager
+def output_stream(path: str, force: bool, *, checked: bool = False) -> Iterator[Callable[[bytes], None]]:
+    """Write piece by piece: a file appears whole when the block ends and not at all when it fails; stdout as it goes."""
+    if not checked:
+        check_output(path, force)
     if path == STREAM:
-        write_stdout(data)
+        yield write_stdout
         return
     target = Path(path)
-    if target.exists() and not target.is_file():
-        try:
-            target.write_bytes(data)
-        except OSError as error:
-            raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from None
-        return
+    device = target.exists() and not target.is_file()
     temporary: str | None = None
     try:
-        descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(data)
+        if device:
+            stream: BinaryIO = target.open("wb")
+        else:
+            descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+            stream = os.fdopen(descriptor, "wb")
+        with stream:
+            yield _writer(stream, path)
             stream.flush()
-            os.fsync(stream.fileno())
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
-        os.replace(temporary, target)
-        temporary = None
+            if temporary is not None:
+                os.fsync(stream.fileno())
+        if temporary is not None:
+            mask = os.umask(0)
+            os.umask(mask)
+            os.chmod(temporary, 0o666 & ~mask)
+            os.replace(temporary, target)
+            temporary = None
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
         if temporary is not None:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
+
+
+def _writer(stream: BinaryIO, path: str) -> Callable[[bytes], None]:
+    def write(data: bytes) -> None:
+        try:
+            stream.write(data)
+        except OSError as error:
+            raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+    return write
 
 
 def write_outputs(outputs: dict[str, bytes | str], force: bool) -> None:

@@ -1,0 +1,276 @@
+"""Rows of commanded targets of any number, as CSV or newline-delimited JSON, corrected in batches of constant memory."""
+
+import csv
+import io
+import json
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from calibtool.calibration import Calibration
+from calibtool.calibration.uncertainty import predicted_uncertainty
+from calibtool.compensation.program import OutsidePolicy, guarded, no_targets
+from calibtool.compensation.solve import OK, OUTSIDE, UNREACHABLE, Compensation, Method
+from calibtool.errors import InputError
+from calibtool.robot.se3 import Array
+from calibtool.tables import Table, joints_from_header, number, poses_from_header, read_tables
+from calibtool.units import TO_SI
+
+RowFormat = Literal["csv", "ndjson"]
+BATCH = 4096
+_JUMP = np.deg2rad(60.0)  # between neighbours of a path: another branch, or a singularity on the way
+_ADDED = ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad")
+
+
+@dataclass(frozen=True)
+class StreamOptions:
+    """How rows are corrected: see `compensate_joints` and `guarded`; `uncertainty` and `verify` add columns."""
+
+    method: Method = "exact"
+    outside: OutsidePolicy = "mark"
+    uncertainty: bool = False
+    verify: bool = False
+    batch: int = BATCH
+
+
+@dataclass
+class StreamReport:
+    """What happened so far.
+
+    remarks    a line for each of the first `listed` rows that are not plainly `ok`; others: how many more there are
+    without_joints   rows that got no joints, unreachable or refused
+    left, turned     largest of what the calibrated model leaves in rows that are `ok` or `outside`, m and rad
+    """
+
+    listed: int = 10
+    rows: int = 0
+    remarks: list[str] = field(default_factory=list)
+    others: int = 0
+    without_joints: int = 0
+    left: float = 0.0
+    turned: float = 0.0
+
+    def remark(self, line: str) -> None:
+        if len(self.remarks) < self.listed:
+            self.remarks.append(line)
+        else:
+            self.others += 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Corrected:
+    """A batch: the table, which of its columns stay, the corrected joints in its units, and what is added."""
+
+    table: Table
+    kept: list[int]
+    joint_names: list[str]
+    values: Array
+    added: dict[str, list[str]]
+
+
+def compensate_stream(
+    calibration: Calibration,
+    lines: Iterable[str],
+    name: str,
+    options: StreamOptions,
+    report: StreamReport,
+    row_format: RowFormat = "csv",
+) -> Iterator[str]:
+    """Text of corrected rows, batch by batch; `report` counts along.
+
+    Joint columns are replaced by the corrected joints, in their units; pose columns give way to joints in degrees (mm if
+    prismatic). Where a row has both, the pose is commanded and the joints choose the branch. Other columns pass through;
+    a column `status` is added, for n < 6 and with `verify` what is left of the commanded pose (`left_mm`, `left_mrad`), and
+    with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses in order are a path: each
+    starts from the row before, and jumps of the joints are reported. Raises InputError for the first bad row.
+    """
+    corrector = _Corrector(calibration, options, report)
+    if row_format == "ndjson":
+        for table, objects in _read_objects(lines, name, options.batch):
+            yield _objects_text(corrector.corrected(table), objects)
+        return
+    first = True
+    for table in read_tables(lines, name, batch=options.batch):
+        yield _csv_text(corrector.corrected(table), first)
+        first = False
+
+
+def compensate_text(
+    calibration: Calibration, text: str, name: str, options: StreamOptions | None = None
+) -> tuple[str, StreamReport]:
+    """A whole CSV at once, and every remark."""
+    report = StreamReport(listed=len(text))
+    lines = io.StringIO(text, newline=None)
+    return "".join(compensate_stream(calibration, lines, name, options or StreamOptions(), report)), report
+
+
+class _Corrector:
+    """Corrects tables in order; remembers the last joints, from which the next pose starts."""
+
+    def __init__(self, calibration: Calibration, options: StreamOptions, report: StreamReport) -> None:
+        self.calibration, self.options, self.report = calibration, options, report
+        self.seed: Array | None = None
+
+    def corrected(self, table: Table) -> _Corrected:
+        robot, options = self.calibration.robot, self.options
+        joints, poses = joints_from_header(table, robot), poses_from_header(table)
+        if poses is None and joints is None:
+            raise no_targets(table)
+        for column in _ADDED:
+            if column in table.header:
+                raise InputError(
+                    f"{table.name}: a column '{column}' is there already; is this an output of compensate?"
+                )
+        q = self.seed if joints is None else joints[0]
+        T = None if poses is None else poses[0]
+        result = guarded(self.calibration, q, T, options.method, options.outside, verify=options.verify)
+        if joints is None:
+            self._note_jumps(table, result.q)
+        self._note(table, result)
+        names = robot.joint_columns if joints is None else sorted(joints[1], key=table.header.index)
+        order = list(range(robot.n)) if joints is None else [joints[1].index(column) for column in names]
+        replaced = set(names) | (set() if poses is None else set(poses[1]))
+        factors = np.array([TO_SI[column.split("_")[1]] for column in names])
+        return _Corrected(
+            table=table,
+            kept=[i for i, column in enumerate(table.header) if column not in replaced],
+            joint_names=names,
+            values=result.q[:, order] / factors,
+            added=self._added(result),
+        )
+
+    def _added(self, result: Compensation) -> dict[str, list[str]]:
+        added = {"status": [str(status) for status in result.status]}
+        if self.calibration.robot.n < 6 or self.options.verify:
+            for column, left in (("left_mm", result.position), ("left_mrad", result.orientation)):
+                added[column] = ["" if np.isnan(value) else f"{value * 1e3:.6g}" for value in left]
+        if self.options.uncertainty:
+            known = np.flatnonzero(~np.isnan(result.q).any(axis=-1))
+            sure = np.full((2, len(result.q)), np.nan)
+            spread = predicted_uncertainty(self.calibration, result.q[known])
+            sure[:, known] = spread.position, spread.orientation
+            for column, values in zip(("sd_mm", "sd_mrad"), sure, strict=True):
+                added[column] = ["" if np.isnan(value) else f"{value * 1e3:.6g}" for value in values]
+        return added
+
+    def _note(self, table: Table, result: Compensation) -> None:
+        report = self.report
+        report.rows += len(table)
+        report.without_joints += int(np.isnan(result.q).any(axis=-1).sum())
+        plain = (result.status == OK) | (result.status == OUTSIDE)
+        if self.options.verify and plain.any():
+            report.left = max(report.left, float(result.position[plain].max()))
+            report.turned = max(report.turned, float(result.orientation[plain].max()))
+        meaning = {
+            "near-singular": "near a singularity: damped, {left:.3g} mm of the error stay",
+            "out-of-limits": "the corrected joints are outside the joint limits",
+            OUTSIDE: "outside the configurations of the training",
+            UNREACHABLE: "the pose is unreachable: no joints are given",
+        }
+        for k in np.flatnonzero(result.status != OK):
+            report.remark(f"{table.place(int(k))}: {meaning[result.status[k]].format(left=result.position[k] * 1e3)}")
+
+    def _note_jumps(self, table: Table, q: Array) -> None:
+        """Branch flips of a path, and where the next batch starts."""
+        reached = np.flatnonzero(np.isfinite(q).all(axis=-1))
+        angles = ~np.array(self.calibration.robot.prismatic)
+        path = q[reached] if self.seed is None else np.concatenate([self.seed[None], q[reached]])
+        first = len(reached) - (len(path) - 1)
+        jumps = np.abs(np.diff(path, axis=0)) * angles
+        for k in np.flatnonzero(jumps.max(axis=-1, initial=0.0) > _JUMP):
+            joint = int(jumps[k].argmax())
+            place = table.place(int(reached[k + first]))
+            self.report.remark(
+                f"{place}: joint {joint + 1} jumps by {np.rad2deg(jumps[k, joint]):.0f} deg from the row before: "
+                "another branch, or a singularity on the way"
+            )
+        if len(path):
+            self.seed = path[-1]
+
+
+# --- CSV ------------------------------------------------------------------------------------------------------------
+
+
+def _csv_text(corrected: _Corrected, with_header: bool) -> str:
+    """Numbers with 15 digits by one template per row; other cells through the csv module, which knows quotes."""
+    table, kept = corrected.table, corrected.kept
+    template = ",".join(["%.15g"] * len(corrected.joint_names))
+    numbers = [template % tuple(row) for row in corrected.values.tolist()]
+    empty = "," * (len(corrected.joint_names) - 1)
+    for k in np.flatnonzero(np.isnan(corrected.values).any(axis=-1)):
+        numbers[k] = empty
+    rest: list[str] = [",".join(cells) for cells in zip(*corrected.added.values(), strict=True)]
+    if kept:
+        others = _written([[row[i] for i in kept] for row in table.rows])
+        rest = [f"{other},{added}" for other, added in zip(others, rest, strict=True)]
+    lines = [f"{a},{b}\n" for a, b in zip(numbers, rest, strict=True)]
+    if with_header:
+        header = [*corrected.joint_names, *(table.header[i] for i in kept), *corrected.added]
+        lines.insert(0, _written([header])[0] + "\n")
+    return "".join(lines)
+
+
+def _written(rows: list[list[str]]) -> list[str]:
+    """Rows of cells as CSV lines, without line ends."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    lines = []
+    for row in rows:
+        writer.writerow(row)
+        lines.append(out.getvalue()[:-1])
+        out.seek(0)
+        out.truncate()
+    return lines
+
+
+# --- newline-delimited JSON -----------------------------------------------------------------------------------------
+
+
+def _read_objects(lines: Iterable[str], name: str, batch: int) -> Iterator[tuple[Table, list[dict[str, object]]]]:
+    """Objects, one per line, with the keys of the first as columns of a table."""
+    header: list[str] = []
+    part: list[tuple[int, dict[str, object]]] = []
+
+    def table() -> tuple[Table, list[dict[str, object]]]:
+        objects = [found for _, found in part]
+        cells = [["" if found[key] is None else str(found[key]) for key in header] for found in objects]
+        return Table(name, header, cells, [line for line, _ in part], ",", "."), objects
+
+    for line, text in enumerate(lines, start=1):
+        text = text.removeprefix("\ufeff").strip()
+        if not text:
+            continue
+        try:
+            found = json.loads(text)
+        except ValueError as error:
+            raise InputError(f"{name}:{line}: not JSON: {error}; expected one object per line") from None
+        if not isinstance(found, dict):
+            raise InputError(f"{name}:{line}: expected one JSON object per line")
+        header = header or list(found)
+        if set(found) != set(header):
+            different = sorted(set(found) ^ set(header))
+            raise InputError(f"{name}:{line}: key '{different[0]}' is not in every object; keys must be the same")
+        part.append((line, found))
+        if len(part) == batch:
+            yield table()
+            part = []
+    if part:
+        yield table()
+    elif not header:
+        raise InputError(f"{name}: empty; expected one JSON object per line")
+
+
+def _objects_text(corrected: _Corrected, objects: list[dict[str, object]]) -> str:
+    table = corrected.table
+    convert: dict[str, Callable[[str], object]] = {"status": str}
+    lines = []
+    for k, given in enumerate(objects):
+        joints = [None if np.isnan(value) else float(number(value)) for value in corrected.values[k]]
+        result = dict(zip(corrected.joint_names, joints, strict=True))
+        result |= {table.header[i]: given[table.header[i]] for i in corrected.kept}  # type: ignore[misc]
+        for column, cells in corrected.added.items():
+            result[column] = None if cells[k] == "" else convert.get(column, float)(cells[k])  # type: ignore[assignment]
+        lines.append(json.dumps(result, ensure_ascii=False) + "\n")
+    return "".join(lines)
