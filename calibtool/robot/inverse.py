@@ -105,7 +105,7 @@ def inverse_kinematics(
     q_seed: Array | None = None,
     *,
     rng: np.random.Generator | None = None,
-    starts: int = 40,
+    starts: int = 100,
     tolerance: float | None = None,
 ) -> InverseResult:
     """Joint positions of the nominal robot within its limits for T_base_tool, (N, 4, 4).
