@@ -2,8 +2,9 @@
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import overload
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,13 +17,48 @@ from calibtool.units import TO_SI, joint_and_factor, joint_column
 _DELIMITERS = ("\t", ";", ",")
 
 
+_BLOCK = 20_000  # rows whose cells exist as text objects at one time
+
+
+class Lines(Sequence[list[str]]):
+    """Rows of cells, split from their lines of text when they are asked for: a million rows fit in memory as text."""
+
+    def __init__(self, lines: list[str], delimiter: str) -> None:
+        self._lines, self._delimiter = lines, delimiter
+
+    def __len__(self) -> int:
+        return len(self._lines)
+
+    @overload
+    def __getitem__(self, index: int) -> list[str]: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[list[str]]: ...
+    def __getitem__(self, index: int | slice) -> list[str] | list[list[str]]:
+        if isinstance(index, slice):
+            return list(split_lines(self._lines[index], self._delimiter))
+        return next(split_lines([self._lines[index]], self._delimiter))
+
+    def __iter__(self) -> Iterator[list[str]]:
+        return split_lines(self._lines, self._delimiter)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and list(self) == list(other)
+
+
+def split_lines(lines: Iterable[str], delimiter: str) -> Iterator[list[str]]:
+    """Stripped cells of lines; blanks separate without leaving empty cells, other delimiters respect quotes."""
+    if delimiter == " ":
+        return (line.split() for line in lines)
+    return ([cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter))
+
+
 @dataclass(frozen=True)
 class Table:
     """Rows of text with their line numbers; `name` is the file's name in messages."""
 
     name: str
     header: list[str]
-    rows: list[list[str]]
+    rows: Sequence[list[str]]
     lines: list[int]
     delimiter: str
     decimal: str
@@ -39,45 +75,60 @@ class Table:
 
     def numbers(self, columns: Sequence[str]) -> Array:
         """The named columns as numbers, (N, len(columns)). InputError names the first bad cell by line and column."""
-        indices = [self.index(column) for column in columns]
-        cells = [[row[i] for i in indices] for row in self.rows]
-        if self.decimal != ".":
-            cells = [[cell.replace(self.decimal, ".") for cell in row] for row in cells]
-        try:
-            values = np.array(cells, dtype=float).reshape(len(cells), len(columns))
-        except ValueError:
-            values = None
-        if values is None or not np.isfinite(values).all() or any("_" in cell for row in cells for cell in row):
-            raise self._bad_cell(cells, columns)
-        return values
+        return self._numbers(columns, optional=False)
 
     def optional_numbers(self, columns: Sequence[str]) -> Array:
         """The same with NaN where all of the columns are empty in a row."""
-        indices = [self.index(column) for column in columns]
-        there = np.array([any(row[i] for i in indices) for row in self.rows])
-        part = replace(
-            self,
-            rows=[row for row, keep in zip(self.rows, there, strict=True) if keep],
-            lines=[line for line, keep in zip(self.lines, there, strict=True) if keep],
-        )
-        values = np.full((len(self.rows), len(columns)), np.nan)
-        values[there] = part.numbers(columns)
-        return values
+        return self._numbers(columns, optional=True)
+
+    def texts(self, column: str) -> list[str]:
+        """The cells of one column as they are written."""
+        index = self.index(column)
+        return [row[index] for row in self.rows]
+
+    def take(self, index: Iterable[int]) -> "Table":
+        """The rows at `index`, in that order, with the lines they come from."""
+        chosen = [int(i) for i in index]
+        return replace(self, rows=[self.rows[i] for i in chosen], lines=[self.lines[i] for i in chosen])
 
     def place(self, row: int) -> str:
         """File and line of a data row (from 0), for messages."""
         return f"{self.name}:{self.lines[row]}"
 
-    def _bad_cell(self, cells: list[list[str]], columns: Sequence[str]) -> InputError:
-        for row, texts in enumerate(cells):
-            for column, text in zip(columns, texts, strict=True):
+    def _numbers(self, columns: Sequence[str], optional: bool) -> Array:
+        indices = [self.index(column) for column in columns]
+        values = np.full((len(self), len(columns)), np.nan)
+        for start in range(0, len(self), _BLOCK):
+            cells = [[row[i] for i in indices] for row in self.rows[start : start + _BLOCK]]
+            there = np.array([any(row) for row in cells]) if optional else np.ones(len(cells), dtype=bool)
+            if not there.all():
+                cells = [row for row, present in zip(cells, there, strict=True) if present]
+            rows = start + np.flatnonzero(there)
+            values[rows] = self._converted(cells, columns, rows)
+        return values
+
+    def _converted(self, cells: list[list[str]], columns: Sequence[str], rows: np.ndarray) -> Array:
+        points = [[cell.replace(self.decimal, ".") for cell in row] for row in cells] if self.decimal != "." else cells
+        try:
+            values = np.array(points, dtype=float).reshape(len(cells), len(columns))
+        except ValueError:
+            values = None
+        if values is None or not np.isfinite(values).all() or any("_" in cell for row in cells for cell in row):
+            raise self._bad_cell(cells, points, columns, rows)
+        return values
+
+    def _bad_cell(
+        self, cells: list[list[str]], points: list[list[str]], columns: Sequence[str], rows: np.ndarray
+    ) -> InputError:
+        for row, (texts, spelt) in enumerate(zip(cells, points, strict=True)):
+            for column, text, point in zip(columns, texts, spelt, strict=True):
                 try:
-                    finite = "_" not in text and np.isfinite(float(text))  # Python would read 1_0 as ten
+                    finite = "_" not in text and np.isfinite(float(point))  # Python would read 1_0 as ten
                 except ValueError:
                     finite = False
                 if not finite:
-                    holds = f"holds '{self.rows[row][self.index(column)]}'" if text.strip() else "is empty"
-                    return InputError(f"{self.place(row)}: column '{column}' {holds}; expected a number")
+                    holds = f"holds '{text}'" if text.strip() else "is empty"
+                    return InputError(f"{self.place(int(rows[row]))}: column '{column}' {holds}; expected a number")
         return InputError(f"{self.name}: a cell is not a number")
 
 
@@ -88,37 +139,50 @@ def parse_table(text: str, name: str, delimiter: str | None = None, decimal: str
     recognised only where it is not the delimiter. Raises InputError for an empty table, a repeated column or a row of
     another length.
     """
-    text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
-    first = next((line for line in text.split("\n") if line.strip()), None)
+    lines = text_lines(text)
+    first = next((line for line in lines if line.strip()), None)
     if first is None:
         raise InputError(f"{name}: empty; expected a header line and rows")
     if delimiter is None:
         delimiter = next((d for d in _DELIMITERS if d in first), " ")
-    records = _records(text, name, delimiter)
-    if not records:
+    header: list[str] | None = None
+    header_line, kept, numbers = 0, [], []
+    for line, cells in _records(lines, name, delimiter):
+        if header is None:
+            header_line, header = line, cells
+            check_header(header, f"{name}:{line}")
+            continue
+        if len(cells) != len(header):
+            raise InputError(f"{name}:{line}: {len(cells)} cells, but the header has {len(header)} columns")
+        kept.append(lines[line - 1])
+        numbers.append(line)
+    if header is None:
         raise InputError(f"{name}: empty; expected a header line and rows")
-    header_line, header = records[0]
-    repeated = {column for column in header if column and header.count(column) > 1}
-    if repeated:
-        raise InputError(f"{name}:{header_line}: column '{min(repeated)}' appears more than once")
-    for line, row in records[1:]:
-        if len(row) != len(header):
-            raise InputError(f"{name}:{line}: {len(row)} cells, but the header has {len(header)} columns")
-    rows = [row for _, row in records[1:]]
-    if not rows:
+    if not kept:
         raise InputError(f"{name}: a header but no rows")
     if decimal is None:
-        decimal = "," if delimiter != "," and any("," in cell for row in rows for cell in row) else "."
-    return Table(name, header, rows, [line for line, _ in records[1:]], delimiter, decimal, header_line)
+        decimal = "," if delimiter != "," and any("," in line for line in kept) else "."
+    return Table(name, header, Lines(kept, delimiter), numbers, delimiter, decimal, header_line)
 
 
-def _records(text: str, name: str, delimiter: str) -> list[tuple[int, list[str]]]:
+def text_lines(text: str) -> list[str]:
+    """Lines of a text without a byte order mark, whatever mixture of line ends it has."""
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def check_header(header: Sequence[str], place: str) -> None:
+    """InputError for a column name that appears more than once (empty ones may)."""
+    repeated = {column for column in header if column and header.count(column) > 1}
+    if repeated:
+        raise InputError(f"{place}: column '{min(repeated)}' appears more than once")
+
+
+def _records(lines: list[str], name: str, delimiter: str) -> Iterator[tuple[int, list[str]]]:
     """Line number and stripped cells of every line that is not empty. InputError for broken quotes."""
     if delimiter == " ":
-        return [(i + 1, line.split()) for i, line in enumerate(text.split("\n")) if line.strip()]
-    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
-    records: list[tuple[int, list[str]]] = []
-    lines = text.split("\n")
+        yield from ((i + 1, line.split()) for i, line in enumerate(lines) if line.strip())
+        return
+    reader = csv.reader(lines, delimiter=delimiter)
     start = 1
     try:
         for row in reader:
@@ -126,11 +190,10 @@ def _records(text: str, name: str, delimiter: str) -> list[tuple[int, list[str]]
                 raise InputError(f"{name}:{start}: a quote is not closed in its line; expected one row per line")
             cells = [cell.strip() for cell in row]
             if any(cells):
-                records.append((start, cells))
+                yield start, cells
             start = reader.line_num + 1
     except csv.Error as error:
         raise InputError(f"{name}:{start}: {error}; check the quotes") from None
-    return records
 
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
