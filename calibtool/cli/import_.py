@@ -140,12 +140,12 @@ def import_(
     )
     for warning in imported.warnings:
         message(f"warning: {warning}")
-    if dry_run:
-        write_stdout(preview(imported).encode())
-        return
     taken, left = imported.split(rows, sample, seed)
     if rest is not None and left is None:
         raise UsageError("--rest: no row is left; take fewer with --sample or --rows")
+    if dry_run:
+        write_stdout(preview(taken).encode())
+        return
     origin = provenance(seed if sample is not None else None, **inputs)
     measurements = taken.registered().measurements
     outputs: dict[str, bytes | str] = {output: to_bytes(replace(measurements, provenance=origin))}

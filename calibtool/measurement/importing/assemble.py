@@ -21,7 +21,6 @@ from calibtool.robot.se3 import readonly
 from calibtool.tables import Table
 
 REGISTRATION_ROWS = 20_000  # evenly spaced ones of a longer table; the set-up has at most some twenty unknowns
-FIRST_ROWS = 3  # of which a preview shows the lines
 
 
 class JointFile(NamedTuple):
@@ -42,7 +41,7 @@ class Understood:
     joints_name: str
     noise_stated: bool
     ignored: dict[str, list[str]]  # columns that nothing is read from, by file
-    lines: list[int]  # of the first rows
+    lines: np.ndarray  # (N,) in the measured table
 
 
 class Imported(NamedTuple):
@@ -60,7 +59,11 @@ class Imported(NamedTuple):
 
     def rows(self, index: np.ndarray) -> "Imported":
         """Some of the rows."""
-        return self._replace(measurements=self.measurements.rows(index), companions=self.companions.rows(index))
+        return self._replace(
+            measurements=self.measurements.rows(index),
+            companions=self.companions.rows(index),
+            understood=replace(self.understood, lines=self.understood.lines[index]),
+        )
 
     def with_setup(self, setup: Setup) -> "Imported":
         """The same with another set-up."""
@@ -155,7 +158,7 @@ def read_table(
         joints_name=joint_table.name,
         noise_stated=columns is not None and "noise" in columns.model_fields_set,
         ignored=_ignored(source, joint_table, complete),
-        lines=table.lines[:FIRST_ROWS],
+        lines=np.array(table.lines),
     )
     return Imported(measurements, warnings, companions, understood)
 

@@ -150,7 +150,10 @@ class ColumnMap(_Strict):
 def parse_column_map(text: str, name: str) -> ColumnMap:
     """A column map from TOML text. Raises InputError with the key that is wrong."""
     try:
-        return ColumnMap.model_validate(tomllib.loads(text))
+        keys = tomllib.loads(text)
+        if not keys:
+            raise InputError(f"{name}: empty; expected tables such as [joints] and [[targets]]")
+        return ColumnMap.model_validate(keys)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{name}: not valid TOML: {error}") from None
     except ValidationError as error:

@@ -167,7 +167,7 @@ def _numbered(table: Table, pattern: re.Pattern[str], stated: Stated) -> list[tu
         if match is None:
             continue
         before, unit = found.setdefault(int(match[1]), (column, match[2]))
-        if unit != match[2]:
+        if None not in (unit, match[2]) and unit != match[2]:
             raise InputError(f"{table.name}: columns '{before}' and '{column}' of one point have different units")
     result = []
     for number, (column, unit) in sorted(found.items()):

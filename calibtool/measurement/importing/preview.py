@@ -3,11 +3,13 @@
 import numpy as np
 
 from calibtool.errors import NoSolutionError
-from calibtool.measurement.importing.assemble import FIRST_ROWS, Imported
+from calibtool.measurement.importing.assemble import Imported
 from calibtool.measurement.importing.column_map import ColumnMap
 from calibtool.measurement.observation import residuals
 from calibtool.robot.model import Robot
 from calibtool.units import TO_SI
+
+_FIRST_ROWS = 3
 
 
 def preview(imported: Imported) -> str:
@@ -99,7 +101,7 @@ def _first_rows(imported: Imported) -> list[str]:
     header = ["line", *robot.joint_columns]
     header += [f"t{i + 1}_{a}_mm" if many else f"{a}_mm" for i in range(measurements.points.shape[1]) for a in "xyz"]
     rows = []
-    for row in range(min(FIRST_ROWS, len(measurements))):
+    for row in range(min(_FIRST_ROWS, len(measurements))):
         points = [_number(v * 1e3) for v in measurements.points[row].ravel()]
         joints = [_number(v) for v in measurements.q[row] * scale]
         rows.append([str(imported.understood.lines[row]), *joints, *points])
