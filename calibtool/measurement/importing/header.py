@@ -59,6 +59,12 @@ def complete_map(source: Source, joints: Table, robot: Robot, given: ColumnMap |
     units = [target.unit for target in complete.targets] + ([complete.pose.unit] if complete.pose else [])
     if stated.unit is not None and any(unit != stated.unit for unit in units):
         raise InputError(f"{table.name}: the measured columns are in {units[0]}, but --unit says {stated.unit}")
+    found_convention = complete.pose.convention if complete.pose else "no orientation"
+    if stated.convention not in (None, found_convention):
+        raise InputError(
+            f"{table.name}: --convention {stated.convention}, but the columns hold {found_convention}; name three angles "
+            "rx_deg ry_deg rz_deg, or map them with --columns MAP.toml"
+        )
     return complete
 
 
@@ -211,6 +217,8 @@ def _pose(table: Table, stated: Stated) -> PoseColumns | None:
     for names in _ANGLES:
         for suffix in ("_deg", "_rad", ""):
             angles = [f"{name}{suffix}" for name in names]
+            if angles == ["a", "b", "c"] and stated.convention is None:
+                continue  # might be anything
             if all(angle in table.header for angle in angles):
                 unit = suffix[1:] or stated.angle_unit
                 if stated.convention is None or unit is None:
