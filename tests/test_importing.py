@@ -393,6 +393,16 @@ def test_rows_outside_the_joint_limits_are_kept_with_a_warning() -> None:
     assert warnings == [f"table.csv:4: 1 of {N} rows are outside the joint limits of ur5; kept"]
 
 
+def test_a_long_table_is_imported_whole_and_registered_to_a_part_of_its_rows() -> None:
+    """More rows than a block of reading and than registration takes: every row arrives, and the set-up is found."""
+    count = 20_500
+    rows = three_targets_csv(points_mm(UR5.targets, instrument())).splitlines()
+    text = "\n".join([rows[0], *(rows[1 + k % N] for k in range(count))])
+    measurements = imported(text)
+    assert np.allclose(measurements.q, Q[np.arange(count) % N], atol=1e-14)
+    assert np.abs(measurements.setup.T_instrument_base - instrument()).max() < 1e-8
+
+
 # --- rows ------------------------------------------------------------------------------------------------------------
 
 ALL = imported(three_targets_csv(points_mm(UR5.targets, instrument())))
