@@ -343,17 +343,17 @@ def test_a_table_in_blocks_holds_every_number_once(delimiter: str, decimal: str)
 
 @pytest.mark.usefixtures("blocks_of_three")
 def test_bad_and_empty_cells_of_a_later_block_are_named_by_their_own_line() -> None:
-    rows = [f"{k},{k}" for k in range(10)]
-    rows[7] = ","
-    table = parse_table("\n".join(["a,b", *rows]), "t.csv")
+    rows = [f"{k},{k},note" for k in range(10)]
+    rows[7] = ",,note"
+    table = parse_table("\n".join(["a,b,c", *rows]), "t.csv")
     expected = np.repeat(np.arange(10.0)[:, None], 2, axis=1)
     expected[7] = np.nan
     assert np.array_equal(table.optional_numbers(["a", "b"]), expected, equal_nan=True)
     with pytest.raises(InputError, match=r"^t\.csv:9: column 'a' is empty"):
         table.numbers(["a"])
-    rows[8] = "8,"
+    rows[8] = "8,,note"
     with pytest.raises(InputError, match=r"^t\.csv:10: column 'b' is empty"):
-        parse_table("\n".join(["a,b", *rows]), "t.csv").optional_numbers(["a", "b"])
+        parse_table("\n".join(["a,b,c", *rows]), "t.csv").optional_numbers(["a", "b"])
 
 
 def test_chosen_rows_keep_the_lines_they_come_from() -> None:
