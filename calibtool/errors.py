@@ -35,7 +35,10 @@ class AcceptanceError(CalibtoolError):
 
 
 def near_names(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: the near names, or all of them when none is near."""
+    """The end of a message about an unknown name: the near names (upper and lower case alike), or all when none is near."""
     names = list(known)
-    near = get_close_matches(name, names, n=3, cutoff=0.4)
-    return f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(names)}"
+    folded = [other.casefold() for other in names]
+    if name.casefold() in folded:
+        return f"did you mean {names[folded.index(name.casefold())]}?"
+    near = [names[folded.index(match)] for match in get_close_matches(name.casefold(), folded, n=3, cutoff=0.4)]
+    return f"did you mean {' or '.join(dict.fromkeys(near))}?" if near else f"known: {', '.join(names)}"

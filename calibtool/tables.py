@@ -4,7 +4,8 @@ import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress, islice
+from itertools import chain, islice
+from typing import overload
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,13 +18,63 @@ from calibtool.units import TO_SI, joint_and_factor, joint_column
 _DELIMITERS = ("\t", ";", ",")
 
 
+_BLOCK = 20_000  # rows whose cells exist as text objects at one time
+_LONG_LINE = 100_000  # characters; csv refuses cells a little longer than this
+
+
+class Lines(Sequence[list[str]]):
+    """Rows of cells, split from their lines of text when they are asked for: a million rows fit in memory as text."""
+
+    def __init__(self, lines: list[str], delimiter: str) -> None:
+        self._lines, self._delimiter = lines, delimiter
+
+    def __len__(self) -> int:
+        return len(self._lines)
+
+    @overload
+    def __getitem__(self, index: int) -> list[str]: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[list[str]]: ...
+    def __getitem__(self, index: int | slice) -> list[str] | list[list[str]]:
+        if isinstance(index, slice):
+            return list(split_lines(self._lines[index], self._delimiter))
+        return next(split_lines([self._lines[index]], self._delimiter))
+
+    def __iter__(self) -> Iterator[list[str]]:
+        return split_lines(self._lines, self._delimiter)
+
+    def floats(self, rows: slice, columns: Sequence[int], decimal: str) -> Array | None:
+        """Some columns of some rows as numbers, quickly; None when a cell is no finite number (look closer then)."""
+        lines = self._lines[rows]
+        if decimal != ".":
+            lines = [line.replace(decimal, ".") for line in lines]
+        delimiter = None if self._delimiter == " " else self._delimiter
+        try:
+            values = np.loadtxt(
+                lines, delimiter=delimiter, usecols=columns, comments=None, quotechar='"', ndmin=2, dtype=float
+            )
+        except ValueError:
+            return None
+        return values if len(values) == len(lines) and np.isfinite(values).all() else None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and list(self) == list(other)
+
+
+def split_lines(lines: Iterable[str], delimiter: str) -> Iterator[list[str]]:
+    """Stripped cells of lines; blanks separate without leaving empty cells, other delimiters respect quotes."""
+    if delimiter == " ":
+        return (line.split() for line in lines)
+    return ([cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter))
+
+
 @dataclass(frozen=True)
 class Table:
     """Rows of text with their line numbers; `name` is the file's name in messages."""
 
     name: str
     header: list[str]
-    rows: list[list[str]]
+    rows: Sequence[list[str]]
     lines: list[int]
     delimiter: str
     decimal: str
@@ -40,46 +91,65 @@ class Table:
 
     def numbers(self, columns: Sequence[str]) -> Array:
         """The named columns as numbers, (N, len(columns)). InputError names the first bad cell by line and column."""
-        indices = [self.index(column) for column in columns]
-        whole = indices == list(range(len(self.header)))
-        cells = self.rows if whole else [[row[i] for i in indices] for row in self.rows]
-        if self.decimal != ".":
-            cells = [[cell.replace(self.decimal, ".") for cell in row] for row in cells]
-        try:
-            values = np.array(cells, dtype=float).reshape(len(cells), len(columns))
-        except ValueError:
-            values = None
-        if values is None or not np.isfinite(values).all() or any("_" in "".join(row) for row in cells):
-            raise self._bad_cell(cells, columns)
-        return values
+        return self._numbers(columns, optional=False)
 
     def optional_numbers(self, columns: Sequence[str]) -> Array:
         """The same with NaN where all of the columns are empty in a row."""
-        indices = [self.index(column) for column in columns]
-        there = np.array([any(row[i] for i in indices) for row in self.rows])
-        part = replace(
-            self,
-            rows=[row for row, keep in zip(self.rows, there, strict=True) if keep],
-            lines=[line for line, keep in zip(self.lines, there, strict=True) if keep],
-        )
-        values = np.full((len(self.rows), len(columns)), np.nan)
-        values[there] = part.numbers(columns)
-        return values
+        return self._numbers(columns, optional=True)
+
+    def texts(self, column: str) -> list[str]:
+        """The cells of one column as they are written."""
+        index = self.index(column)
+        return [row[index] for row in self.rows]
+
+    def take(self, index: Iterable[int]) -> "Table":
+        """The rows at `index`, in that order, with the lines they come from."""
+        chosen = [int(i) for i in index]
+        return replace(self, rows=[self.rows[i] for i in chosen], lines=[self.lines[i] for i in chosen])
 
     def place(self, row: int) -> str:
         """File and line of a data row (from 0), for messages."""
         return f"{self.name}:{self.lines[row]}"
 
-    def _bad_cell(self, cells: list[list[str]], columns: Sequence[str]) -> InputError:
-        for row, texts in enumerate(cells):
-            for column, text in zip(columns, texts, strict=True):
+    def _numbers(self, columns: Sequence[str], optional: bool) -> Array:
+        indices = [self.index(column) for column in columns]
+        values = np.full((len(self), len(columns)), np.nan)
+        for start in range(0, len(self), _BLOCK):
+            if isinstance(self.rows, Lines):
+                quick = self.rows.floats(slice(start, start + _BLOCK), indices, self.decimal)
+                if quick is not None:
+                    values[start : start + _BLOCK] = quick
+                    continue
+            cells = [[row[i] for i in indices] for row in self.rows[start : start + _BLOCK]]
+            there = np.array([any(row) for row in cells]) if optional else np.ones(len(cells), dtype=bool)
+            if not there.all():
+                cells = [row for row, present in zip(cells, there, strict=True) if present]
+            rows = start + np.flatnonzero(there)
+            values[rows] = self._converted(cells, columns, rows)
+        return values
+
+    def _converted(self, cells: list[list[str]], columns: Sequence[str], rows: np.ndarray) -> Array:
+        points = [[cell.replace(self.decimal, ".") for cell in row] for row in cells] if self.decimal != "." else cells
+        try:
+            values = np.array(points, dtype=float).reshape(len(cells), len(columns))
+        except ValueError:
+            values = None
+        if values is None or not np.isfinite(values).all() or any("_" in cell for row in cells for cell in row):
+            raise self._bad_cell(cells, points, columns, rows)
+        return values
+
+    def _bad_cell(
+        self, cells: list[list[str]], points: list[list[str]], columns: Sequence[str], rows: np.ndarray
+    ) -> InputError:
+        for row, (texts, spelt) in enumerate(zip(cells, points, strict=True)):
+            for column, text, point in zip(columns, texts, spelt, strict=True):
                 try:
-                    finite = "_" not in text and np.isfinite(float(text))  # Python would read 1_0 as ten
+                    finite = "_" not in text and np.isfinite(float(point))  # Python would read 1_0 as ten
                 except ValueError:
                     finite = False
                 if not finite:
-                    holds = f"holds '{self.rows[row][self.index(column)]}'" if text.strip() else "is empty"
-                    return InputError(f"{self.place(row)}: column '{column}' {holds}; expected a number")
+                    holds = f"holds '{text}'" if text.strip() else "is empty"
+                    return InputError(f"{self.place(int(rows[row]))}: column '{column}' {holds}; expected a number")
         return InputError(f"{self.name}: a cell is not a number")
 
 
@@ -90,67 +160,71 @@ def parse_table(text: str, name: str, delimiter: str | None = None, decimal: str
     recognised only where it is not the delimiter. Raises InputError for an empty table, a repeated column or a row of
     another length.
     """
-    text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
-    return next(read_tables(text.split("\n"), name, delimiter, decimal))
+    return next(read_tables(text_lines(text), name, delimiter, decimal))
 
 
 def read_tables(
     lines: Iterable[str], name: str, delimiter: str | None = None, decimal: str | None = None, batch: int | None = None
 ) -> Iterator[Table]:
     """The same from any number of lines, as tables of `batch` rows (all of them unless given) under one header."""
-    numbered = ((number, line.rstrip("\n")) for number, line in enumerate(lines, start=1))
-    filled = ((number, line) for number, line in numbered if line.strip())
-    header_line, first = next(filled, (0, ""))
-    if not header_line:
-        raise InputError(f"{name}: empty; expected a header line and rows")
-    first = first.removeprefix("\ufeff")
+    numbered = ((number, line.rstrip("\r\n")) for number, line in enumerate(lines, start=1))
+    start, first = next(((number, line) for number, line in numbered if line.strip()), (0, ""))
     if delimiter is None:
         delimiter = next((d for d in _DELIMITERS if d in first), " ")
-    header = _cells([(header_line, first)], name, delimiter)[0]
-    repeated = {column for column in header if column and header.count(column) > 1}
-    if repeated:
-        raise InputError(f"{name}:{header_line}: column '{min(repeated)}' appears more than once")
+    records = _records(chain([(start, first.removeprefix("\ufeff"))], numbered), name, delimiter)
+    header_line, text, columns = next(records, (0, "", 0))
+    if not header_line:
+        raise InputError(f"{name}: empty; expected a header line and rows")
+    header = next(split_lines([text], delimiter))
+    check_header(header, f"{name}:{header_line}")
     empty = True
-    while part := list(islice(filled, batch)):
-        rows = _cells(part, name, delimiter)
-        there = [any(row) for row in rows]  # a line of delimiters alone is an empty one
-        if not all(there):
-            rows, part = list(compress(rows, there)), list(compress(part, there))
-            if not rows:
-                continue
-        for (line, _), row in zip(part, rows, strict=True):
-            if len(row) != len(header):
-                raise InputError(f"{name}:{line}: {len(row)} cells, but the header has {len(header)} columns")
+    while part := list(islice(records, batch)):
+        for line, _, cells in part:
+            if cells != columns:
+                raise InputError(f"{name}:{line}: {cells} cells, but the header has {columns} columns")
+        kept = [text for _, text, _ in part]
         if decimal is None:
-            decimal = "," if delimiter != "," and any("," in cell for row in rows for cell in row) else "."
+            decimal = "," if delimiter != "," and any("," in text for text in kept) else "."
         empty = False
-        yield Table(name, header, rows, [line for line, _ in part], delimiter, decimal, header_line)
+        yield Table(
+            name, header, Lines(kept, delimiter), [line for line, _, _ in part], delimiter, decimal, header_line
+        )
     if empty:
         raise InputError(f"{name}: a header but no rows")
 
 
-def _cells(lines: list[tuple[int, str]], name: str, delimiter: str) -> list[list[str]]:
-    """Stripped cells of every line. InputError for broken quotes."""
+def text_lines(text: str) -> list[str]:
+    """Lines of a text without a byte order mark, whatever mixture of line ends it has."""
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def check_header(header: Sequence[str], place: str) -> None:
+    """InputError for a column name that appears more than once (empty ones may)."""
+    repeated = {column for column in header if column and header.count(column) > 1}
+    if repeated:
+        raise InputError(f"{place}: column '{min(repeated)}' appears more than once")
+
+
+def _records(lines: Iterable[tuple[int, str]], name: str, delimiter: str) -> Iterator[tuple[int, str, int]]:
+    """Number, text and number of cells of every line that is not empty. InputError for broken quotes."""
     if delimiter == " ":
-        return [line.split() for _, line in lines]
-    rows = []
+        yield from ((number, line, len(line.split())) for number, line in lines if line.strip())
+        return
+    empty = delimiter + " \t\f\v"
     for number, line in lines:
-        if '"' in line:
-            rows.append(_quoted(number, line, name, delimiter))
-        elif " " in line or "\t" in line:
-            rows.append([cell.strip() for cell in line.split(delimiter)])
-        else:
-            rows.append(line.split(delimiter))
-    return rows
-
-
-def _quoted(number: int, line: str, name: str, delimiter: str) -> list[str]:
-    if line.count('"') % 2:
-        raise InputError(f"{name}:{number}: a quote is not closed in its line; expected one row per line")
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
-    except csv.Error as error:
-        raise InputError(f"{name}:{number}: {error}; check the quotes") from None
+        if '"' not in line and len(line) < _LONG_LINE:
+            if line.strip(empty):
+                yield number, line, line.count(delimiter) + 1
+            continue
+        reader = csv.reader([line, ""], delimiter=delimiter)
+        try:
+            cells = next(reader)
+        except csv.Error as error:
+            raise InputError(f"{name}:{number}: {error}; check the quotes") from None
+        if reader.line_num > 1 or line.count('"') % 2:
+            raise InputError(f"{name}:{number}: a quote is not closed in its line; expected one row per line")
+        if any(cell.strip() for cell in cells):
+            yield number, line, len(cells)
 
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -5,7 +5,7 @@ import re
 
 from calibtool.errors import InputError
 
-TO_SI = {"m": 1.0, "mm": 1e-3, "rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
+TO_SI = {"m": 1.0, "mm": 1e-3, "in": 0.0254, "rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
 LENGTHS = ("m", "mm")
 ANGLES = ("rad", "deg")
 

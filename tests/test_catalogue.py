@@ -250,6 +250,11 @@ def test_an_unknown_workspace_is_refused_with_the_known_ones(fanuc: Robot) -> No
 # --- names and paths ---
 
 
+def test_a_name_in_other_letters_finds_the_one_that_is_meant() -> None:
+    with pytest.raises(UsageError, match=r"unknown robot 'UR5'; did you mean ur5\?"):
+        load_robot("UR5")
+
+
 @pytest.mark.parametrize(("name", "near"), [("fanuc-m1000", "fanuc-m1000ia"), ("ur-5", "ur5"), ("skara", "scara")])
 def test_an_unknown_robot_is_refused_with_the_near_names(name: str, near: str) -> None:
     with pytest.raises(UsageError, match=rf"'{name}'; did you mean .*\b{near}\b"):

@@ -65,7 +65,7 @@ def three_targets_csv(points: Array) -> str:
 
 def imported(text: str, toml: str | None = None, **options: object) -> Measurements:
     column_map = None if toml is None else parse_column_map(toml, "map.toml")
-    measurements, warnings = import_table(text, "table.csv", UR5, column_map, **options)  # type: ignore[arg-type]
+    measurements, warnings, *_ = import_table(text, "table.csv", UR5, column_map, **options)  # type: ignore[arg-type]
     assert warnings == []
     return measurements
 
@@ -234,7 +234,9 @@ def test_all_conventions_give_the_same_poses_and_the_same_sensor(convention: str
     cells = joint_cells() | {f"p{a}": position[:, i] for i, a in enumerate("xyz")}
     cells |= {name: values[:, i] for i, name in enumerate(names)}
     toml = JOINT_MAP + '[pose]\nposition = ["px", "py", "pz"]\nunit = "mm"\n'
-    toml += f'orientation = [{", ".join(repr(n) for n in names)}]\nconvention = "{convention}"\n'
+    toml += (
+        f'orientation = [{", ".join(repr(n) for n in names)}]\nconvention = "{convention}"\norientation_unit = "rad"\n'
+    )
     measurements = imported(csv(cells), toml)
     assert np.abs(measurements.rotations - rotation.as_matrix()).max() < 1e-9  # type: ignore[operator]
     setup = measurements.setup
@@ -340,7 +342,11 @@ def test_a_wrong_key_or_value_of_the_map_is_named(change: tuple[str, str], messa
 @pytest.mark.parametrize(
     ("toml", "message"),
     [
-        (JOINT_MAP, r"give either \[\[targets\]\] or \[pose\]"),
+        (
+            TRIPLE_MAP + '[pose]\nposition = ["a", "b", "c"]\nunit = "mm"\norientation = ["d", "e", "f", "g"]\n'
+            'convention = "quaternion-wxyz"\n',
+            r"give either \[\[targets\]\] or \[pose\]",
+        ),
         (JOINT_MAP + '[[targets]]\nunit = "mm"\n', "give either 'measured', or 'nominal' together with 'error'"),
         (JOINT_MAP + '[[targets]]\nunit = "mm"\nnominal = ["a", "b", "c"]\n', "together with 'error'"),
         (TRIPLE_MAP.replace('"t1_z_mm"]', '"t1_z_mm"]\non_tool_mm = [0, 0, 1]'), "on_tool_mm is given for some"),
@@ -382,9 +388,19 @@ def test_rows_outside_the_joint_limits_are_kept_with_a_warning() -> None:
     cells = text[3].split(",")
     cells[5] = repr(float(cells[5]) + 720.0)  # the same pose, two turns on
     text[3] = ",".join(cells)
-    measurements, warnings = import_table("\n".join(text), "table.csv", UR5)
+    measurements, warnings, *_ = import_table("\n".join(text), "table.csv", UR5)
     assert len(measurements) == N
     assert warnings == [f"table.csv:4: 1 of {N} rows are outside the joint limits of ur5; kept"]
+
+
+def test_a_long_table_is_imported_whole_and_registered_to_a_part_of_its_rows() -> None:
+    """More rows than a block of reading and than registration takes: every row arrives, and the set-up is found."""
+    count = 20_500
+    rows = three_targets_csv(points_mm(UR5.targets, instrument())).splitlines()
+    text = "\n".join([rows[0], *(rows[1 + k % N] for k in range(count))])
+    measurements = imported(text)
+    assert np.allclose(measurements.q, Q[np.arange(count) % N], atol=1e-14)
+    assert np.abs(measurements.setup.T_instrument_base - instrument()).max() < 1e-8
 
 
 # --- rows ------------------------------------------------------------------------------------------------------------

@@ -322,3 +322,40 @@ def test_two_orientations_in_one_table_are_refused() -> None:
     header = "x_mm,y_mm,z_mm,qw,qx,qy,qz,rx_rad,ry_rad,rz_rad"
     with pytest.raises(InputError, match=r"p\.csv: two orientations"):
         poses_from_header(parse_table(header + "\n0,0,0,1,0,0,0,0,0,0\n", "p.csv"))
+
+
+# --- long tables ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def blocks_of_three(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("calibtool.tables._BLOCK", 3)
+
+
+@pytest.mark.usefixtures("blocks_of_three")
+@pytest.mark.parametrize(("delimiter", "decimal"), [(",", "."), (";", ","), ("\t", "."), (" ", ".")])
+def test_a_table_in_blocks_holds_every_number_once(delimiter: str, decimal: str) -> None:
+    values = np.random.default_rng(0).normal(size=(11, 3))
+    lines = [delimiter.join(f"{v!r}".replace(".", decimal) for v in row) for row in values.tolist()]
+    table = parse_table("\n".join([delimiter.join("abc"), *lines]), "t.csv")
+    assert np.array_equal(table.numbers(["c", "a"]), values[:, [2, 0]])
+
+
+@pytest.mark.usefixtures("blocks_of_three")
+def test_bad_and_empty_cells_of_a_later_block_are_named_by_their_own_line() -> None:
+    rows = [f"{k},{k},note" for k in range(10)]
+    rows[7] = ",,note"
+    table = parse_table("\n".join(["a,b,c", *rows]), "t.csv")
+    expected = np.repeat(np.arange(10.0)[:, None], 2, axis=1)
+    expected[7] = np.nan
+    assert np.array_equal(table.optional_numbers(["a", "b"]), expected, equal_nan=True)
+    with pytest.raises(InputError, match=r"^t\.csv:9: column 'a' is empty"):
+        table.numbers(["a"])
+    rows[8] = "8,,note"
+    with pytest.raises(InputError, match=r"^t\.csv:10: column 'b' is empty"):
+        parse_table("\n".join(["a,b,c", *rows]), "t.csv").optional_numbers(["a", "b"])
+
+
+def test_chosen_rows_keep_the_lines_they_come_from() -> None:
+    table = parse_table("a,b\n1,x\n\n2,y\n3,z\n", "t.csv").take([2, 0])
+    assert (table.texts("b"), table.lines) == (["z", "x"], [5, 2])

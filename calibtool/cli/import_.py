@@ -1,17 +1,29 @@
-"""calibtool import: instrument tables to measurements."""
+"""calibtool import: what instruments write to measurements."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from calibtool.cli.files import check_output, message, one_stdin, read_text, same_file, shown, write_outputs
+from calibtool.cli.files import (
+    check_output,
+    message,
+    one_stdin,
+    read_bytes,
+    read_text,
+    same_file,
+    shown,
+    write_outputs,
+    write_stdout,
+)
 from calibtool.cli.options import Force, Output, Seed, choice
 from calibtool.cli.provenance import provenance
 from calibtool.errors import UsageError
 
 
 def import_(
-    table: Annotated[str, typer.Argument(metavar="TABLE", help="A table with a header line; '-' is stdin.")],
+    table: Annotated[
+        str, typer.Argument(metavar="TABLE", help="A table with a header, SpatialAnalyzer points, .xlsx; '-' is stdin.")
+    ],
     robot: Annotated[str, typer.Option(help="A robot of the catalogue, or a path.")],
     output: Output = "-",
     columns: Annotated[
@@ -24,6 +36,42 @@ def import_(
     robot_targets: Annotated[
         bool, typer.Option("--robot-targets", help="The targets stand where the robot's description says.")
     ] = False,
+    joints: Annotated[
+        str | None, typer.Option(metavar="FILE", help="The joint values' own file, where TABLE has none.")
+    ] = None,
+    join: Annotated[
+        str,
+        typer.Option(
+            metavar="index|name|time", help="How rows of --joints FILE find theirs: row order, name, time stamp."
+        ),
+    ] = "index",
+    join_tolerance_s: Annotated[
+        float, typer.Option(min=0, help="Time stamps further apart than this do not belong together.")
+    ] = 0.1,
+    format: Annotated[
+        str | None,
+        typer.Option(metavar="table|spatial-analyzer|excel", help="Format of TABLE (default: its contents tell)."),
+    ] = None,
+    sheet: Annotated[str | None, typer.Option(metavar="NAME", help="Sheet of a workbook (default: the first).")] = None,
+    layout: Annotated[
+        str | None,
+        typer.Option(
+            metavar="names|groups|order|single|targets",
+            help="What the names of SpatialAnalyzer points mean (docs/file-formats.md).",
+        ),
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(metavar="mm|m|in", help="Unit of lengths where the header does not say it.")
+    ] = None,
+    angle_unit: Annotated[
+        str | None, typer.Option(metavar="deg|rad", help="Unit of angles where the header does not say it.")
+    ] = None,
+    convention: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Of three angles: intrinsic-xyz, extrinsic-zyx, … (any axes), zyx, rotation-vector."
+        ),
+    ] = None,
     rows: Annotated[
         str | None, typer.Option(metavar="A:B", help="Only data rows A to B, from 1, both included.")
     ] = None,
@@ -32,51 +80,76 @@ def import_(
         str | None, typer.Option(metavar="FILE", help="Write the rows that were not taken here, for a fair test.")
     ] = None,
     seed: Seed = 0,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show how the table is understood on stdout and write nothing.")
+    ] = False,
     force: Force = False,
 ) -> None:
-    """Bring in an instrument's table.
+    """Bring in what an instrument wrote.
 
-    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and unknown targets are estimated.
+    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and unknown targets are estimated,
+    from the rows that are taken.
 
     Example: calibtool import tracker.csv --robot ur10 --columns map.toml -o measurements.h5
     """
-    check_output(output, force, binary=True)
-    if rest is not None:
-        check_output(rest, force, binary=True)
-        if same_file(rest, output):
-            raise UsageError(f"--rest and -o are the same, {rest}")
-    one_stdin(table, columns)
+    if not dry_run:
+        check_output(output, force, binary=True)
+        if rest is not None:
+            check_output(rest, force, binary=True)
+            if same_file(rest, output):
+                raise UsageError(f"--rest and -o are the same, {rest}")
+    one_stdin(table, columns, joints)
     from dataclasses import replace
-    from typing import Literal, cast
 
-    from calibtool.measurement.importing import import_table, parse_column_map, select_rows
+    from calibtool.measurement.importing import JointFile, Stated, parse_column_map, preview, read_table
+    from calibtool.measurement.importing.joining import JOINS
+    from calibtool.measurement.importing.sources import FORMATS
+    from calibtool.measurement.importing.spatial_analyzer import LAYOUTS
     from calibtool.robot.catalogue import load_robot
     from calibtool.storage import to_bytes
 
-    if frame is not None:
-        choice(frame, ("base", "unknown"), "--frame")
-    text = read_text(table)
-    inputs = {"table": text.encode()}
-    column_map = None
+    def chosen(value: str | None, allowed: tuple[str, ...], option: str) -> Any:
+        return None if value is None else choice(value, allowed, option)
+
+    inputs = {"table": read_bytes(table)}
+    column_map = joint_file = None
     if columns is not None:
         map_text = read_text(columns)
         inputs["columns"] = map_text.encode()
         column_map = parse_column_map(map_text, shown(columns))
-    measurements, warnings = import_table(
-        text,
+    join_by = chosen(join, JOINS, "--join")
+    if joints is not None:
+        inputs["joints"] = read_bytes(joints)
+        joint_file = JointFile(inputs["joints"], shown(joints), join_by, join_tolerance_s)
+    elif join != "index":
+        raise UsageError(f"--join {join}: there is no second file; give --joints FILE")
+    imported = read_table(
+        inputs["table"],
         shown(table),
         load_robot(robot),
         column_map,
-        frame=cast(Literal["base", "unknown"] | None, frame),
+        frame=chosen(frame, ("base", "unknown"), "--frame"),
         robot_targets=robot_targets,
+        format=chosen(format, FORMATS, "--format"),
+        sheet=sheet,
+        layout=chosen(layout, LAYOUTS, "--layout"),
+        stated=Stated(
+            chosen(unit, ("mm", "m", "in"), "--unit"), chosen(angle_unit, ("deg", "rad"), "--angle-unit"), convention
+        ),
+        joints=joint_file,
     )
-    for warning in warnings:
+    for warning in imported.warnings:
         message(f"warning: {warning}")
-    taken, left = select_rows(measurements, rows, sample, seed)
-    if rest is not None and not len(left):
+    taken, left = imported.split(rows, sample, seed)
+    if rest is not None and left is None:
         raise UsageError("--rest: no row is left; take fewer with --sample or --rows")
+    if dry_run:
+        write_stdout(preview(taken).encode())
+        return
     origin = provenance(seed if sample is not None else None, **inputs)
-    outputs: dict[str, bytes | str] = {output: to_bytes(replace(taken, provenance=origin))}
-    if rest is not None:
-        outputs[rest] = to_bytes(replace(left, provenance=origin))
+    measurements = taken.registered().measurements
+    outputs: dict[str, bytes | str] = {output: to_bytes(replace(measurements, provenance=origin))}
+    if rest is not None and left is not None:
+        held_out = left.with_setup(measurements.setup).measurements
+        outputs[rest] = to_bytes(replace(held_out, provenance=origin))
     write_outputs(outputs, force)

@@ -1,0 +1,200 @@
+"""Instrument tables → measurements and their companions; unknown parts of the set-up are registered afterwards."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from calibtool.errors import InputError, NoSolutionError
+from calibtool.measurement.companions import Companions
+from calibtool.measurement.importing.column_map import ColumnMap, Frame
+from calibtool.measurement.importing.header import Stated, complete_map
+from calibtool.measurement.importing.joining import JOIN_TOLERANCE, Join, join_rows
+from calibtool.measurement.importing.known import known_setup
+from calibtool.measurement.importing.readings import read_companions, read_joints, read_points, read_rotations
+from calibtool.measurement.importing.rows import choose_rows, line_ranges
+from calibtool.measurement.importing.sources import Source, read_source
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.registration import register
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import readonly
+from calibtool.tables import Table
+
+REGISTRATION_ROWS = 20_000  # evenly spaced ones of a longer table; the set-up has at most some twenty unknowns
+
+
+class JointFile(NamedTuple):
+    """The joint values' own file and how its rows find theirs, see `joining.join_rows`."""
+
+    data: bytes | str
+    name: str
+    join: Join = "index"
+    tolerance_s: float = JOIN_TOLERANCE
+
+
+@dataclass(frozen=True)
+class Understood:
+    """How the files were read: for people, before anything is written (`preview.preview`)."""
+
+    source: Source
+    columns: ColumnMap
+    joints_name: str
+    noise_stated: bool
+    ignored: dict[str, list[str]]  # columns that nothing is read from, by file
+    lines: np.ndarray  # (N,) in the measured table
+
+
+class Imported(NamedTuple):
+    """Measurements, warnings, what stands beside the measurements, and how the files were understood."""
+
+    measurements: Measurements
+    warnings: list[str]
+    companions: Companions
+    understood: Understood
+
+    def split(self, rows: str | None, sample: int | None, seed: int) -> "tuple[Imported, Imported | None]":
+        """The chosen rows and the rest (None if there is none), see `rows.choose_rows`."""
+        taken, left = choose_rows(len(self.measurements), rows, sample, seed)
+        return self.rows(taken), self.rows(left) if len(left) else None
+
+    def rows(self, index: np.ndarray) -> "Imported":
+        """Some of the rows."""
+        return self._replace(
+            measurements=self.measurements.rows(index),
+            companions=self.companions.rows(index),
+            understood=replace(self.understood, lines=self.understood.lines[index]),
+        )
+
+    def with_setup(self, setup: Setup) -> "Imported":
+        """The same with another set-up."""
+        return self._replace(measurements=replace(self.measurements, setup=setup))
+
+    def registered(self) -> "Imported":
+        """The same with the unknown parts of the set-up fitted to these rows (nominal robot).
+
+        Raises NoSolutionError for too few rows; a warning about the table goes along, it may tell why.
+        """
+        count = len(self.measurements)
+        used = self.measurements
+        if count > REGISTRATION_ROWS:
+            used = used.rows(np.linspace(0, count - 1, REGISTRATION_ROWS).astype(int))
+        try:
+            return self.with_setup(register(used))
+        except NoSolutionError as error:
+            hint = f" ({self.warnings[0]})" if self.warnings else ""
+            raise NoSolutionError(f"{error}{hint}") from None
+
+
+def import_table(
+    data: bytes | str,
+    name: str,
+    robot: Robot,
+    columns: ColumnMap | None = None,
+    *,
+    frame: Frame | None = None,
+    robot_targets: bool = False,
+) -> Imported:
+    """Measurements from a table, registered to all of its rows: `read_table(…).registered()`."""
+    return read_table(data, name, robot, columns, frame=frame, robot_targets=robot_targets).registered()
+
+
+def read_table(
+    data: bytes | str,
+    name: str,
+    robot: Robot,
+    columns: ColumnMap | None = None,
+    *,
+    frame: Frame | None = None,
+    robot_targets: bool = False,
+    format: str | None = None,
+    sheet: str | None = None,
+    layout: str | None = None,
+    stated: Stated = Stated(),
+    joints: JointFile | None = None,
+) -> Imported:
+    """Measurements and companions from the contents of a file; nothing of the set-up is estimated yet.
+
+    columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame: overrides the map's.
+    robot_targets: the targets are those of the robot's description, in their order. format, sheet, layout: see
+    `sources.read_source`. stated: units and convention where the header is silent. joints: their own file.
+    Raises InputError for a bad cell, column or target set, UsageError for options that do not fit the file.
+    """
+    how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
+    source = read_source(data, name, format, sheet=sheet, layout=layout, **how)
+    warnings: list[str] = []
+    joint_table = source.table
+    if joints is not None:
+        joint_table = read_source(joints.data, joints.name).table
+        table, joint_table, warnings = join_rows(
+            source.table, joint_table, joints.join, columns.join if columns else None, joints.tolerance_s
+        )
+        source = replace(source, table=table)
+    complete = complete_map(source, joint_table, robot, columns, stated)
+    assert complete.joints is not None
+    table = source.table
+    q = read_joints(joint_table, robot, complete.joints)
+    points = read_points(table, complete)
+    seen = ~np.isnan(points[..., 0])
+    if not seen.any(axis=-1).all():
+        place = table.place(int(np.argmin(seen.any(axis=-1))))
+        raise InputError(f"{place}: no target was measured in this row")
+    rotations = None if complete.pose is None else readonly(read_rotations(table, complete.pose))
+    measurements = Measurements(
+        robot=robot,
+        q=readonly(q),
+        points=readonly(points),
+        rotations=rotations,
+        setup=known_setup(complete, robot, points, frame or complete.instrument.frame, robot_targets, name),
+        noise_position=complete.noise.position_mm * 1e-3,
+        noise_orientation=complete.noise.orientation_mrad * 1e-3,
+    )
+    companions = read_companions(table, joint_table, robot, complete, q)
+    warnings += _lacking(table, complete, seen) + _outside(joint_table, robot, measurements)
+    understood = Understood(
+        source=replace(source, table=replace(table, rows=[], lines=[])),
+        columns=complete.model_copy(
+            update={"instrument": complete.instrument.model_copy(update={"frame": frame or complete.instrument.frame})}
+        ),
+        joints_name=joint_table.name,
+        noise_stated=columns is not None and "noise" in columns.model_fields_set,
+        ignored=_ignored(source, joint_table, complete),
+        lines=np.array(table.lines),
+    )
+    return Imported(measurements, warnings, companions, understood)
+
+
+def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
+    """A warning per target that is missing somewhere, with every line."""
+    return [
+        f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in {int((~seen[:, i]).sum())} of {len(seen)} "
+        f"rows; their other targets count: line {line_ranges([table.lines[row] for row in np.flatnonzero(~seen[:, i])])}"
+        for i, target in enumerate(columns.targets)
+        if not seen[:, i].all()
+    ]
+
+
+def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str]:
+    outside = ~robot.within_limits(measurements.q)
+    if not outside.any():
+        return []
+    first = table.place(int(np.argmax(outside)))
+    return [f"{first}: {int(outside.sum())} of {len(outside)} rows are outside the joint limits of {robot.name}; kept"]
+
+
+def _ignored(source: Source, joints: Table, columns: ColumnMap) -> dict[str, list[str]]:
+    """Columns of each file that nothing is read from."""
+    of_joints = {column for part in (columns.joints, columns.joints_read) if part for column in part.columns}
+    of_table = {column for target in columns.targets for column in target.columns}
+    of_table |= {column for reference in columns.references for column in reference.measured}
+    of_table |= {part.column for part in (columns.time, columns.temperature) if part}
+    if columns.pose is not None:
+        of_table |= {*columns.pose.position, *columns.pose.orientation}
+    keys = {columns.join.measured, columns.join.joints} if columns.join else {"name", "time_s", "time_ms", "time_iso"}
+    used = {source.table.name: of_table}
+    used[joints.name] = used.get(joints.name, set()) | of_joints
+    headers = {source.table.name: source.table.header, joints.name: joints.header}
+    separate = joints.name != source.table.name
+    return {
+        name: [c for c in header if c and c not in used[name] and not (separate and c in keys)]
+        for name, header in headers.items()
+    }

@@ -1,0 +1,169 @@
+"""The column map: which column of a table is what, in which unit, by which convention (`--columns MAP.toml`)."""
+
+import re
+import tomllib
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from calibtool.errors import InputError
+from calibtool.measurement.simulate import ORIENTATION_NOISE
+from calibtool.robot.description import Point, validation_message
+
+POSITION_NOISE = 0.05e-3  # m, stated for an instrument that does not tell its own
+
+LengthUnit = Literal["mm", "m", "in"]
+AngleUnit = Literal["deg", "rad"]
+TimeUnit = Literal["s", "ms", "iso"]
+Frame = Literal["base", "unknown"]
+Triple = Annotated[list[str], Field(min_length=3, max_length=3)]
+
+CONVENTIONS = "intrinsic-xyz, extrinsic-xyz (any axes), zyx (= intrinsic-zyx), rotation-vector, quaternion-wxyz, -xyzw"
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class JointColumns(_Strict):
+    """One column per joint, in the robot's order; one unit for all, or a list."""
+
+    columns: list[str]
+    unit: Literal["deg", "rad", "mm", "m"] | list[Literal["deg", "rad", "mm", "m"]]
+
+    def units(self) -> list[str]:
+        return list(self.unit) if isinstance(self.unit, list) else [self.unit] * len(self.columns)
+
+
+class TargetColumns(_Strict):
+    """A target point: measured coordinates, or nominal ones and errors; `on_tool_mm` where its place is known."""
+
+    measured: Triple | None = None
+    nominal: Triple | None = None
+    error: Triple | None = None
+    error_is: Literal["measured-minus-nominal", "nominal-minus-measured"] = "measured-minus-nominal"
+    unit: LengthUnit
+    on_tool_mm: Point | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> "TargetColumns":
+        if (self.measured is None) == (self.nominal is None) or (self.nominal is None) != (self.error is None):
+            raise ValueError("give either 'measured', or 'nominal' together with 'error'")
+        return self
+
+    @property
+    def columns(self) -> list[str]:
+        """Every column that the target is read from."""
+        return [*(self.measured or []), *(self.nominal or []), *(self.error or [])]
+
+
+class PoseColumns(_Strict):
+    """A 6-D sensor: position, and orientation by a named convention."""
+
+    position: Triple
+    unit: LengthUnit
+    orientation: Annotated[list[str], Field(min_length=3, max_length=4)]
+    convention: str
+    orientation_unit: AngleUnit | None = None  # needed unless the orientation is a quaternion
+
+    @field_validator("convention")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        check_convention(value)
+        return value
+
+    @model_validator(mode="after")
+    def _complete(self) -> "PoseColumns":
+        if self.orientation_unit is None and not self.convention.startswith("quaternion"):
+            raise ValueError(f"{self.convention} needs orientation_unit = 'deg' or 'rad'")
+        return self
+
+
+class ReferenceColumns(_Strict):
+    """A target fixed to the base, measured again with every configuration."""
+
+    measured: Triple
+    unit: LengthUnit
+
+
+class TimeColumn(_Strict):
+    """Time stamps: seconds or milliseconds from any start, or ISO 8601 (`iso`)."""
+
+    column: str
+    unit: TimeUnit
+
+
+class TemperatureColumn(_Strict):
+    """A temperature in °C or K."""
+
+    column: str
+    unit: Literal["C", "K"]
+
+
+class JoinColumns(_Strict):
+    """Which columns bring a row of the table and a row of the joint file together: names, or time stamps with a unit."""
+
+    measured: str
+    joints: str
+    unit: TimeUnit | None = None
+
+
+class Instrument(_Strict):
+    """Frame of the measured values: the robot's base, or unknown (then it is estimated)."""
+
+    frame: Frame = "unknown"
+
+
+class Noise(_Strict):
+    """Stated standard deviations per coordinate."""
+
+    position_mm: Annotated[float, Field(gt=0)] = POSITION_NOISE * 1e3
+    orientation_mrad: Annotated[float, Field(gt=0)] = ORIENTATION_NOISE * 1e3
+
+
+class ColumnMap(_Strict):
+    """The contents of a `--columns` file; what it leaves out is found by the header's names."""
+
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
+    decimal: Literal[".", ","] | None = None
+    joints: JointColumns | None = None
+    joints_read: JointColumns | None = None
+    targets: list[TargetColumns] = []
+    pose: PoseColumns | None = None
+    references: list[ReferenceColumns] = []
+    time: TimeColumn | None = None
+    temperature: TemperatureColumn | None = None
+    join: JoinColumns | None = None
+    instrument: Instrument = Instrument()
+    noise: Noise = Noise()
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "ColumnMap":
+        if self.targets and self.pose is not None:
+            raise ValueError("give either [[targets]] or [pose]")
+        known = [target.on_tool_mm is not None for target in self.targets]
+        if any(known) and not all(known):
+            raise ValueError("on_tool_mm is given for some targets only; give it for all or for none")
+        return self
+
+
+def parse_column_map(text: str, name: str) -> ColumnMap:
+    """A column map from TOML text. Raises InputError with the key that is wrong."""
+    try:
+        keys = tomllib.loads(text)
+        if not keys:
+            raise InputError(f"{name}: empty; expected tables such as [joints] and [[targets]]")
+        return ColumnMap.model_validate(keys)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{name}: not valid TOML: {error}") from None
+    except ValidationError as error:
+        raise InputError(f"{name}: {validation_message(error, ColumnMap)}") from None
+
+
+def check_convention(value: str) -> None:
+    """ValueError unless `value` names an orientation: Euler angles say whether the axes turn along (`intrinsic`)."""
+    if value in ("zyx", "rotation-vector", "quaternion-wxyz", "quaternion-xyzw"):
+        return
+    match = re.fullmatch(r"(intrinsic|extrinsic|fixed)-([xyz])([xyz])([xyz])", value)
+    if match is None or match[2] == match[3] or match[3] == match[4]:
+        raise ValueError(f"unknown convention '{value}'; known: {CONVENTIONS}")

@@ -1,0 +1,71 @@
+"""Sheets of Excel workbooks (.xlsx) as tables; needs openpyxl, the extra `excel`."""
+
+import io
+from typing import Any
+from zipfile import BadZipFile
+
+from calibtool.errors import InputError, UsageError, near_names
+from calibtool.tables import Table, check_header
+
+ZIP = b"PK\x03\x04"  # how a workbook starts
+
+
+def parse_workbook(data: bytes, name: str, sheet: str | None = None, decimal: str | None = None) -> Table:
+    """The first sheet of a workbook, or the named one, as a table; line numbers are those of the sheet.
+
+    Formulas give the value stored with them. Raises UsageError without openpyxl or for an unknown sheet, InputError for
+    what is no workbook, an empty sheet, a repeated column or a cell outside the header's columns.
+    """
+    try:
+        import openpyxl
+    except ImportError:
+        raise UsageError(
+            f"{name}: reading Excel files needs openpyxl; pip install 'calibtool[excel]', or save the sheet as CSV"
+        ) from None
+    try:
+        book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
+    except (BadZipFile, KeyError, ValueError, OSError) as error:
+        raise InputError(f"{name}: not a readable Excel workbook: {error}") from None
+    try:
+        names = [found.title for found in book.worksheets]
+        if not names:
+            raise InputError(f"{name}: a workbook without a sheet of cells")
+        if sheet is not None and sheet not in names:
+            raise UsageError(f"{name}: no sheet '{sheet}'; {near_names(sheet, names)}")
+        chosen = book.worksheets[0 if sheet is None else names.index(sheet)]
+        chosen.reset_dimensions()  # some programs write wrong ones
+        return _table(chosen.iter_rows(values_only=True), f"{name}[{chosen.title}]", decimal)
+    finally:
+        book.close()
+
+
+def _table(cells: Any, name: str, decimal: str | None) -> Table:
+    header: list[str] = []
+    header_line, rows, lines = 0, [], []
+    for line, values in enumerate(cells, start=1):
+        row = [_text(value) for value in values]
+        while row and not row[-1] and (not header or len(row) > len(header)):
+            row.pop()
+        if not any(row):
+            continue
+        if not header:
+            header, header_line = row, line
+            check_header(header, f"{name}:{line}")
+            continue
+        if len(row) > len(header):
+            raise InputError(f"{name}:{line}: a cell stands right of the header's {len(header)} columns")
+        rows.append(row + [""] * (len(header) - len(row)))
+        lines.append(line)
+    if not rows:
+        raise InputError(f"{name}: " + ("a header but no rows" if header else "empty; expected a header line and rows"))
+    if decimal is None:
+        decimal = "," if any("," in cell for row in rows for cell in row) else "."
+    return Table(name, header, rows, lines, ",", decimal, header_line)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return repr(value)
+    return str(value.isoformat() if hasattr(value, "isoformat") else value).strip()

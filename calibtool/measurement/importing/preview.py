@@ -1,0 +1,130 @@
+"""How a table was understood, in words: what `import --dry-run` shows."""
+
+import numpy as np
+
+from calibtool.errors import NoSolutionError
+from calibtool.measurement.importing.assemble import Imported
+from calibtool.measurement.importing.column_map import ColumnMap
+from calibtool.measurement.observation import residuals
+from calibtool.robot.model import Robot
+from calibtool.units import TO_SI
+
+_FIRST_ROWS = 3
+
+
+def preview(imported: Imported) -> str:
+    """Robot, columns, units, frame, noise, numbers of rows, columns not used, and the first rows as understood.
+
+    The last lines say how well the nominal robot fits once the unknown parts of the set-up are registered: a wrong unit,
+    order of joints or Euler convention shows there.
+    """
+    measurements, _, _, understood = imported
+    robot, columns, table = measurements.robot, understood.columns, understood.source.table
+    facts = [
+        ("robot", f"{robot.name}, {robot.n} joints"),
+        ("file", f"{table.name}: {_spelling(imported)}"),
+        ("configurations", f"{len(measurements)}, {measurements.points.shape[1]} {_noun(imported)} each"),
+        ("joints", _joints(columns, robot)),
+    ]
+    if understood.joints_name != table.name:
+        facts.append(("joints from", understood.joints_name))
+    if columns.joints_read is not None:
+        facts.append(("joints read", ", ".join(columns.joints_read.columns)))
+    for i, target in enumerate(columns.targets):
+        where = "place on the tool estimated"
+        if measurements.setup.targets_known:
+            where = "on the tool at " + " ".join(f"{v:g}" for v in measurements.setup.targets[i] * 1e3) + " mm"
+        sign = "+" if target.error_is == "measured-minus-nominal" else "-"
+        names = target.measured or [
+            f"{a} {sign} {b}" for a, b in zip(target.nominal or [], target.error or [], strict=True)
+        ]
+        facts.append((f"target {i + 1}", f"{', '.join(names)} [{target.unit}], {where}"))
+    if columns.pose is not None:
+        pose = columns.pose
+        facts.append(("position", f"{', '.join(pose.position)} [{pose.unit}]"))
+        unit = f" [{pose.orientation_unit}]" if pose.orientation_unit else ""
+        facts.append(("orientation", f"{', '.join(pose.orientation)}{unit}, {pose.convention}"))
+    frame = "the robot's base" if measurements.setup.frame_known else "the instrument's own, to be estimated"
+    noise = f"{measurements.noise_position * 1e3:g} mm"
+    if measurements.rotations is not None:
+        noise += f", {measurements.noise_orientation * 1e3:g} mrad"
+    stated = "stated" if understood.noise_stated else "assumed, state it in [noise] of a --columns file"
+    facts += [("frame", frame), ("noise", f"{noise} per coordinate ({stated})")]
+    facts += [("beside", text) for text in _beside(imported)]
+    facts += [("not used", f"{', '.join(names)} ({name})") for name, names in understood.ignored.items() if names]
+    lines = [f"{key:<15} {value}" for key, value in facts]
+    return "\n".join([*lines, "", *_first_rows(imported), "", _fit(imported)]) + "\n"
+
+
+def _spelling(imported: Imported) -> str:
+    source = imported.understood.source
+    if source.points is not None:
+        return f"SpatialAnalyzer points, layout {source.points.layout}, targets {', '.join(source.points.targets)}"
+    if source.format == "excel":
+        return "Excel sheet"
+    named = {",": "comma", ";": "semicolon", "\t": "tab", " ": "blanks"}.get(
+        source.table.delimiter, source.table.delimiter
+    )
+    return f"table separated by {named}, decimal {'comma' if source.table.decimal == ',' else 'point'}"
+
+
+def _noun(imported: Imported) -> str:
+    if imported.measurements.rotations is not None:
+        return "6-D pose"
+    return "target" if imported.measurements.points.shape[1] == 1 else "targets"
+
+
+def _joints(columns: ColumnMap, robot: Robot) -> str:
+    assert columns.joints is not None
+    pairs = zip(columns.joints.columns, columns.joints.units(), strict=True)
+    return ", ".join(f"j{i + 1} = {column} [{unit}]" for i, (column, unit) in enumerate(pairs))
+
+
+def _beside(imported: Imported) -> list[str]:
+    companions, columns = imported.companions, imported.understood.columns
+    result = []
+    if columns.time is not None:
+        result.append(f"time stamps {columns.time.column} [{columns.time.unit}]")
+    if columns.temperature is not None:
+        result.append(f"temperature {columns.temperature.column} [{columns.temperature.unit}]")
+    if companions.reference_points is not None:
+        result.append(f"{companions.reference_points.shape[1]} reference points on the base")
+    return result
+
+
+def _first_rows(imported: Imported) -> list[str]:
+    """A small table of the first rows: line, joints in deg or mm, points in mm."""
+    measurements = imported.measurements
+    robot = measurements.robot
+    scale = np.array([1 / TO_SI["mm" if prismatic else "deg"] for prismatic in robot.prismatic])
+    many = measurements.points.shape[1] > 1
+    header = ["line", *robot.joint_columns]
+    header += [f"t{i + 1}_{a}_mm" if many else f"{a}_mm" for i in range(measurements.points.shape[1]) for a in "xyz"]
+    rows = []
+    for row in range(min(_FIRST_ROWS, len(measurements))):
+        points = [_number(v * 1e3) for v in measurements.points[row].ravel()]
+        joints = [_number(v) for v in measurements.q[row] * scale]
+        rows.append([str(imported.understood.lines[row]), *joints, *points])
+    widths = [max(len(cells[i]) for cells in [header, *rows]) for i in range(len(header))]
+    return [
+        "  ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)) for cells in [header, *rows]
+    ]
+
+
+def _number(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.3f}"
+
+
+def _fit(imported: Imported) -> str:
+    """How far the nominal robot is from the measured points after registration."""
+    try:
+        measurements = imported.registered().measurements
+    except NoSolutionError as error:
+        return f"nominal robot: {error}"
+    poses = measurements.robot.mechanism.forward(measurements.q)
+    left = residuals(measurements, measurements.setup, poses)[:, : 3 * measurements.points.shape[1]]
+    distances = np.linalg.norm(left.reshape(len(left), -1, 3), axis=-1)[measurements.seen] * 1e3
+    return (
+        f"nominal robot: {np.sqrt((distances**2).mean()):.3f} mm rms, {distances.max():.3f} mm max from the measured points"
+        + ("" if measurements.setup.known else " after registration")
+    )

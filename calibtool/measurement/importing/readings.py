@@ -1,0 +1,93 @@
+"""Columns → arrays in metres and radians: joints, target points, sensor orientations, and what stands beside them."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calibtool.errors import InputError
+from calibtool.measurement.companions import Companions
+from calibtool.measurement.importing.column_map import ColumnMap, JointColumns, PoseColumns, TargetColumns
+from calibtool.measurement.importing.joining import times
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array
+from calibtool.tables import Table, joint_positions
+from calibtool.units import TO_SI
+
+_CELSIUS = -273.15  # added to K
+
+
+def read_joints(table: Table, robot: Robot, joints: JointColumns) -> Array:
+    """Joint positions (N, n), rad or m. InputError for a wrong number of columns, a unit of the wrong kind, a bad cell."""
+    name, units = table.name, joints.units()
+    if len(joints.columns) != robot.n:
+        raise InputError(f"{name}: {len(joints.columns)} joint columns, but {robot.name} has {robot.n} joints")
+    if len(units) != robot.n:
+        raise InputError(f"{name}: {len(units)} joint units for {robot.n} joints")
+    for unit, prismatic, column in zip(units, robot.prismatic, joints.columns, strict=True):
+        if (unit in ("mm", "m")) != prismatic:
+            raise InputError(
+                f"{name}: column '{column}' is in {unit}, but its joint is {'prismatic' if prismatic else 'revolute'}"
+            )
+    return joint_positions(table, robot, joints.columns, units)
+
+
+def read_points(table: Table, columns: ColumnMap) -> Array:
+    """Measured points (N, m, 3), m; NaN for a target whose cells are empty."""
+    if columns.pose is not None:
+        return (table.numbers(columns.pose.position) * TO_SI[columns.pose.unit])[:, None, :]
+    return np.stack([_target_points(table, target) for target in columns.targets], axis=1)
+
+
+def read_rotations(table: Table, pose: PoseColumns) -> Array:
+    """R_instrument_sensor (N, 3, 3) by the convention of the map.
+
+    intrinsic-abc: R = R_a(α) R_b(β) R_c(γ), axes turn along; extrinsic-abc (fixed-abc): R = R_c(γ) R_b(β) R_a(α);
+    zyx is intrinsic-zyx. Raises InputError for another number of columns or a quaternion that is not of length 1.
+    """
+    values = table.numbers(pose.orientation)
+    expected = 4 if pose.convention.startswith("quaternion") else 3
+    if values.shape[1] != expected:
+        raise InputError(f"{table.name}: {pose.convention} takes {expected} columns, {values.shape[1]} are mapped")
+    if expected == 4:
+        lengths = np.linalg.norm(values, axis=-1)
+        if (np.abs(lengths - 1) > 1e-3).any():
+            row = int(np.argmax(np.abs(lengths - 1) > 1e-3))
+            raise InputError(f"{table.place(row)}: quaternion of length {lengths[row]:.4g}; expected 1")
+        return Rotation.from_quat(values, scalar_first=pose.convention.endswith("wxyz")).as_matrix()
+    if pose.orientation_unit == "rad" and np.abs(values).max() > 4 * np.pi:
+        row, column = (int(i) for i in np.argwhere(np.abs(values) > 4 * np.pi)[0])
+        raise InputError(
+            f"{table.place(row)}: column '{pose.orientation[column]}' holds {values[row, column]:g} rad, which looks like "
+            "degrees; state the unit deg"
+        )
+    values = values * TO_SI[pose.orientation_unit or "rad"]
+    if pose.convention == "rotation-vector":
+        return Rotation.from_rotvec(values).as_matrix()
+    kind, axes = ("intrinsic", "zyx") if pose.convention == "zyx" else pose.convention.split("-")
+    return Rotation.from_euler(axes.upper() if kind == "intrinsic" else axes, values).as_matrix()
+
+
+def read_companions(table: Table, joints_table: Table, robot: Robot, columns: ColumnMap, q: Array) -> Companions:
+    """The columns beside the measurements; joint values come from `joints_table`, all others from the measured table."""
+    references = [table.optional_numbers(ref.measured) * TO_SI[ref.unit] for ref in columns.references]
+    temperature = columns.temperature
+    celsius = None
+    if temperature is not None:
+        celsius = table.optional_numbers([temperature.column])[:, 0] + (_CELSIUS if temperature.unit == "K" else 0.0)
+    return Companions(
+        q_commanded=q,
+        q_read=read_joints(joints_table, robot, columns.joints_read) if columns.joints_read else None,
+        time_s=times(table, columns.time) if columns.time else None,
+        temperature_c=celsius,
+        reference_points=np.stack(references, axis=1) if references else None,
+    )
+
+
+def _target_points(table: Table, target: TargetColumns) -> Array:
+    if target.measured is not None:
+        points = table.optional_numbers(target.measured)
+    else:
+        assert target.nominal is not None
+        assert target.error is not None
+        sign = 1.0 if target.error_is == "measured-minus-nominal" else -1.0
+        points = table.optional_numbers(target.nominal) + sign * table.optional_numbers(target.error)
+    return points * TO_SI[target.unit]
