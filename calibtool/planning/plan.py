@@ -1,0 +1,117 @@
+"""A measurement plan: the most informative configurations, what they will tell, and the table to drive."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibtool.planning.constraints import Candidates, Constraints, draw_candidates
+from calibtool.planning.knowledge import Knowledge
+from calibtool.planning.observability import observability_indices
+from calibtool.planning.selection import Criterion, select
+from calibtool.planning.table import as_written, in_columns, joint_table
+from calibtool.planning.travel import short_order, travel
+from calibtool.robot.description import Workspace
+from calibtool.robot.se3 import Array, readonly
+
+_JUDGED = 500  # configurations of the workspace over which predictions are averaged
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What is expected after measuring, over the workspace.
+
+    effective  parameters' worth known beyond the tolerances
+    tool       (M,) standard deviation of the tool point after compensation, m
+    """
+
+    effective: float
+    tool: Array
+
+    def as_json(self) -> dict[str, float]:
+        """Units in the keys."""
+        return {
+            "effective_parameters": self.effective,
+            "tool_std_mean_mm": float(self.tool.mean()) * 1e3,
+            "tool_std_max_mm": float(self.tool.max()) * 1e3,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """q (N, n) in the order of travel; predictions before, with the plan, and with as many random candidates instead."""
+
+    knowledge: Knowledge
+    criterion: Criterion
+    candidates: Candidates
+    q: Array
+    before: Prediction
+    selected: Prediction
+    random: Prediction
+    observability: dict[str, float]
+    observability_random: dict[str, float]
+
+    @property
+    def table(self) -> str:
+        """CSV of the joints, which `simulate --at` reads and a controller's list can be made from."""
+        return joint_table(self.knowledge.robot, self.q)
+
+    def as_json(self) -> dict[str, object]:
+        """The object that `plan --json` prints."""
+        robot = self.knowledge.robot
+        columns, values = robot.joint_columns, in_columns(robot, self.q)
+        return {
+            "schema": "calibtool/plan",
+            "schema_version": 1,
+            "robot": robot.name,
+            "configurations": len(self.q),
+            "criterion": self.criterion,
+            "candidates": len(self.candidates.q),
+            "drawn": self.candidates.drawn,
+            "rejected": self.candidates.rejected,
+            "parameters": self.knowledge.parameters.count,
+            "noise_mm": self.knowledge.noise_position * 1e3,
+            "travel_rad": travel(robot, self.q),
+            "before": self.before.as_json(),
+            "selected": {**self.selected.as_json(), "observability": self.observability},
+            "random": {**self.random.as_json(), "observability": self.observability_random},
+            "plan": [dict(zip(columns, row, strict=True)) for row in values.tolist()],
+        }
+
+
+def make_plan(
+    knowledge: Knowledge,
+    workspace: Workspace | None,
+    count: int,
+    *,
+    constraints: Constraints,
+    criterion: Criterion,
+    candidates: int,
+    rng: np.random.Generator,
+) -> Plan:
+    """Choose `count` of `candidates` configurations of a workspace (None: the joint range) that keep the constraints.
+
+    Joint positions are rounded as the table is written, so that the plan is what will be driven. Raises NoSolutionError
+    when too few candidates are found.
+    """
+    robot, targets = knowledge.robot, knowledge.state.setup.targets
+    drawn = draw_candidates(robot, workspace, constraints, targets, candidates, count, rng)
+    judged = drawn.workspace[:_JUDGED]
+    rows = knowledge.rows(drawn.q)
+    chosen = select(rows, knowledge.covariance, count, criterion, knowledge.rows(judged) if criterion == "i" else None)
+    q = drawn.q[chosen]
+    q = as_written(robot, q[short_order(robot, q, robot.home(workspace))])
+
+    def predicted(known: Knowledge) -> Prediction:
+        return Prediction(known.effective, known.tool_deviation(judged))
+
+    return Plan(
+        knowledge=knowledge,
+        criterion=criterion,
+        candidates=drawn,
+        q=readonly(q),
+        before=predicted(knowledge),
+        selected=predicted(knowledge.after(rows[chosen])),
+        random=predicted(knowledge.after(rows[:count])),
+        observability=observability_indices(knowledge, q, drawn.q),
+        observability_random=observability_indices(knowledge, drawn.q[:count], drawn.q),
+    )
