@@ -35,7 +35,9 @@ def accuracy(seeds: range, workspace: str) -> None:
     space = robot.workspace(workspace)[1]
     knowledge = Knowledge.of_tolerances(robot, NOISE)
     print(f"\n{workspace}: reduction in %, median of {len(seeds)} seeds (worst)\n")
-    print("| errors | set | position max | position mean | orientation max | mean error mm |\n|---|---|---|---|---|---|")
+    print(
+        "| errors | set | position max | position mean | orientation max | mean error mm |\n|---|---|---|---|---|---|"
+    )
     for kinds in (("geometric",), ("geometric", "gear", "gravity", "thermal")):
         results: dict[str, list[list[float]]] = {}
         for seed in seeds:

@@ -39,6 +39,9 @@ def plan(
         str | None, typer.Option(help="A named workspace of the robot (default: its first); 'full' is the joint range.")
     ] = None,
     candidates: Annotated[int, typer.Option(min=1, help="How many configurations to choose from.")] = 2000,
+    refine: Annotated[
+        bool, typer.Option("--refine/--no-refine", help="Move the chosen ones to better places between the candidates.")
+    ] = True,
     seed: Seed = 0,
     noise_mm: Annotated[
         float | None,
@@ -138,6 +141,7 @@ def plan(
         criterion=cast(Criterion, criterion),
         candidates=candidates,
         rng=np.random.default_rng(seed),
+        refine=refine,
     )
     if len(made.candidates.q) < candidates:
         message(

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
@@ -155,3 +156,23 @@ def crosses(start: Array, end: Array, box: Array) -> np.ndarray:
     leaves = np.maximum(first, second).min(axis=-1)
     result: np.ndarray = np.maximum(enters, 0.0) <= np.minimum(leaves, 1.0)
     return result
+
+
+def inside(robot: Robot, workspace: Workspace | None, q: Array) -> np.ndarray:
+    """Whether q (N, n) is in a workspace, as `sample_configurations` draws from it: limits, box, cone and roll. (N,) bool
+
+    For n < 6 the cone is not asked for: the drawn pose is only approached.
+    """
+    result: np.ndarray = robot.within_limits(q)
+    if workspace is None:
+        return result
+    home = robot.mechanism.forward(robot.home(workspace)[None])[0]
+    pose = robot.mechanism.forward(q)
+    result &= (np.abs(pose[:, :3, 3] - home[:3, 3]) <= np.array(workspace.box_m) / 2 + 1e-9).all(axis=-1)
+    if robot.n < 6:
+        return result
+    x, y, z, w = Rotation.from_matrix(home[:3, :3].T @ pose[:, :3, :3]).as_quat().T
+    tilt, turn = 2 * np.arctan2(np.hypot(x, y), np.hypot(z, w)), 2 * np.arctan2(z, w)  # swing, then twist about z
+    turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
+    roll = workspace.cone_deg if workspace.roll_deg is None else workspace.roll_deg
+    return result & (tilt <= np.deg2rad(workspace.cone_deg) + 1e-9) & (turn <= np.deg2rad(roll) + 1e-9)

@@ -4,15 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.planning.constraints import Candidates, Constraints, draw_candidates
+from calibtool.planning.constraints import Candidates, Constraints, draw_candidates, inside
 from calibtool.planning.knowledge import Knowledge
 from calibtool.planning.observability import observability_indices
-from calibtool.planning.selection import Criterion, select
+from calibtool.planning.selection import Criterion, improve, select
 from calibtool.planning.table import as_written, in_columns, joint_table
 from calibtool.planning.travel import short_order, travel
 from calibtool.robot.description import Workspace
+from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
+_REFINED = (0.2, 0.1, 0.1, 0.05)  # size of the neighbourhoods, parts of the joint range
+_NEIGHBOURS = 600  # in all
 _JUDGED = 500  # configurations of the workspace over which predictions are averaged
 
 
@@ -87,18 +90,26 @@ def make_plan(
     criterion: Criterion,
     candidates: int,
     rng: np.random.Generator,
+    refine: bool = True,
 ) -> Plan:
     """Choose `count` of `candidates` configurations of a workspace (None: the joint range) that keep the constraints.
 
+    refine: then let every chosen configuration wander through its neighbourhood, which no finite set of candidates covers.
     Joint positions are rounded as the table is written, so that the plan is what will be driven. Raises NoSolutionError
     when too few candidates are found.
     """
     robot, targets = knowledge.robot, knowledge.state.setup.targets
     drawn = draw_candidates(robot, workspace, constraints, targets, candidates, count, rng)
     judged = drawn.workspace[:_JUDGED]
+    reference = knowledge.rows(judged)
     rows = knowledge.rows(drawn.q)
-    chosen = select(rows, knowledge.covariance, count, criterion, knowledge.rows(judged) if criterion == "i" else None)
-    q = drawn.q[chosen]
+    q = drawn.q[select(rows, knowledge.covariance, count, criterion, reference)]
+    for scale in _REFINED if refine else ():
+        near = _neighbours(robot, q, scale, rng)
+        near = near[inside(robot, workspace, near)]
+        near = near[constraints.kept(robot, targets, near)]
+        both = np.concatenate([q, near])
+        q = both[improve(knowledge.rows(both), knowledge.covariance, count, criterion, reference)]
     q = as_written(robot, q[short_order(robot, q, robot.home(workspace))])
 
     def predicted(known: Knowledge) -> Prediction:
@@ -110,8 +121,16 @@ def make_plan(
         candidates=drawn,
         q=readonly(q),
         before=predicted(knowledge),
-        selected=predicted(knowledge.after(rows[chosen])),
+        selected=predicted(knowledge.after(knowledge.rows(q))),
         random=predicted(knowledge.after(rows[:count])),
         observability=observability_indices(knowledge, q, drawn.q),
         observability_random=observability_indices(knowledge, drawn.q[:count], drawn.q),
     )
+
+
+def _neighbours(robot: Robot, q: Array, scale: float, rng: np.random.Generator) -> Array:
+    """Configurations near q (N, n): about half of the joints moved by normal steps of a part of the range, to the limits."""
+    repeated = np.repeat(q, max(_NEIGHBOURS // len(q), 4), axis=0)
+    step = rng.normal(size=repeated.shape) * (rng.random(repeated.shape) < 0.5)
+    result: Array = np.clip(repeated + scale * (robot.upper - robot.lower) * step, robot.lower, robot.upper)
+    return result

@@ -26,10 +26,7 @@ def select(
 
     No candidate is chosen twice. A step costs a product with all rows and no factorisation beyond r × r and p × p.
     """
-    moments = None
-    if criterion == "i":
-        flat = (rows if reference is None else reference).reshape(-1, rows.shape[-1])
-        moments = flat.T @ flat / len(flat)
+    moments = _moments(criterion, rows if reference is None else reference)
     information = inverse(covariance)
     design = _Design(rows, information, moments)
     chosen: list[int] = []
@@ -38,12 +35,18 @@ def select(
         design.move(chosen[-1], +1)
     useful = np.argsort(-design.gains(), kind="stable")[:_EXCHANGED]
     kept = np.concatenate([chosen, np.setdiff1d(useful, chosen)])
-    found = _exchanged(rows[kept], information, moments, count)
-    return kept[found]
+    return kept[_exchanged(rows[kept], information, moments, count)]
+
+
+def improve(
+    rows: Array, covariance: Array, count: int, criterion: Criterion = "d", reference: Array | None = None
+) -> np.ndarray:
+    """Indices of the first `count` candidates, each replaced by a better one where there is one; see `select`."""
+    moments = _moments(criterion, rows if reference is None else reference)
+    return _exchanged(rows, inverse(covariance), moments, count)
 
 
 def _exchanged(rows: Array, information: Array, moments: Array | None, count: int) -> np.ndarray:
-    """The first `count` candidates, each replaced by a better one while there is one."""
     chosen = list(range(count))
     for _ in range(_PASSES):
         design = _Design(rows, information + _information(rows[chosen]), moments)  # afresh: rounding does not pile up
@@ -113,6 +116,11 @@ class _Design:
 
     def _product(self, matrix: Array) -> Array:
         return self._times(matrix) @ np.swapaxes(self.rows, 1, 2)
+
+
+def _moments(criterion: Criterion, reference: Array) -> Array | None:
+    """M of tr(M C), the mean variance of an observation; None for the determinant."""
+    return _information(reference) / reference[..., 0].size if criterion == "i" else None
 
 
 def _information(rows: Array) -> Array:

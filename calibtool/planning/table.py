@@ -14,7 +14,7 @@ _DECIMALS = 6  # of a degree or mm: 0.05 µm at 3 m, and no joint list needs mor
 
 def in_columns(robot: Robot, q: Array) -> Array:
     """Joint positions (N, n) in the units of `robot.joint_columns`, rounded as they are written."""
-    result: Array = np.round(q / _factors(robot), _DECIMALS)
+    result: Array = np.round(q / _factors(robot), _DECIMALS) + 0.0  # no −0
     return result
 
 
