@@ -15,7 +15,8 @@ from calibtool.robot.model import Robot
 from calibtool.robot.poe import poe_frames
 from calibtool.robot.se3 import Array, transform_points
 
-_TRIES = 50  # draws per wanted candidate before the plan goes on with what it has
+_TOGETHER = 500  # draws at least
+_TRIES = 50  # as many times, before the plan goes on with what it has
 
 
 @dataclass(frozen=True)
@@ -119,8 +120,9 @@ def draw_candidates(
     first: Array | None = None
     rejected: dict[str, int] = {}
     found = drawn = 0
-    while found < count and drawn < _TRIES * count:
-        q = sample_configurations(robot, workspace, count, rng)
+    together = max(count, _TOGETHER)
+    while found < count and drawn < _TRIES * together:
+        q = sample_configurations(robot, workspace, together, rng)
         first = q if first is None else first
         keep = np.ones(len(q), dtype=bool)
         for option, kept in constraints.checks(robot, targets, q):
