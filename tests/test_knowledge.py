@@ -89,7 +89,7 @@ def test_many_harmonics_of_a_calibration_stay_as_they_are(fanuc: Robot) -> None:
 
 
 def test_a_model_without_posterior_is_no_start(fanuc: Robot, fanuc_local_poe: Calibration) -> None:
-    with pytest.raises(InputError, match="local-poe.*no posterior.*complete"):
+    with pytest.raises(InputError, match=r"local-poe.*no posterior.*complete"):
         Knowledge.of_identification(fanuc, fanuc_local_poe.base, NOISE, 1e-4)
 
 

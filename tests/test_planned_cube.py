@@ -84,5 +84,5 @@ def test_constraints_make_it_smaller(fanuc: Robot) -> None:
 
 def test_an_arm_that_cannot_take_them_is_refused() -> None:
     robot = load_robot("planar-3r")
-    with pytest.raises(NoSolutionError, match="planar-3r: P2 .* fails the reach"):
+    with pytest.raises(NoSolutionError, match=r"planar-3r: P2 .* fails the reach"):
         plan_test(robot, robot.workspace(None)[1], FREE, robot.targets)

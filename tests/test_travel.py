@@ -1,6 +1,6 @@
 """The order of a plan: a permutation, short against every other order of few configurations."""
 
-from itertools import permutations
+from itertools import pairwise, permutations
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_it_is_near_the_shortest_of_all_orders() -> None:
 
         def way(order: tuple[int, ...], q: np.ndarray = q, start: np.ndarray = start) -> float:
             points = np.concatenate([start[None], q[list(order)]])
-            return float(sum(np.abs(b - a).max() for a, b in zip(points, points[1:], strict=False)))
+            return float(sum(np.abs(b - a).max() for a, b in pairwise(points)))
 
         shortest = min(way(order) for order in permutations(range(6)))
         ratios.append(way(tuple(short_order(robot, q, start))) / shortest)

@@ -11,7 +11,7 @@ from calibtool.cli.options import Force, Json, Seed, choice
 from calibtool.cli.show import print_json, print_table
 
 if TYPE_CHECKING:
-    from calibtool.planning.constraints import Constraints
+    from calibtool.planning.constraints import Sight
     from calibtool.planning.iso9283 import TestCube
     from calibtool.planning.knowledge import Knowledge
     from calibtool.planning.plan import Plan
@@ -67,18 +67,20 @@ def plan(
         str | None, typer.Option(metavar="POINT", help="x,y,z in mm of an instrument that every target has to see.")
     ] = None,
     normal: Annotated[
-        str, typer.Option(metavar="VECTOR", help="x,y,z in which the targets look, in the tool frame.")
-    ] = "0,0,1",
+        str | None,
+        typer.Option(metavar="VECTOR", help="x,y,z in which the targets look, in the tool frame (default 0,0,1)."),
+    ] = None,
     cone_deg: Annotated[
-        float, typer.Option(min=0.1, max=180, help="Half angle in which a target sees the instrument.")
-    ] = 30.0,
+        float | None,
+        typer.Option(min=0.1, max=180, help="Half angle in which a target sees the instrument (default 30)."),
+    ] = None,
     iso9283: Annotated[
         bool, typer.Option("--iso9283", help="Instead: the five poses of the ISO 9283 cube, in cycles.")
     ] = False,
     cube_mm: Annotated[
         float | None, typer.Option(min=1, help="Edge of that cube (default: the largest in the workspace).")
     ] = None,
-    cycles: Annotated[int, typer.Option(min=1, help="Cycles of --iso9283.")] = 30,
+    cycles: Annotated[int | None, typer.Option(min=1, help="Cycles of --iso9283 (default 30).")] = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
@@ -98,7 +100,8 @@ def plan(
     import numpy as np
 
     from calibtool.errors import UsageError
-    from calibtool.planning.constraints import Constraints, Sight
+    from calibtool.planning.constraints import Constraints
+    from calibtool.planning.iso9283 import plan_test
     from calibtool.planning.plan import make_plan
     from calibtool.planning.selection import Criterion
     from calibtool.robot.catalogue import load_robot
@@ -106,31 +109,26 @@ def plan(
 
     model = load_robot(robot)
     name, space = model.workspace(workspace)
-    sight = None
-    if instrument is not None:
-        x, y, z = _numbers(instrument, 3, "--instrument")
-        u, v, w = _numbers(normal, 3, "--normal")
-        if not (u or v or w):
-            raise UsageError("--normal: 0,0,0 is no direction; give the one in which the targets look, such as 0,0,1")
-        sight = Sight((x * 1e-3, y * 1e-3, z * 1e-3), (u, v, w), float(np.deg2rad(cone_deg)))
     distance = MIN_SINGULARITY_DISTANCE if min_singularity_distance is None else min_singularity_distance
     constraints = Constraints(
         joint_margin=_finite(joint_margin, "--joint-margin") * 1e-2,
         singularity_distance=_finite(distance, "--min-singularity-distance"),
         floor=None if floor_mm is None else _finite(floor_mm, "--floor-mm") * 1e-3,
         keep_out=tuple(_box(text) for text in keep_out or []),
-        sight=sight,
+        sight=_sight(instrument, normal, cone_deg),
     )
     if iso9283:
         if source is not None:
             raise UsageError("--iso9283 chooses fixed poses; it does not use --from")
-        cube = _cube(model, name, constraints, None if cube_mm is None else _finite(cube_mm, "--cube-mm") * 1e-3)
-        _report_cube(cube, name, cycles, json)
+        edge = None if cube_mm is None else _finite(cube_mm, "--cube-mm") * 1e-3
+        cube = plan_test(model, space, constraints, model.targets, edge)
+        _report_cube(cube, name, cycles or 30, json)
         if target is not None:
-            write_output(target, cube.table(cycles), force)
+            write_output(target, cube.table(cycles or 30), force)
         return
-    if cube_mm is not None:
-        raise UsageError("--cube-mm belongs to --iso9283")
+    for option, value in (("--cube-mm", cube_mm), ("--cycles", cycles)):
+        if value is not None:
+            raise UsageError(f"{option} belongs to --iso9283")
     if configurations > candidates:
         raise UsageError(f"-n {configurations}: only {candidates} candidates to choose from; raise --candidates")
     made = make_plan(
@@ -179,12 +177,6 @@ def _knowledge(model: "Robot", source: str | None, noise_mm: float | None, unreg
     return Knowledge.of_identification(model, calibration.base, noise, calibration.noise_orientation)
 
 
-def _cube(model: "Robot", workspace: str, constraints: "Constraints", edge: float | None) -> "TestCube":
-    from calibtool.planning.iso9283 import plan_test
-
-    return plan_test(model, model.workspace(workspace)[1], constraints, model.targets, edge)
-
-
 def _report(made: "Plan", workspace: str) -> None:
     rows = []
     for name, predicted, indices in (
@@ -231,6 +223,26 @@ def _report_cube(cube: "TestCube", workspace: str, cycles: int, json: bool) -> N
         f"{cube.robot.name}, {workspace}: cube of {cube.edge * 1e3:.4g} mm, {len(POSES)} poses × {cycles} cycles; "
         "measure with full load at full speed, each pose after standstill"
     )
+
+
+def _sight(instrument: str | None, normal: str | None, cone_deg: float | None) -> "Sight | None":
+    """The line of sight of three options."""
+    from math import radians
+
+    from calibtool.errors import UsageError
+    from calibtool.planning.constraints import Sight
+
+    if instrument is None:
+        for option, value in (("--normal", normal), ("--cone-deg", cone_deg)):
+            if value is not None:
+                raise UsageError(f"{option} needs --instrument x,y,z to look at")
+        return None
+    x, y, z = _numbers(instrument, 3, "--instrument")
+    u, v, w = _numbers(normal or "0,0,1", 3, "--normal")
+    if not (u or v or w):
+        raise UsageError("--normal: 0,0,0 is no direction; give the one in which the targets look, such as 0,0,1")
+    cone = 30.0 if cone_deg is None else _finite(cone_deg, "--cone-deg")
+    return Sight((x * 1e-3, y * 1e-3, z * 1e-3), (u, v, w), radians(cone))
 
 
 def _numbers(text: str, count: int, option: str) -> list[float]:
