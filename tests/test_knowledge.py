@@ -17,6 +17,7 @@ from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.knowledge import HARMONICS, Knowledge
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
+from calibtool.robot.se3 import skew
 
 NOISE = 0.05e-3
 
@@ -47,6 +48,22 @@ def complete(measurements: Measurements) -> Calibration:
     return identify(measurements, BaseOptions("complete", options))
 
 
+def posterior_deviation(calibration: Calibration, q: np.ndarray) -> np.ndarray:
+    """Standard deviation of the targets from the covariance of the calibrated poses."""
+    covariance = predicted_uncertainty(calibration, q).covariance
+    arms = calibration.robot.targets @ np.swapaxes(calibration.forward(q)[:, :3, :3], 1, 2)
+    moves = np.concatenate([np.broadcast_to(np.eye(3), (*arms.shape, 3)), -skew(arms)], axis=-1)
+    return np.sqrt(np.einsum("kmai,kij,kmaj->k", moves, covariance, moves) / len(calibration.robot.targets))
+
+
+def test_with_an_unknown_set_up_targets_can_be_predicted_all_the_same(fanuc: Robot) -> None:
+    q = simulate(fanuc, Simulation(configurations=40)).q
+    known, unknown = (Knowledge.of_tolerances(fanuc, NOISE, unregistered) for unregistered in (False, True))
+    sure, less_sure = (k.after(k.rows(q)).target_deviation(q) for k in (known, unknown))
+    assert (sure < less_sure * 1.001).all()
+    assert less_sure.max() < 0.2e-3
+
+
 def test_what_is_predicted_is_what_the_estimator_says_afterwards(fanuc: Robot) -> None:
     """Planned covariance against the posterior of an identification from such measurements, its noise factor aside."""
     measurements = simulate(fanuc, Simulation(configurations=25))
@@ -56,8 +73,8 @@ def test_what_is_predicted_is_what_the_estimator_says_afterwards(fanuc: Robot) -
     knowledge = Knowledge.of_tolerances(fanuc, NOISE * posterior.noise_factor)
     after = knowledge.after(knowledge.rows(measurements.q))
     assert after.effective == pytest.approx(posterior.effective, rel=0.02)
-    found = after.tool_deviation(measurements.q)
-    assert found == pytest.approx(predicted_uncertainty(calibration, measurements.q).position, rel=0.05)
+    found = after.target_deviation(measurements.q)
+    assert found == pytest.approx(posterior_deviation(calibration, measurements.q), rel=0.05)
 
 
 def test_a_calibration_is_where_the_next_measurements_start(fanuc: Robot) -> None:
@@ -67,8 +84,8 @@ def test_a_calibration_is_where_the_next_measurements_start(fanuc: Robot) -> Non
     posterior = calibration.base.posterior
     assert posterior is not None
     knowledge = Knowledge.of_identification(fanuc, calibration.base, NOISE, 1e-4)
-    deviation = predicted_uncertainty(calibration, measurements.q).position
-    assert knowledge.tool_deviation(measurements.q) == pytest.approx(deviation, rel=1e-9)
+    deviation = posterior_deviation(calibration, measurements.q)
+    assert knowledge.target_deviation(measurements.q) == pytest.approx(deviation, rel=1e-9)
     rows = knowledge.rows(measurements.q[:3])
     A = rows.reshape(-1, knowledge.parameters.count)
     expected = np.linalg.inv(np.linalg.inv(knowledge.covariance) + A.T @ A)

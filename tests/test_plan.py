@@ -53,7 +53,7 @@ def test_the_table_is_the_plan(robot: Robot) -> None:
 def test_it_promises_more_than_random_ones(fanuc: Robot, criterion: Criterion) -> None:
     for workspace in ("full", "machining"):
         made = planned(fanuc, 15, criterion, workspace, refine=False)
-        assert made.selected.tool.mean() < 0.8 * made.random.tool.mean()
+        assert made.selected.target.mean() < 0.8 * made.random.target.mean()
         assert made.selected.effective > 0.95 * made.random.effective
         assert made.before.effective == 0.0
 

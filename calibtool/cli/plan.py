@@ -190,8 +190,8 @@ def _report(made: "Plan", workspace: str) -> None:
             [
                 name,
                 f"{values['effective_parameters']:.1f}",
-                f"{values['tool_std_mean_mm']:.4f}",
-                f"{values['tool_std_max_mm']:.4f}",
+                f"{values['target_std_mean_mm']:.4f}",
+                f"{values['target_std_max_mm']:.4f}",
                 *cells,
             ]
         )
@@ -199,7 +199,7 @@ def _report(made: "Plan", workspace: str) -> None:
     print_table(
         f"{robot.name}, {workspace}: {len(made.q)} of {len(made.candidates.q)} configurations, "
         f"{made.knowledge.parameters.count} parameters",
-        ["", "effective", "tool ± mean mm", "max mm", "O1", "O2", "O3", "O4", "O5"],
+        ["", "effective", "targets ± mean mm", "max mm", "O1", "O2", "O3", "O4", "O5"],
         rows,
     )
 

@@ -12,7 +12,6 @@ from calibtool.identification.parameters import ErrorState, Parameters, Toleranc
 from calibtool.measurement.measurements import Setup
 from calibtool.measurement.observation import observation_matrix, target_columns
 from calibtool.measurement.simulate import ORIENTATION_NOISE
-from calibtool.robot.mechanism import at_point
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
@@ -82,26 +81,32 @@ class Knowledge:
 
         Where the targets are known, more than six measured coordinates are condensed to six rows of the same information.
         """
-        setup = self.state.setup
-        frames = self.state.frames(self.robot, q)
-        seen = observation_matrix(setup, frames.tool)
+        seen, poses, targets = self._columns(q)
         noise = np.full(seen.shape[1], self.noise_position)
-        noise[3 * len(setup.targets) :] = self.noise_orientation
-        seen /= noise[:, None]
-        poses = self.parameters.pose_columns(self.robot, self.state, frames, q)
-        if self.parameters.targets:
-            rows = np.concatenate([seen @ poses, target_columns(setup, frames.tool) / noise[:, None]], axis=-1)
+        noise[3 * len(self.state.setup.targets) :] = self.noise_orientation
+        seen = seen / noise[:, None]
+        if targets is not None:
+            rows = np.concatenate([seen @ poses, targets / noise[:, None]], axis=-1)
         else:
             rows = (np.linalg.qr(seen, mode="r") if seen.shape[1] > 6 else seen) @ poses
         result: Array = rows * self.prior_std
         return result
 
-    def tool_deviation(self, q: Array) -> Array:
-        """Predicted standard deviation of the tool point after compensation at q (N, n), root of its sum over x, y, z, m."""
+    def target_deviation(self, q: Array) -> Array:
+        """Predicted standard deviation of the target points at q (N, n), m: root of the sum over x, y, z, RMS over points.
+
+        In the instrument's frame where that is unknown: what every set-up lets predict, unlike the tool frame itself.
+        """
+        seen, poses, targets = self._columns(q)
+        columns = seen @ poses if targets is None else np.concatenate([seen @ poses, targets], axis=-1)
+        points = len(self.state.setup.targets)
+        columns = columns[:, : 3 * points] * self.prior_std
+        return np.sqrt(((columns @ self.covariance) * columns).sum(axis=(1, 2)) / points)
+
+    def _columns(self, q: Array) -> tuple[Array, Array, Array | None]:
+        """∂(observation)/∂δy (N, d, 6), ∂δy/∂θ (N, 6, ·) and, of unknown targets, ∂(observation)/∂(targets) (N, d, d)."""
+        setup = self.state.setup
         frames = self.state.frames(self.robot, q)
-        columns = at_point(self.parameters.pose_columns(self.robot, self.state, frames, q), frames.tool[:, :3, 3])[
-            :, :3
-        ]
-        poses = self.parameters.blocks["targets"].start
-        columns = columns * self.prior_std[:poses]
-        return np.sqrt(((columns @ self.covariance[:poses, :poses]) * columns).sum(axis=(1, 2)))
+        poses = self.parameters.pose_columns(self.robot, self.state, frames, q)
+        targets = target_columns(setup, frames.tool) if self.parameters.targets else None
+        return observation_matrix(setup, frames.tool), poses, targets

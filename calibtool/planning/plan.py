@@ -24,18 +24,18 @@ class Prediction:
     """What is expected after measuring, over the workspace.
 
     effective  parameters' worth known beyond the tolerances
-    tool       (M,) standard deviation of the tool point after compensation, m
+    target     (M,) standard deviation of the target points after compensation, m
     """
 
     effective: float
-    tool: Array
+    target: Array
 
     def as_json(self) -> dict[str, float]:
         """Units in the keys."""
         return {
             "effective_parameters": self.effective,
-            "tool_std_mean_mm": float(self.tool.mean()) * 1e3,
-            "tool_std_max_mm": float(self.tool.max()) * 1e3,
+            "target_std_mean_mm": float(self.target.mean()) * 1e3,
+            "target_std_max_mm": float(self.target.max()) * 1e3,
         }
 
 
@@ -113,7 +113,7 @@ def make_plan(
     q = as_written(robot, q[short_order(robot, q, robot.home(workspace))])
 
     def predicted(known: Knowledge) -> Prediction:
-        return Prediction(known.effective, known.tool_deviation(judged))
+        return Prediction(known.effective, known.target_deviation(judged))
 
     return Plan(
         knowledge=knowledge,
