@@ -22,6 +22,7 @@ ROOMS = (
     "tables",
     "measurement",
     "identification",
+    "planning",
     "equivalent",
     "calibration",
     "compensation",

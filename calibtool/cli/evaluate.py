@@ -1,6 +1,6 @@
 """calibtool evaluate: methods side by side."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -8,6 +8,8 @@ from calibtool.cli.files import check_output, message, one_stdin, stem, write_ou
 from calibtool.cli.load import load_calibration, load_measurements
 from calibtool.cli.options import EXACT, CompensationMethod, Force, Json, Outside, choice
 from calibtool.cli.show import print_json, print_table
+
+_POSES = 8  # columns of a table for people
 
 
 def evaluate(
@@ -39,7 +41,8 @@ def evaluate(
     """Compare calibrations with the nominal robot.
 
     Simulated measurements: the actual robot is driven to the corrected joints and measured without noise. Real ones:
-    measured minus predicted target points. The table for people goes to stderr.
+    measured minus predicted target points. Where configurations were measured repeatedly, ISO 9283's pose accuracy AP and
+    repeatability RP follow from the measured points. Tables for people go to stderr.
 
     Example: calibtool evaluate paper.h5 local-poe.h5 --on fresh.h5 --json
     """
@@ -136,3 +139,26 @@ def show_evaluation(report: dict[str, object]) -> None:
             f"{orientation['mean']:.3f} mrad stay (at most {position['max']:.3f}, {orientation['max']:.3f}); "
             "−% is of the part that the joints can correct"
         )
+    test = report.get("iso9283")
+    if isinstance(test, dict):
+        _show_pose_test(test)
+
+
+def _show_pose_test(test: dict[str, Any]) -> None:
+    """AP of every method and RP, per pose."""
+
+    def cells(position: list[float], turn: list[float] | None) -> list[str]:
+        if turn is None:
+            return [f"{value:.3f}" for value in position]
+        return [f"{value:.3f} / {angle:.3f}" for value, angle in zip(position, turn, strict=True)]
+
+    rows = [[f"AP {entry['name']}", *cells(entry["ap_mm"], entry["ap_mrad"])] for entry in test["methods"]]
+    rows.append(["RP", *cells(test["rp_mm"], test["rp_mrad"])])
+    rows = [row[: _POSES + 1] for row in rows]
+    repeats = sorted({*test["repeats"]})
+    counted = str(repeats[0]) if len(repeats) == 1 else f"{repeats[0]} to {repeats[-1]}"
+    unit = "mm" if test["rp_mrad"] is None else "mm / mrad"
+    more = "" if len(test["poses"]) <= _POSES else f", the first {_POSES} of {len(test['poses'])} poses (all: --json)"
+    print_table(
+        f"ISO 9283, {counted} repeats, measured minus predicted, {unit}{more}", ["", *test["poses"][:_POSES]], rows
+    )

@@ -10,6 +10,7 @@ from calibtool.calibration.guard import coverage
 from calibtool.compensation.program import OutsidePolicy, guarded
 from calibtool.compensation.solve import NEAR_SINGULAR, OUT_OF_LIMITS, Method
 from calibtool.errors import NoSolutionError
+from calibtool.evaluation.iso9283 import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
 from calibtool.measurement.measurements import Measurements, Setup, Truth, determines_orientation
 from calibtool.measurement.observation import measured_in_base, residuals
@@ -32,6 +33,7 @@ class Evaluation:
                    can be taken, or that is not known
     correctable    the methods' errors against the nearest pose that the actual robot can take; `methods` where
                    `uncorrectable` is None
+    pose_test      ISO 9283, from the measured points, where configurations were measured repeatedly; else None
     """
 
     robot: str
@@ -42,6 +44,7 @@ class Evaluation:
     outside: list[int] = field(default_factory=list)
     uncorrectable: MethodErrors | None = None
     correctable: list[MethodErrors] = field(default_factory=list)
+    pose_test: PoseTest | None = None
 
     def as_json(self) -> dict[str, object]:
         """The object that `evaluate --json` prints (a contract of DESIGN).
@@ -60,6 +63,8 @@ class Evaluation:
         if self.uncorrectable is not None:
             count = len(self.uncorrectable.position)
             result["uncorrectable"] = {"configurations": count, **pose_statistics(self.uncorrectable)}
+        if self.pose_test is not None:
+            result["iso9283"] = self.pose_test.as_json()
         return result
 
 
@@ -113,7 +118,26 @@ def evaluate(
         outside=far,
         uncorrectable=uncorrectable,
         correctable=correctable,
+        pose_test=_pose_test(every, measurements, methods, refit_setup, outside),
     )
+
+
+def _pose_test(
+    every: list[tuple[str, Calibration | None]],
+    measurements: Measurements,
+    methods: list[MethodErrors],
+    refit: bool,
+    outside: OutsidePolicy,
+) -> PoseTest | None:
+    """ISO 9283 where configurations were repeated: from the measured points, which a noiseless drive does not have."""
+    measurements = measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
+    poses = repeated_poses(measurements.q, measurements.robot.mechanism.forward(measurements.q)[:, :3, 3])
+    if not poses:
+        return None
+    if measurements.truth is not None:
+        first = every[1][1] if len(every) > 1 else None
+        methods = [_predicted(name, calibration, first, measurements, refit, outside) for name, calibration in every]
+    return pose_test(methods, poses)
 
 
 def _compensated(

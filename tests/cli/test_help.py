@@ -18,6 +18,9 @@ CONTRACT = {
     "simulate": "-n --configurations --seed --workspace --errors --length-error-mm --angle-error-mrad --noise-mm "
     "--unregistered --same-robot --at -o --output --force",
     "import": "--robot --columns -o --output --force",
+    "plan": "-n --configurations --criterion --from --workspace --candidates --seed --noise-mm --unregistered "
+    "--joint-margin --min-singularity-distance --floor-mm --keep-out --instrument --normal --cone-deg --iso9283 --cube-mm "
+    "--cycles --json -o --output --force",
     "identify": "--model --json -o --output --force",
     "train": "--base --loss --optimizer --hidden --validation --seed --json -o --output --force",
     "evaluate": "--on --require --json -o --output --force",
@@ -157,6 +160,7 @@ PREPARED: dict[str, tuple[Callable[[Files], None], list[str]]] = {  # what must 
     "robots": (_nothing, []),
     "simulate": (_nothing, ["measurements.h5"]),
     "import": (_tracker, ["measurements.h5"]),
+    "plan": (_nothing, ["plan.csv"]),
     "identify": (_measurements, ["complete.h5"]),
     "train": (_measurements, ["paper.h5"]),
     "evaluate": (_calibrations, []),

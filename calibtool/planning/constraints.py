@@ -1,0 +1,180 @@
+"""Where a robot may be measured: joint margins, singularities, floor, keep-out boxes, line of sight to the instrument."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calibtool.errors import NoSolutionError
+from calibtool.measurement.sampling import sample_configurations
+from calibtool.robot.description import Workspace
+from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.model import Robot
+from calibtool.robot.poe import poe_frames
+from calibtool.robot.se3 import Array, transform_points
+
+_TOGETHER = 500  # draws at least
+_TRIES = 50  # as many times, before the plan goes on with what it has
+
+
+@dataclass(frozen=True)
+class Sight:
+    """A line of sight that every target needs.
+
+    instrument  (3,) in K_0, m
+    normal      (3,) direction in which the targets look, in the tool frame
+    cone        half angle round the normal inside which the instrument must lie, rad
+    """
+
+    instrument: tuple[float, float, float]
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    cone: float = np.deg2rad(30.0)
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """What a configuration has to keep.
+
+    joint_margin          part of each joint's range that stays free at both ends
+    singularity_distance  smallest `Robot.singularity_distance`
+    floor                 lowest z of anything that moves, m in K_0; None: no floor
+    keep_out              boxes (x0, y0, z0, x1, y1, z1) that nothing enters, m in K_0; they block the sight as well
+    sight                 line of sight from every target to the instrument; None: not asked for
+
+    What moves: the straight links between joint origins, from the flange to the tool and to every target. Bodies have
+    no thickness; widen the boxes by theirs. Motions between configurations are not checked.
+    """
+
+    joint_margin: float = 0.0
+    singularity_distance: float = MIN_SINGULARITY_DISTANCE
+    floor: float | None = None
+    keep_out: tuple[tuple[float, ...], ...] = ()
+    sight: Sight | None = None
+
+    def checks(self, robot: Robot, targets: Array, q: Array) -> Iterator[tuple[str, Any]]:
+        """The option of every constraint that is set, with (N,) bool: q (N, n) keeps it."""
+        margin = self.joint_margin * (robot.upper - robot.lower)
+        inside = (q >= robot.lower + margin - 1e-9) & (q <= robot.upper - margin + 1e-9)
+        yield "--joint-margin", inside.all(axis=-1)
+        yield "--min-singularity-distance", robot.singularity_distance(q) >= self.singularity_distance
+        starts, ends = links(robot, targets, q)
+        if self.floor is not None:
+            yield "--floor-mm", (ends[..., 2] >= self.floor).all(axis=-1)
+        for box in self.keep_out:
+            yield "--keep-out", ~crosses(starts, ends, np.array(box)).any(axis=-1)
+        if self.sight is not None:
+            yield "--instrument", self._seen(robot, targets, q)
+
+    def kept(self, robot: Robot, targets: Array, q: Array) -> np.ndarray:
+        """Whether q (N, n) keeps all of them: (N,) bool."""
+        return np.logical_and.reduce([kept for _, kept in self.checks(robot, targets, q)])
+
+    def _seen(self, robot: Robot, targets: Array, q: Array) -> np.ndarray:
+        sight = self.sight
+        assert sight is not None
+        pose = robot.mechanism.forward(q)
+        points = transform_points(pose, targets)
+        normal = pose[:, :3, :3] @ (np.array(sight.normal) / np.linalg.norm(sight.normal))
+        ray = np.array(sight.instrument) - points
+        cosine = (ray @ normal[..., None])[..., 0] / np.maximum(np.linalg.norm(ray, axis=-1), 1e-12)
+        seen: np.ndarray = (cosine >= np.cos(sight.cone)).all(axis=-1)
+        instrument = np.broadcast_to(np.array(sight.instrument), points.shape)
+        for box in self.keep_out:
+            seen &= ~crosses(points, instrument, np.array(box)).any(axis=-1)
+        return seen
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Configurations to choose from.
+
+    q          (N, n) those that keep the constraints, rad or m
+    workspace  (M, n) the first ones drawn, whether they keep them or not: where the robot will work
+    drawn      how many were drawn in all
+    rejected   how many of them each constraint turned down, by its option
+    """
+
+    q: Array
+    workspace: Array
+    drawn: int
+    rejected: dict[str, int] = field(default_factory=dict)
+
+
+def draw_candidates(
+    robot: Robot,
+    workspace: Workspace | None,
+    constraints: Constraints,
+    targets: Array,
+    count: int,
+    needed: int,
+    rng: np.random.Generator,
+) -> Candidates:
+    """`count` configurations of a workspace that keep the constraints, fewer where they are hard to find.
+
+    targets (m, 3) in the tool frame, m. Raises NoSolutionError when not even `needed` are found, naming the constraint
+    that turns down most.
+    """
+    accepted: list[Array] = []
+    first: Array | None = None
+    rejected: dict[str, int] = {}
+    found = drawn = 0
+    together = max(count, _TOGETHER)
+    while found < count and drawn < _TRIES * together:
+        q = sample_configurations(robot, workspace, together, rng)
+        first = q if first is None else first
+        keep = np.ones(len(q), dtype=bool)
+        for option, kept in constraints.checks(robot, targets, q):
+            rejected[option] = rejected.get(option, 0) + int((~kept).sum())
+            keep &= kept
+        accepted.append(q[keep])
+        found, drawn = found + int(keep.sum()), drawn + len(q)
+    assert first is not None
+    if found < needed:
+        worst = max(rejected, key=lambda option: rejected[option])
+        raise NoSolutionError(
+            f"{robot.name}: {found} of {drawn} configurations keep the constraints, {needed} are needed; {worst} turns "
+            f"down {rejected[worst]}: loosen it, or choose another --workspace"
+        )
+    return Candidates(np.concatenate(accepted)[:count], first, drawn, {o: k for o, k in rejected.items() if k})
+
+
+def links(robot: Robot, targets: Array, q: Array) -> tuple[Array, Array]:
+    """Ends (N, s, 3) of the straight pieces of the moving arm, in K_0: joint to joint, flange to tool and to targets."""
+    frames = poe_frames(robot.chain.placements, robot.chain.twists, q)
+    joints = frames.after[:, :, :3, 3]
+    points = np.concatenate([frames.tool[:, None, :3, 3], transform_points(frames.tool, targets)], axis=1)
+    last = np.broadcast_to(joints[:, -1:], points.shape)
+    return np.concatenate([joints[:, :-1], last], axis=1), np.concatenate([joints[:, 1:], points], axis=1)
+
+
+def crosses(start: Array, end: Array, box: Array) -> np.ndarray:
+    """Whether straight pieces (…, 3) touch a box (6,) of lower and upper corner, by slabs: (…,) bool."""
+    way = end - start
+    way = np.where(np.abs(way) < 1e-12, 1e-12, way)  # a piece along a face: far away or everywhere
+    first, second = (box[:3] - start) / way, (box[3:] - start) / way
+    enters = np.minimum(first, second).max(axis=-1)
+    leaves = np.maximum(first, second).min(axis=-1)
+    result: np.ndarray = np.maximum(enters, 0.0) <= np.minimum(leaves, 1.0)
+    return result
+
+
+def inside(robot: Robot, workspace: Workspace | None, q: Array) -> np.ndarray:
+    """Whether q (N, n) is in a workspace, as `sample_configurations` draws from it: limits, box, cone and roll. (N,) bool
+
+    For n < 6 the cone is not asked for: the drawn pose is only approached.
+    """
+    result: np.ndarray = robot.within_limits(q)
+    if workspace is None:
+        return result
+    home = robot.mechanism.forward(robot.home(workspace)[None])[0]
+    pose = robot.mechanism.forward(q)
+    result &= (np.abs(pose[:, :3, 3] - home[:3, 3]) <= np.array(workspace.box_m) / 2 + 1e-9).all(axis=-1)
+    if robot.n < 6:
+        return result
+    x, y, z, w = Rotation.from_matrix(home[:3, :3].T @ pose[:, :3, :3]).as_quat().T
+    tilt, turn = 2 * np.arctan2(np.hypot(x, y), np.hypot(z, w)), 2 * np.arctan2(z, w)  # swing, then twist about z
+    turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
+    roll = workspace.cone_deg if workspace.roll_deg is None else workspace.roll_deg
+    return result & (tilt <= np.deg2rad(workspace.cone_deg) + 1e-9) & (turn <= np.deg2rad(roll) + 1e-9)

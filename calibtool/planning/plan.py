@@ -1,0 +1,136 @@
+"""A measurement plan: the most informative configurations, what they will tell, and the table to drive."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibtool.planning.constraints import Candidates, Constraints, draw_candidates, inside
+from calibtool.planning.knowledge import Knowledge
+from calibtool.planning.observability import observability_indices
+from calibtool.planning.selection import Criterion, improve, select
+from calibtool.planning.table import as_written, in_columns, joint_table
+from calibtool.planning.travel import short_order, travel
+from calibtool.robot.description import Workspace
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, readonly
+
+_REFINED = (0.2, 0.1, 0.1, 0.05)  # size of the neighbourhoods, parts of the joint range
+_NEIGHBOURS = 600  # in all
+_JUDGED = 500  # configurations of the workspace over which predictions are averaged
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What is expected after measuring, over the workspace.
+
+    effective  parameters' worth known beyond the tolerances
+    target     (M,) standard deviation of the target points after compensation, m
+    """
+
+    effective: float
+    target: Array
+
+    def as_json(self) -> dict[str, float]:
+        """Units in the keys."""
+        return {
+            "effective_parameters": self.effective,
+            "target_std_mean_mm": float(self.target.mean()) * 1e3,
+            "target_std_max_mm": float(self.target.max()) * 1e3,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """q (N, n) in the order of travel; predictions before, with the plan, and with as many random candidates instead."""
+
+    knowledge: Knowledge
+    criterion: Criterion
+    candidates: Candidates
+    q: Array
+    before: Prediction
+    selected: Prediction
+    random: Prediction
+    observability: dict[str, float]
+    observability_random: dict[str, float]
+
+    @property
+    def table(self) -> str:
+        """CSV of the joints, which `simulate --at` reads and a controller's list can be made from."""
+        return joint_table(self.knowledge.robot, self.q)
+
+    def as_json(self) -> dict[str, object]:
+        """The object that `plan --json` prints."""
+        robot = self.knowledge.robot
+        columns, values = robot.joint_columns, in_columns(robot, self.q)
+        return {
+            "schema": "calibtool/plan",
+            "schema_version": 1,
+            "robot": robot.name,
+            "configurations": len(self.q),
+            "criterion": self.criterion,
+            "candidates": len(self.candidates.q),
+            "drawn": self.candidates.drawn,
+            "rejected": self.candidates.rejected,
+            "parameters": self.knowledge.parameters.count,
+            "noise_mm": self.knowledge.noise_position * 1e3,
+            "travel_rad": travel(robot, self.q),
+            "before": self.before.as_json(),
+            "selected": {**self.selected.as_json(), "observability": self.observability},
+            "random": {**self.random.as_json(), "observability": self.observability_random},
+            "plan": [dict(zip(columns, row, strict=True)) for row in values.tolist()],
+        }
+
+
+def make_plan(
+    knowledge: Knowledge,
+    workspace: Workspace | None,
+    count: int,
+    *,
+    constraints: Constraints,
+    criterion: Criterion,
+    candidates: int,
+    rng: np.random.Generator,
+    refine: bool = True,
+) -> Plan:
+    """Choose `count` of `candidates` configurations of a workspace (None: the joint range) that keep the constraints.
+
+    refine: then let every chosen configuration wander through its neighbourhood, which no finite set of candidates covers.
+    Joint positions are rounded as the table is written, so that the plan is what will be driven. Raises NoSolutionError
+    when too few candidates are found.
+    """
+    robot, targets = knowledge.robot, knowledge.state.setup.targets
+    drawn = draw_candidates(robot, workspace, constraints, targets, candidates, count, rng)
+    judged = drawn.workspace[:_JUDGED]
+    reference = knowledge.rows(judged)
+    rows = knowledge.rows(drawn.q)
+    q = drawn.q[select(rows, knowledge.covariance, count, criterion, reference)]
+    for scale in _REFINED if refine else ():
+        near = _neighbours(robot, q, scale, rng)
+        near = near[inside(robot, workspace, near)]
+        near = near[constraints.kept(robot, targets, near)]
+        both = np.concatenate([q, near])
+        q = both[improve(knowledge.rows(both), knowledge.covariance, count, criterion, reference)]
+    q = as_written(robot, q[short_order(robot, q, robot.home(workspace))])
+
+    def predicted(known: Knowledge) -> Prediction:
+        return Prediction(known.effective, known.target_deviation(judged))
+
+    return Plan(
+        knowledge=knowledge,
+        criterion=criterion,
+        candidates=drawn,
+        q=readonly(q),
+        before=predicted(knowledge),
+        selected=predicted(knowledge.after(knowledge.rows(q))),
+        random=predicted(knowledge.after(rows[:count])),
+        observability=observability_indices(knowledge, q, drawn.q),
+        observability_random=observability_indices(knowledge, drawn.q[:count], drawn.q),
+    )
+
+
+def _neighbours(robot: Robot, q: Array, scale: float, rng: np.random.Generator) -> Array:
+    """Configurations near q (N, n): about half of the joints moved by normal steps of a part of the range, to the limits."""
+    repeated = np.repeat(q, max(_NEIGHBOURS // len(q), 4), axis=0)
+    step = rng.normal(size=repeated.shape) * (rng.random(repeated.shape) < 0.5)
+    result: Array = np.clip(repeated + scale * (robot.upper - robot.lower) * step, robot.lower, robot.upper)
+    return result

@@ -1,0 +1,36 @@
+"""Tables of joint positions to drive to: rounded once, so that what is written is what is planned."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array
+from calibtool.tables import format_table
+from calibtool.units import TO_SI
+
+_DECIMALS = 6  # of a degree or mm: 0.05 µm at 3 m, and no joint list needs more
+
+
+def in_columns(robot: Robot, q: Array) -> Array:
+    """Joint positions (N, n) in the units of `robot.joint_columns`, rounded as they are written."""
+    result: Array = np.round(q / _factors(robot), _DECIMALS) + 0.0  # no −0
+    return result
+
+
+def as_written(robot: Robot, q: Array) -> Array:
+    """The joint positions (N, n), rad or m, that a reader of the table gets."""
+    result: Array = in_columns(robot, q) * _factors(robot)
+    return result
+
+
+def joint_table(robot: Robot, q: Array, extra: Mapping[str, Sequence[str]] | None = None) -> str:
+    """CSV of joint positions q (N, n) with columns j1_deg … (mm if prismatic), then the columns of `extra`."""
+    extra = {} if extra is None else extra
+    rows = [[f"{value:.{_DECIMALS}f}" for value in row] for row in in_columns(robot, q)]
+    added = zip(*extra.values(), strict=True) if extra else [()] * len(rows)
+    return format_table([*robot.joint_columns, *extra], [[*row, *more] for row, more in zip(rows, added, strict=True)])
+
+
+def _factors(robot: Robot) -> Array:
+    return np.array([TO_SI[column.split("_")[1]] for column in robot.joint_columns])
