@@ -6,7 +6,16 @@ import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, read_text, shown, write_output
 from calibtool.cli.load import load_calibration
-from calibtool.cli.options import EXACT, CalibrationFile, CompensationMethod, Force, Output, Outside, choice
+from calibtool.cli.options import (
+    EXACT,
+    CalibrationFile,
+    CompensationMethod,
+    Force,
+    JointValuesOption,
+    Output,
+    Outside,
+    choice,
+)
 
 _LISTED = 10  # rows named one by one on stderr
 
@@ -20,6 +29,7 @@ def compensate(
     output: Output = "-",
     method: CompensationMethod = EXACT,
     outside: Outside = "mark",
+    joint_values: JointValuesOption = None,
     uncertainty: Annotated[
         bool, typer.Option("--uncertainty", help="Add predicted standard deviations of the tool: sd_mm, sd_mrad.")
     ] = False,
@@ -41,12 +51,20 @@ def compensate(
     from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy, compensate_table
     from calibtool.compensation.solve import Method
     from calibtool.errors import NoSolutionError
+    from calibtool.robot.coupling import JOINT_VALUES, JointValues
 
+    values = choice(joint_values or "serial", JOINT_VALUES, "--joint-values")
     choice(outside, OUTSIDE_POLICIES, "--outside")
     loaded, _ = load_calibration(calibration)
     policy = cast(OutsidePolicy, outside)
     result = compensate_table(
-        loaded, read_text(targets), shown(targets), cast(Method, method), outside=policy, uncertainty=uncertainty
+        loaded,
+        read_text(targets),
+        shown(targets),
+        cast(Method, method),
+        outside=policy,
+        uncertainty=uncertainty,
+        joint_values=cast(JointValues, values),
     )
     write_output(output, result.text, force)
     for line in result.remarks[:_LISTED]:

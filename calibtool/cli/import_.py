@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, read_text, same_file, shown, write_outputs
-from calibtool.cli.options import Force, Output, Seed, choice
+from calibtool.cli.options import Force, JointValuesOption, Output, Seed, choice
 from calibtool.cli.provenance import provenance
 from calibtool.errors import UsageError
 
@@ -24,6 +24,7 @@ def import_(
     robot_targets: Annotated[
         bool, typer.Option("--robot-targets", help="The targets stand where the robot's description says.")
     ] = False,
+    joint_values: JointValuesOption = None,
     rows: Annotated[
         str | None, typer.Option(metavar="A:B", help="Only data rows A to B, from 1, both included.")
     ] = None,
@@ -51,10 +52,13 @@ def import_(
 
     from calibtool.measurement.importing import import_table, parse_column_map, select_rows
     from calibtool.robot.catalogue import load_robot
+    from calibtool.robot.coupling import JOINT_VALUES, JointValues
     from calibtool.storage import to_bytes
 
     if frame is not None:
         choice(frame, ("base", "unknown"), "--frame")
+    if joint_values is not None:
+        choice(joint_values, JOINT_VALUES, "--joint-values")
     text = read_text(table)
     inputs = {"table": text.encode()}
     column_map = None
@@ -69,6 +73,7 @@ def import_(
         column_map,
         frame=cast(Literal["base", "unknown"] | None, frame),
         robot_targets=robot_targets,
+        joint_values=cast(JointValues | None, joint_values),
     )
     for warning in warnings:
         message(f"warning: {warning}")

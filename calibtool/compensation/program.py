@@ -18,6 +18,7 @@ from calibtool.compensation.solve import (
     compensate_poses,
 )
 from calibtool.errors import InputError, NoSolutionError
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
@@ -65,6 +66,7 @@ def compensate_table(
     *,
     outside: OutsidePolicy = "mark",
     uncertainty: bool = False,
+    joint_values: JointValues = "serial",
 ) -> CompensatedTable:
     """Correct every row of a table.
 
@@ -72,7 +74,8 @@ def compensate_table(
     prismatic). Where a row has both, the pose is commanded and the joints choose the branch. Other columns pass through;
     a column `status` is added, for n < 6 what no joint can correct (`left_mm`, `left_mrad`), and with `uncertainty` the
     predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Rows outside the configurations of the training are
-    marked, take the base model alone (`base`), or get no joints (`refuse`).
+    marked, take the base model alone (`base`), or get no joints (`refuse`). joint_values: `controller` when joints come in
+    and go out as the controller shows them (`Robot.to_serial`).
     """
     robot = calibration.robot
     table = parse_table(text, name)
@@ -80,7 +83,7 @@ def compensate_table(
     poses = poses_from_header(table)
     if poses is None and joints is None:
         raise _no_targets(table)
-    q_given = None if joints is None else joints[0]
+    q_given = None if joints is None else robot.serial_from(joint_values, joints[0])
     T_given = None if poses is None else poses[0]
     result = guarded(calibration, q_given, T_given, method, outside)
     for added in ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad"):
@@ -92,7 +95,7 @@ def compensate_table(
     replaced = set(joint_names) | (set() if poses is None else set(poses[1]))
     kept = [i for i, column in enumerate(table.header) if column not in replaced]
     factors = np.array([TO_SI[column.split("_")[1]] for column in joint_names])
-    values = result.q[:, order] / factors
+    values = robot.serial_as(joint_values, result.q)[:, order] / factors
     header = [*joint_names, *(table.header[i] for i in kept), "status"]
     limited = robot.n < 6
     if limited:

@@ -14,6 +14,7 @@ from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.measurement.measurements import Measurements, Setup, check_targets
 from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import ORIENTATION_NOISE
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.description import Point, validation_message
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
@@ -32,10 +33,11 @@ class _Strict(BaseModel):
 
 
 class JointColumns(_Strict):
-    """One column per joint, in the robot's order; one unit for all, or a list."""
+    """One column per joint, in the robot's order; one unit for all, or a list; whose values they are."""
 
     columns: list[str]
     unit: Literal["deg", "rad", "mm", "m"] | list[Literal["deg", "rad", "mm", "m"]]
+    values: JointValues | None = None  # the robot's [coupling] converts those of a controller
 
     def units(self) -> list[str]:
         return list(self.unit) if isinstance(self.unit, list) else [self.unit] * len(self.columns)
@@ -120,11 +122,12 @@ def import_table(
     *,
     frame: Literal["base", "unknown"] | None = None,
     robot_targets: bool = False,
+    joint_values: JointValues | None = None,
 ) -> tuple[Measurements, list[str]]:
     """Measurements from the text of a table, and warnings; unknown parts of the set-up are registered (nominal robot).
 
     columns: None takes the header's names (docs/file-formats.md). frame: overrides the map's. robot_targets: the targets
-    are those of the robot's description, in their order.
+    are those of the robot's description, in their order. joint_values: overrides the map's, `serial` if neither says.
     Raises InputError for a bad cell, column or target set; NoSolutionError for too few rows to register.
     """
     table = parse_table(text, name, columns.delimiter if columns else None, columns.decimal if columns else None)
@@ -140,7 +143,8 @@ def import_table(
             raise InputError(
                 f"{name}: column '{column}' is in {unit}, but its joint is {'prismatic' if prismatic else 'revolute'}"
             )
-    q = joint_positions(table, robot, columns.joints.columns, units)
+    values = joint_values or columns.joints.values
+    q = robot.serial_from(values or "serial", joint_positions(table, robot, columns.joints.columns, units))
 
     rotations: Array | None = None
     if columns.pose is not None:
@@ -162,6 +166,11 @@ def import_table(
         noise_orientation=columns.noise.orientation_mrad * 1e-3,
     )
     warnings = []
+    if robot.coupled and values is None:
+        warnings.append(
+            f"{name}: {robot.name} couples joints and nothing says whose values these are: taken as those of the serial "
+            "chain; --joint-values controller converts the controller's"
+        )
     if not seen.all():
         first = table.place(int(np.argmin(seen.all(axis=-1))))
         warnings.append(
@@ -176,7 +185,7 @@ def import_table(
     try:
         return replace(measurements, setup=register(measurements)), warnings
     except NoSolutionError as error:
-        hint = f" ({warnings[0]})" if warnings else ""
+        hint = f" ({warnings[-1]})" if warnings else ""
         raise NoSolutionError(f"{error}{hint}") from None
 
 
