@@ -4,8 +4,8 @@ Run: python benchmarks/robots.py [--seeds 5] [--configurations 60] [--robots ur5
 Geometric, gear, gravity, backlash and thermal errors of the default sizes, 0.05 mm noise, the complete model with a
 Bayesian network (the default of `train`), 300 fresh configurations. Mean position error of the part that the joints can
 correct. Backlash takes the direction of each joint's last motion, which no function of the position knows: the column
-`backlash` is the mean position error that it makes alone, and `left without` the reduction on the same robot when its
-backlash is taken away.
+`backlash` is the mean position error that it makes alone, `without backlash` the reduction on the same robot when its
+backlash is absent.
 """
 
 import os
@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("--robots", default=",".join(robot_names()))
     options = parser.parse_args()
     print(
-        "| robot | workspace | nominal, mm | left, mm | backlash, mm | uncorrectable, mm | reduction, % | without backlash, % |"
+        "| robot | workspace | nominal mm | left mm | backlash mm | uncorrectable mm | reduction % | without backlash % |"
     )
     print("|---|---|---|---|---|---|---|---|")
     for name in options.robots.split(","):

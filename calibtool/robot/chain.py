@@ -99,6 +99,18 @@ def last_frame(urdf_text: str, name: str) -> str:
     return str(max(enumerate(bodies), key=lambda item: (item[1].parentJoint, item[0]))[1].name)
 
 
+def end_links(urdf_text: str, joint: str, name: str) -> list[str]:
+    """Links that move with a joint and carry no other link: what could be the tool."""
+    model = _parse_urdf(urdf_text, name)
+    last = next(j for j in range(1, model.njoints) if model.names[j].removesuffix(_OF_JOINT) == joint)
+    carrying = {frame.parentFrame for frame in model.frames}
+    return [
+        str(frame.name)
+        for index, frame in enumerate(model.frames)
+        if frame.type == pin.FrameType.BODY and frame.parentJoint == last and index not in carrying
+    ]
+
+
 def _parse_urdf(urdf_text: str, name: str) -> pin.Model:
     # From a file: urdfdom refuses some encodings in a string.
     with tempfile.TemporaryDirectory() as folder:
