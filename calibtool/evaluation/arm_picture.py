@@ -87,7 +87,7 @@ def _draw(panel: Axes, arm: _Arm, plane: list[int]) -> None:
     _frame(panel, arm.tool, arm.size, plane)
     panel.plot(*arm.targets[:, plane].T, "*", color=_TARGET, markeredgecolor="black", ms=11, zorder=7, label="targets")
     panel.set_aspect("equal", adjustable="datalim")
-    panel.margins(0.2)
+    panel.margins(0.25)
     panel.grid(alpha=0.3)
     _name_points(panel, arm, plane)
 

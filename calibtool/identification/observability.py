@@ -47,7 +47,7 @@ def observability(robot: Robot, setup: Setup, q: Array, anywhere: Array, model: 
     names = [parameters.names[i] for i in used]
     seen = _columns(robot, setup, parameters, q, targets=True)[:, used] * scale[used]
     everything = _columns(robot, setup, parameters, anywhere, targets=False)[:, used] * scale[used]
-    _, sizes, vt = np.linalg.svd(seen, full_matrices=True)
+    _, sizes, vt = np.linalg.svd(seen, full_matrices=len(seen) < len(used))
     rank = numerical_rank(sizes)
     possible = numerical_rank(np.linalg.svd(everything, compute_uv=False))
     return Observability(model, len(used), rank, possible, directions(vt[rank:], everything, names, possible - rank))
