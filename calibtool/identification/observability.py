@@ -47,13 +47,14 @@ def observability(robot: Robot, setup: Setup, q: Array, anywhere: Array, model: 
     names = [parameters.names[i] for i in used]
     seen = _columns(robot, setup, parameters, q, targets=True)[:, used] * scale[used]
     everything = _columns(robot, setup, parameters, anywhere, targets=False)[:, used] * scale[used]
-    _, sizes, vt = np.linalg.svd(seen, full_matrices=len(seen) < len(used))
+    _, sizes, vt = np.linalg.svd(seen, full_matrices=True)
     rank = numerical_rank(sizes)
     possible = numerical_rank(np.linalg.svd(everything, compute_uv=False))
     return Observability(model, len(used), rank, possible, directions(vt[rank:], everything, names, possible - rank))
 
 
 def _columns(robot: Robot, setup: Setup, parameters: Parameters, q: Array, targets: bool) -> Array:
+    """Columns of all configurations, reduced to the R of a QR decomposition: the same singular values and null space."""
     state = ErrorState.nominal(robot, setup)
     frames = state.frames(robot, q)
     columns = parameters.pose_columns(robot, state, frames, q)
@@ -61,4 +62,4 @@ def _columns(robot: Robot, setup: Setup, parameters: Parameters, q: Array, targe
         seen = observation_matrix(setup, frames.tool) @ columns / robot.length
     else:
         seen = scale_rows(at_point(columns, frames.tool[:, :3, 3]), robot.length)
-    return seen.reshape(-1, columns.shape[-1])
+    return np.linalg.qr(seen.reshape(-1, columns.shape[-1]), mode="r")
