@@ -99,10 +99,9 @@ def main() -> None:
 
             sizes = " | ".join(f"{median(field):.3f}" for field in ("before", "after", "uncorrectable"))
             share = [100 * outcome.backlash / outcome.before for outcome in seeds]
-            print(
-                f"| {name} | {workspace_name} | {sizes} | {np.median(share):.1f} ({max(share):.1f}) | {both('reduction')} | {both('without_backlash')} |",
-                flush=True,
-            )
+            cells = [name, workspace_name, sizes, f"{np.median(share):.1f} ({max(share):.1f})"]
+            cells += [both("reduction"), both("without_backlash")]
+            print(f"| {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":
