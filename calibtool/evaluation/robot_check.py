@@ -110,13 +110,19 @@ class RobotCheck:
 def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     """Check a description that could be built. given_as is the name or path that the user gave.
 
-    Raises InputError, with place and remedy, for a home outside the limits or a workspace that cannot be reached.
+    Raises InputError, with place and remedy, for a home outside the limits, a workspace that cannot be reached, or joints
+    that are singular everywhere.
     """
     rng = np.random.default_rng(0)
     place = robot.source.place
     anywhere = robot.lower + (robot.upper - robot.lower) * rng.random((_REACH_SAMPLES, robot.n))
     tools = robot.mechanism.forward(anywhere)[:, :3, 3]
     first = robot.chain.placements[0, :3, 3]
+    if robot.singularity_distance(anywhere).max() < MIN_SINGULARITY_DISTANCE:
+        raise InputError(
+            f"{place}: every configuration is singular, two joints move the tool alike or hardly at all; lock one of them "
+            "in [kinematics], or check axes and link lengths"
+        )
     workspaces = [_workspace(robot, name, place) for name in robot.workspace_names[:-1]]
     equivalent = equivalent_robot(robot)
     design = anywhere[:_DESIGN_SAMPLES]

@@ -51,6 +51,11 @@ def test_what_is_wrong_ends_with_place_and_remedy() -> None:
     message = refused(3, "robots", "--check", urdf(mimic='<mimic joint="one"/>'))
     assert "joint 'two' between base and tool mimics 'one'" in message
     assert "lock it in [kinematics]" in message
+    urdf()
+    Path("mine.urdf").write_text(Path("mine.urdf").read_text().replace('<origin xyz="1 0 0"/>', ""))
+    message = refused(3, "robots", "--check", "mine.urdf")
+    assert "every configuration is singular" in message
+    assert "lock one of them" in message
     message = refused(3, "robots", "--check", urdf(one="floating"))
     assert "'one' has 6 degrees of freedom" in message
     assert "make it fixed" in message
