@@ -62,4 +62,4 @@ def _columns(robot: Robot, setup: Setup, parameters: Parameters, q: Array, targe
         seen = observation_matrix(setup, frames.tool) @ columns / robot.length
     else:
         seen = scale_rows(at_point(columns, frames.tool[:, :3, 3]), robot.length)
-    return np.linalg.qr(seen.reshape(-1, columns.shape[-1]), mode="r")
+    return np.asarray(np.linalg.qr(seen.reshape(-1, columns.shape[-1]), mode="r"))
