@@ -61,12 +61,13 @@ def _arm(robot: Robot, q: Array) -> _Arm:
     links = np.concatenate(
         [np.zeros((1, 3)), np.stack([before, after], axis=1).reshape(-1, 4, 4)[:, :3, 3], tool[None, :3, 3]]
     )
-    size = float(np.ptp(np.concatenate([links, targets]), axis=0).max())
     slides = np.array(robot.prismatic)[:, None]
-    ends = [
-        np.where(slides, before[:, :3, 3] + direction * limit[:, None], marks + sign * 0.09 * size * direction)
-        for limit, sign in ((robot.lower, -1), (robot.upper, 1))
+    strokes = [
+        np.where(slides, before[:, :3, 3] + direction * end[:, None], marks) for end in (robot.lower, robot.upper)
     ]
+    size = float(np.ptp(np.concatenate([links, targets, *strokes]), axis=0).max())
+    reach = np.where(slides, 0.0, 0.09 * size * direction)
+    ends = [strokes[0] - reach, strokes[1] + reach]
     tool = tool.copy()
     tool[:3, 3] *= 1e3
     return _Arm(
