@@ -66,7 +66,7 @@ def pinocchio_itself(robot: Robot, q: Array) -> tuple[Array, Array]:
         velocity[model.joints[model.getJointId(name)].idx_v] = value
     q_model = pin.integrate(model, pin.neutral(model), velocity)
     pin.framesForwardKinematics(model, data, q_model)
-    tool = data.oMf[model.getFrameId(kinematics.tool_frame)]
+    tool = data.oMf[model.getFrameId(kinematics.tool_frame, pin.FrameType.BODY)]
     base = data.oMf[model.getFrameId(kinematics.base_frame)] if kinematics.base_frame else pin.SE3.Identity()
     gravity = pin.computeGeneralizedGravity(model, data, q_model)
     return base.actInv(tool).homogeneous, gravity[indices]

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -209,3 +210,44 @@ def test_a_bare_urdf_gets_a_description_whatever_its_file_is_called(name: str) -
     assert isinstance(source, Source)
     assert source.description.kinematics.tool_frame == "tool0"
     assert Robot.from_source(source).n == 2
+
+
+def test_a_slide_without_limits_takes_them_from_the_description_or_is_refused(tmp_path: Path) -> None:
+    urdf = URDF.replace('<limit lower="0" upper="0.3" effort="1" velocity="1"/>', '<limit effort="1" velocity="1"/>')
+    with pytest.raises(
+        InputError, match=r"robot\.toml: slide 'lift' has no limits .* \[limits\] j2_mm = \[lower, upper\]"
+    ):
+        load_robot(str(crane(tmp_path, urdf=urdf)))
+    given = TOML.replace("j1_deg = [-90, 90]", "j1_deg = [-90, 90]\nj2_mm = [0, 250]")
+    assert load_robot(str(crane(tmp_path, given, urdf))).upper[1] == pytest.approx(0.25)
+
+
+def test_a_joint_that_mimics_another_is_refused_on_the_way_and_may_be_locked_beside_it(tmp_path: Path) -> None:
+    limit = 'upper="0.3" effort="1" velocity="1"/>'
+    way = URDF.replace(limit, f'{limit}<mimic joint="shoulder"/>')
+    with pytest.raises(InputError, match=r"joint 'lift' between base and tool mimics 'shoulder'; .*lock it"):
+        load_robot(str(crane(tmp_path, urdf=way)))
+    finger = GRIPPER.replace("</joint>", '<mimic joint="lift"/></joint>')
+    locked = TOML.replace('tool_frame = "tool0"', 'tool_frame = "tool0"\nlocked_joints = { grip = 0.01 }')
+    assert load_robot(str(crane(tmp_path, locked, URDF.replace("</robot>", finger + "</robot>")))).n == 2
+
+
+def test_a_floating_joint_cannot_be_locked(tmp_path: Path) -> None:
+    finger = GRIPPER.replace("prismatic", "floating")
+    locked = TOML.replace('tool_frame = "tool0"', 'tool_frame = "tool0"\nlocked_joints = { grip = 0.01 }')
+    with pytest.raises(InputError, match=r"'grip' has 6 degrees of freedom; .*make it fixed in the URDF"):
+        load_robot(str(crane(tmp_path, locked, URDF.replace("</robot>", finger + "</robot>"))))
+
+
+def test_a_bare_urdf_that_branches_asks_for_a_tool(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"crane: the URDF branches, its last joints are .*tool_frame") as caught:
+        source_from_urdf(URDF.replace("</robot>", GRIPPER + "</robot>"), "crane")
+    assert {"lift", "grip"} <= {word.strip(",;") for word in str(caught.value).split()}
+
+
+def test_a_joint_and_a_link_may_share_a_name(tmp_path: Path) -> None:
+    twins = URDF.replace('"slide"', '"lift"').replace('"flange"', '"tool0"')
+    robot, plain = (load_robot(str(crane(tmp_path, urdf=urdf))) for urdf in (twins, URDF))
+    assert list(robot.chain.model.names)[1:] == ["shoulder", "lift"]
+    q = [[0.3, 0.1]]
+    assert (robot.mechanism.forward(np.array(q)) == plain.mechanism.forward(np.array(q))).all()

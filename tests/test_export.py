@@ -284,3 +284,30 @@ def test_all_symbols_of_c_code_begin_with_the_prefix(compiled: Callable, tmp_pat
         ["nm", "-g", "--defined-only", tmp_path / "arm.o"], check=True, capture_output=True, text=True
     )
     assert {line.split()[-1] for line in listed.stdout.splitlines()} == {"arm_correct", "arm_network"}
+
+
+# --- coupled joint values --------------------------------------------------------------------------------------------
+
+
+def test_json_holds_the_coupling_and_says_what_it_is() -> None:
+    value = json.loads(calibration_as_json(calibrated("fanuc-m1000ia", "nominal", True)))
+    q = np.array(value["joint_coupling"]) @ [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    np.testing.assert_allclose(q, [0.1, 0.2, 0.5, 0.4, 0.5, 0.6])  # serial q3 = J3 + J2
+    assert "controller" in value["formula"]["joint_coupling"]
+    plain = json.loads(calibration_as_json(calibrated("scara", "local-poe", True)))
+    np.testing.assert_array_equal(plain["joint_coupling"], np.eye(4))
+
+
+def test_compiled_c_converts_coupled_joint_values(compiled: Callable) -> None:
+    calibration = calibrated("fanuc-m1000ia", "nominal", True)
+    library, pointer = compiled(calibration), ctypes.POINTER(ctypes.c_double)
+    q = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    library.arm_to_serial(q.ctypes.data_as(pointer), q.ctypes.data_as(pointer))  # in place
+    np.testing.assert_allclose(q, [0.1, 0.2, 0.5, 0.4, 0.5, 0.6], atol=1e-15)
+    back = np.empty(6)
+    library.arm_to_controller(q.ctypes.data_as(pointer), back.ctypes.data_as(pointer))
+    np.testing.assert_allclose(back, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6], atol=1e-15)
+
+
+def test_c_of_a_robot_without_coupling_has_no_conversion() -> None:
+    assert "to_serial" not in "".join(calibration_as_c(calibrated("scara", "local-poe", True)))

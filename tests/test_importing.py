@@ -10,7 +10,9 @@ from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.measurement.importing import import_table, parse_column_map, select_rows
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
+from calibtool.robot.model import Robot
 
 Array = np.ndarray
 
@@ -450,3 +452,31 @@ def test_a_range_that_does_not_fit_is_wrong_usage(rows: str) -> None:
 def test_a_sample_larger_than_the_rows_is_wrong_usage() -> None:
     with pytest.raises(UsageError, match="--sample 4: there are only 3 rows"):
         select_rows(ALL, "1:3", 4, 0)
+
+
+# --- whose joint values ----------------------------------------------------------------------------------------------
+
+
+def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> None:
+    measured = simulate(fanuc, Simulation(configurations=12, seed=4))
+    header = [*(f"j{j}_rad" for j in range(1, 7)), *(f"t{i}_{axis}_m" for i in (1, 2, 3) for axis in "xyz")]
+
+    def text(q: Array) -> str:
+        rows = np.hstack([q, measured.points.reshape(12, -1)])
+        return "\n".join([",".join(header), *(",".join(map(repr, map(float, row))) for row in rows)])
+
+    shown = text(fanuc.to_controller(measured.q))
+    found, warnings, *_ = import_table(shown, "t", fanuc, frame="base", joint_values="controller")
+    np.testing.assert_allclose(found.q, measured.q, atol=1e-12)
+    assert not any("couples" in warning for warning in warnings)
+    again, warnings = import_table(text(measured.q), "t", fanuc, frame="base")
+    np.testing.assert_array_equal(again.q, measured.q)
+    assert any("couples joints" in warning and "--joint-values controller" in warning for warning in warnings)
+    targets = "".join(f'[[targets]]\nmeasured = ["t{i}_x_m", "t{i}_y_m", "t{i}_z_m"]\nunit = "m"\n' for i in (1, 2, 3))
+    joints = f'[joints]\ncolumns = {header[:6]}\nunit = "rad"\nvalues = "controller"\n{targets}'.replace("'", '"')
+    mapped, _ = import_table(shown, "t", fanuc, parse_column_map(joints, "map.toml"), frame="base")
+    np.testing.assert_allclose(mapped.q, measured.q, atol=1e-12)
+    overridden, _ = import_table(
+        text(measured.q), "t", fanuc, parse_column_map(joints, "map.toml"), frame="base", joint_values="serial"
+    )
+    np.testing.assert_array_equal(overridden.q, measured.q)

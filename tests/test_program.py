@@ -15,6 +15,7 @@ from calibtool.errors import InputError, NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
 
@@ -27,8 +28,11 @@ class CompensatedTable(NamedTuple):
     unreachable: int
 
 
-def compensate_table(calibration: Calibration, text: str, name: str, method: Method) -> CompensatedTable:
-    corrected, report = compensate_text(calibration, text, name, StreamOptions(method=method))
+def compensate_table(
+    calibration: Calibration, text: str, name: str, method: Method, joint_values: JointValues = "serial"
+) -> CompensatedTable:
+    options = StreamOptions(method=method, joint_values=joint_values)
+    corrected, report = compensate_text(calibration, text, name, options)
     return CompensatedTable(corrected, report.rows, report.remarks, report.without_joints)
 
 
@@ -295,3 +299,31 @@ def test_poses_are_followed_as_the_library_follows_them() -> None:
     result = compensate_table(calibrated(), csv(POSE_HEADER, pose_values(T)), "t.csv", "exact")
     expected = compensate_poses(calibrated(), T).q
     assert np.abs(np.deg2rad(numbers(result, joint_header())) - expected).max() < 1e-8
+
+
+# --- whose joint values ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("columns", [[1, 2, 3, 4, 5, 6], [3, 1, 2, 6, 5, 4]])
+def test_a_controller_s_joints_come_in_and_go_out(columns: list[int]) -> None:
+    calibration = calibrated("fanuc-m1000ia")
+    robot, q = calibration.robot, configurations("fanuc-m1000ia")
+    header = [f"j{j}_rad" for j in columns]
+    order = np.array(columns) - 1
+    shown = csv(header, robot.to_controller(q)[:, order])
+    result = compensate_table(calibration, shown, "t", "exact", joint_values="controller")
+    expected = compensate_joints(calibration, q, "exact").q
+    found = robot.to_serial(numbers(result, joint_header("rad")))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert np.abs(numbers(result, joint_header("rad")) - expected).max() > 0.01
+
+
+def test_poses_give_a_controller_s_joints() -> None:
+    calibration = calibrated("fanuc-m1000ia")
+    robot = calibration.robot
+    poses = csv(POSE_HEADER, pose_values(robot.mechanism.forward(configurations("fanuc-m1000ia"))))
+    serial, controller = (
+        np.deg2rad(numbers(compensate_table(calibration, poses, "t", "exact", joint_values=values), joint_header()))
+        for values in ("serial", "controller")
+    )
+    np.testing.assert_allclose(robot.to_serial(controller), serial, atol=1e-12)

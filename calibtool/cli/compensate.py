@@ -8,7 +8,16 @@ import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, output_stream, shown, text_lines
 from calibtool.cli.load import load_calibration
-from calibtool.cli.options import EXACT, CalibrationFile, CompensationMethod, Force, Output, Outside, choice
+from calibtool.cli.options import (
+    EXACT,
+    CalibrationFile,
+    CompensationMethod,
+    Force,
+    JointValuesOption,
+    Output,
+    Outside,
+    choice,
+)
 from calibtool.cli.progress import counted
 
 
@@ -21,6 +30,7 @@ def compensate(
     output: Output = "-",
     method: CompensationMethod = EXACT,
     outside: Outside = "mark",
+    joint_values: JointValuesOption = None,
     uncertainty: Annotated[
         bool, typer.Option("--uncertainty", help="Add predicted standard deviations of the tool: sd_mm, sd_mrad.")
     ] = False,
@@ -56,7 +66,9 @@ def compensate(
     from calibtool.compensation.solve import Method
     from calibtool.compensation.stream import BATCH, StreamOptions, StreamReport, compensate_stream
     from calibtool.errors import NoSolutionError
+    from calibtool.robot.coupling import JOINT_VALUES, JointValues
 
+    values = choice(joint_values or "serial", JOINT_VALUES, "--joint-values")
     choice(outside, OUTSIDE_POLICIES, "--outside")
     loaded, _ = load_calibration(calibration)
     options = StreamOptions(
@@ -64,6 +76,7 @@ def compensate(
         outside=cast(OutsidePolicy, outside),
         uncertainty=uncertainty,
         verify=verify,
+        joint_values=cast(JointValues, values),
         batch=1 if line_buffered else BATCH,
     )
     report = StreamReport()

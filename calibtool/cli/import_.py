@@ -15,7 +15,7 @@ from calibtool.cli.files import (
     write_outputs,
     write_stdout,
 )
-from calibtool.cli.options import Force, Output, Seed, choice
+from calibtool.cli.options import Force, JointValuesOption, Output, Seed, choice
 from calibtool.cli.provenance import provenance
 from calibtool.errors import UsageError
 
@@ -72,6 +72,7 @@ def import_(
             metavar="NAME", help="Of three angles: intrinsic-xyz, extrinsic-zyx, … (any axes), zyx, rotation-vector."
         ),
     ] = None,
+    joint_values: JointValuesOption = None,
     rows: Annotated[
         str | None, typer.Option(metavar="A:B", help="Only data rows A to B, from 1, both included.")
     ] = None,
@@ -106,6 +107,7 @@ def import_(
     from calibtool.measurement.importing.sources import FORMATS
     from calibtool.measurement.importing.spatial_analyzer import LAYOUTS
     from calibtool.robot.catalogue import load_robot
+    from calibtool.robot.coupling import JOINT_VALUES
     from calibtool.storage import to_bytes
 
     def chosen(value: str | None, allowed: tuple[str, ...], option: str) -> Any:
@@ -137,6 +139,7 @@ def import_(
             chosen(unit, ("mm", "m", "in"), "--unit"), chosen(angle_unit, ("deg", "rad"), "--angle-unit"), convention
         ),
         joints=joint_file,
+        joint_values=chosen(joint_values, JOINT_VALUES, "--joint-values"),
     )
     for warning in imported.warnings:
         message(f"warning: {warning}")

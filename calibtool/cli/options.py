@@ -23,6 +23,15 @@ Outside = Annotated[
     ),
 ]
 
+JointValuesOption = Annotated[
+    str | None,
+    typer.Option(
+        "--joint-values",
+        metavar="serial|controller",
+        help="Joint values of the serial chain (default), or the controller's: the robot's coupling converts.",
+    ),
+]
+
 
 def choice(value: str, allowed: tuple[str, ...], option: str) -> str:
     """`value` if it is allowed; UsageError with near names otherwise."""

@@ -14,6 +14,7 @@ from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.program import OutsidePolicy, guarded, no_targets
 from calibtool.compensation.solve import OK, OUTSIDE, UNREACHABLE, Compensation, Method
 from calibtool.errors import InputError
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 from calibtool.tables import Table, joints_from_header, number, poses_from_header, read_tables
 from calibtool.units import TO_SI
@@ -26,12 +27,16 @@ _ADDED = ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad")
 
 @dataclass(frozen=True)
 class StreamOptions:
-    """How rows are corrected: see `compensate_joints` and `guarded`; `uncertainty` and `verify` add columns."""
+    """How rows are corrected: see `compensate_joints` and `guarded`; `uncertainty` and `verify` add columns.
+
+    joint_values: `controller` when joints come in and go out as the controller shows them (`Robot.to_serial`).
+    """
 
     method: Method = "exact"
     outside: OutsidePolicy = "mark"
     uncertainty: bool = False
     verify: bool = False
+    joint_values: JointValues = "serial"
     batch: int = BATCH
 
 
@@ -123,7 +128,7 @@ class _Corrector:
                 raise InputError(
                     f"{table.name}: a column '{column}' is there already; is this an output of compensate?"
                 )
-        q = self.seed if joints is None else joints[0]
+        q = self.seed if joints is None else robot.serial_from(options.joint_values, joints[0])
         T = None if poses is None else poses[0]
         result = guarded(self.calibration, q, T, options.method, options.outside, verify=options.verify)
         if joints is None:
@@ -137,7 +142,7 @@ class _Corrector:
             table=table,
             kept=[i for i, column in enumerate(table.header) if column not in replaced],
             joint_names=names,
-            values=result.q[:, order] / factors,
+            values=robot.serial_as(options.joint_values, result.q)[:, order] / factors,
             added=self._added(result),
         )
 

@@ -14,7 +14,9 @@ from matplotlib.ticker import MaxNLocator
 
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError, UsageError
+from calibtool.evaluation.arm_picture import arm_figure
 from calibtool.evaluation.compare import Evaluation
+from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 
 ImageFormat = Literal["png", "svg"]
@@ -71,6 +73,11 @@ def draw_errors(evaluation: Evaluation, image: ImageFormat) -> bytes:
     handles, labels = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 5))
     return _save(figure, image)
+
+
+def draw_arm(robot: Robot, image: ImageFormat) -> bytes:
+    """The arm at the home of its default workspace, see `arm_picture`."""
+    return _save(arm_figure(robot), image)
 
 
 def _panel_row(panels: np.ndarray, methods: list[tuple[str, Array]], label: str) -> None:

@@ -26,6 +26,8 @@ FORMULA = {
     "network": "N(q) = output_scale * (W2 tanh(W1 s + b1) + b2), s = (q - input_centre) / input_scale, element by element; "
     "W1, b1 = hidden_weights, hidden_bias; W2, b2 = output_weights, output_bias; p elements: the n actuated joints, "
     "then the virtual ones; N(q) = 0 if network is null (Eq. 16)",
+    "joint_coupling": "q of the serial chain = joint_coupling times the joint values that the controller shows, rad or m; "
+    "q and q_m here are those of the serial chain, the controller's are inverse(joint_coupling) q_m",
     "nominal": "T_nominal(q) = M_1 exp6(xi_1 q_1) ... M_n exp6(xi_n q_n) M_{n+1}, M = nominal_placements_m, "
     "xi = nominal_twists_per_rad_or_m (Eq. 7)",
     "base": "T_base(q): the same product with M = placements_m = M_j exp6(placement_errors_m_rad_j), "
@@ -61,6 +63,7 @@ def calibration_as_json(calibration: Calibration) -> str:
         "robot": robot.name,
         "formula": FORMULA,
         "joints": _joints(robot),
+        "joint_coupling": robot.coupling.tolist(),
         "nominal_placements_m": robot.chain.placements.tolist(),
         "nominal_twists_per_rad_or_m": robot.chain.twists.tolist(),
         "base_model": _base_model(robot, calibration.base),

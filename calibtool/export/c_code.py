@@ -60,6 +60,8 @@ def _values(calibration: Calibration) -> dict[str, Any]:
         "network": network,
         "network_size": size,
         "joints": _joints(robot),
+        "coupling": robot.coupling if robot.coupled else None,
+        "uncoupling": np.linalg.inv(robot.coupling),
         "cost": _cost(robot.n, equivalent.p, network.hidden if network else 0, kinematic, calibration.base.motion),
         "n": robot.n,
         "p": equivalent.p,

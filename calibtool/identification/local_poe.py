@@ -34,7 +34,7 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
     rng = np.random.default_rng(0)
     anywhere = robot.lower + (robot.upper - robot.lower) * rng.random((100, robot.n))
     seen_anywhere = _matrix(geometry.frames(robot.chain, anywhere), setup, weight.max(axis=0))
-    observable_rank = _rank(np.linalg.svd(seen_anywhere, compute_uv=False))
+    observable_rank = numerical_rank(np.linalg.svd(seen_anywhere, compute_uv=False))
     # Points of a rigid tool show no more than six things of a configuration.
     shown = measurements.points.shape[1] * 3 if setup.R_tool_sensor is None else 6
     shown = min(shown, 6) if setup.targets_known else shown
@@ -54,7 +54,7 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
         left = (residuals(measurements, setup, frames.tool) * weight).ravel()
         u, s, vt = np.linalg.svd(A, full_matrices=False)
         if iteration == 1:  # the rank is that of the nominal design: errors must not make it look better
-            rank, singular_values, null_space = _rank(s), s, vt[_rank(s) :]
+            rank, singular_values, null_space = numerical_rank(s), s, vt[numerical_rank(s) :]
         step = vt[:rank].T @ ((u[:, :rank].T @ left) / s[:rank])
         geometry, setup = _moved(geometry, setup, step)
         if np.abs(step).max() < 1e-10:
@@ -73,7 +73,7 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
         singular_values=readonly(singular_values),
         rank=rank,
         observable_rank=observable_rank,
-        unobservable=_directions(null_space, seen_anywhere, names, observable_rank - rank),
+        unobservable=directions(null_space, seen_anywhere, names, observable_rank - rank),
         residual_rms=split_rms(final, measurements),
         iterations=iteration,
     )
@@ -95,7 +95,8 @@ def _moved(geometry: GeometricErrors, setup: Setup, step: Array) -> tuple[Geomet
     return geometry.moved_placements(placements), update_setup(setup, None, step[size - 6 :])
 
 
-def _rank(singular_values: np.ndarray) -> int:
+def numerical_rank(singular_values: np.ndarray) -> int:
+    """How many singular values, the largest first, are above RANK_TOLERANCE of the largest."""
     return int((singular_values > RANK_TOLERANCE * singular_values[0]).sum())
 
 
@@ -108,11 +109,11 @@ def _parameter_names(n: int, setup: Setup) -> list[str]:
     return names
 
 
-def _directions(null_space: Array, seen_anywhere: Array, names: list[str], missing: int) -> tuple[str, ...]:
+def directions(null_space: Array, seen_anywhere: Array, names: list[str], missing: int) -> tuple[str, ...]:
     """Text for the directions that these configurations do not show but others would, clearest there first.
 
-    The null space holds the exact redundancies too; they stay invisible in `seen_anywhere`, the matrix of configurations
-    all over the joint range.
+    The null space (k, p) holds the exact redundancies too; they stay invisible in `seen_anywhere` (M, p), the matrix of
+    configurations all over the joint range.
     """
     if missing <= 0 or not len(null_space):
         return ()

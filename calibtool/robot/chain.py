@@ -7,6 +7,8 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +16,10 @@ import pinocchio as pin
 from calibtool.errors import InputError, near_names
 from calibtool.robot.description import Source
 from calibtool.robot.se3 import Array, readonly
+
+LimitSource = Literal["urdf", "continuous", "missing"]
+
+_OF_JOINT = " (joint)"  # behind the name of a joint that a link shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +29,8 @@ class SerialChain:
     model        Pinocchio model, nq = nv = n, joints 1…n in order
     placements   (n+1, 4, 4) M_j, pose of joint frame j in frame j−1 at q_j = 0; the last one is the tool's, K_{n+1}
     twists       (n, 6) ξ_j, unit twist of joint j in its own frame
-    lower, upper (n,) joint limits in rad or m; ±π for a continuous joint
+    lower, upper (n,) joint limits in rad or m; ±π for a continuous or unlimited angle, NaN for an unlimited slide
+    limited_by   (n,) where they come from: the URDF, a continuous joint, or nowhere
     """
 
     model: pin.Model
@@ -31,6 +38,7 @@ class SerialChain:
     twists: Array
     lower: Array
     upper: Array
+    limited_by: tuple[LimitSource, ...]
 
 
 def build_chain(source: Source) -> SerialChain:
@@ -50,27 +58,57 @@ def build_chain(source: Source) -> SerialChain:
     model = pin.Model()
     model.name = source.description.name
     model.gravity = pin.Motion(base.rotation.T @ reduced.gravity.linear, np.zeros(3))
-    placements, twists, lower, upper = [], [], [], []
+    mimicking = _mimicking(source.urdf_text)
+    placements, twists, lower, upper, limited_by = [], [], [], [], []
     for position, j in enumerate(joints):
         old = reduced.joints[j]
-        twist = _unit_twist(old, reduced.names[j], name)
+        joint_name = reduced.names[j].removesuffix(_OF_JOINT)
+        if joint_name in mimicking:
+            raise InputError(
+                f"{name}: joint '{joint_name}' between base and tool mimics '{mimicking[joint_name]}'; only independent "
+                "joints are modelled: lock it in [kinematics], or make it fixed in the URDF"
+            )
+        twist = _unit_twist(old, joint_name, name)
         placement = base.actInv(reduced.jointPlacements[j]) if position == 0 else reduced.jointPlacements[j]
-        new = model.addJoint(position, _joint_model(twist), placement, reduced.names[j])
+        new = model.addJoint(position, _joint_model(twist), placement, joint_name)
         model.appendBodyToJoint(new, reduced.inertias[j], pin.SE3.Identity())
         placements.append(placement.homogeneous)
         twists.append(twist)
-        low, high = _limits(reduced, old)
+        low, high, limit = _limits(reduced, old, prismatic=bool(np.linalg.norm(twist[3:]) < 0.5))
         lower.append(low)
         upper.append(high)
+        limited_by.append(limit)
     placements.append(tool.placement.homogeneous)
-    return SerialChain(model, readonly(placements), readonly(twists), readonly(lower), readonly(upper))
+    return SerialChain(
+        model, readonly(placements), readonly(twists), readonly(lower), readonly(upper), tuple(limited_by)
+    )
 
 
 def last_frame(urdf_text: str, name: str) -> str:
-    """The link farthest from the root, the natural tool of a bare URDF."""
+    """The link farthest from the root, the natural tool of a bare URDF. InputError where joints branch: which one?"""
     model = _parse_urdf(urdf_text, name)
+    tips = [
+        str(model.names[j]).removesuffix(_OF_JOINT) for j in range(1, model.njoints) if j not in list(model.parents)[1:]
+    ]
+    if len(tips) > 1:
+        raise InputError(
+            f"{name}: the URDF branches, its last joints are {', '.join(tips)}; write a robot.toml that names tool_frame "
+            "and locks the joints beside it in locked_joints"
+        )
     bodies = [f for f in model.frames if f.type == pin.FrameType.BODY]
     return str(max(enumerate(bodies), key=lambda item: (item[1].parentJoint, item[0]))[1].name)
+
+
+def end_links(urdf_text: str, joint: str, name: str) -> list[str]:
+    """Links that move with a joint and carry no other link: what could be the tool."""
+    model = _parse_urdf(urdf_text, name)
+    last = next(j for j in range(1, model.njoints) if model.names[j].removesuffix(_OF_JOINT) == joint)
+    carrying = {frame.parentFrame for frame in model.frames}
+    return [
+        str(frame.name)
+        for index, frame in enumerate(model.frames)
+        if frame.type == pin.FrameType.BODY and frame.parentJoint == last and index not in carrying
+    ]
 
 
 def _parse_urdf(urdf_text: str, name: str) -> pin.Model:
@@ -87,7 +125,18 @@ def _parse_urdf(urdf_text: str, name: str) -> pin.Model:
             raise InputError(f"{name}: the URDF cannot be read{reason}; check it with a URDF checker") from None
     if model.njoints < 2:
         raise InputError(f"{name}: the URDF has no movable joint")
+    _tell_joints_from_links(model)
     return model
+
+
+def _tell_joints_from_links(model: pin.Model) -> None:
+    """Pinocchio finds no frame by a name that a joint and a link share: the joint's frame gets another one."""
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for frame in model.frames:
+        if frame.type != pin.FrameType.BODY and frame.name in links:
+            if frame.type == pin.FrameType.JOINT:
+                model.names[frame.parentJoint] = frame.name + _OF_JOINT
+            frame.name += _OF_JOINT
 
 
 @contextlib.contextmanager
@@ -115,12 +164,12 @@ def _reason(said: str) -> str:
 def _lock(model: pin.Model, locked: dict[str, float], name: str) -> pin.Model:
     q = pin.neutral(model)
     ids = []
+    names = [joint.removesuffix(_OF_JOINT) for joint in model.names]
     for joint, value in locked.items():
-        if not model.existJointName(joint):
-            raise InputError(
-                f"{name}: locked joint '{joint}' is not in the URDF; {near_names(joint, list(model.names)[1:])}"
-            )
-        j = model.getJointId(joint)
+        if joint not in names[1:]:
+            raise InputError(f"{name}: locked joint '{joint}' is not in the URDF; {near_names(joint, names[1:])}")
+        j = names.index(joint, 1)
+        _check_single(model.joints[j], joint, name)
         ids.append(j)
         if model.joints[j].nq == 1:
             q[model.joints[j].idx_q] = value
@@ -142,7 +191,9 @@ def _base_placement(model: pin.Model, base_frame: str | None, name: str) -> pin.
         return pin.SE3.Identity()
     frame = model.frames[_frame_id(model, base_frame, name)]
     if frame.parentJoint != 0:
-        raise InputError(f"{name}: base frame '{base_frame}' moves with joint '{model.names[frame.parentJoint]}'")
+        raise InputError(
+            f"{name}: base frame '{base_frame}' moves with joint '{model.names[frame.parentJoint]}'; name one before it"
+        )
     return frame.placement
 
 
@@ -152,7 +203,7 @@ def _joints_to(model: pin.Model, last: int, name: str) -> list[int]:
     while last > 0:
         way.insert(0, last)
         last = model.parents[last]
-    beside = [str(model.names[j]) for j in range(1, model.njoints) if j not in way]
+    beside = [str(model.names[j]).removesuffix(_OF_JOINT) for j in range(1, model.njoints) if j not in way]
     if beside:
         raise InputError(f"{name}: joints {', '.join(beside)} are not between base and tool; lock them in [kinematics]")
     if not way:
@@ -160,11 +211,26 @@ def _joints_to(model: pin.Model, last: int, name: str) -> list[int]:
     return way
 
 
-def _unit_twist(joint: pin.JointModel, joint_name: str, name: str) -> Array:
+def _mimicking(urdf_text: str) -> dict[str, str]:
+    """Joints that follow another one, with the one they follow. Pinocchio reads them as joints of their own."""
+    try:
+        root = ElementTree.fromstring(urdf_text)
+    except ElementTree.ParseError:  # Pinocchio's parser forgives more; it has read this text
+        return {}
+    pairs = ((joint.get("name"), joint.find("mimic")) for joint in root.findall("joint"))
+    return {str(joint): str(mimic.get("joint")) for joint, mimic in pairs if mimic is not None}
+
+
+def _check_single(joint: pin.JointModel, joint_name: str, name: str) -> None:
     if joint.nv != 1:
         raise InputError(
-            f"{name}: joint '{joint_name}' has {joint.nv} degrees of freedom; only single ones are modelled"
+            f"{name}: joint '{joint_name}' has {joint.nv} degrees of freedom; only single ones are modelled: make it fixed "
+            "in the URDF, or several single joints"
         )
+
+
+def _unit_twist(joint: pin.JointModel, joint_name: str, name: str) -> Array:
+    _check_single(joint, joint_name, name)
     data = joint.createData()
     joint.calc(data, np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0]))
     return np.array(data.S, dtype=float).reshape(6)
@@ -182,8 +248,10 @@ def _joint_model(twist: Array) -> pin.JointModel:
     return pin.JointModelRevoluteUnaligned(angular)
 
 
-def _limits(model: pin.Model, joint: pin.JointModel) -> tuple[float, float]:
+def _limits(model: pin.Model, joint: pin.JointModel, prismatic: bool) -> tuple[float, float, LimitSource]:
     if joint.nq == 2:
-        return -np.pi, np.pi
+        return -np.pi, np.pi, "continuous"
     low, high = float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
-    return (low, high) if np.isfinite([low, high]).all() and high > low else (-np.pi, np.pi)
+    if np.isfinite([low, high]).all() and high > low:
+        return low, high, "urdf"
+    return (np.nan, np.nan, "missing") if prismatic else (-np.pi, np.pi, "missing")

@@ -12,6 +12,7 @@ from calibtool.errors import InputError, near_names
 
 Point = tuple[float, float, float]
 VirtualJoint = Literal["x", "y", "z", "rx", "ry", "rz"]
+JointName = Annotated[str, Field(pattern=r"^j[1-9]\d*$")]
 
 
 class _Strict(BaseModel):
@@ -73,7 +74,24 @@ class ToleranceTable(_Strict):
     angle_mrad: Annotated[float, Field(gt=0)] = 1.0
     harmonic_mrad: Annotated[float, Field(gt=0)] = 0.3
     gravity_mrad: Annotated[float, Field(gt=0)] = 1.0
-    joints: dict[Annotated[str, Field(pattern=r"^j[1-9]\d*$")], JointTolerance] = {}
+    joints: dict[JointName, JointTolerance] = {}
+
+
+class Coupling(_Strict):
+    """How the controller's joint values become those of the serial chain: q_serial = C q_controller, in rad or m.
+
+    One of `matrix`, C row by row, and `add`, what differs from the identity: `add = { j3 = { j2 = 1 } }` is a FANUC's
+    serial q3 = J3 + 1 J2.
+    """
+
+    matrix: list[list[float]] | None = None
+    add: dict[JointName, dict[JointName, float]] = {}
+
+    @model_validator(mode="after")
+    def _one_form(self) -> "Coupling":
+        if (self.matrix is None) == (not self.add):
+            raise ValueError("give exactly one of 'matrix' and 'add'")
+        return self
 
 
 class Description(_Strict):
@@ -88,6 +106,7 @@ class Description(_Strict):
     workspaces: dict[str, Workspace] = {}  # the first one is the default; `full` always exists
     equivalent: Equivalent | None = None
     tolerances: ToleranceTable = ToleranceTable()
+    coupling: Coupling | None = None  # the controller's joint values are those of the serial chain
 
     @model_validator(mode="after")
     def _full_is_built_in(self) -> "Description":

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.chain import SerialChain, build_chain
+from calibtool.robot.coupling import JointValues, coupling_matrix
 from calibtool.robot.description import Source, Workspace
 from calibtool.robot.geometry import mechanism
 from calibtool.robot.mechanism import Mechanism, at_point, singularity_distance
@@ -41,6 +42,12 @@ class Robot:
             if not low < high:
                 raise InputError(f"{place}.{name}: the lower limit {low:g} is not below the upper limit {high:g}")
             lower[index], upper[index] = low * factor, high * factor
+        for unlimited in np.flatnonzero(np.isnan(lower)):
+            j = int(unlimited) + 1
+            raise InputError(
+                f"{source.place}: slide '{chain.model.names[j]}' has no limits in the URDF; give them in robot.toml: "
+                f"[limits] j{j}_mm = [lower, upper]"
+            )
         for name, workspace in description.workspaces.items():
             joint_values(workspace.home, prismatic, f"{source.place}: workspaces.{name}.home")
         n = len(prismatic)
@@ -51,6 +58,7 @@ class Robot:
                 )
         if description.equivalent is not None and len(set(description.equivalent.virtual_joints)) != max(6 - n, 0):
             raise InputError(f"{source.place}: equivalent.virtual_joints: {max(6 - n, 0)} different ones are needed")
+        coupling_matrix(description, n, source.place)
         return cls(source, chain, readonly(lower), readonly(upper))
 
     @property
@@ -71,6 +79,32 @@ class Robot:
     def mechanism(self) -> Mechanism:
         """The nominal kinematics."""
         return mechanism(self.chain)
+
+    @cached_property
+    def coupling(self) -> Array:
+        """C (n, n): joint positions of the serial chain are C times those of the controller."""
+        return coupling_matrix(self.source.description, self.n, self.source.place)
+
+    @property
+    def coupled(self) -> bool:
+        """Whether the controller's joint values differ from those of the serial chain."""
+        return not np.array_equal(self.coupling, np.eye(self.n))
+
+    def to_serial(self, q_controller: Array) -> Array:
+        """Joint positions of the serial chain from those of the controller, (…, n), rad or m. Limits are not looked at."""
+        return q_controller @ self.coupling.T if self.coupled else q_controller
+
+    def to_controller(self, q: Array) -> Array:
+        """Joint positions as the controller shows them from those of the serial chain, (…, n), rad or m."""
+        return q @ np.linalg.inv(self.coupling).T if self.coupled else q
+
+    def serial_from(self, values: JointValues, q: Array) -> Array:
+        """Joint positions of the serial chain from values of either kind, (N, n)."""
+        return self.to_serial(q) if values == "controller" else q
+
+    def serial_as(self, values: JointValues, q: Array) -> Array:
+        """Joint positions of the serial chain as values of either kind, (N, n)."""
+        return self.to_controller(q) if values == "controller" else q
 
     @cached_property
     def targets(self) -> Array:

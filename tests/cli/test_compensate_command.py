@@ -245,3 +245,17 @@ def test_numbers_keep_their_digits(files: Files) -> None:
     write_table("t.csv", PLANAR, [[10.123456789, 20, 30], [10.123456790, 20, 30]])
     a, b = joints_of(run("compensate", files.network, "t.csv").stdout, PLANAR)[:, 0]
     assert b - a == pytest.approx(1e-9, rel=0.2)
+
+
+def test_joint_values_of_a_controller(files: Files) -> None:
+    """With J3 = q3 − J2 in and out, the corrected joints are the same once converted by hand."""
+    joints = [f"j{j}_deg" for j in range(1, 7)]
+    write_table("serial.csv", joints, [[5, 10, -15, 4, -60, 9]])
+    write_table("shown.csv", joints, [[5, 10, -25, 4, -60, 9]])
+    serial = rows_of(run("compensate", files.six_network, "serial.csv").stdout)[0]
+    shown = rows_of(run("compensate", files.six_network, "shown.csv", "--joint-values", "controller").stdout)[0]
+    for joint in joints:
+        added = float(shown["j2_deg"]) if joint == "j3_deg" else 0.0
+        assert float(shown[joint]) + added == pytest.approx(float(serial[joint]), abs=1e-9)
+    message = refused(2, "compensate", files.six_network, "serial.csv", "--joint-values", "controler")
+    assert "--joint-values: unknown 'controler'; did you mean controller" in message

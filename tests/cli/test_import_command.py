@@ -297,3 +297,14 @@ def test_a_warning_is_not_lost_when_the_import_fails(table: str) -> None:
     Path("t.csv").write_text("\n".join(lines))
     result = run("import", "t.csv", "--robot", "planar-3r", "-o", "m.h5", code=4)
     assert "t.csv:3" in result.stderr
+
+
+def test_joint_values_of_a_controller(files: Files) -> None:
+    table = measured_table(files.six_measurements, "tracker.csv")
+    assert "couples joints" in run("import", table, "--robot", "fanuc-m1000ia", "-o", "plain.h5").stderr
+    run("import", table, "--robot", "fanuc-m1000ia", "--joint-values", "controller", "-o", "m.h5")
+    q, serial = stored("m.h5", JOINTS), stored(files.six_measurements, JOINTS)
+    np.testing.assert_allclose(q[:, 2], serial[:, 1] + serial[:, 2], atol=1e-12)
+    result = run("import", table, "--robot", "fanuc-m1000ia", "--joint-values", "serial", "-o", "s.h5")
+    assert result.stderr == ""
+    assert "--joint-values" in refused(2, "import", table, "--robot", "fanuc-m1000ia", "--joint-values", "arm")

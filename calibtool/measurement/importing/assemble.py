@@ -16,6 +16,7 @@ from calibtool.measurement.importing.rows import choose_rows, line_ranges
 from calibtool.measurement.importing.sources import Source, read_source
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import readonly
 from calibtool.tables import Table
@@ -93,9 +94,12 @@ def import_table(
     *,
     frame: Frame | None = None,
     robot_targets: bool = False,
+    joint_values: JointValues | None = None,
 ) -> Imported:
     """Measurements from a table, registered to all of its rows: `read_table(…).registered()`."""
-    return read_table(data, name, robot, columns, frame=frame, robot_targets=robot_targets).registered()
+    return read_table(
+        data, name, robot, columns, frame=frame, robot_targets=robot_targets, joint_values=joint_values
+    ).registered()
 
 
 def read_table(
@@ -111,12 +115,14 @@ def read_table(
     layout: str | None = None,
     stated: Stated = Stated(),
     joints: JointFile | None = None,
+    joint_values: JointValues | None = None,
 ) -> Imported:
     """Measurements and companions from the contents of a file; nothing of the set-up is estimated yet.
 
     columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame: overrides the map's.
     robot_targets: the targets are those of the robot's description, in their order. format, sheet, layout: see
-    `sources.read_source`. stated: units and convention where the header is silent. joints: their own file.
+    `sources.read_source`. stated: units and convention where the header is silent. joints: their own file. joint_values:
+    overrides the map's, `serial` if neither says.
     Raises InputError for a bad cell, column or target set, UsageError for options that do not fit the file.
     """
     how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
@@ -130,6 +136,9 @@ def read_table(
         )
         source = replace(source, table=table)
     complete = complete_map(source, joint_table, robot, columns, stated)
+    assert complete.joints is not None
+    if joint_values is not None:
+        complete = complete.model_copy(update={"joints": complete.joints.model_copy(update={"values": joint_values})})
     assert complete.joints is not None
     table = source.table
     q = read_joints(joint_table, robot, complete.joints)
@@ -148,6 +157,11 @@ def read_table(
         noise_position=complete.noise.position_mm * 1e-3,
         noise_orientation=complete.noise.orientation_mrad * 1e-3,
     )
+    if robot.coupled and complete.joints.values is None:
+        warnings.append(
+            f"{name}: {robot.name} couples joints and nothing says whose values these are: taken as those of the serial "
+            "chain; --joint-values controller converts the controller's"
+        )
     companions = read_companions(table, joint_table, robot, complete, q)
     warnings += _lacking(table, complete, seen) + _outside(joint_table, robot, measurements)
     understood = Understood(

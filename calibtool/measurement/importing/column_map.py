@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from calibtool.errors import InputError
 from calibtool.measurement.simulate import ORIENTATION_NOISE
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.description import Point, validation_message
 
 POSITION_NOISE = 0.05e-3  # m, stated for an instrument that does not tell its own
@@ -26,10 +27,11 @@ class _Strict(BaseModel):
 
 
 class JointColumns(_Strict):
-    """One column per joint, in the robot's order; one unit for all, or a list."""
+    """One column per joint, in the robot's order; one unit for all, or a list; whose values they are."""
 
     columns: list[str]
     unit: Literal["deg", "rad", "mm", "m"] | list[Literal["deg", "rad", "mm", "m"]]
+    values: JointValues | None = None  # the robot's [coupling] converts those of a controller
 
     def units(self) -> list[str]:
         return list(self.unit) if isinstance(self.unit, list) else [self.unit] * len(self.columns)

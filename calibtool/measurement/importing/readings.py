@@ -27,7 +27,7 @@ def read_joints(table: Table, robot: Robot, joints: JointColumns) -> Array:
             raise InputError(
                 f"{name}: column '{column}' is in {unit}, but its joint is {'prismatic' if prismatic else 'revolute'}"
             )
-    return joint_positions(table, robot, joints.columns, units)
+    return robot.serial_from(joints.values or "serial", joint_positions(table, robot, joints.columns, units))
 
 
 def read_points(table: Table, columns: ColumnMap) -> Array:

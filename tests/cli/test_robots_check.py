@@ -1,0 +1,76 @@
+"""calibtool robots --check and --picture: a user's description looked at before anything is measured."""
+
+from pathlib import Path
+
+from commandline import answer, refused, run
+
+from calibtool.robot.catalogue import shipped
+
+URDF = """<robot name="r"><link name="base"/><link name="arm"/><link name="tip"/>
+<joint name="one" type="{one}"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>{limit}</joint>
+<joint name="two" type="revolute"><parent link="arm"/><child link="tip"/><origin xyz="1 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" effort="1" velocity="1"/>{mimic}</joint>{more}</robot>"""
+LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+FINGER = """<link name="finger"/><joint name="grip" type="prismatic"><parent link="arm"/><child link="finger"/>
+<axis xyz="0 1 0"/><limit lower="0" upper="0.1" effort="1" velocity="1"/></joint>"""
+
+
+def urdf(one: str = "revolute", limit: str = LIMIT, mimic: str = "", more: str = "") -> str:
+    Path("mine.urdf").write_text(URDF.format(one=one, limit=limit, mimic=mimic, more=more))
+    return "mine.urdf"
+
+
+def test_a_carried_robot() -> None:
+    value = answer("robots", "--check", "planar-3r")
+    assert value["schema"] == "calibtool/robot-check"
+    assert value["reach_mm"]["from_base"] <= 1100
+    text = run("robots", "--check", "planar-3r")
+    assert "home_singular False" in text.stdout
+    assert "warnings" not in text.stdout
+    assert text.stderr.startswith("warning: the URDF has no masses")
+
+
+def test_a_copy_of_a_carried_robot_is_told_from_it() -> None:
+    path = shipped("robots") / "planar-3r"
+    Path("own").mkdir()
+    for name in ("robot.toml", "robot.urdf"):
+        Path("own", name).write_text((path / name).read_text())
+    assert any("also a robot of the catalogue" in w for w in answer("robots", "--check", "./own")["warnings"])
+
+
+def test_a_bare_urdf() -> None:
+    warnings = answer("robots", "--check", urdf())["warnings"]
+    assert any("'tip' is taken for the tool" in warning for warning in warnings)
+
+
+def test_what_is_wrong_ends_with_place_and_remedy() -> None:
+    assert "no such file" in refused(2, "robots", "--check", "nowhere/robot.toml")
+    message = refused(3, "robots", "--check", urdf(one="prismatic", limit='<limit effort="1" velocity="1"/>'))
+    assert message.startswith("mine: slide 'one' has no limits")
+    assert "[limits] j1_mm = " in message
+    message = refused(3, "robots", "--check", urdf(mimic='<mimic joint="one"/>'))
+    assert "joint 'two' between base and tool mimics 'one'" in message
+    assert "lock it in [kinematics]" in message
+    urdf()
+    Path("mine.urdf").write_text(Path("mine.urdf").read_text().replace('<origin xyz="1 0 0"/>', ""))
+    message = refused(3, "robots", "--check", "mine.urdf")
+    assert "every configuration is singular" in message
+    assert "lock one of them" in message
+    message = refused(3, "robots", "--check", urdf(one="floating"))
+    assert "'one' has 6 degrees of freedom" in message
+    assert "make it fixed" in message
+    message = refused(3, "robots", "--check", urdf(more=FINGER))
+    assert "the URDF branches" in message
+    assert "tool_frame" in message
+
+
+def test_a_picture() -> None:
+    assert "home_singular" in run("robots", "--check", "planar-3r", "--picture", "arm.svg").stdout
+    assert b"<svg" in Path("arm.svg").read_bytes()
+    assert "arm.svg" in refused(2, "robots", "planar-3r", "--picture", "arm.svg")
+    assert "plots are written as .png or .svg" in refused(2, "robots", "planar-3r", "--picture", "arm.pdf")
+
+
+def test_check_and_picture_need_a_robot() -> None:
+    assert "--check needs a robot" in refused(2, "robots", "--check")
+    assert "--picture needs a robot" in refused(2, "robots", "--picture", "a.png")
