@@ -49,6 +49,7 @@ def import_(
     from dataclasses import replace
     from typing import Literal, cast
 
+    from calibtool.measurement.checks import check_measurements
     from calibtool.measurement.importing import import_table, parse_column_map, select_rows
     from calibtool.robot.catalogue import load_robot
     from calibtool.storage import to_bytes
@@ -72,6 +73,8 @@ def import_(
     )
     for warning in warnings:
         message(f"warning: {warning}")
+    for finding in check_measurements(measurements):
+        message(str(finding))
     taken, left = select_rows(measurements, rows, sample, seed)
     if rest is not None and not len(left):
         raise UsageError("--rest: no row is left; take fewer with --sample or --rows")
