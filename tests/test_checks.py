@@ -275,9 +275,10 @@ def test_commanded_or_read_positions(fanuc: Robot) -> None:
     assert abs(share - 1) < 4 * error < 1  # type: ignore[operator]
     assert found.numbers["read_rms_mm"] < found.numbers["commanded_rms_mm"]  # type: ignore[operator]
     file_of_commanded = replace(robot_was_at_read, q=readonly(commanded))
-    assert "the file holds the commanded ones" in named(
-        check_measurements(file_of_commanded, both), "commanded_or_read"
-    ).message
+    assert (
+        "the file holds the commanded ones"
+        in named(check_measurements(file_of_commanded, both), "commanded_or_read").message
+    )
     same = Companions(q_commanded=read, q_read=read)
     assert "commanded_or_read" not in names(check_measurements(robot_was_at_read, same))
 
