@@ -117,6 +117,8 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
         if (circles := circle_start(measurements)) is not None:
             guesses.append(circles)
         frames = frames_of_least_squares(poses, points, guesses)
+        if rotations is None:
+            frames = frames[:1]  # the search had the very sum of squares of the refinement
         found = [(frame, _mean_targets(poses, frame, points)) for frame in frames]
     m = len(setup.targets)
     result = []

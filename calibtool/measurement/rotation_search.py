@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.robot.se3 import Array, skew
 
-_ITERATIONS = 200
+_ITERATIONS = 60
 _LONGEST = 0.5  # rad: longest step
-_SETTLED = 1e-12  # rad
-_SAME = 1e-6  # rad: minima nearer than this are one
+_SETTLED = 1e-11  # rad
+_SAME = 1e-6  # minima whose elements differ by less are one
 
 # ∂vec(exp([w]×) C)/∂w_i = vec(G_i C) at w = 0, vec row by row
 _GENERATORS = skew(np.eye(3))
@@ -46,20 +46,23 @@ class RotationForm:
         Newton on SO(3) with the exact Hessian, its eigenvalues made positive, steps halved until they descend.
         """
         C, value, reach = starts.copy(), self.value(starts), np.ones(len(starts))
+        rounding = 1e-13 * (
+            np.abs(self.M).max() + np.abs(self.g).max()
+        )  # the last steps lower nothing that can be seen
         for _ in range(_ITERATIONS):
             step = self._newton_step(C) * reach[:, None]
             length = np.linalg.norm(step, axis=-1)
             step *= np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))[:, None]
             proposed = Rotation.from_rotvec(step).as_matrix() @ C
             after = self.value(proposed)
-            better = after < value
+            better = after <= value + rounding
             C[better], value[better] = proposed[better], after[better]
             reach = np.where(better, np.minimum(4 * reach, 1.0), reach / 4)
             if (length < _SETTLED).all():
                 break
         found: list[Array] = []
         for k in np.argsort(value, kind="stable"):
-            if all(Rotation.from_matrix(C[k].T @ other).magnitude() > _SAME for other in found):
+            if all(np.abs(C[k] - other).max() > _SAME for other in found):
                 found.append(C[k])
         return found
 

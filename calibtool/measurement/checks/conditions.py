@@ -3,17 +3,20 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.stats import norm as normal
 
 from calibtool.measurement.checks.design import repeated_groups
-from calibtool.measurement.checks.finding import Finding, severity
+from calibtool.measurement.checks.finding import Finding, Numbers, severity
 from calibtool.measurement.checks.nominal import Fit, nominal_fit
 from calibtool.measurement.companions import Companions
-from calibtool.measurement.measurements import Measurements
-from calibtool.robot.se3 import Array, readonly
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.observation import observation_matrix
+from calibtool.robot.poe import poe_frames
+from calibtool.robot.se3 import Array, adjoint, readonly, transform_points
 
 _LOUD = 3.0  # repeated configurations may scatter by so many times the stated noise
 _RARE = 1e-3  # probability below which a trend is not chance
+_TOLERANCE = 1e-3  # m, and rad: geometric errors that a trend must not be mistaken for
 _CLEAR = 5.0  # standard errors at which a drift or the better joint positions are named
 
 
@@ -50,7 +53,12 @@ def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
         f"{rows} rows repeat the joint positions of another row: they scatter by {scatter * 1e3:.3g} mm per coordinate, "
         f"stated noise {noise * 1e3:.3g} mm"
     )
-    numbers = {"rows": rows, "scatter_mm": scatter * 1e3, "stated_noise_mm": noise * 1e3, "degrees_of_freedom": freedom}
+    numbers: Numbers = {
+        "rows": rows,
+        "scatter_mm": scatter * 1e3,
+        "stated_noise_mm": noise * 1e3,
+        "degrees_of_freedom": freedom,
+    }
     return Finding("repeatability", severity(scatter > _LOUD * noise), message, numbers)
 
 
@@ -59,34 +67,32 @@ def _drift(measurements: Measurements, companions: Companions) -> Finding | None
     if companions.reference_points is None:
         return None
     points = companions.reference_points
-    z_sum, columns, paths = 0.0, 0, []
+    squares = steps = 0.0
+    weight, paths = 0.0, []
     for i in range(points.shape[1]):
         rows = np.flatnonzero(np.isfinite(points[:, i]).all(axis=-1))
-        count = len(rows)
-        if count < 6:
+        if len(rows) < 6:
             continue
         path = points[rows, i] - points[rows, i].mean(axis=0)
-        ratio = (np.diff(path, axis=0) ** 2).sum(axis=0) / np.maximum((path**2).sum(axis=0), 1e-24)
-        z_sum += float(((1 - ratio / 2) * np.sqrt((count**2 - 1) / (count - 2))).sum())
-        columns += 3
-        part = max(count // 5, 2)
-        means = np.array([chunk.mean(axis=0) for chunk in np.array_split(path, max(count // part, 2))])
+        squares += float((path**2).sum())
+        steps += float((np.diff(path, axis=0) ** 2).sum())
+        weight += 3 * (len(rows) ** 2 - 1) / (len(rows) - 2)
+        means = np.array([part.mean(axis=0) for part in np.array_split(path, min(5, len(rows) // 3))])
         paths.append((rows, means))
-    if not columns:
+    if not paths:
         return None
-    z = z_sum / np.sqrt(columns)
+    z = float((1 - steps / max(2 * squares, 1e-300)) * np.sqrt(weight))
     spans = [float(np.linalg.norm(np.ptp(means, axis=0))) for _, means in paths]
     rows, means = paths[int(np.argmax(spans))]
     span, noise = max(spans), measurements.noise_position
-    numbers: dict[str, float | int | list] = {"moved_mm": span * 1e3, "standard_errors": z}
+    numbers: Numbers = {"moved_mm": span * 1e3, "standard_errors": z}
     if z < _CLEAR:
         message = f"the reference points do not drift: {span * 1e3:.3g} mm between parts of the file"
         return Finding("reference_drift", "note", message, numbers)
-    way = means[-1] - means[0]
-    numbers["first_to_last_mm"] = [float(v) * 1e3 for v in way]
+    numbers["first_to_last_mm"] = [float(v) * 1e3 for v in means[-1] - means[0]]
     speed = ""
     if companions.time_s is not None and (hours := float(np.ptp(companions.time_s[rows])) / 3600) > 0:
-        numbers["mm_per_hour"] = span * 1e3 / hours
+        numbers["hours"] = hours
         speed = f" in {hours:.3g} h"
     message = (
         f"the reference points move by {span * 1e3:.3g} mm{speed} against the instrument: the base or the instrument "
@@ -96,57 +102,62 @@ def _drift(measurements: Measurements, companions: Companions) -> Finding | None
 
 
 def _temperature(measurements: Measurements, fit: Fit, companions: Companions) -> Finding | None:
-    """Trend of the residual with temperature: drift along x, y, z of K_0, and growth along the way from the base.
+    """Trend of the residual with temperature: drift along x, y, z of K_0, and growth away from the base.
 
-    Significance by Student's t, with the rows counted as n (1 − ρ_a ρ_b)/(1 + ρ_a ρ_b) of them where both series are
-    correlated from row to row (Bretherton et al. 1999); the smallest of four p-values, times four.
+    What a geometric error of the robot could explain is taken out first. The smallest of four p-values counts, times four.
     """
     if companions.temperature_c is None or np.ptp(companions.temperature_c) < 0.1:
         return None
     temperature = companions.temperature_c - companions.temperature_c.mean()
-    seen = measurements.seen
-    left = np.where(seen[..., None], fit.left.reshape(len(seen), -1, 3), 0.0)
-    moved = left.sum(axis=1) / seen.sum(axis=-1, keepdims=True)
-    outward = measurements.robot.mechanism.forward(measurements.q)[:, :3, 3]
-    reach = np.linalg.norm(outward, axis=-1)
-    grown = (moved * outward).sum(axis=-1) / np.maximum(reach, 1e-6)
-    trends = [_trend(temperature, series) for series in (*moved.T, grown)]
-    slopes = [slope for slope, _ in trends]
-    p = min(1.0, 4 * min(p for _, p in trends))
-    span = float(np.ptp(temperature))
-    strongest = slopes[int(np.argmin([p for _, p in trends]))]
-    change = abs(strongest) * span
-    numbers = {
+    count, d = fit.left.shape
+    outward = transform_points(measurements.robot.mechanism.forward(measurements.q), fit.setup.targets)
+    directions = [*np.broadcast_to(np.eye(3)[:, None, None], (3, count, d // 3, 3)), outward]
+    left = without_geometry(measurements, fit.setup, fit.left)
+    slopes, p_values = np.empty(4), np.empty(4)
+    for k, direction in enumerate(directions):
+        trend = (temperature[:, None, None] * direction).reshape(count, d) * measurements.seen.repeat(3, axis=-1)
+        slopes[k], error = _slope(without_geometry(measurements, fit.setup, trend), left)
+        p_values[k] = 2 * normal.sf(abs(slopes[k]) / max(error, 1e-300))
+    slopes[3] *= float(np.linalg.norm(outward, axis=-1).mean())
+    p, span = min(1.0, 4 * float(p_values.min())), float(np.ptp(temperature))
+    change = abs(float(slopes[np.argmin(p_values)])) * span
+    numbers: Numbers = {
         "range_k": span,
-        "drift_mm_per_k": [slope * 1e3 for slope in slopes[:3]],
-        "growth_mm_per_k": slopes[3] * 1e3,
+        "drift_mm_per_k": [float(slope) * 1e3 for slope in slopes[:3]],
+        "growth_mm_per_k": float(slopes[3]) * 1e3,
         "p_value": p,
     }
-    low, high = companions.temperature_c.min(), companions.temperature_c.max()
-    place = f"between {low:.1f} and {high:.1f} °C"
+    place = f"between {companions.temperature_c.min():.1f} and {companions.temperature_c.max():.1f} °C"
     if p > _RARE:
         message = f"no trend with temperature {place} (p = {p:.2g})"
         return Finding("temperature_trend", "note", message, numbers)
-    message = f"the residual changes with temperature, by {change * 1e3:.3g} mm {place} (p = {p:.1g})"
-    importance = severity(change > measurements.noise_position)
-    return Finding("temperature_trend", importance, message, numbers)
+    kind = "the arm grows" if np.argmin(p_values) == 3 else "the points drift"
+    message = f"{kind} with temperature, by {change * 1e3:.3g} mm {place} (p = {p:.1g})"
+    return Finding("temperature_trend", severity(change > measurements.noise_position), message, numbers)
 
 
-def _trend(x: Array, y: Array) -> tuple[float, float]:
-    """Slope of y over a centred x, and its p-value."""
-    y = y - y.mean()
-    slope = float(x @ y / (x @ x))
-    left = y - slope * x
+def without_geometry(measurements: Measurements, setup: Setup, series: Array) -> Array:
+    """A series (N, d) without what placement errors of the links (Eq. 10), of tolerance 1 mm and 1 mrad, explain of it."""
+    chain = measurements.robot.chain
+    frames = poe_frames(chain.placements, chain.twists, measurements.q)
+    blocks = adjoint(np.concatenate([frames.before, frames.tool[:, None]], axis=1))
+    P = observation_matrix(setup, frames.tool)
+    seen = measurements.seen.repeat(3, axis=-1)
+    columns = (P[:, None] @ blocks * seen[:, None, :, None]).transpose(0, 2, 1, 3).reshape(seen.size, -1)
+    size = _TOLERANCE / measurements.noise_position
+    normal_matrix = columns.T @ columns * size**2 + np.eye(columns.shape[1])
+    errors = np.linalg.solve(normal_matrix, columns.T @ series.ravel() * size**2)
+    return series - (columns @ errors).reshape(series.shape)
 
-    def correlation(series: Array) -> float:
-        return float(series[1:] @ series[:-1] / max(float(series @ series), 1e-300))
 
-    both = np.clip(correlation(x) * correlation(left), 0.0, 0.999)
-    freedom = len(x) * (1 - both) / (1 + both) - 2
-    if freedom < 1:
-        return slope, 1.0
-    error = np.sqrt((left @ left) / freedom / (x @ x))
-    return slope, float(2 * student.sf(abs(slope) / max(error, 1e-300), freedom))
+def _slope(x: Array, y: Array) -> tuple[float, float]:
+    """Slope of y over x, both (N, d), and its standard error, which allows for rows that are like the row before."""
+    power = max(float((x**2).sum()), 1e-300)
+    slope = float((x * y).sum()) / power
+    scores = (x * (y - slope * x)).sum(axis=-1)
+    total = max(float(scores @ scores), 1e-300)
+    alike = float(np.clip(scores[1:] @ scores[:-1] / total, 0.0, 0.95))
+    return slope, float(np.sqrt(total * (1 + alike) / (1 - alike))) / power
 
 
 def _commanded_or_read(measurements: Measurements, companions: Companions) -> Finding | None:
@@ -164,23 +175,24 @@ def _commanded_or_read(measurements: Measurements, companions: Companions) -> Fi
     power = float((apart**2).sum())
     if power < 1e-30:
         return None
-    share = float((apart * fits[0].left).sum() / power)
-    left = fits[0].left - share * apart
-    error = float(np.sqrt(((apart * left).sum(axis=-1) ** 2).sum()) / power)
+    apart, whole = (without_geometry(measurements, fits[0].setup, series) for series in (apart, fits[0].left))
+    share, error = _slope(apart, whole)
     used_read = np.abs(measurements.q - read).max() < np.abs(measurements.q - commanded).max()
     better_read = share > 0.5
     clear = abs(share - 0.5) > _CLEAR * error
     names = ("commanded", "read")
     verdict = (
-        f"the {names[better_read]} ones explain the points better" if clear else "neither explains the points better"
+        f"the {names[int(better_read)]} ones explain the points better"
+        if clear
+        else "neither explains the points better"
     )
     message = (
         f"commanded and read joint positions differ by up to {_size(measurements, commanded - read)}; {verdict} "
         f"({fits[0].rms * 1e3:.4g} mm rms commanded, {fits[1].rms * 1e3:.4g} mm read)"
     )
     if clear and better_read != used_read:
-        message += f"; the file holds the {names[used_read]} ones"
-    numbers = {
+        message += f"; the file holds the {names[int(used_read)]} ones"
+    numbers: Numbers = {
         "commanded_rms_mm": fits[0].rms * 1e3,
         "read_rms_mm": fits[1].rms * 1e3,
         "share_of_read": share,

@@ -32,18 +32,6 @@ def repeated_groups(q: Array) -> np.ndarray:
     return groups
 
 
-def single_joint_rows(q: Array) -> dict[int, np.ndarray]:
-    """Largest set of rows in which only joint j moves, for every joint that has three or more: {j: rows}."""
-    found = {}
-    for j in range(q.shape[1]):
-        others = np.delete(q, j, axis=1)
-        _, label, count = np.unique(others.round(6), axis=0, return_inverse=True, return_counts=True)
-        rows = np.flatnonzero(label == np.argmax(count))
-        if len(rows) >= 3 and np.ptp(q[rows, j]) > MOVES:
-            found[j] = rows
-    return found
-
-
 def equal_columns(values: Array) -> list[tuple[int, int]]:
     """Pairs of columns of (N, c) that hold the same numbers and do vary."""
     moving = np.flatnonzero(np.nan_to_num(np.nanmax(values, axis=0) - np.nanmin(values, axis=0)) > 1e-6)

@@ -1,10 +1,11 @@
 """A finding: something about the measurements that people should know, with the numbers behind it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 Severity = Literal["note", "warning"]
+Numbers = dict[str, float | int | list]
 
 
 @dataclass(frozen=True)
@@ -14,7 +15,7 @@ class Finding:
     name: str
     severity: Severity
     message: str
-    numbers: Mapping[str, float | int | list] = field(default_factory=dict)
+    numbers: Numbers = field(default_factory=dict)
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.message}"

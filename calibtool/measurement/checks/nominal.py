@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import NoSolutionError
-from calibtool.measurement.checks.finding import Finding, listed
+from calibtool.measurement.checks.finding import Finding, Numbers, listed
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import residuals
 from calibtool.measurement.registration import register
@@ -18,6 +18,7 @@ from calibtool.robot.se3 import Array, readonly, transform_points
 _SUSPICIOUS = 1.5e-2  # of the robot's length: no arm is built so badly that its nominal model misses by more
 _GROSS = 3e-2  # the same, when nothing that was tried explains it
 _BETTER = 3.0  # how much better the data must be explained before a mistake is named
+_FAR = 4.0  # times the median: rows tried without
 _ALIKE = 1.5  # explanations nearer to each other than this are named together
 _MOST_ROWS = 150  # enough to tell one explanation from another
 _UNIT = 180.0 / np.pi
@@ -138,8 +139,10 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
             f"the nominal robot explains the points to {_mm(before)} rms, but to {_mm(best)} if "
             f"{' or '.join(mistake.text for mistake in alike[:3])}"
         )
-        numbers = {"rms_mm": before * 1e3, "repaired_rms_mm": best * 1e3} if np.isfinite(before) else {}
+        numbers: Numbers = {"rms_mm": before * 1e3, "repaired_rms_mm": best * 1e3} if np.isfinite(before) else {}
         return [Finding(alike[0].name, "warning", message, numbers)]
+    if (rows_off := _rows_off(measurements)) is not None:
+        return [rows_off]
     if not _GROSS * measurements.robot.length < before < np.inf:
         return []
     message = (
@@ -147,6 +150,34 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
         "columns with their units and signs, and that rows of joints and of points belong together"
     )
     return [Finding("nominal_robot", "warning", message, {"rms_mm": before * 1e3})]
+
+
+def _rows_off(measurements: Measurements) -> Finding | None:
+    """A few rows without which the rest fits: a slipped decimal, a joint value of another row."""
+    kept = np.arange(len(measurements))
+    before = after = nominal_fit(measurements, free=True)
+    for _ in range(10):
+        size = np.sqrt((after.left**2).sum(axis=-1))
+        near = size < _FAR * np.median(size)
+        if near.all() or near.sum() < 0.8 * len(measurements):
+            break
+        kept = kept[near]
+        after = nominal_fit(measurements.rows(kept), free=True)
+        if not np.isfinite(after.rms):
+            break
+    rows = np.setdiff1d(np.arange(len(measurements)), kept)
+    if not len(rows) or not after.rms * _BETTER < before.rms:
+        return None
+    message = (
+        f"row {listed(rows)} does not belong to the others: the nominal robot explains the points to {_mm(before.rms)} rms, "
+        f"without {'it' if len(rows) == 1 else 'them'} to {_mm(after.rms)}"
+    )
+    numbers: Numbers = {
+        "rows": [int(r) + 1 for r in rows],
+        "rms_mm": before.rms * 1e3,
+        "repaired_rms_mm": after.rms * 1e3,
+    }
+    return Finding("rows_out_of_place", "warning", message, numbers)
 
 
 def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Finding:
@@ -163,7 +194,7 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
                 f"the targets fit to {_mm(before)} rms in the order given, but to {_mm(after)} as {listed(order)}; "
                 "sort their columns"
             )
-            numbers = {"order": [i + 1 for i in order], "rms_mm": before * 1e3, "repaired_rms_mm": after * 1e3}
+            numbers: Numbers = {"order": [i + 1 for i in order], "rms_mm": before * 1e3, "repaired_rms_mm": after * 1e3}
             return Finding("target_order", "warning", message, numbers)
     given = " and ".join(
         what
@@ -223,7 +254,7 @@ def _swapped_rows(measurements: Measurements, stated: Fit) -> tuple[Finding | No
         f"in {len(rows)} rows the targets are in another order than in the rest (rows {listed(rows)}): sorted, the nominal "
         f"robot explains the points to {_mm(best)} instead of {_mm(stated.rms)} rms"
     )
-    numbers = {"rows": [int(r) + 1 for r in rows], "rms_mm": stated.rms * 1e3, "repaired_rms_mm": best * 1e3}
+    numbers: Numbers = {"rows": [int(r) + 1 for r in rows], "rms_mm": stated.rms * 1e3, "repaired_rms_mm": best * 1e3}
     return Finding("target_order", "warning", message, numbers), rows
 
 

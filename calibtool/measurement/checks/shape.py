@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from calibtool.measurement.checks.design import equal_columns
-from calibtool.measurement.checks.finding import Finding, listed, severity
+from calibtool.measurement.checks.finding import Finding, Numbers, listed, severity
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.se3 import Array
 
@@ -69,6 +69,7 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
         return []
     pairs = _pairs(measurements.points[rows])
     found: list[Finding] = []
+    numbers: Numbers
 
     centre = _running_median(pairs.distances)
     off = (np.abs(pairs.distances - centre) > _OUTLIER * pairs.scatter).any(axis=-1)
