@@ -104,36 +104,47 @@ def _drift(measurements: Measurements, companions: Companions) -> Finding | None
 def _temperature(measurements: Measurements, fit: Fit, companions: Companions) -> Finding | None:
     """Trend of the residual with temperature: drift along x, y, z of K_0, and growth away from the base.
 
-    What a geometric error of the robot could explain is taken out first. The smallest of four p-values counts, times four.
+    What a geometric error of the robot could explain is taken out first. The most significant of the four counts, its
+    p-value times four; the order of the rows is tried as well, because most things that drift do so with time.
     """
     if companions.temperature_c is None or np.ptp(companions.temperature_c) < 0.1:
         return None
-    temperature = companions.temperature_c - companions.temperature_c.mean()
-    count, d = fit.left.shape
     outward = transform_points(measurements.robot.mechanism.forward(measurements.q), fit.setup.targets)
-    directions = [*np.broadcast_to(np.eye(3)[:, None, None], (3, count, d // 3, 3)), outward]
-    left = without_geometry(measurements, fit.setup, fit.left)
-    slopes, p_values = np.empty(4), np.empty(4)
-    for k, direction in enumerate(directions):
-        trend = (temperature[:, None, None] * direction).reshape(count, d) * measurements.seen.repeat(3, axis=-1)
-        slopes[k], error = _slope(without_geometry(measurements, fit.setup, trend), left)
-        p_values[k] = 2 * normal.sf(abs(slopes[k]) / max(error, 1e-300))
+    slopes, sizes = _trends(measurements, fit, outward, companions.temperature_c)
+    order_sizes = _trends(measurements, fit, outward, np.arange(float(len(measurements))))[1]
+    strongest, span = int(np.argmax(sizes)), float(np.ptp(companions.temperature_c))
     slopes[3] *= float(np.linalg.norm(outward, axis=-1).mean())
-    p, span = min(1.0, 4 * float(p_values.min())), float(np.ptp(temperature))
-    change = abs(float(slopes[np.argmin(p_values)])) * span
+    p, change = min(1.0, 8 * float(normal.sf(sizes[strongest]))), abs(float(slopes[strongest])) * span
     numbers: Numbers = {
         "range_k": span,
         "drift_mm_per_k": [float(slope) * 1e3 for slope in slopes[:3]],
         "growth_mm_per_k": float(slopes[3]) * 1e3,
+        "standard_errors": float(sizes[strongest]),
+        "standard_errors_by_row_order": float(order_sizes.max()),
         "p_value": p,
     }
     place = f"between {companions.temperature_c.min():.1f} and {companions.temperature_c.max():.1f} °C"
     if p > _RARE:
         message = f"no trend with temperature {place} (p = {p:.2g})"
         return Finding("temperature_trend", "note", message, numbers)
-    kind = "the arm grows" if np.argmin(p_values) == 3 else "the points drift"
+    kind = "the arm grows" if strongest == 3 else "the points drift"
     message = f"{kind} with temperature, by {change * 1e3:.3g} mm {place} (p = {p:.1g})"
+    if order_sizes.max() > sizes[strongest]:
+        message += "; the order of the rows explains more than that: something drifts with time"
     return Finding("temperature_trend", severity(change > measurements.noise_position), message, numbers)
+
+
+def _trends(measurements: Measurements, fit: Fit, outward: Array, values: Array) -> tuple[Array, Array]:
+    """Slopes (4,) of the residual over values (N,) along x, y, z and outward (N, m, 3); their sizes in standard errors."""
+    left = without_geometry(measurements, fit.setup, fit.left)
+    slopes, sizes = np.empty(4), np.empty(4)
+    directions = [*np.broadcast_to(np.eye(3)[:, None, None], (3, *outward.shape)), outward]
+    for k, direction in enumerate(directions):
+        trend = ((values - values.mean())[:, None, None] * direction).reshape(left.shape)
+        trend *= measurements.seen.repeat(3, axis=-1)
+        slopes[k], error = _slope(without_geometry(measurements, fit.setup, trend), left)
+        sizes[k] = abs(slopes[k]) / max(error, 1e-300)
+    return slopes, sizes
 
 
 def without_geometry(measurements: Measurements, setup: Setup, series: Array) -> Array:
