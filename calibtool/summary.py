@@ -7,7 +7,8 @@ from calibtool.calibration.learning_curve import LearningCurve
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.training import TrainingReport
 from calibtool.identification.model import Identification, Posterior
-from calibtool.identification.report import design_findings, parameter_rows, strongest_correlations
+from calibtool.identification.report import parameter_rows, strongest_correlations
+from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, log6
@@ -163,7 +164,7 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         result += _complete_lines(calibration)
     elif base.model == "local-poe":
         result += _rank_lines(base)
-    result += [f"warning: {finding}" for finding in design_findings(calibration.robot, calibration.q)]
+    result += [str(finding) for finding in design_findings(calibration.robot, calibration.q)]
     if base.flagged is not None and len(base.flagged.rows):
         result += _flagged_lines(calibration)
     validation = calibration.validation

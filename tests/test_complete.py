@@ -9,7 +9,7 @@ from calibtool.calibration import identify
 from calibtool.calibration.fit import BaseOptions
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.identification.complete import CompleteOptions, identify_complete
-from calibtool.identification.report import design_findings, parameter_rows
+from calibtool.identification.report import parameter_rows
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, observe, simulate
 from calibtool.robot.actual import ErrorScales
@@ -161,18 +161,8 @@ def test_a_joint_that_never_moves_is_named_and_the_rest_is_usable(fanuc: Robot) 
     q[:, 3] = 0.3
     measurements = simulate(fanuc, Simulation(at=q))
     calibration = identify(measurements, "complete")
-    assert any(finding.startswith("joint 4 never moves") for finding in design_findings(fanuc, q))
     assert position_errors(calibration.forward, measurements).max() < 0.5e-3
     assert any(row.at_prior for row in parameter_rows(fanuc, calibration.base))
-
-
-def test_repeated_rows_and_a_plane_are_found(fanuc: Robot) -> None:
-    q = measured(fanuc, 10)[0].q
-    assert design_findings(fanuc, q) == []
-    assert any("repeat" in finding for finding in design_findings(fanuc, np.concatenate([q, q[:2]])))
-    flat = np.zeros((20, 6))
-    flat[:, 1:3] = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 2))
-    assert any("plane" in finding for finding in design_findings(fanuc, flat))
 
 
 def test_rows_that_lack_a_target_count_with_the_others(fanuc: Robot) -> None:

@@ -469,14 +469,14 @@ def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> 
     found, warnings, *_ = import_table(shown, "t", fanuc, frame="base", joint_values="controller")
     np.testing.assert_allclose(found.q, measured.q, atol=1e-12)
     assert not any("couples" in warning for warning in warnings)
-    again, warnings = import_table(text(measured.q), "t", fanuc, frame="base")
+    again, warnings, *_ = import_table(text(measured.q), "t", fanuc, frame="base")
     np.testing.assert_array_equal(again.q, measured.q)
     assert any("couples joints" in warning and "--joint-values controller" in warning for warning in warnings)
     targets = "".join(f'[[targets]]\nmeasured = ["t{i}_x_m", "t{i}_y_m", "t{i}_z_m"]\nunit = "m"\n' for i in (1, 2, 3))
     joints = f'[joints]\ncolumns = {header[:6]}\nunit = "rad"\nvalues = "controller"\n{targets}'.replace("'", '"')
-    mapped, _ = import_table(shown, "t", fanuc, parse_column_map(joints, "map.toml"), frame="base")
+    mapped, *_ = import_table(shown, "t", fanuc, parse_column_map(joints, "map.toml"), frame="base")
     np.testing.assert_allclose(mapped.q, measured.q, atol=1e-12)
-    overridden, _ = import_table(
+    overridden, *_ = import_table(
         text(measured.q), "t", fanuc, parse_column_map(joints, "map.toml"), frame="base", joint_values="serial"
     )
     np.testing.assert_array_equal(overridden.q, measured.q)

@@ -9,6 +9,7 @@ import pytest
 from calibtool.calibration import train
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.evaluation.compare import evaluate
+from calibtool.measurement.checks import check_measurements
 from calibtool.measurement.importing import import_table, parse_column_map, select_rows
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.catalogue import load_robot, shipped
@@ -79,3 +80,11 @@ def test_local_poe_lowers_the_error_of_the_ur10_on_rows_that_were_not_used() -> 
     rms = [float(np.sqrt((m.position_size**2).mean())) * 1e3 for m in (before, after)]
     assert rms[1] < 0.55
     assert rms[0] > 1.0
+
+
+def test_what_the_checks_find_in_the_real_sets() -> None:
+    """data/README.md explains them."""
+    for table in ("grid.csv", "random.csv"):
+        assert check_measurements(measured("ur5", table)[0]) == []
+    (repeats,) = check_measurements(measured("ur10", "joint_configurations.csv")[0])
+    assert (repeats.name, repeats.severity, repeats.numbers["rows"]) == ("repeatability", "note", 293)

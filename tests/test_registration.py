@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import residuals, weights
-from calibtool.measurement.registration import register, rigid_fit, update_setup
+from calibtool.measurement.registration import frames_of_least_squares, register, rigid_fit, update_setup
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
@@ -156,6 +156,24 @@ def test_too_few_configurations_are_refused_with_the_count(fanuc: Robot, kind: s
     measurements = measured(fanuc, random_truth(rng, kind), configurations(fanuc, too_few, rng))
     with pytest.raises(NoSolutionError, match=rf"{too_few} configurations give \d+ equations for \d+ unknowns"):
         register(measurements)
+
+
+@pytest.mark.parametrize("kind", ["one target", "three targets", "6-D sensor"])
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "ur5"])
+def test_thirty_random_starts_end_in_one_answer(name: str, kind: str) -> None:
+    """With errors and noise. No start alone, of 300, ends in a lower sum of squares than the program's own."""
+    robot, rng = load_robot(name), np.random.default_rng(7)
+    q = configurations(robot, 20, rng)
+    actual = replace(measured(robot, random_truth(rng, kind), q + rng.normal(size=6) * 1e-3), q=q)
+    noisy = replace(actual, points=actual.points + rng.normal(size=actual.points.shape) * 0.05e-3)
+    answer = register(noisy)
+    for _ in range(30):
+        assert_same_setup(register(noisy, start=random_truth(rng, kind)), answer, 1e-6)
+    if kind != "6-D sensor":
+        guesses = [random_truth(rng, kind).T_instrument_base for _ in range(300)]
+        poses = robot.mechanism.forward(q)
+        lowest = frames_of_least_squares(poses, noisy.points, guesses, only_guesses=True)[0]
+        assert np.abs(lowest - answer.T_instrument_base).max() < 1e-6
 
 
 @given(seed=st.integers(0, 10_000), count=st.integers(3, 6))

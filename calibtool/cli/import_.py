@@ -102,6 +102,7 @@ def import_(
     one_stdin(table, columns, joints)
     from dataclasses import replace
 
+    from calibtool.measurement.checks import check_measurements
     from calibtool.measurement.importing import JointFile, Stated, parse_column_map, preview, read_table
     from calibtool.measurement.importing.joining import JOINS
     from calibtool.measurement.importing.sources import FORMATS
@@ -151,6 +152,8 @@ def import_(
         return
     origin = provenance(seed if sample is not None else None, **inputs)
     measurements = taken.registered().measurements
+    for finding in check_measurements(measurements, taken.companions):
+        message(str(finding))
     outputs: dict[str, bytes | str] = {output: to_bytes(replace(measurements, provenance=origin))}
     if rest is not None and left is not None:
         held_out = left.with_setup(measurements.setup).measurements

@@ -20,6 +20,7 @@ def info(
     import io
 
     from calibtool.calibration import Calibration
+    from calibtool.measurement.checks import check_measurements
     from calibtool.storage import read_any
     from calibtool.summary import calibration_summary, measurements_summary
 
@@ -28,6 +29,8 @@ def info(
         summary = calibration_summary(contents)
     else:
         summary = measurements_summary(contents)
+        found = check_measurements(contents)
+        summary["findings"] = [f.as_json() if json else {f.severity: f.message} for f in found]
     summary["provenance"] = contents.provenance
     if json:
         print_json({**summary, "schema": "calibtool/info"})

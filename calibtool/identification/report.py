@@ -1,4 +1,4 @@
-"""What an identification tells people: its parameters with their uncertainty, and findings about the design."""
+"""What an identification tells people: its parameters with their uncertainty, and which of them the data mix up."""
 
 from dataclasses import dataclass
 
@@ -57,24 +57,6 @@ def strongest_correlations(posterior: Posterior, count: int = 5) -> list[tuple[s
     order = np.argsort(-np.abs(correlation[rows, columns]))[:count]
     names = posterior.parameters.names
     return [(names[rows[k]], names[columns[k]], float(correlation[rows[k], columns[k]])) for k in order]
-
-
-def design_findings(robot: Robot, q: Array) -> list[str]:
-    """What is wrong with the configurations themselves: joints that never move, repeated rows, poses in one plane."""
-    findings = []
-    still = [j + 1 for j in range(robot.n) if np.ptp(q[:, j]) < 1e-3]
-    if still:
-        names = ", ".join(map(str, still))
-        findings.append(f"joint {names} never moves: what depends on it stays at its tolerance; measure with it moved")
-    repeated = len(q) - len(np.unique(q.round(9), axis=0))
-    if repeated:
-        findings.append(f"{repeated} rows repeat the joint positions of another row; they count, but show nothing new")
-    if robot.n >= 6 and len(q) > 3:
-        points = robot.mechanism.forward(q)[:, :3, 3]
-        extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if extents[2] < 0.01 * extents[0]:
-            findings.append("all tool positions lie in one plane; errors out of it are hardly seen")
-    return findings
 
 
 def _display(robot: Robot, posterior: Posterior) -> tuple[Array, list[str]]:

@@ -1,6 +1,8 @@
 """Registration: the instrument's frame and the targets on the tool, from measurements and a model of the robot (METHOD §3).
 
-A linear closed form, without any assumption of small angles, starts a Gauss–Newton refinement of the exact residuals.
+For a given rotation C of the instrument everything else is linear: C p_k,i + s − R_k t_i = t_k. What is left is a quadratic
+form of the nine elements of C, minimised over all rotations at once (rotation_search); its lowest minima start a damped
+Gauss–Newton refinement of the exact residuals. No angle is assumed to be small, and no start is needed.
 """
 
 from dataclasses import replace
@@ -8,17 +10,21 @@ from dataclasses import replace
 import numpy as np
 
 from calibtool.errors import NoSolutionError
+from calibtool.measurement.circles import circle_start
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import observation_matrix, residuals, target_columns, weights
+from calibtool.measurement.rotation_search import RotationForm, nearest_rotation, rotation_grid
 from calibtool.robot.se3 import Array, exp6, inverse, readonly
 
-_RANK_TOLERANCES = (1e-9, 1e-2)  # the second one for designs in which a direction is seen only through errors
+_MINIMA = 4  # refined, of those that the rotation search finds
+_ITERATIONS = 200
 
 
-def register(measurements: Measurements, T_base_tool: Array | None = None) -> Setup:
+def register(measurements: Measurements, T_base_tool: Array | None = None, start: Setup | None = None) -> Setup:
     """The set-up with its unknown parts fitted to the measurements; known parts stay.
 
     T_base_tool (N, 4, 4): poses that a model of the robot gives; those of the nominal robot unless given.
+    start: a set-up to start from beside the program's own starts; the lowest sum of squares is the answer.
     Raises NoSolutionError when there are fewer configurations than the unknowns need, or no start converges.
     """
     setup = measurements.setup
@@ -34,7 +40,7 @@ def register(measurements: Measurements, T_base_tool: Array | None = None) -> Se
             f"registration: {len(measurements)} configurations give {equations} equations for {unknowns} unknowns of "
             "instrument frame and targets; measure more configurations"
         )
-    refined = [_refine(measurements, start, poses) for start in _closed_forms(measurements, poses)]
+    refined = [refine(measurements, candidate, poses) for candidate in _starts(measurements, poses, start)]
     best, cost = min(refined, key=lambda item: item[1])
     if not np.isfinite(cost):
         raise NoSolutionError(
@@ -57,78 +63,108 @@ def update_setup(setup: Setup, base: Array | None, target_shift: Array | None) -
     return setup
 
 
-def _refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setup, float]:
-    """Gauss–Newton with minimum-norm steps; the cost is infinite when it does not settle."""
+def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setup, float]:
+    """Damped Gauss–Newton with minimum-norm steps from one set-up, and its cost: infinite when it does not settle."""
     weight = weights(measurements)
-    cost = np.inf
-    for _ in range(50):
+    left = residuals(measurements, setup, poses) * weight
+    cost, damping = float((left**2).sum()), 0.0
+    for _ in range(_ITERATIONS):
         blocks = []
         if not setup.frame_known:
             blocks.append(observation_matrix(setup, poses))
         if not setup.targets_known:
             blocks.append(target_columns(setup, poses))
-        left = (residuals(measurements, setup, poses) * weight).ravel()
-        columns = (np.concatenate(blocks, axis=-1) * weight[..., None]).reshape(len(left), -1)
-        step: Array = np.linalg.lstsq(columns, left, rcond=1e-9)[0].astype(float)
+        columns = (np.concatenate(blocks, axis=-1) * weight[..., None]).reshape(left.size, -1)
+        right = left.ravel()
+        if damping:
+            scale = np.sqrt(damping * (columns**2).sum(axis=0))
+            columns, right = np.concatenate([columns, np.diag(scale)]), np.concatenate([right, np.zeros(len(scale))])
+        step: Array = np.linalg.lstsq(columns, right, rcond=1e-9)[0].astype(float)
         base = None if setup.frame_known else step[:6]
         shift = None if setup.targets_known else step[0 if setup.frame_known else 6 :]
-        setup = update_setup(setup, base, shift)
-        cost = float((residuals(measurements, setup, poses) ** 2 * weight**2).sum())
-        if np.abs(step).max() < 1e-11:
+        proposed = update_setup(setup, base, shift)
+        left_after = residuals(measurements, proposed, poses) * weight
+        after = float((left_after**2).sum())
+        settled = np.abs(step).max() < 1e-11
+        if after <= cost * (1 + 1e-12) + 1e-12:
+            setup, left, cost, damping = proposed, left_after, after, damping / 10 if damping > 1e-6 else 0.0
+        elif settled:
             return setup, cost
-    return setup, cost if np.abs(step).max() < 1e-8 else np.inf
+        else:
+            damping = max(10 * damping, 1e-4)
+        if settled:
+            return setup, cost
+    return setup, np.inf
 
 
-def _closed_forms(measurements: Measurements, poses: Array) -> list[Setup]:
+def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> list[Setup]:
     """Starting values of the unknown parts."""
-    setup, rotations = measurements.setup, measurements.rotations
-    points = measurements.points
-    if rotations is not None:
-        # A sensor pose as four points: its origin and the tips of its axes, 1 m long.
-        points = np.concatenate([points, points + np.swapaxes(rotations, -1, -2)], axis=1)
-    starts = []
+    setup, rotations, points = measurements.setup, measurements.rotations, measurements.points
+    targets = setup.targets
+    if rotations is not None and setup.R_tool_sensor is not None:
+        # A sensor pose as four points: its origin and the tips of its axes, as long as makes both kinds of noise alike.
+        arm = measurements.noise_position / measurements.noise_orientation
+        points = np.concatenate([points, points + arm * np.swapaxes(rotations, -1, -2)], axis=1)
+        targets = np.concatenate([targets, targets + arm * setup.R_tool_sensor.T])
     if setup.frame_known:
-        starts.append((setup.T_instrument_base, _mean_targets(poses, setup.T_instrument_base, points)))
+        found = [(setup.T_instrument_base, _mean_targets(poses, setup.T_instrument_base, points))]
     elif setup.targets_known:
-        targets = setup.targets
-        if setup.R_tool_sensor is not None:
-            targets = np.concatenate([targets, targets + setup.R_tool_sensor.T])
         predicted = targets @ np.swapaxes(poses[:, :3, :3], -1, -2) + poses[:, None, :3, 3]
         seen = ~np.isnan(points[..., 0])
-        starts.append((rigid_fit(predicted[seen], points[seen]), targets))
+        found = [(rigid_fit(predicted[seen], points[seen]), targets)]
     else:
-        for tolerance in _RANK_TOLERANCES:
-            frame = _linear_frame(poses, points, tolerance)
-            starts.append((frame, _mean_targets(poses, frame, points)))
+        guesses = [start.T_instrument_base] if start is not None else []
+        if (circles := circle_start(measurements)) is not None:
+            guesses.append(circles)
+        frames = frames_of_least_squares(poses, points, guesses)
+        if rotations is None:
+            frames = frames[:1]  # the search had the very sum of squares of the refinement
+        found = [(frame, _mean_targets(poses, frame, points)) for frame in frames]
     m = len(setup.targets)
     result = []
-    for frame, targets in starts:
+    for frame, targets in found:
         turned = setup.R_tool_sensor
         if turned is not None and not setup.targets_known:
-            turned = readonly(_nearest_rotation((targets[m:] - targets[:m]).T))
+            turned = readonly(nearest_rotation((targets[m:] - targets[:m]).T))
         result.append(
             replace(setup, T_instrument_base=readonly(frame), targets=readonly(targets[:m]), R_tool_sensor=turned)
         )
     return result
 
 
-def _linear_frame(poses: Array, points: Array, tolerance: float) -> Array:
-    """T_instrument_base from R_base_instrument p_k,i + s − R_k p_i = t_k, linear in the nine elements of the rotation."""
+def frames_of_least_squares(
+    poses: Array, points: Array, guesses: list[Array], *, only_guesses: bool = False
+) -> list[Array]:
+    """T_instrument_base that make C p_k,i + s − R_k t_i − t_k small with free targets t_i: the lowest minima, best first.
+
+    poses (N, 4, 4), points (N, m, 3), NaN where unseen. guesses: frames to start from beside a grid over all rotations, or,
+    with only_guesses, instead of it; their rotations matter alone, as the rest is linear.
+    """
     count, m = points.shape[:2]
-    centre = np.nanmean(points.reshape(-1, 3), axis=0)
     seen = ~np.isnan(points[..., 0])
-    A = np.zeros((count, m, 3, 12 + 3 * m))
+    centre = points[seen].mean(axis=0)
+    A = np.zeros((count, m, 3, 9))
+    B = np.zeros((count, m, 3, 3 + 3 * m))
     for row in range(3):
         A[:, :, row, 3 * row : 3 * row + 3] = points - centre
-        A[:, :, row, 9 + row] = 1.0
+        B[:, :, row, row] = 1.0
     for i in range(m):
-        A[:, i, :, 12 + 3 * i : 15 + 3 * i] = -poses[:, :3, :3]
-    b = np.broadcast_to(poses[:, None, :3, 3], (count, m, 3))
-    x: Array = np.linalg.lstsq(A[seen].reshape(-1, 12 + 3 * m), b[seen].ravel(), rcond=tolerance)[0].astype(float)
-    T_base_instrument = np.eye(4)
-    T_base_instrument[:3, :3] = _nearest_rotation(x[:9].reshape(3, 3))
-    T_base_instrument[:3, 3] = x[9:12] - T_base_instrument[:3, :3] @ centre
-    return inverse(T_base_instrument)
+        B[:, i, :, 3 + 3 * i : 6 + 3 * i] = -poses[:, :3, :3]
+    b = np.broadcast_to(poses[:, None, :3, 3:], (count, m, 3, 1))
+    both = np.concatenate([A, b], axis=-1)[seen].reshape(-1, 10)
+    linear = B[seen].reshape(-1, 3 + 3 * m)
+    solved = np.linalg.lstsq(linear, both, rcond=1e-9)[0].astype(float)
+    left = both - linear @ solved
+    form = RotationForm.of(left[:, :9], left[:, 9])
+    turned = [inverse(guess)[None, :3, :3] for guess in guesses]
+    rotations = form.minimum(np.concatenate(turned if only_guesses else [*turned, form.relaxed(), rotation_grid()]))
+    frames = []
+    for C in rotations[:_MINIMA]:
+        T_base_instrument = np.eye(4)
+        T_base_instrument[:3, :3] = C
+        T_base_instrument[:3, 3] = solved[:3, 9] - solved[:3, :9] @ C.ravel() - C @ centre
+        frames.append(inverse(T_base_instrument))
+    return frames
 
 
 def _mean_targets(poses: Array, T_instrument_base: Array, points: Array) -> Array:
@@ -142,15 +178,7 @@ def rigid_fit(source: Array, target: Array) -> Array:
     """The motion T with T · source ≈ target in least squares (Kabsch), batched: (…, m, 3), (…, m, 3) → (…, 4, 4)."""
     a, b = source.mean(axis=-2, keepdims=True), target.mean(axis=-2, keepdims=True)
     T = np.zeros((*source.shape[:-2], 4, 4))
-    T[..., :3, :3] = _nearest_rotation(np.swapaxes(target - b, -1, -2) @ (source - a))
+    T[..., :3, :3] = nearest_rotation(np.swapaxes(target - b, -1, -2) @ (source - a))
     T[..., :3, 3] = (b - a @ np.swapaxes(T[..., :3, :3], -1, -2))[..., 0, :]
     T[..., 3, 3] = 1.0
     return T
-
-
-def _nearest_rotation(matrix: Array) -> Array:
-    """The proper rotation nearest to a matrix (Frobenius norm): (…, 3, 3) → (…, 3, 3)."""
-    u, _, vt = np.linalg.svd(matrix)
-    sign = np.ones(matrix.shape[:-1])
-    sign[..., 2] = np.linalg.det(u @ vt)
-    return (u * sign[..., None, :]) @ vt

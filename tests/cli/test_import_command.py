@@ -290,13 +290,34 @@ def test_rows_outside_the_limits_are_kept_with_a_warning(files: Files) -> None:
     np.testing.assert_allclose(stored("m.h5", JOINTS), q, atol=1e-14)
 
 
-def test_a_warning_is_not_lost_when_the_import_fails(table: str) -> None:
-    """One joint of 500 deg spoils the registration; the warning about the limits is what tells the user why."""
+def test_a_joint_of_500_deg_is_kept_and_named(table: str) -> None:
+    """It spoils the registration; the warnings tell which row to mend."""
     lines = Path(table).read_text().splitlines()
     lines[2] = "500" + lines[2][lines[2].index(",") :]
     Path("t.csv").write_text("\n".join(lines))
-    result = run("import", "t.csv", "--robot", "planar-3r", "-o", "m.h5", code=4)
-    assert "t.csv:3" in result.stderr
+    stderr = run("import", "t.csv", "--robot", "planar-3r", "-o", "m.h5").stderr
+    assert "warning: t.csv:3: 1 of 40 rows" in stderr
+    assert "warning: row 2 does not belong to the others" in stderr
+
+
+def test_findings_are_on_stderr_and_in_info(table: str) -> None:
+    """The first joint's column in radians under a header in degrees."""
+    lines = [line.split(",") for line in Path(table).read_text().splitlines()]
+    rows = [[repr(float(row[0]) * np.pi / 180), *row[1:]] for row in lines[1:]]
+    write_table("t.csv", lines[0], rows)
+    stderr = run("import", "t.csv", "--robot", "planar-3r", "-o", "m.h5").stderr
+    assert stderr.startswith("warning: the nominal robot explains the points to ")
+    assert "joint 1 is in rad, given as degrees" in stderr
+    finding = answer("info", "m.h5")["findings"][0]
+    assert (finding["name"], finding["severity"]) == ("angle_unit", "warning")
+    assert stderr == f"warning: {finding['message']}\n"
+    assert finding["numbers"]["repaired_rms_mm"] < finding["numbers"]["rms_mm"] / 3
+    assert finding["message"] in run("info", "m.h5").stdout
+
+
+def test_a_clean_file_has_no_findings(table: str) -> None:
+    assert run("import", table, "--robot", "planar-3r", "-o", "m.h5").stderr == ""
+    assert answer("info", "m.h5")["findings"] == []
 
 
 def test_joint_values_of_a_controller(files: Files) -> None:

@@ -1,0 +1,95 @@
+"""What the joint positions alone show: the design of the experiment, before any point is looked at."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from calibtool.measurement.checks.finding import Finding, listed
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array
+
+MOVES = 1e-3  # rad or m: a joint that moves less stands still
+REPEATS = 1e-3  # rad or m: configurations nearer than this are the same one, driven to again
+_FLAT = 0.01  # extent across the plane over the largest one along it
+_ALONE = 0.8  # part of the rows in which at most one joint has left its usual position
+
+
+def design_findings(robot: Robot, q: Array) -> list[Finding]:
+    """Joints that never move, equal columns, one joint at a time, repeated rows, tool positions in a plane.
+
+    q (N, n), rad or m.
+    """
+    found = [_still(robot, q), *_equal_joints(robot, q), _one_at_a_time(robot, q), _repeated(q), _plane(robot, q)]
+    return [finding for finding in found if finding is not None]
+
+
+def repeated_groups(q: Array) -> np.ndarray:
+    """Number of the configuration each row of q (N, n) belongs to; neighbours within REPEATS belong together. (N,)"""
+    pairs = cKDTree(q).query_pairs(REPEATS, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(q), len(q)))
+    groups: np.ndarray = connected_components(links, directed=False)[1]
+    return groups
+
+
+def equal_columns(values: Array) -> list[tuple[int, int]]:
+    """Pairs of columns of (N, c) that hold the same numbers and do vary."""
+    moving = np.flatnonzero(np.nan_to_num(np.nanmax(values, axis=0) - np.nanmin(values, axis=0)) > 1e-6)
+    pairs = [(int(a), int(b)) for k, a in enumerate(moving) for b in moving[k + 1 :]]
+    return [(a, b) for a, b in pairs if np.allclose(values[:, a], values[:, b], rtol=0, atol=1e-9, equal_nan=True)]
+
+
+def _still(robot: Robot, q: Array) -> Finding | None:
+    still = np.flatnonzero(np.ptp(q, axis=0) < MOVES)
+    if not len(still):
+        return None
+    message = f"joint {listed(still)} never moves: what depends on it stays at its tolerance; measure with it moved"
+    return Finding("joint_never_moves", "warning", message, {"joints": [int(j) + 1 for j in still]})
+
+
+def _equal_joints(robot: Robot, q: Array) -> list[Finding]:
+    if len(q) < 3:
+        return []
+    return [
+        Finding(
+            "duplicate_columns",
+            "warning",
+            f"joints {a + 1} and {b + 1} hold the same numbers in every row; a column was taken twice",
+            {"joints": [a + 1, b + 1]},
+        )
+        for a, b in equal_columns(q)
+    ]
+
+
+def _one_at_a_time(robot: Robot, q: Array) -> Finding | None:
+    if robot.n < 3 or len(q) < 3 * robot.n:
+        return None
+    away = (np.abs(q - np.median(q, axis=0)) > MOVES).sum(axis=-1)
+    part = float((away <= 1).mean())
+    if part < _ALONE or (np.ptp(q, axis=0) > MOVES).sum() < 3:
+        return None
+    message = (
+        f"in {100 * part:.0f} % of the rows at most one joint has left its usual position: errors that only show when "
+        "joints move together are not seen; add configurations with all joints moved"
+    )
+    return Finding("one_joint_at_a_time", "warning", message, {"rows_percent": 100 * part})
+
+
+def _repeated(q: Array) -> Finding | None:
+    groups = repeated_groups(q)
+    repeated = len(q) - int(groups.max()) - 1
+    if not repeated:
+        return None
+    message = f"{repeated} rows repeat the joint positions of another row; they count, but show nothing new"
+    return Finding("repeated_configurations", "note", message, {"rows": repeated, "configurations": len(q) - repeated})
+
+
+def _plane(robot: Robot, q: Array) -> Finding | None:
+    if robot.n < 6 or len(q) <= 3:
+        return None
+    points = robot.mechanism.forward(q)[:, :3, 3]
+    extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if extents[2] >= _FLAT * extents[0]:
+        return None
+    message = "all tool positions lie in one plane; errors out of it are hardly seen"
+    return Finding("flat_design", "warning", message, {"extent_ratio": float(extents[2] / max(extents[0], 1e-300))})

@@ -1,0 +1,36 @@
+"""A finding: something about the measurements that people should know, with the numbers behind it."""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from typing import Literal
+
+Severity = Literal["note", "warning"]
+Numbers = dict[str, float | int | list]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One named finding; `warning` asks for a decision, `note` only informs. Units are in the keys of `numbers`."""
+
+    name: str
+    severity: Severity
+    message: str
+    numbers: Numbers = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.message}"
+
+    def as_json(self) -> dict[str, object]:
+        """The finding as a plain object."""
+        return asdict(self)
+
+
+def listed(rows: Iterable[int], most: int = 6) -> str:
+    """Numbers for people, counted from 1: `3, 4, 9 …`."""
+    numbers = [str(int(row) + 1) for row in rows]
+    return ", ".join(numbers[:most]) + (" …" if len(numbers) > most else "")
+
+
+def severity(warns: bool) -> Severity:
+    """`warning` or `note`."""
+    return "warning" if warns else "note"

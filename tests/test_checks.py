@@ -1,0 +1,302 @@
+"""Checks at the door: each finds the damage that was done, with its numbers, and clean measurements raise no warning."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibtool.measurement.checks import Finding, check_measurements, design_findings
+from calibtool.measurement.companions import Companions
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.observation import measured_in_base
+from calibtool.measurement.registration import register
+from calibtool.measurement.simulate import Simulation, simulate
+from calibtool.robot.catalogue import load_robot
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, readonly
+
+SIX = ("fanuc-m1000ia", "ur5")
+
+
+def measured(robot: Robot, count: int = 40, **options: object) -> Measurements:
+    return simulate(robot, Simulation(seed=1, configurations=count, workspace=robot.workspace(None)[1], **options))  # type: ignore[arg-type]
+
+
+def damaged(measurements: Measurements, *, q: Array | None = None, points: Array | None = None) -> Measurements:
+    """Other joint positions or points, and the set-up registered to them, as an import would."""
+    result = replace(
+        measurements,
+        q=measurements.q if q is None else readonly(q),
+        points=measurements.points if points is None else readonly(points),
+    )
+    return replace(result, setup=register(result))
+
+
+def named(found: list[Finding], name: str, severity: str = "warning") -> Finding:
+    """The one finding of that name."""
+    matching = [finding for finding in found if finding.name == name]
+    assert len(matching) == 1, [str(finding) for finding in found]
+    assert matching[0].severity == severity
+    return matching[0]
+
+
+def names(found: list[Finding]) -> set[str]:
+    return {finding.name for finding in found}
+
+
+def warned(found: list[Finding]) -> list[str]:
+    return [finding.message for finding in found if finding.severity == "warning"]
+
+
+@pytest.mark.parametrize("unregistered", [False, True])
+def test_clean_measurements_raise_no_warning(robot: Robot, unregistered: bool) -> None:
+    for seed in range(3):
+        workspace = robot.workspace(None)[1]
+        simulation = Simulation(seed=seed, configurations=40, workspace=workspace, unregistered=unregistered)
+        assert warned(check_measurements(simulate(robot, simulation))) == []
+
+
+# --- targets --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("unregistered", [False, True])
+def test_a_bumped_target_is_named_with_its_row_and_how_far(fanuc: Robot, unregistered: bool) -> None:
+    clean = measured(fanuc, unregistered=unregistered)
+    assert "target_moved" not in names(check_measurements(clean))
+    truth = clean.truth
+    assert truth is not None
+    others = truth.setup.targets[1:].mean(axis=0)
+    away = truth.setup.targets[0] - others
+    shift = 0.4e-3 * away / np.linalg.norm(away)  # in the plane of the targets, where distances see all of it
+    moved = clean.points.copy()
+    turns = truth.setup.T_instrument_base[:3, :3] @ truth.actual.forward(clean.q)[:, :3, :3]
+    moved[24:, 0] += turns[24:] @ shift
+    numbers = named(check_measurements(damaged(clean, points=moved)), "target_moved").numbers
+    assert numbers["targets"] == [1]
+    assert numbers["row"] == 25
+    assert numbers["shift_mm"] == pytest.approx(0.4, abs=0.05)
+
+
+def test_a_single_row_with_a_target_out_of_place(fanuc: Robot) -> None:
+    clean = measured(fanuc)
+    points = clean.points.copy()
+    points[11, 2] += [0.0, 2e-3, 0.0]
+    found = check_measurements(damaged(clean, points=points))
+    assert named(found, "target_out_of_place").numbers["rows"] == [12]
+    assert "target 3" in named(found, "target_out_of_place").message
+    assert "target_moved" not in names(found)
+
+
+def test_noise_that_is_larger_than_stated(fanuc: Robot) -> None:
+    clean = measured(fanuc, noise=0.2e-3)
+    assert "noise_of_distances" not in names(check_measurements(clean))
+    found = named(check_measurements(replace(clean, noise_position=0.05e-3)), "noise_of_distances")
+    assert found.numbers["estimated_noise_mm"] == pytest.approx(0.2, rel=0.15)
+
+
+def test_a_coordinate_that_was_taken_twice(fanuc: Robot) -> None:
+    clean = measured(fanuc, unregistered=True)
+    points = clean.points.copy()
+    points[:, 1, 2] = points[:, 1, 0]
+    found = check_measurements(damaged(clean, points=points))
+    assert "t2_x and t2_z" in named(found, "duplicate_columns").message
+
+
+@pytest.mark.parametrize("name", SIX)
+@pytest.mark.parametrize("unregistered", [False, True])
+@pytest.mark.parametrize("rows", [slice(7, 8), slice(30, 40), slice(4, 20)])
+def test_rows_whose_targets_are_swapped(name: str, unregistered: bool, rows: slice) -> None:
+    clean = measured(load_robot(name), unregistered=unregistered)
+    points = clean.points.copy()
+    points[rows] = points[rows][:, [1, 0, 2]]
+    found = check_measurements(damaged(clean, points=points))
+    assert named(found, "target_order").numbers["rows"] == list(range(rows.start + 1, rows.stop + 1))
+    assert len(warned(found)) == 1  # nothing else is blamed for it
+
+
+@pytest.mark.parametrize("order", [[1, 0, 2], [1, 2, 0]])
+@pytest.mark.parametrize("frame_known", [False, True])
+def test_targets_in_another_order_than_the_robots(fanuc: Robot, order: list[int], frame_known: bool) -> None:
+    clean = measured(fanuc)
+    setup = replace(clean.setup, frame_known=frame_known)
+    found = check_measurements(damaged(replace(clean, setup=setup), points=clean.points[:, order]))
+    assert named(found, "target_order").numbers["order"] == [i + 1 for i in order]
+    free = replace(clean, setup=replace(setup, frame_known=False, targets_known=False))
+    found = check_measurements(damaged(free, points=clean.points[:, order]))
+    assert named(found, "target_order", "note").numbers["order"] == [i + 1 for i in order]
+
+
+def test_a_frame_that_is_not_where_it_was_said(fanuc: Robot) -> None:
+    clean = measured(fanuc)
+    found = check_measurements(replace(clean, points=readonly(clean.points + np.array([0.5, 0.0, 0.0]))))
+    assert named(found, "given_setup").numbers["rms_mm"] == pytest.approx(500, rel=0.02)
+
+
+# --- what the nominal robot would explain ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SIX)
+@pytest.mark.parametrize("targets", [1, 3])
+def test_left_handed_axes(name: str, targets: int) -> None:
+    clean = only_targets(measured(load_robot(name), unregistered=True), targets)
+    mirrored = clean.points.copy()
+    mirrored[..., 2] *= -1
+    found = check_measurements(damaged(clean, points=mirrored))
+    named(found, "left_handed_axes")
+    assert len(warned(found)) == 1
+
+
+def only_targets(measurements: Measurements, count: int) -> Measurements:
+    setup = replace(measurements.setup, targets=measurements.setup.targets[:count])
+    return replace(measurements, points=measurements.points[:, :count], setup=setup, truth=None)
+
+
+@pytest.mark.parametrize("name", SIX)
+@pytest.mark.parametrize("factor", [180 / np.pi, np.pi / 180])
+def test_angles_in_the_wrong_unit(name: str, factor: float) -> None:
+    clean = measured(load_robot(name), unregistered=True)
+    found = named(check_measurements(damaged(clean, q=clean.q * factor)), "angle_unit")
+    assert found.message.endswith("given as rad" if factor > 1 else "given as degrees")
+    one = clean.q.copy()
+    one[:, 2] *= factor
+    assert "joint 3 is in" in named(check_measurements(damaged(clean, q=one)), "angle_unit").message
+
+
+def test_a_joint_counted_backwards_two_swapped_and_one_coupled(fanuc: Robot) -> None:
+    clean = measured(fanuc, unregistered=True)
+    backwards = clean.q * [1, 1, -1, 1, 1, 1]
+    assert "joint 3 " in named(check_measurements(damaged(clean, q=backwards)), "joint_sign").message
+    swapped = clean.q[:, [0, 1, 2, 4, 3, 5]]
+    assert "joints 4 and 5" in named(check_measurements(damaged(clean, q=swapped)), "joint_order").message
+    coupled = clean.q.copy()
+    coupled[:, 2] -= coupled[:, 1]
+    named(check_measurements(damaged(clean, q=coupled)), "joint_coupling")
+
+
+def test_rows_that_do_not_belong_together(fanuc: Robot) -> None:
+    clean = measured(fanuc, unregistered=True)
+    named(check_measurements(damaged(clean, q=np.roll(clean.q, 1, axis=0))), "nominal_robot")
+
+
+def test_a_row_with_another_rows_joints(fanuc: Robot) -> None:
+    clean = measured(fanuc, unregistered=True)
+    q = clean.q.copy()
+    q[[8, 9]] = q[[9, 8]]
+    found = check_measurements(damaged(clean, q=q))
+    assert named(found, "rows_out_of_place").numbers["rows"] == [9, 10]
+
+
+def six_dimensional(robot: Robot) -> Measurements:
+    q = measured(robot).q
+    T = robot.mechanism.forward(q)
+    setup = Setup(np.eye(4), np.zeros((1, 3)), np.eye(3), frame_known=False, targets_known=False)
+    return Measurements(robot, q, readonly(T[:, None, :3, 3]), readonly(T[:, :3, :3]), setup, 0.05e-3, 0.1e-3)
+
+
+def test_orientations_in_another_convention(fanuc: Robot) -> None:
+    clean = six_dimensional(fanuc)
+    assert clean.rotations is not None
+    assert warned(check_measurements(clean)) == []
+    inverted = replace(clean, rotations=readonly(np.swapaxes(clean.rotations, -1, -2)))
+    named(check_measurements(inverted), "orientation_convention")
+
+
+# --- design ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_joint_that_never_moves(fanuc: Robot) -> None:
+    q = measured(fanuc).q.copy()
+    assert design_findings(fanuc, q) == []
+    q[:, 3] = 0.3
+    assert named(design_findings(fanuc, q), "joint_never_moves").numbers["joints"] == [4]
+
+
+def test_two_joints_with_the_same_numbers(fanuc: Robot) -> None:
+    q = measured(fanuc).q.copy()
+    q[:, 4] = q[:, 1]
+    assert named(design_findings(fanuc, q), "duplicate_columns").numbers["joints"] == [2, 5]
+
+
+def test_one_joint_at_a_time(fanuc: Robot) -> None:
+    home = fanuc.home(fanuc.workspace(None)[1])
+    q = np.tile(home, (36, 1))
+    for j in range(6):
+        q[6 * j : 6 * j + 6, j] += np.linspace(-0.4, 0.5, 6)
+    assert named(design_findings(fanuc, q), "one_joint_at_a_time").numbers["rows_percent"] == 100
+
+
+def test_positions_in_one_plane(fanuc: Robot) -> None:
+    flat = np.zeros((20, 6))
+    flat[:, 1:3] = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 2))
+    assert "flat_design" in names(design_findings(fanuc, flat))
+
+
+def test_repeated_configurations_give_the_repeatability(fanuc: Robot) -> None:
+    rng = np.random.default_rng(2)
+    few = measured(fanuc, 20).q
+    q = np.repeat(few, 5, axis=0) + rng.normal(size=(100, 6)) * 0.05e-3  # the residual does not care that they differ
+    measurements = simulate(fanuc, Simulation(at=q, noise=0.1e-3))
+    numbers = named(check_measurements(measurements), "repeatability", "note").numbers
+    assert (numbers["rows"], numbers["scatter_mm"]) == (80, pytest.approx(0.1, rel=0.1))
+    quiet = replace(measurements, noise_position=0.02e-3)
+    named(check_measurements(quiet), "repeatability")
+    assert named(design_findings(fanuc, q), "repeated_configurations", "note").numbers["rows"] == 80
+
+
+# --- companions -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.3e-3])
+def test_drift_of_the_base_against_the_instrument(fanuc: Robot, drift: float) -> None:
+    clean = measured(fanuc)
+    rng = np.random.default_rng(3)
+    fixed = rng.uniform(-1, 1, (2, 3)) + rng.normal(size=(40, 2, 3)) * 0.03e-3
+    fixed += np.linspace(0, 1, 40)[:, None, None] * [0.0, 0.0, drift]
+    fixed[::3] = np.nan  # not measured every time
+    companions = Companions(time_s=np.arange(40) * 90.0, reference_points=fixed)
+    found = named(check_measurements(clean, companions), "reference_drift", "warning" if drift else "note")
+    if drift:
+        assert found.numbers["moved_mm"] == pytest.approx(0.27, abs=0.06)
+        assert found.numbers["first_to_last_mm"][2] > 0.2  # type: ignore[index]
+        assert "0.925 h" in found.message
+
+
+@pytest.mark.parametrize("growth", [0.0, 12e-6])
+def test_trend_with_temperature(fanuc: Robot, growth: float) -> None:
+    clean = measured(fanuc, 100)
+    temperature = 20 + 15 * np.linspace(0, 1, 100)
+    points = clean.points * (1 + growth * (temperature - 20))[:, None, None]
+    found = check_measurements(replace(clean, points=readonly(points)), Companions(temperature_c=temperature))
+    trend = named(found, "temperature_trend", "warning" if growth else "note")
+    assert (trend.numbers["p_value"] < 1e-3) == bool(growth)  # type: ignore[operator]
+
+
+def test_commanded_or_read_positions(fanuc: Robot) -> None:
+    rng = np.random.default_rng(4)
+    read = measured(fanuc, 60).q
+    commanded = read + rng.normal(size=read.shape) * 0.5e-3
+    robot_was_at_read = simulate(fanuc, Simulation(at=read))
+    both = Companions(q_commanded=commanded, q_read=read)
+    found = named(check_measurements(robot_was_at_read, both), "commanded_or_read", "note")
+    share, error = found.numbers["share_of_read"], found.numbers["share_standard_error"]
+    assert abs(share - 1) < 4 * error < 1  # type: ignore[operator]
+    assert found.numbers["read_rms_mm"] < found.numbers["commanded_rms_mm"]  # type: ignore[operator]
+    file_of_commanded = replace(robot_was_at_read, q=readonly(commanded))
+    assert (
+        "the file holds the commanded ones"
+        in named(check_measurements(file_of_commanded, both), "commanded_or_read").message
+    )
+    same = Companions(q_commanded=read, q_read=read)
+    assert "commanded_or_read" not in names(check_measurements(robot_was_at_read, same))
+
+
+def test_the_checks_change_nothing_and_survive_anything(fanuc: Robot) -> None:
+    clean = measured(fanuc, 40, unregistered=True)
+    for count in (1, 2, 3, 5):
+        check_measurements(clean.rows(np.arange(count)))
+    holes = clean.points.copy()
+    holes[::2, 1] = np.nan
+    holes[1::2, 2] = np.nan
+    assert warned(check_measurements(replace(clean, points=readonly(holes)))) == []
+    points, _ = measured_in_base(clean, clean.setup)
+    assert np.isfinite(points).all()
