@@ -25,6 +25,7 @@ ROOMS = (
     "equivalent",
     "calibration",
     "compensation",
+    "programs",
     "export",
     "evaluation",
     "storage",

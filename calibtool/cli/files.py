@@ -33,10 +33,15 @@ def read_bytes(path: str) -> bytes:
 
 def read_text(path: str) -> str:
     """The same as text, UTF-8."""
+    return decoded(read_bytes(path), shown(path))
+
+
+def decoded(data: bytes, name: str) -> str:
+    """The text of a UTF-8 file that is called `name` in messages. InputError if it is none."""
     try:
-        return read_bytes(path).decode("utf-8")
+        return data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"{shown(path)}: not a UTF-8 text file (byte {error.start + 1})") from None
+        raise InputError(f"{name}: not a UTF-8 text file (byte {error.start + 1})") from None
 
 
 def shown(path: str) -> str:
@@ -81,10 +86,10 @@ def same_file(a: str, b: str) -> bool:
     return os.path.realpath(a) == os.path.realpath(b)
 
 
-def write_output(path: str, contents: bytes | str, force: bool) -> None:
-    """Write the whole file or nothing: into a temporary file beside it, then renamed."""
+def write_output(path: str, contents: bytes | str, force: bool, *, text: bool = False) -> None:
+    """Write the whole file or nothing: into a temporary file beside it, then renamed. text: fit for a terminal."""
     data = contents.encode("utf-8") if isinstance(contents, str) else contents
-    check_output(path, force, binary=isinstance(contents, bytes))
+    check_output(path, force, binary=isinstance(contents, bytes) and not text)
     if path == STREAM:
         write_stdout(data)
         return
