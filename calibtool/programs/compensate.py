@@ -136,7 +136,7 @@ def compensate_program(
         largest_deg=max(turned_deg),
         left_alone=(*left, *(remark for remark, _ in failures)),
         remarks=tuple(remarks),
-        notes=program.notes,
+        notes=program.notes if program.targets or program.remarks else (_nothing(program_format),),
     )
 
 
@@ -218,6 +218,10 @@ def _edits(
     edits += rewritten(program.text, target.numbers, pose_values(T, target.orientation, target.values))
     digits = target.configuration.digits(np.array(joints)) if target.configuration else []
     return edits + [(digit.start, digit.end, str(value)) for digit, value in digits], bool(digits)
+
+
+def _nothing(program_format: str) -> str:
+    return f"no positions are written in it as {program_format}; if it is something else, say so with --format"
 
 
 def _known(known: dict[str, Array], name: str | None) -> Array | None:

@@ -76,11 +76,8 @@ class _Reader:
             if target.kind == "pose":
                 target = Target(**{**vars(target), "frame": frame, "tool": tool})
             targets.append(target)
-        notes = (
-            () if self.targets or self.remarks else ("no positions are written in this file; are they in its .dat?",)
-        )
         found = by_position(targets)
-        return Program(self.text, found, tuple(self.remarks), self.defined["BASE"], self.defined["TOOL"], notes)
+        return Program(self.text, found, tuple(self.remarks), self.defined["BASE"], self.defined["TOOL"])
 
     def _part(self, part: re.Match[str]) -> None:
         line = self.lines(part.start())
