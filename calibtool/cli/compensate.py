@@ -72,6 +72,8 @@ def compensate(
             raise UsageError(f"--uncertainty adds columns to a table, but {shown(targets)} is {kind}")
         compensate_file(load_calibration(calibration)[0], data, targets, kind, output, force, options)
         return
+    if on_error != "stop" or joint_values != "controller" or frames is not None:
+        raise UsageError(f"--on-error, --joint-values and --frames are for programs, but {shown(targets)} is a table")
     loaded, _ = load_calibration(calibration)
     policy = cast(OutsidePolicy, outside)
     text = decoded(data, shown(targets))

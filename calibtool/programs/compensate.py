@@ -7,7 +7,7 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.program import OutsidePolicy, guarded
-from calibtool.compensation.solve import OK, OUT_OF_LIMITS, OUTSIDE, Compensation, Method
+from calibtool.compensation.solve import OK, OUTSIDE, Compensation, Method
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
 from calibtool.programs.branches import Controller, coupling_of, solve_pose
 from calibtool.programs.formats import reader
@@ -102,12 +102,10 @@ def compensate_program(
     nominal, new = robot.mechanism.forward(q), robot.mechanism.forward(np.nan_to_num(result.q))
     for k, item in enumerate(solved):
         status = result.status[k]
-        refused = not np.isfinite(result.q[k]).all() or status == OUT_OF_LIMITS
-        if refused:
-            why = {
-                OUT_OF_LIMITS: "the corrected joints are outside the joint limits",
-                OUTSIDE: "outside the configurations of the training (--outside refuse)",
-            }.get(status, "no joints were found")
+        if not robot.within_limits(result.q[k : k + 1])[0]:  # NaN is outside too
+            why = "the corrected joints are outside the joint limits"
+            if status == OUTSIDE and np.isnan(result.q[k]).any():
+                why = "outside the configurations of the training (--outside refuse)"
             failures.append((_remark(item.target, why), NoSolutionError))
             continue
         own, digits = _edits(controller, program, item, result.q[k], new[k])

@@ -113,10 +113,11 @@ class Kuka:
         return bool(np.all(np.where(negative, q <= _BORDER, q >= -_BORDER)))
 
     def digits(self, q: Array) -> list[tuple[Digit, int]]:
-        if self.turn is None or self.turns(q):
+        if self.turn is None:
             return []
         kept = self.turn.value >> len(q) << len(q)
-        return [(self.turn, kept | sum(1 << k for k, value in enumerate(q) if value < 0))]
+        value = kept | sum(1 << k for k, angle in enumerate(q) if angle < 0)
+        return [] if value == self.turn.value else [(self.turn, value)]
 
 
 @dataclass(frozen=True)
@@ -142,11 +143,8 @@ class Abb:
         return all(_in_quadrant(q[k], digit.value) for k, digit in self._axes())
 
     def digits(self, q: Array) -> list[tuple[Digit, int]]:
-        return [
-            (digit, int(np.floor(q[k] / (np.pi / 2))))
-            for k, digit in self._axes()
-            if not _in_quadrant(q[k], digit.value)
-        ]
+        here = [(digit, int(np.floor(q[k] / (np.pi / 2)))) for k, digit in self._axes()]
+        return [(digit, quadrant) for digit, quadrant in here if quadrant != digit.value]
 
     def _axes(self) -> list[tuple[int, Digit]]:
         return list(zip((0, 3, 5), self.quadrants, strict=True))

@@ -103,7 +103,8 @@ def _target(text: str, start: int, end: int, name: str, lines: Lines, robot: Rob
         return Remark(line, name, f"holds {', '.join(values) or 'nothing'}; expected J1 … or X Y Z W P R", bad=True)
     for key, unit in _POSE:
         if values[key].unit != unit:
-            return Remark(line, name, f"{key} is in {values[key].unit}; expected {unit}", bad=True)
+            place = lines(values[key].start)
+            return Remark(place, name, f"{key} is in {values[key].unit}; expected {unit}", bad=True)
     line = lines(values["X"].start)
     if extended:
         return Remark(line, name, "external axes beside a pose")

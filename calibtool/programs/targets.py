@@ -130,7 +130,9 @@ def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
             room -= 1
         if start - room >= 2:
             width = end - room
-            pieces += [text[position:room], new.rjust(width) if len(new) < width else f" {new}"]
+            close = len(new) <= width and text[room - 1 : room] in ("=", ",", "[", "(", "{", ":")
+            wanted = new if close else f" {new}"
+            pieces += [text[position:room], wanted.rjust(width)]
         else:
             pieces += [text[position:start], new]
         position = end
