@@ -136,6 +136,7 @@ def fanuc(config: str = "N U T, 0, 0, 0", z: str = "3 mm", more: str = "") -> st
         (fanuc(more=", HELLO"), 8, "'HELLO' is not known"),
         ("/POS\nP[1]{\n GP1:\n UF : 0, UT : 0,\n J1= 1 deg, J2= 2 deg\n};\n", 5, "has 6 joints"),
         ("/POS\nP[1]{\n};\n", 2, "no motion group"),
+        ("/POS\nP[1]{\n GP1:\n}\n", 2, "is not closed"),
     ],
 )
 def test_fanuc_errors(text: str, line: int, why: str) -> None:
@@ -203,6 +204,7 @@ def test_kuka_tools_by_number_and_by_value() -> None:
         ("{X 1,Y 0,Z 0,A 0,B 0,C 0,Q 4}", "'Q' is not known"),
         ("{X 1,Y 0,Z 0,A1 0,B 0,C 0}", "axes and a pose"),
         ("{X 1,Y 0,Z 0,A 0,B 0,C 0,S x}", "S or T"),
+        ("{X 1,Y 0,Z 0", "not closed"),
     ],
 )
 def test_kuka_errors(position: str, why: str) -> None:
@@ -366,6 +368,7 @@ def test_ros2_json() -> None:
         ("elbow_joint,", "elbow,", "no 'elbow_joint' of ur5; did you mean elbow"),
         ("0.0, 0.04]", "0.04]", "holds 6 positions for 7 joint_names"),
         ("[1.745329", "[.nan", "elbow_joint holds '.nan', which is not finite"),
+        ("0.0, 0.04]", "0.0, 0.04", "a bracket is not closed"),
         ("[1.745329", "[up", "elbow_joint holds 'up', which is not a number"),
     ],
 )

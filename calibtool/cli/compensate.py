@@ -48,7 +48,7 @@ def compensate(
     configurations), near-singular, out-of-limits or unreachable (empty joints, exit code 4; the other rows are written all
     the same).
 
-    Of a program (docs/programs/FORMAT.md) only the numbers of joint and pose targets change; stderr says how many, by how
+    Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how many, by how
     much at most, and what was left alone and why. A target without an answer stops it, and nothing is written.
 
     Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv

@@ -10,6 +10,7 @@ NAME = "fanuc-ls"
 SUFFIXES = (".ls",)
 _START = re.compile(r"^/(?:PROG\b|POS\s*$)", re.MULTILINE)
 _POSITION = re.compile(r"^[ \t]*P\[(\d+)[^\]\n]*\][ \t]*\{(.*?)\}[ \t]*;", re.MULTILINE | re.DOTALL)
+_OPENED = re.compile(r"^[ \t]*P\[(\d+)[^\]\n]*\][ \t]*\{", re.MULTILINE)
 _GROUP = re.compile(r"\bGP(\d+)[ \t]*:")
 _ITEM = re.compile(r"(?:'[^']*'|[^,'])+")
 _VALUE = re.compile(r"([A-Z]\d*)\s*=\s*(\S+)\s*(mm|deg)?")
@@ -44,6 +45,10 @@ def read(text: str, robot: Robot) -> Program:
         elif re.search(r"\b(?:V?OFFSET|TOOL_OFFSET)\b", options, re.IGNORECASE):
             notes.append(f"line {lines(motion.start(1))}: P[{number}] is corrected without its offset")
     targets = []
+    closed = {position.start() for position in _POSITION.finditer(text, split)}
+    for opened in _OPENED.finditer(text, split):
+        if opened.start() not in closed:
+            remarks.append(Remark(lines(opened.start(1)), f"P[{opened[1]}]", "is not closed by };", bad=True))
     for position in _POSITION.finditer(text, split):
         name, line = f"P[{position[1]}]", lines(position.start(1))
         if position[1] in incremental:

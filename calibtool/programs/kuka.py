@@ -33,9 +33,10 @@ _PART = re.compile(
     rf"|(?P<system>\$(?:TOOL|BASE))\s*=\s*(?:(?P<data>(?:TOOL|BASE)_DATA)\s*\[\s*(?P<data_number>\w+)\s*\]"
     rf"|(?P<null>\$NULLFRAME)|\{{(?P<system_items>[^{{}}]*)\}}|(?P<other>[^\n]+))"
     rf"|\b(?P<table>TOOL|BASE)_DATA\s*\[\s*(?P<table_number>\d+)\s*\]\s*=\s*\{{(?P<table_items>[^{{}}]*)\}}"
-    rf"|(?:\b(?P<type>E6AXIS|AXIS|E6POS|POS|FRAME)\s+)?(?P<name>{_NAME})\s*=\s*\{{(?P<items>[^{{}}]*)\}}"
+    rf"|(?:\b(?P<type>E6AXIS|AXIS|E6POS|POS|FRAME)\s+)?(?P<name>{_NAME})\s*=\s*\{{(?P<items>[^{{}}\n]*)\}}"
+    rf"|\b(?:E6AXIS|AXIS|E6POS|POS)\s+(?P<open>{_NAME})\s*=\s*\{{[^{{}}\n]*$"
     rf"|\b(?P<move>{_MOVES})\b(?P<rest>[^\n]*)",
-    re.IGNORECASE,
+    re.IGNORECASE | re.MULTILINE,
 )
 _GROUP = re.compile(r"\{([^{}]*)\}")
 _JOINTS = [f"A{k}" for k in range(1, 7)]
@@ -93,9 +94,13 @@ class _Reader:
             frame = self._frame(part.start("table_items"), part.end("table_items"))
             if frame is not None:
                 self.defined[part["table"].upper()][part["table_number"]] = frame
+        elif part["open"]:
+            self.remarks.append(Remark(line, part["open"], "a brace is not closed", bad=True))
         elif part["name"] is not None:
             self._assigned(part, line)
         elif part["move"]:
+            if "{" in part["rest"] and "}" not in part["rest"]:
+                self.remarks.append(Remark(line, part["move"], "a brace is not closed", bad=True))
             for group in _GROUP.finditer(self.code, part.start("rest"), part.end("rest")):
                 self._position(group.start(1), group.end(1), part["move"].upper(), "")
 

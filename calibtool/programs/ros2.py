@@ -2,7 +2,7 @@
 
 import re
 
-from calibtool.errors import near_names
+from calibtool.errors import InputError, near_names
 from calibtool.programs.lists import closing, split
 from calibtool.programs.targets import Lines, Program, Remark, Target, is_not_finite, number_at
 from calibtool.robot.model import Robot
@@ -27,7 +27,10 @@ def read(text: str, robot: Robot) -> Program:
     names: list[tuple[int, list[str]]] = []
     points: list[tuple[int, list[tuple[int, int]]]] = []
     for match in _LIST.finditer(code):
-        spans = _elements(code, match.end())
+        try:
+            spans = _elements(code, match.end())
+        except InputError as error:
+            return Program(text, (), (Remark(lines(match.start(2)), match[2], str(error), bad=True),))
         if match[2] == "positions":
             points.append((match.start(2), spans))
         else:
@@ -88,7 +91,9 @@ def _elements(code: str, start: int) -> list[tuple[int, int]]:
     flow = re.compile(r"\s*\[").match(code, start)
     if flow:
         end = closing(code, flow.end() - 1)
-        if end is None or not code[flow.end() : end].strip():
+        if end is None:
+            raise InputError("a bracket is not closed")
+        if not code[flow.end() : end].strip():
             return []
         return split(code, flow.end(), end)
     spans = []
