@@ -60,6 +60,9 @@ class _Reader:
     def __init__(self, text: str, robot: Robot) -> None:
         self.text, self.robot, self.lines = text, robot, Lines(text)
         self.code = comments_blanked(text, r"![^\r\n]*")
+        off = re.findall(r"\b(ConfJ|ConfL)\s*\\Off", self.code, re.IGNORECASE)
+        self.unconfigured = {word.lower() for word in off}
+        self.positions = {match[2].lower() for match in _DECLARED.finditer(self.code)}
         self.frames: dict[str, Array] = {}
         self.tools: dict[str, Array] = {}
         self.uses: dict[str, list[_Use]] = {}
@@ -132,8 +135,7 @@ class _Reader:
         if len(words) < 2 or instruction == "moveextj":
             return
         joint = instruction == "moveabsj"
-        off = "ConfJ" if instruction.endswith("j") else "ConfL"
-        configured = re.search(rf"\b{off}\s*\\Off", self.code, re.IGNORECASE) is None
+        configured = ("confj" if instruction.endswith("j") else "confl") not in self.unconfigured
         last = re.match(r"(\w+)", words[-1])
         frame = re.search(r"\\WObj\s*:=\s*(\w+)", words[-1], re.IGNORECASE)
         use = _Use(
@@ -159,10 +161,7 @@ class _Reader:
             self.remarks.append(Remark(line, word, "a relative motion; the point it starts from is treated by itself"))
         elif name := re.match(r"(\w+)\s*(?:\{[^}]*\})?\s*(?:\\.*)?$", word):
             self.uses.setdefault(name[1].lower(), []).append(use)
-            known = re.search(
-                rf"\b(?:robtarget|jointtarget)\s+{name[1]}\s*(?:\{{[^}}]*\}})?\s*:=\s*\[", self.code, re.IGNORECASE
-            )
-            if not known:
+            if name[1].lower() not in self.positions:
                 self.remarks.append(Remark(line, name[1], "a variable that this file gives no position"))
         else:
             self.remarks.append(Remark(line, word[:40], "an expression"))

@@ -1,11 +1,12 @@
 """Joint positions for the poses of a program: inverse kinematics on the branch that the configuration data mean."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 
-from calibtool.programs.configurations import Configuration, has_postures, posture
+from calibtool.programs.configurations import Configuration, Posture, has_postures, posture
 from calibtool.robot.inverse import inverse_kinematics, solve_poses
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
@@ -20,6 +21,11 @@ class Controller:
 
     robot: Robot
     coupling: Array
+
+    @cached_property
+    def zero(self) -> Posture:
+        """The branch with all of the controller's joint values at zero. For six-joint arms."""
+        return posture(self.robot, self.to_serial(np.zeros(self.robot.n)), np.zeros(self.robot.n))
 
     def to_serial(self, q: Array) -> Array:
         """Joint positions of the serial chain for the controller's joint values, (…, n) both."""
@@ -58,10 +64,9 @@ def solve_pose(
         return solved.q[0]
     if not has_postures(robot):
         return f"the configuration {configuration.text} is that of a six-joint arm, and {robot.name} is none"
-    zero = posture(robot, controller.to_serial(np.zeros(robot.n)), np.zeros(robot.n))
 
     def wanted(q: Array) -> Array | None:
-        if not configuration.branch(posture(robot, q, controller.to_controller(q)), zero):
+        if not configuration.branch(posture(robot, q, controller.to_controller(q)), controller.zero):
             return None
         return next(
             (turned for turned in _turns(robot, q) if configuration.turns(controller.to_controller(turned))), None

@@ -62,6 +62,8 @@ class _Reader:
     def __init__(self, text: str, robot: Robot) -> None:
         self.text, self.robot, self.lines = text, robot, Lines(text)
         self.code = comments_blanked(text, r";[^\r\n]*")
+        moved_to = re.findall(rf"\b{_MOVES}\s+({_NAME})", self.code, re.IGNORECASE)
+        self.driven = {re.sub(r"\s", "", name).upper() for name in moved_to}
         self.active: dict[str, str | None] = {"TOOL": None, "BASE": None}
         self.defined: dict[str, dict[str, Array]] = {"TOOL": {}, "BASE": {}}
         self.targets: list[tuple[Target, str]] = []
@@ -121,7 +123,7 @@ class _Reader:
         name, kind = part["name"], (part["type"] or "").upper()
         written = re.match(r"\s*(E6AXIS|AXIS|E6POS|POS|FRAME)\s*:", part["items"], re.IGNORECASE)
         kind = kind or (written[1].upper() if written else "")
-        driven = re.search(rf"\b{_MOVES}\s+{re.escape(name)}(?![\w\[])", self.code, re.IGNORECASE)
+        driven = re.sub(r"\s", "", name).upper() in self.driven
         if not kind and not driven:
             return  # load data, motion parameters, something else
         if kind == "FRAME" and not driven:

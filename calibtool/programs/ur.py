@@ -1,6 +1,7 @@
 """Universal Robots programs (URScript): literal joints and poses in movej, movel, movep, movec and servoj."""
 
 import re
+from collections import Counter
 
 from calibtool.programs.frames import pose
 from calibtool.programs.lists import closing, item, split
@@ -41,6 +42,11 @@ class _Reader:
     def __init__(self, text: str, robot: Robot) -> None:
         self.text, self.robot, self.lines = text, robot, Lines(text)
         self.code = comments_blanked(text, r"#[^\r\n]*")
+        self.words = Counter(re.findall(r"\b[A-Za-z_]\w*\b", self.code))
+        self.moved = Counter(re.findall(r"\b(?:movej|movel|movep|servoj)\s*\(\s*(\w+)\b(?!\s*[\[(])", self.code))
+        self.assigned: dict[str, list[re.Match[str]]] = {}
+        for match in re.finditer(r"\b([A-Za-z_]\w*)\s*=(?!=)\s*", self.code):
+            self.assigned.setdefault(match[1], []).append(match)
         self.tool: str | None = ""
         self.tools: dict[str, Array] = {}
         self.targets: dict[int, Target] = {}  # by position: a variable may be used by several moves
@@ -145,9 +151,8 @@ class _Reader:
 
     def _variable(self, name: str, position: int) -> None:
         """A variable is followed only where it is assigned one literal and used by moves alone."""
-        assigned = list(re.finditer(rf"\b{name}\s*=(?!=)\s*", self.code))
-        used = len(re.findall(rf"\b{name}\b", self.code)) - len(assigned)
-        moved = len(re.findall(rf"\b(?:movej|movel|movep|servoj)\s*\(\s*{name}\b(?!\s*\[)", self.code))
+        assigned, moved = self.assigned.get(name, []), self.moved[name]
+        used = self.words[name] - len(assigned)
         opening = re.compile(r"p?\[").match(self.code, assigned[0].end()) if len(assigned) == 1 else None
         end = closing(self.code, opening.end() - 1) if opening else None
         if end is None or used != moved:
