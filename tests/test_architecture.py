@@ -26,6 +26,7 @@ ROOMS = (
     "equivalent",
     "calibration",
     "compensation",
+    "programs",
     "export",
     "evaluation",
     "storage",

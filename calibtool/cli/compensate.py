@@ -1,12 +1,11 @@
 """calibtool compensate: poses or joints in, corrected joints out."""
 
 from collections.abc import Iterator
-from itertools import chain
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, message, one_stdin, output_stream, shown, text_lines
+from calibtool.cli.files import check_output, input_stream, message, one_stdin, output_stream, shown, text_lines
 from calibtool.cli.load import load_calibration
 from calibtool.cli.options import (
     EXACT,
@@ -18,7 +17,23 @@ from calibtool.cli.options import (
     Outside,
     choice,
 )
+from calibtool.cli.programs import (
+    FORMATS,
+    ROWS,
+    Format,
+    FramesFile,
+    OnError,
+    check_not_input,
+    compensate_file,
+    program_options,
+    recognised,
+)
 from calibtool.cli.progress import counted
+from calibtool.errors import UsageError
+
+if TYPE_CHECKING:
+    from calibtool.calibration import Calibration
+    from calibtool.compensation.stream import RowFormat, StreamOptions
 
 
 def compensate(
@@ -38,54 +53,84 @@ def compensate(
         bool,
         typer.Option("--verify", help="Drive the calibrated model to every corrected row; add left_mm, left_mrad."),
     ] = False,
-    row_format: Annotated[
-        str,
-        typer.Option("--format", metavar="auto|csv|ndjson", help="Rows of CSV, or JSON objects, one per line."),
-    ] = "auto",
+    kind: Format = "auto",
+    on_error: OnError = "stop",
+    frames: FramesFile = None,
     line_buffered: Annotated[
         bool,
         typer.Option("--line-buffered", help="Answer every row at once, for a program at the other end of a pipe."),
     ] = False,
     force: Force = False,
 ) -> None:
-    """Correct commanded poses or joint positions, any number of them.
+    """Correct commanded poses or joint positions, any number of rows, or a controller program.
 
-    The output has the corrected joints, the input's other columns and a status: ok, outside (of the training's
+    Rows come back with the corrected joints, the input's other columns and a status: ok, outside (of the training's
     configurations), near-singular, out-of-limits or unreachable (empty joints, exit code 4; the other rows are written all
     the same). Poses without joints are a path: each row starts from the one before, jumps of the joints are reported.
+
+    Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how many, by how
+    much at most, and what was left alone and why. A target without an answer stops it, and nothing is written.
 
     Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv
     """
     check_output(output, force)
-    one_stdin(calibration, targets)
+    one_stdin(calibration, targets, frames)
     choice(method, ("exact", "one-step"), "--method")
-    choice(row_format, ("auto", "csv", "ndjson"), "--format")
+    choice(kind, FORMATS, "--format")
+    choice(on_error, ("stop", "skip"), "--on-error")
     from typing import cast
 
     from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
-    from calibtool.compensation.stream import BATCH, StreamOptions, StreamReport, compensate_stream
-    from calibtool.errors import NoSolutionError
+    from calibtool.compensation.stream import BATCH, RowFormat, StreamOptions
     from calibtool.robot.coupling import JOINT_VALUES, JointValues
 
-    values = choice(joint_values or "serial", JOINT_VALUES, "--joint-values")
     choice(outside, OUTSIDE_POLICIES, "--outside")
+    if joint_values is not None:
+        choice(joint_values, JOINT_VALUES, "--joint-values")
+    solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
+    values = cast(JointValues | None, joint_values)
     loaded, _ = load_calibration(calibration)
-    options = StreamOptions(
-        method=cast(Method, method),
-        outside=cast(OutsidePolicy, outside),
-        uncertainty=uncertainty,
-        verify=verify,
-        joint_values=cast(JointValues, values),
-        batch=1 if line_buffered else BATCH,
-    )
+    with input_stream(targets) as stream:
+        found = recognised(targets, stream.peek()) if kind == "auto" else kind
+        if found not in ROWS:
+            if uncertainty or verify or line_buffered:
+                raise UsageError(
+                    f"--uncertainty, --verify and --line-buffered are for rows, but {shown(targets)} is {found}"
+                )
+            check_not_input(output, targets, calibration)
+            how = program_options(solver, policy, on_error, values, frames)
+            compensate_file(loaded, stream.read(), targets, found, output, force, how)
+            return
+        if on_error != "stop" or frames is not None:
+            raise UsageError(f"--on-error and --frames are for programs, but {shown(targets)} holds rows")
+        options = StreamOptions(
+            method=solver,
+            outside=policy,
+            uncertainty=uncertainty,
+            verify=verify,
+            joint_values=values or "serial",
+            batch=1 if line_buffered else BATCH,
+        )
+        lines = text_lines(stream, shown(targets))
+        compensate_rows(loaded, lines, shown(targets), cast(RowFormat, found), options, output, force)
+
+
+def compensate_rows(
+    calibration: "Calibration",
+    lines: Iterator[str],
+    name: str,
+    row_format: "RowFormat",
+    options: "StreamOptions",
+    output: str,
+    force: bool,
+) -> None:
+    """Write corrected rows as they come, then what people have to know of them."""
+    from calibtool.compensation.stream import StreamReport, compensate_stream
+    from calibtool.errors import NoSolutionError
+
     report = StreamReport()
-    lines = text_lines(targets)
-    if row_format == "auto":
-        lines, row_format = recognised(lines)
-    texts = compensate_stream(
-        loaded, lines, shown(targets), options, report, "ndjson" if row_format == "ndjson" else "csv"
-    )
+    texts = compensate_stream(calibration, lines, name, options, report, row_format)
     with output_stream(output, force) as write:
         for text in counted(texts, "rows", options.batch):
             write(text.encode())
@@ -93,24 +138,13 @@ def compensate(
         message(line)
     if report.others:
         message(f"… and {report.others} more rows; see the column status")
-    if verify:
+    if options.verify:
         message(
             f"{report.rows} rows verified: the calibrated model stays within {report.left * 1e3:.3g} mm and "
             f"{report.turned * 1e3:.3g} mrad of the command where the status is ok or outside"
         )
     if report.without_joints:
         raise NoSolutionError(
-            f"{shown(targets)}: {report.without_joints} of {report.rows} rows have no joints, unreachable or refused; "
-            "the others are written"
+            f"{name}: {report.without_joints} of {report.rows} rows have no joints, unreachable or refused; the others "
+            "are written"
         )
-
-
-def recognised(lines: Iterator[str]) -> tuple[Iterator[str], str]:
-    """The same lines, and whether the first that is not empty is a JSON object."""
-    seen = []
-    for line in lines:
-        seen.append(line)
-        if line.strip().removeprefix("\ufeff"):
-            break
-    found = "ndjson" if seen and seen[-1].removeprefix("\ufeff").lstrip().startswith("{") else "csv"
-    return chain(seen, lines), found

@@ -7,7 +7,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from calibtool.errors import InputError, UsageError
 
@@ -41,31 +41,40 @@ def read_text(path: str) -> str:
         raise InputError(f"{shown(path)}: not a UTF-8 text file (byte {error.start + 1})") from None
 
 
-def text_lines(path: str) -> Iterator[str]:
-    """Lines of a text file or of stdin, UTF-8, as they arrive: memory does not grow with the file."""
-    if path == STREAM and sys.stdin.isatty():
-        raise UsageError("stdin is a terminal; give a file, or pipe one in")
+@contextlib.contextmanager
+def input_stream(path: str) -> Iterator[io.BufferedReader]:
+    """A file, or stdin for `-`, to be read as its bytes arrive; `peek` looks at the first without taking them."""
+    if path == STREAM:
+        if sys.stdin.isatty():
+            raise UsageError("stdin is a terminal; give a file, or pipe one in")
+        stream: Any = _binary(sys.stdin)
+        yield stream if isinstance(stream, io.BufferedReader) else io.BufferedReader(stream)
+        return
     try:
-        binary = _binary(sys.stdin) if path == STREAM else open(path, "rb")  # noqa: SIM115
+        file: Any = open(path, "rb", buffering=65536)  # noqa: SIM115
     except FileNotFoundError:
         raise UsageError(f"{path}: no such file") from None
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    stream = io.TextIOWrapper(binary, encoding="utf-8")
+    with file:
+        yield file
+
+
+def text_lines(stream: io.BufferedReader, name: str) -> Iterator[str]:
+    """Lines of UTF-8 text as they arrive: memory does not grow with the file, called `name` in messages."""
+    text = io.TextIOWrapper(stream, encoding="utf-8")
     count = 0
     try:
-        for line in stream:
+        for line in text:
             count += 1
             yield line
     except UnicodeDecodeError:
-        raise InputError(f"{shown(path)}: not a UTF-8 text file (after line {count})") from None
+        raise InputError(f"{name}: not a UTF-8 text file (after line {count})") from None
     except OSError as error:
-        raise InputError(f"{shown(path)}: {error.strerror or error}") from None
+        raise InputError(f"{name}: {error.strerror or error}") from None
     finally:
-        if path == STREAM:
-            stream.detach()
-        else:
-            stream.close()
+        with contextlib.suppress(ValueError):  # closed already when the command ends early
+            text.detach()
 
 
 def shown(path: str) -> str:
@@ -110,10 +119,10 @@ def same_file(a: str, b: str) -> bool:
     return os.path.realpath(a) == os.path.realpath(b)
 
 
-def write_output(path: str, contents: bytes | str, force: bool) -> None:
-    """Write the whole file or nothing: into a temporary file beside it, then renamed."""
+def write_output(path: str, contents: bytes | str, force: bool, *, text: bool = False) -> None:
+    """Write the whole file or nothing: into a temporary file beside it, then renamed. text: fit for a terminal."""
     data = contents.encode("utf-8") if isinstance(contents, str) else contents
-    check_output(path, force, binary=isinstance(contents, bytes))
+    check_output(path, force, binary=isinstance(contents, bytes) and not text)
     with output_stream(path, force, checked=True) as write:
         write(data)
 

@@ -28,7 +28,7 @@ JointValuesOption = Annotated[
     typer.Option(
         "--joint-values",
         metavar="serial|controller",
-        help="Joint values of the serial chain (default), or the controller's: the robot's coupling converts.",
+        help="Joint values of the serial chain (default; FANUC programs: controller), or the controller's, converted.",
     ),
 ]
 

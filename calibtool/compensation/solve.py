@@ -98,9 +98,10 @@ def _compensate(calibration: Calibration, target: Array | None, q: Array, method
         target = robot.mechanism.forward(q) if target is None else target
         corrected, lost, left = _solved(calibration, target, q, corrected)
         distance = np.where(lost, 0.0, distance)
+    near = distance < MIN_SINGULARITY_DISTANCE
+    status[near] = NEAR_SINGULAR
     status[~robot.within_limits(corrected)] = OUT_OF_LIMITS
-    status[distance < MIN_SINGULARITY_DISTANCE] = NEAR_SINGULAR
-    judged = np.isnan(left[0]) & (verify | (robot.n < 6) | (status == NEAR_SINGULAR))
+    judged = np.isnan(left[0]) & (verify | (robot.n < 6) | near)
     if judged.any():
         aim = robot.mechanism.forward(q[judged]) if target is None else target[judged]
         pose = calibration.forward(corrected[judged])

@@ -1,0 +1,181 @@
+"""Configuration data of controllers: which branch of the inverse kinematics a pose means, and in which turn.
+
+Posture and joint values are looked at as the controller does, at the nominal robot:
+
+- front    the wrist centre is on the side of axis 1 to which the base's x axis has turned
+- bent     joint 3 is up to half a turn beyond the stretched arm, in its positive direction
+- flexed   joint 5 is positive
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, exp6
+
+_BORDER = np.deg2rad(0.01)  # a joint so near to the border of two turns may be called either
+
+
+@dataclass(frozen=True)
+class Posture:
+    """The branch of a six-joint arm with a wrist, see above."""
+
+    front: bool
+    bent: bool
+    flexed: bool
+
+
+@dataclass(frozen=True)
+class Digit:
+    """An integer of the configuration data and where it stands in the text."""
+
+    start: int
+    end: int
+    value: int
+
+
+class Configuration(Protocol):
+    """What a controller's configuration data ask of joint positions.
+
+    q are the controller's joint values in rad; zero is the posture with all of them zero.
+    """
+
+    @property
+    def text(self) -> str:
+        """As the program writes it."""
+
+    def branch(self, posture: Posture, zero: Posture) -> bool:
+        """Whether this is the branch that is meant."""
+
+    def turns(self, q: Array) -> bool:
+        """Whether the joints are in the turns that are meant."""
+
+    def digits(self, q: Array) -> list[tuple[Digit, int]]:
+        """Integers that have to change, and to what, where the correction took a joint into another turn."""
+
+
+@dataclass(frozen=True)
+class Fanuc:
+    """`N U T, 0, 0, 0`: no-flip/flip, up/down, top (front)/bottom (back), turns. Only turns 0 are read.
+
+    N: the wrist is bent as with J5 = −90 deg; U: the elbow as at the zero position; T: wrist in front of axis 1.
+    """
+
+    flip: str
+    elbow: str
+    side: str
+
+    @property
+    def text(self) -> str:
+        return f"{self.flip} {self.elbow} {self.side}, 0, 0, 0"
+
+    def branch(self, posture: Posture, zero: Posture) -> bool:
+        return (
+            (self.flip == "N") == (not posture.flexed)
+            and (self.elbow == "U") == (posture.bent == zero.bent)
+            and (self.side == "T") == posture.front
+        )
+
+    def turns(self, q: Array) -> bool:
+        return bool((np.abs(q) <= np.pi + _BORDER).all())
+
+    def digits(self, q: Array) -> list[tuple[Digit, int]]:
+        return []
+
+
+@dataclass(frozen=True)
+class Kuka:
+    """`S` and `T` of a POS or E6POS. S: bit 0 overhead area, bit 1 axis 3 beyond the stretched arm, bit 2 A5 < 0.
+
+    T: bit k − 1 is set where axis k is negative. Either may be missing.
+    """
+
+    status: int | None
+    turn: Digit | None
+
+    @property
+    def text(self) -> str:
+        parts = [] if self.status is None else [f"S {self.status}"]
+        return ", ".join(parts if self.turn is None else [*parts, f"T {self.turn.value}"])
+
+    def branch(self, posture: Posture, zero: Posture) -> bool:
+        if self.status is None:
+            return True
+        bits = (not posture.front) | posture.bent << 1 | (not posture.flexed) << 2
+        return (self.status & 7) == bits
+
+    def turns(self, q: Array) -> bool:
+        if self.turn is None:
+            return True
+        negative = np.array([bool(self.turn.value >> k & 1) for k in range(len(q))])
+        return bool(np.all(np.where(negative, q <= _BORDER, q >= -_BORDER)))
+
+    def digits(self, q: Array) -> list[tuple[Digit, int]]:
+        if self.turn is None:
+            return []
+        kept = self.turn.value >> len(q) << len(q)
+        value = kept | sum(1 << k for k, angle in enumerate(q) if angle < 0)
+        return [] if value == self.turn.value else [(self.turn, value)]
+
+
+@dataclass(frozen=True)
+class Abb:
+    """`[cf1,cf4,cf6,cfx]`: quadrants of axes 1, 4 and 6; cfx: 4 behind axis 1, 2 behind the lower arm, 1 axis 5 negative.
+
+    Robots whose quadrants decide leave cfx at 0; it is looked at only where it is not zero.
+    """
+
+    quadrants: tuple[Digit, Digit, Digit]
+    cfx: int
+
+    @property
+    def text(self) -> str:
+        return f"[{','.join(str(digit.value) for digit in self.quadrants)},{self.cfx}]"
+
+    def branch(self, posture: Posture, zero: Posture) -> bool:
+        behind_arm = posture.bent != zero.bent
+        number = (not posture.front) << 2 | behind_arm << 1 | (not posture.flexed)
+        return self.cfx == 0 or self.cfx == number
+
+    def turns(self, q: Array) -> bool:
+        return all(_in_quadrant(q[k], digit.value) for k, digit in self._axes())
+
+    def digits(self, q: Array) -> list[tuple[Digit, int]]:
+        here = [(digit, int(np.floor(q[k] / (np.pi / 2)))) for k, digit in self._axes()]
+        return [(digit, quadrant) for digit, quadrant in here if quadrant != digit.value]
+
+    def _axes(self) -> list[tuple[int, Digit]]:
+        return list(zip((0, 3, 5), self.quadrants, strict=True))
+
+
+def _in_quadrant(angle: float, quadrant: int) -> bool:
+    low = quadrant * np.pi / 2
+    return bool(low - _BORDER <= angle <= low + np.pi / 2 + _BORDER)
+
+
+def posture(robot: Robot, q: Array, q_controller: Array) -> Posture:
+    """The branch of joint positions q (n,) of a six-joint arm with a wrist; q_controller (n,): as the controller counts.
+
+    The wrist centre is the origin of joint 5.
+    """
+    frames, here = [], np.eye(4)
+    for placement, twist, angle in zip(robot.chain.placements, robot.chain.twists, q, strict=False):
+        here = here @ placement
+        frames.append(here)
+        here = here @ exp6(twist * angle)
+    points = [frame[:3, 3] for frame in frames]
+    axis_1, axis_3 = (frames[j][:3, :3] @ robot.chain.twists[j][3:] for j in (0, 2))
+    turned_x = exp6(np.concatenate([np.zeros(3), axis_1 * q[0]]))[:3, :3] @ np.array([1.0, 0.0, 0.0])
+    wrist = points[4]
+    return Posture(
+        front=bool((wrist - points[0]) @ turned_x >= 0.0),
+        bent=bool(axis_3 @ np.cross(points[2] - points[1], wrist - points[2]) >= 0.0),
+        flexed=bool(np.sin(q_controller[4]) >= 0.0),
+    )
+
+
+def has_postures(robot: Robot) -> bool:
+    """Whether configuration data of six-joint arms can be read for this robot."""
+    return robot.n == 6 and not any(robot.prismatic)

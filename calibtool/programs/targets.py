@@ -1,0 +1,171 @@
+"""Program targets: where their numbers stand in a controller program, what they mean, and how they are rewritten."""
+
+import re
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from calibtool.programs.configurations import Configuration
+from calibtool.robot.se3 import Array
+from calibtool.units import TO_SI
+
+# Decimals that keep 1e-6 deg and 1e-4 mm; a quaternion's components are as fine as 1e-6 deg.
+DECIMALS = {"deg": 6, "rad": 8, "mm": 4, "m": 7, "": 9}
+
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = re.compile(NUMBER)
+_NOT_FINITE = re.compile(r"[-+]?\.?(?:nan|inf|infinity)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number in the text: characters start to end, its unit (`""` for a quaternion's component), its SI value."""
+
+    start: int
+    end: int
+    unit: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Target:
+    """A position that the program commands.
+
+    kind           `joint` or `pose`
+    numbers        joints in the robot's order; or x, y, z and the orientation
+    line           line of the first number, from 1
+    name           how the program calls it, for messages
+    orientation    of a pose: `wpr` (fixed x, y, z), `abc` (z, y', x''), `quaternion` (scalar first), `rotation vector`
+    frame, tool    of a pose: names of its frame and tool; "" is the robot's base and the tool of the calibration, None
+                   is not known
+    configuration  what the program says about the branch; None: near the target before
+    joints         joint numbers beside a pose: they choose the branch, and are corrected with it
+    """
+
+    kind: str
+    numbers: tuple[Number, ...]
+    line: int
+    name: str
+    orientation: str = ""
+    frame: str | None = ""
+    tool: str | None = ""
+    configuration: Configuration | None = None
+    joints: tuple[Number, ...] = ()
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The numbers in SI units."""
+        return tuple(number.value for number in self.numbers)
+
+
+@dataclass(frozen=True)
+class Remark:
+    """Something in the program that is not corrected: its line, its name and why; bad: it is an error of the program."""
+
+    line: int
+    name: str
+    why: str
+    bad: bool = False
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program's text (Latin-1, so that every byte is one character), its targets and what stays as it is.
+
+    frames, tools  T_base_frame and T_flange_tool that the program itself defines, (4, 4) in m
+    notes          what a reader of the summary has to know of this program
+    """
+
+    text: str
+    targets: tuple[Target, ...]
+    remarks: tuple[Remark, ...] = ()
+    frames: dict[str, Array] = field(default_factory=dict)
+    tools: dict[str, Array] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+class Lines:
+    """Line numbers (from 1) of positions in a text."""
+
+    def __init__(self, text: str) -> None:
+        self._starts = [0, *(match.end() for match in re.finditer(r"\r\n|\n|\r", text))]
+
+    def __call__(self, position: int) -> int:
+        return bisect_right(self._starts, position)
+
+
+def number_at(text: str, start: int, end: int, unit: str) -> Number | None:
+    """The number that fills text[start:end] (blanks around it aside); None for anything else, NaN among it."""
+    inner = text[start:end]
+    first = start + len(inner) - len(inner.lstrip())
+    match = _NUMBER.fullmatch(inner.strip())
+    if match is None:
+        return None
+    return Number(first, first + len(inner.strip()), unit, float(match[0]) * TO_SI.get(unit, 1.0))
+
+
+def is_not_finite(text: str) -> bool:
+    """Whether a text is NaN or infinite, as a program with bad data would write it."""
+    return _NOT_FINITE.fullmatch(text.strip()) is not None
+
+
+def comments_blanked(text: str, comment: str, string: str = r'"[^"\n]*"') -> str:
+    """The text with comments and strings replaced by blanks of the same length: positions stay, their words are gone."""
+
+    def blank(match: re.Match[str]) -> str:
+        return re.sub(r"[^\r\n]", " ", match[0])
+
+    return re.sub(f"{string}|{comment}", blank, text, flags=re.MULTILINE)
+
+
+def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
+    """The text with spans (start, end, new text) exchanged; everything else is as it was.
+
+    A number that stands right-aligned in a column (two blanks before it at least) keeps its column's width.
+    """
+    pieces, position = [], 0
+    for start, end, new in sorted(edits):
+        room = start
+        while room > position and text[room - 1] == " ":
+            room -= 1
+        if start - room >= 2:
+            width = end - room
+            close = len(new) <= width and text[room - 1 : room] in ("=", ",", "[", "(", "{", ":")
+            wanted = new if close else f" {new}"
+            pieces += [text[position:room], wanted.rjust(width)]
+        else:
+            pieces += [text[position:start], new]
+        position = end
+    return "".join([*pieces, text[position:]])
+
+
+def rewritten(text: str, numbers: Sequence[Number], values: Sequence[float]) -> list[tuple[int, int, str]]:
+    """Edits that put new SI values where numbers stand; none for a number that would not change."""
+    edits = []
+    for number, value in zip(numbers, values, strict=True):
+        old = text[number.start : number.end]
+        new = written(old, value / TO_SI.get(number.unit, 1.0), number.unit)
+        if new != old:
+            edits.append((number.start, number.end, new))
+    return edits
+
+
+def written(old: str, value: float, unit: str) -> str:
+    """A value in the style of the number it replaces: its decimals, or as many as the unit needs; `old` if unchanged."""
+    mantissa = re.split("[eE]", old)[0]
+    decimals = max(DECIMALS[unit], len(mantissa.partition(".")[2]))
+    if abs(value - float(old)) < 0.5 * 10.0**-decimals:
+        return old
+    new = f"{value:.{decimals}f}"
+    if not float(new):
+        new = new.lstrip("-")  # no minus zero
+    if old.startswith("+") and not new.startswith("-"):
+        new = "+" + new
+    if re.match(r"[-+]?\.", old):
+        new = re.sub(r"^([-+]?)0\.", r"\1.", new)
+    return new
+
+
+def by_position(targets: Iterable[Target]) -> tuple[Target, ...]:
+    """Targets in the order of the text."""
+    return tuple(sorted(targets, key=lambda target: target.numbers[0].start))
