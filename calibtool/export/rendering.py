@@ -20,7 +20,7 @@ Precision = Literal["double", "single"]
 LINE = 116  # characters
 
 # Single precision: how near it comes to double precision, and at which singularity distance that ends. Tests hold both.
-SINGLE_ACCURACY, SINGLE_DISTANCE = 1e-6, 0.1
+SINGLE_ACCURACY, SINGLE_DISTANCE = 1e-6, 2 * MIN_SINGULARITY_DISTANCE
 
 
 def render(template: str, values: dict[str, Any], **filters: Callable[..., str]) -> str:
@@ -82,6 +82,7 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "gram_regularisation": GRAM_REGULARISATION,
         # Squares of its inverse must stay finite: 1e-30 would overflow in single precision.
         "smallest_pivot": 1e-30 if precision == "double" else 1e-12,
+        "cost": "TODO",
     }
 
 
