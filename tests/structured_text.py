@@ -192,7 +192,7 @@ def _tokens(text: str) -> Iterator[str]:
     place = 0
     while place < len(text):
         match = _TOKEN.match(text, place)
-        assert match, f"not Structured Text: {text[place:place + 20]!r}"
+        assert match, f"not Structured Text: {text[place : place + 20]!r}"
         place = match.end()
         if match.lastgroup:
             yield match[0]

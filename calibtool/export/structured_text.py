@@ -1,6 +1,7 @@
 """A calibration as IEC 61131-3 Structured Text: one function block with the one-step correction (Eq. 24)."""
 
 import re
+from collections.abc import Callable
 from functools import partial
 from math import prod
 from typing import Any
@@ -13,8 +14,8 @@ from calibtool.robot.se3 import Array
 LARGEST_POSITION = "1.0E6"  # rad or m; beyond it a position is nonsense, and SIN stops some controllers
 
 # Words that a function block cannot be called: keywords, elementary types, standard functions. Case does not matter.
-_RESERVED = frozenset(
-    """abs acos action add and any array asin at atan atan2 bool by byte case ceil concat configuration constant continue
+_RESERVED = """
+    abs acos action add and any array asin at atan atan2 bool by byte case ceil concat configuration constant continue
     cos ctd ctu ctud date delete dint div do dt dword else elsif end eq exit exp expt external false find floor for
     from function function_block ge goto gt if in initial_step insert int interface interval le left len limit lint ln
     log lreal lt lword max method mid min mod move mul mux namespace ne non_retain not of on or overlap overriding
@@ -22,8 +23,8 @@ _RESERVED = frozenset(
     repeat replace resource retain return right rol ror rs rtc sel shl shr sin single sint sqrt sr step string struct
     sub super tan task then this time to tod tof ton tp transition true trunc type udint uint ulint union until usint
     using var var_access var_config var_external var_global var_in_out var_input var_output var_temp while with word
-    wstring xor""".split()
-)
+    wstring xor
+"""
 
 
 def calibration_as_structured_text(
@@ -35,7 +36,7 @@ def calibration_as_structured_text(
     variables. Plain ASCII. Raises UsageError when `name` is no identifier of IEC 61131-3.
     """
     plain = re.fullmatch(r"[A-Za-z]\w*|_[A-Za-z0-9]\w*", name, re.ASCII)
-    if not plain or "__" in name or name.endswith("_") or name.lower() in _RESERVED:
+    if not plain or "__" in name or name.endswith("_") or name.lower() in _RESERVED.split():
         raise UsageError(
             f"'{name}' cannot be the name of a function block; use letters, digits and single _, no reserved word"
         )
@@ -47,7 +48,11 @@ def calibration_as_structured_text(
     }
     number = partial(digits, precision=precision)
     array = partial(_array, number)
-    filters = {"number": number, "array": array, "poses": lambda poses: array(poses[:, :3])}
+    filters: dict[str, Callable[..., str]] = {
+        "number": number,
+        "array": array,
+        "poses": lambda poses: array(poses[:, :3]),
+    }
     declarations = render("declarations.st.j2", values, **filters)
     memory = _memory(declarations, values["n"], 8 if precision == "double" else 4)
     return render("compensator.st.j2", {**values, "declarations": declarations, "memory": memory})
