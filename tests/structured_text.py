@@ -5,7 +5,9 @@ Assignments, IF, FOR with BY, RETURN, arrays from 1 (indices are checked, which 
 
 import math
 import re
+from collections import deque
 from collections.abc import Callable, Iterator
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,33 +18,25 @@ _OPERATORS = {"=": "==", "<>": "!=", "AND": " and ", "OR": " or ", "NOT": " not 
 _FUNCTIONS = {"ABS": abs, "SQRT": math.sqrt, "SIN": math.sin, "COS": math.cos, "ATAN": math.atan, "EXP": math.exp}
 
 
-class Grid:
-    """ARRAY[1..a, 1..b, ...]: an index outside is an error."""
+class Grid(dict[Any, Any]):
+    """ARRAY[1..a, 1..b, ...] by its indices: to read or to write outside is an error."""
 
     def __init__(self, shape: tuple[int, ...], values: list[Any]) -> None:
-        self.values, self.shape = values, shape
-        assert len(values) == math.prod(shape), "an initial value has another number of elements than its array"
+        indices = list(product(*(range(1, size + 1) for size in shape)))
+        assert len(values) == len(indices), "an initial value has another number of elements than its array"
+        super().__init__(zip(indices if len(shape) > 1 else [index for (index,) in indices], values, strict=True))
 
-    def _at(self, index: int | tuple[int, ...]) -> int:
-        place = 0
-        indices = index if isinstance(index, tuple) else (index,)
-        for i, size in zip(indices, self.shape, strict=True):
-            assert 1 <= i <= size, f"index {index} of an array {self.shape}"
-            place = place * size + i - 1
-        return place
-
-    def __getitem__(self, index: int | tuple[int, ...]) -> Any:
-        return self.values[self._at(index)]
-
-    def __setitem__(self, index: int | tuple[int, ...], value: Any) -> None:
-        self.values[self._at(index)] = value
+    def __setitem__(self, index: Any, value: Any) -> None:
+        assert index in self, f"index {index} of an array"
+        super().__setitem__(index, value)
 
 
 class FunctionBlock:
     """One instance: call it with q, and read q_corrected and status; variables keep their values between calls."""
 
     def __init__(self, text: str) -> None:
-        self.tokens = list(_tokens(text))
+        self.tokens = deque(_tokens(text))
+        self.literals: list[Any] = []
         self.variables: dict[str, Any] = {}
         self._take("FUNCTION_BLOCK")
         self.name = self._next()
@@ -53,15 +47,16 @@ class FunctionBlock:
         self._statements(lines, 1)
         self._take("END_FUNCTION_BLOCK")
         assert not self.tokens
-        scope: dict[str, Any] = {"number": self.number, "steps": _steps}
+        scope: dict[str, Any] = {"literals": self.literals, "steps": _steps}
         scope |= {name: self._function(function) for name, function in _FUNCTIONS.items()}
         exec("\n".join(lines), scope)
         self.body: Callable[[dict[str, Any]], None] = scope["body"]
 
     def __call__(self, q: np.ndarray) -> tuple[np.ndarray, int]:
-        self.variables["q"].values[:] = [self.number(value) for value in q]
+        for j, value in enumerate(q):
+            self.variables["q"][j + 1] = self.number(value)
         self.body(self.variables)
-        return np.array(self.variables["q_corrected"].values, dtype=float), self.variables["status"]
+        return np.array(list(self.variables["q_corrected"].values()), dtype=float), self.variables["status"]
 
     def number(self, text: Any) -> Any:
         """A literal or an input in the block's own precision."""
@@ -166,7 +161,10 @@ class FunctionBlock:
         token = first or self._next()
         while token not in ends:
             if token[0].isdigit():
-                parts.append(f"number({token!r})" if "." in token else token)
+                if "." in token:
+                    self.literals.append(self.number(token))
+                    token = f"literals[{len(self.literals) - 1}]"
+                parts.append(token)
             elif token in _OPERATORS:
                 assert token != "NOT" or self.tokens[0] == "("
                 parts.append(_OPERATORS[token])
@@ -180,7 +178,7 @@ class FunctionBlock:
         return "".join(parts)
 
     def _next(self) -> str:
-        return self.tokens.pop(0)
+        return self.tokens.popleft()
 
     def _take(self, *expected: str) -> None:
         for token in expected:
