@@ -183,7 +183,9 @@ def test_compiled_c_corrects_as_one_step_does(case: tuple[str, str, bool], compi
     assert np.array_equal(codes, np.broadcast_to(damped, codes.shape))
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case[2]], ids=str)
+@pytest.mark.parametrize(
+    "case", [case for case in CASES if case[1] == "everything" or case[0] in ("scara", "gantry")], ids=str
+)
 def test_compiled_c_in_single_precision_keeps_what_its_header_says(
     case: tuple[str, str, bool], compiled: Callable
 ) -> None:
@@ -210,13 +212,10 @@ def test_compiled_c_stays_finite_at_exact_singularities(compiled: Callable) -> N
 
 
 @pytest.mark.parametrize("base", ["nominal", "local-poe"])
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_compiled_c_returns_positions_that_are_not_finite_as_they_are(
-    base: str, bad: float, compiled: Callable
-) -> None:
-    q = np.array([[0.1, 0.2, bad, 0.4, 0.5, 0.6]])
+def test_compiled_c_returns_positions_that_are_not_finite_as_they_are(base: str, compiled: Callable) -> None:
+    q = np.array([[0.1, 0.2, bad, 0.4, 0.5, 0.6] for bad in (np.nan, np.inf, -np.inf)])
     corrected, codes = run(compiled(calibrated("fanuc-m1000ia", base, True)), q)
-    assert codes[0] == 2
+    assert (codes == 2).all()
     assert np.array_equal(corrected, q, equal_nan=True)
 
 

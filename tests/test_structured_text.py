@@ -26,7 +26,7 @@ def corrected(text: str, q: Array) -> tuple[Array, Array]:
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_function_block_corrects_as_one_step_does(case: tuple[str, str, bool]) -> None:
     calibration = calibrated(*case)
-    q = anywhere(calibration, 15)
+    q = anywhere(calibration, 10)
     expected, distance = one_step(calibration, q)
     found, status = corrected(calibration_as_structured_text(calibration, "arm"), q)
     assert np.abs(found - expected)[distance >= REGULAR].max() < 1e-12
@@ -38,7 +38,7 @@ def test_a_function_block_corrects_as_one_step_does(case: tuple[str, str, bool])
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "panda"])
 def test_a_function_block_of_reals_keeps_what_its_header_says(name: str) -> None:
     calibration = calibrated(name, "everything", True)
-    q = anywhere(calibration, 15).astype(np.float32)
+    q = anywhere(calibration, 10).astype(np.float32)
     expected, distance = one_step(calibration, q.astype(float))
     text = calibration_as_structured_text(calibration, "arm", "single")
     found, _ = corrected(text, q)
@@ -58,11 +58,10 @@ def test_a_singular_configuration_is_damped_and_says_so() -> None:
 
 
 @pytest.mark.parametrize("base", ["nominal", "local-poe"])
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e200, -2e6])
-def test_positions_that_make_no_sense_come_back_as_they_are(base: str, bad: float) -> None:
-    q = np.array([[0.1, bad, 0.3]])
+def test_positions_that_make_no_sense_come_back_as_they_are(base: str) -> None:
+    q = np.array([[0.1, bad, 0.3] for bad in (np.nan, np.inf, -np.inf, 1e200, -2e6)])
     found, status = corrected(calibration_as_structured_text(calibrated("planar-3r", base, True)), q)
-    assert status[0] == 2
+    assert (status == 2).all()
     assert np.array_equal(found, q, equal_nan=True)
 
 
@@ -79,9 +78,9 @@ def test_the_memory_of_the_header_is_that_of_the_variables(precision: Precision,
 
 
 def parsed(text: str) -> None:
-    """Read by blark, which takes a millisecond per character."""
+    """Read by blark, which takes a millisecond per character: initial values are shortened."""
     parse = pytest.importorskip("blark.parse", reason="blark, which parses Structured Text, is not installed")
-    result = parse.parse_source_code(text)
+    result = parse.parse_source_code(re.sub(r":= \[[^]]*\]", ":= [0.5, -1.0e-3]", text))
     assert result.exception is None
     assert result.tree is not None
 
@@ -91,9 +90,8 @@ def test_an_independent_parser_reads_a_block_without_kinematics() -> None:
 
 
 @pytest.mark.skipif("CALIBTOOL_SLOW_TESTS" not in os.environ, reason="takes half a minute; set CALIBTOOL_SLOW_TESTS=1")
-@pytest.mark.parametrize("precision", ["double", "single"])
-def test_an_independent_parser_reads_a_whole_block(precision: Precision) -> None:
-    parsed(calibration_as_structured_text(calibrated("scara", "everything", True), "arm", precision))
+def test_an_independent_parser_reads_a_whole_block() -> None:
+    parsed(calibration_as_structured_text(calibrated("planar-3r", "everything", True), "arm"))
 
 
 @pytest.mark.parametrize("name", ["", "3r", "my-arm", "a__b", "arm_", "größe", "If", "REAL", "a b"])
