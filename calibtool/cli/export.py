@@ -1,43 +1,95 @@
 """calibtool export: the compensator for other programs."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, write_output, write_outputs
+from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs
 from calibtool.cli.load import load_calibration
 from calibtool.cli.options import CalibrationFile, Force, Output, choice
+
+if TYPE_CHECKING:
+    from calibtool.export.rendering import Precision
+
+FORMATS = ("json", "c", "st", "onnx", "urdf")
+# What each format calls its precisions, double first.
+PRECISIONS = {"c": ("double", "float"), "st": ("LREAL", "REAL"), "onnx": ("double", "float")}
 
 
 def export(
     calibration: CalibrationFile,
     format: Annotated[
-        str, typer.Option("--format", metavar="json|c", help="json (complete), or c (one C99 file and header).")
+        str,
+        typer.Option(
+            "--format",
+            metavar="json|c|st|onnx|urdf",
+            help="json (complete), c (C99 and header), st (IEC 61131-3), onnx (network), urdf (geometry).",
+        ),
     ],
+    precision: Annotated[
+        str | None,
+        typer.Option("--precision", metavar="double|float", help="c, onnx: double or float; st: LREAL or REAL."),
+    ] = None,
     output: Output = "-",
     force: Force = False,
 ) -> None:
-    """Write the compensator as JSON or C code.
+    """Write the compensator as JSON, C, Structured Text, ONNX or URDF.
 
-    For C, -o NAME.c also writes NAME.h, and NAME starts every symbol.
+    For C, -o NAME.c also writes NAME.h; NAME starts every symbol, and names the function block of NAME.st.
+    What a URDF cannot hold is listed on stderr. docs/export.md describes each format.
 
     Example: calibtool export calibration.h5 --format c -o compensator.c
     """
-    choice(format, ("json", "c"), "--format")
-    check_output(output, force)
+    choice(format, FORMATS, "--format")
+    chosen = _precision(format, precision)
+    check_output(output, force, binary=format == "onnx")
+    stem = "calibtool" if output == STREAM else Path(output).stem
+    if format == "c":
+        _export_c(calibration, stem, chosen, output, force)
+        return
+    loaded, _ = load_calibration(calibration)
+    contents: bytes | str
+    if format == "json":
+        from calibtool.export.as_json import calibration_as_json
+
+        contents = calibration_as_json(loaded)
+    elif format == "st":
+        from calibtool.export.structured_text import calibration_as_structured_text
+
+        contents = calibration_as_structured_text(loaded, stem, chosen)
+    elif format == "onnx":
+        from calibtool.export.as_onnx import calibration_as_onnx
+
+        contents = calibration_as_onnx(loaded, chosen)
+    else:
+        from calibtool.export.as_urdf import calibration_as_urdf
+
+        contents, missing = calibration_as_urdf(loaded)
+        for line in missing:
+            message(f"not in the URDF: {line}")
+    write_output(output, contents, force)
+
+
+def _export_c(calibration: str, prefix: str, precision: "Precision", output: str, force: bool) -> None:
     from calibtool.errors import UsageError
-    from calibtool.export.as_json import calibration_as_json
     from calibtool.export.c_code import calibration_as_c
 
+    if Path(output).suffix != ".c":
+        raise UsageError("--format c: -o takes a file that ends in .c; the header goes beside it")
     header_path = str(Path(output).with_suffix(".h"))
-    if format == "c":
-        if Path(output).suffix != ".c":
-            raise UsageError("--format c: -o takes a file that ends in .c; the header goes beside it")
-        check_output(header_path, force)
+    check_output(header_path, force)
     loaded, _ = load_calibration(calibration)
-    if format == "json":
-        write_output(output, calibration_as_json(loaded), force)
-        return
-    header, source = calibration_as_c(loaded, Path(output).stem)
+    header, source = calibration_as_c(loaded, prefix, precision)
     write_outputs({header_path: header, output: source}, force)
+
+
+def _precision(format: str, name: str | None) -> "Precision":
+    from calibtool.errors import UsageError
+
+    if name is None:
+        return "double"
+    if format not in PRECISIONS:
+        raise UsageError(f"--precision: {format} holds every number as it is; leave the option out")
+    names = PRECISIONS[format]
+    return "double" if choice(name, names, "--precision") == names[0] else "single"

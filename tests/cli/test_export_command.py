@@ -1,4 +1,4 @@
-"""calibtool export: JSON that stands alone, C that corrects as `compensate --method one-step` does."""
+"""calibtool export: every format as a file and on stdout; C corrects as `compensate --method one-step` does."""
 
 import json
 import shutil
@@ -80,6 +80,48 @@ def test_c_needs_a_name_that_ends_in_c(files: Files, output: list[str]) -> None:
 @pytest.mark.parametrize("name", ["comp-x.c", "3axis.c", "my robot.c", "é.c", ".c"])
 def test_c_needs_a_name_that_can_begin_a_symbol(files: Files, name: str) -> None:
     refused(2, "export", files.network, "--format", "c", "-o", name)
+
+
+def test_structured_text_is_named_by_its_file(files: Files) -> None:
+    run("export", files.network, "--format", "st", "-o", "robot_a.st")
+    assert "\nFUNCTION_BLOCK robot_a\n" in Path("robot_a.st").read_text(encoding="ascii")
+    printed = run("export", "-", "--format", "st", "--precision", "REAL", stdin=Path(files.network).read_bytes()).stdout
+    assert "\nFUNCTION_BLOCK calibtool\n" in printed
+    assert "LREAL;" not in printed
+    assert "function block" in refused(2, "export", files.network, "--format", "st", "-o", "robot-a.st")
+
+
+def test_c_in_single_precision(files: Files) -> None:
+    run("export", files.network, "--format", "c", "--precision", "float", "-o", "comp.c")
+    assert "comp_correct(const float q[" in Path("comp.h").read_text()
+
+
+def test_onnx_is_one_binary_file(files: Files) -> None:
+    onnx = pytest.importorskip("onnx", reason="onnx is not installed")
+    run("export", files.network, "--format", "onnx", "-o", "network.onnx")
+    model = onnx.load("network.onnx")
+    assert [output.name for output in model.graph.output] == ["rho"]
+    piped = run("export", files.paper, "--format", "onnx", "--precision", "float").stdout_bytes
+    onnx.checker.check_model(piped, full_check=True)
+
+
+def test_onnx_needs_a_network(files: Files) -> None:
+    assert "no network" in refused(3, "export", files.local_poe, "--format", "onnx", "-o", "network.onnx")
+
+
+def test_a_urdf_is_a_robot_again_and_lists_what_it_leaves_out(files: Files) -> None:
+    result = run("export", files.network, "--format", "urdf", "-o", "calibrated.urdf")
+    assert result.stdout == ""
+    assert "not in the URDF: network: up to " in result.stderr
+    assert answer("robots", "calibrated.urdf")["joints"] == answer("robots", "planar-3r")["joints"]
+    assert run("export", files.local_poe, "--format", "urdf").stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("format", "precision"), [("json", "double"), ("urdf", "float"), ("c", "REAL"), ("st", "float"), ("onnx", "LREAL")]
+)
+def test_a_precision_that_the_format_does_not_have_is_refused(files: Files, format: str, precision: str) -> None:
+    assert "--precision" in refused(2, "export", files.network, "--format", format, "--precision", precision)
 
 
 @pytest.mark.parametrize("existing", ["comp.c", "comp.h"])

@@ -25,7 +25,7 @@ CONTRACT = {
     "train": "--base --loss --optimizer --hidden --validation --seed --json -o --output --force",
     "evaluate": "--on --require --json -o --output --force",
     "compensate": "--method -o --output --force",
-    "export": "--format -o --output --force",
+    "export": "--format --precision -o --output --force",
     "plot": "--on -o --output --force",
     "info": "--json",
     "demo": "-o --output --force",

@@ -6,17 +6,19 @@
 
 #include <math.h>
 
+typedef double real;
+
 enum { N = PLANAR_3R_N, P = PLANAR_3R_P, H = 2 };
 
 /* Network (Eq. 16): rho = output_scale * (W2 tanh(W1 s + b1) + b2), s = (q - input_centre) / input_scale */
-static const double input_centre[N] = {0.0, 1.0, 0.25};
-static const double input_scale[N] = {1.0, 0.5, 2.0};
-static const double hidden_weights[H][N] = {
+static const real input_centre[N] = {0.0, 1.0, 0.25};
+static const real input_scale[N] = {1.0, 0.5, 2.0};
+static const real hidden_weights[H][N] = {
     {1.0, -0.5, 0.25},
     {0.0, 2.0, -1.0},
 };
-static const double hidden_bias[H] = {0.5, -0.125};
-static const double output_weights[P][H] = {
+static const real hidden_bias[H] = {0.5, -0.125};
+static const real output_weights[P][H] = {
     {1.0, -1.0},
     {0.5, 0.25},
     {0.0, 1.0},
@@ -24,16 +26,132 @@ static const double output_weights[P][H] = {
     {-0.5, 0.5},
     {1.0, 1.0},
 };
-static const double output_bias[P] = {0.0, 0.5, -0.5, 0.25, 0.0, 1.0};
-static const double output_scale[P] = {
+static const real output_bias[P] = {0.0, 0.5, -0.5, 0.25, 0.0, 1.0};
+static const real output_scale[P] = {
     0.0009765625, 0.0009765625, 0.0009765625, 0.0009765625, 0.0009765625, 0.0009765625,
 };
 
-/* Pose of one frame in another: rotation and position in m */
+/* Pose of one frame in another, rotation and position in m; or the difference of two poses, element by element */
 typedef struct {
-    double R[3][3];
-    double p[3];
+    real R[3][3];
+    real p[3];
 } pose;
+
+static const real series_limit = 0.01; /* (0.1 rad)^2: the series below are exact to rounding up to here */
+
+static real dot3(const real a[3], const real b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void cross(const real a[3], const real b[3], real out[3])
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static pose add(const pose *A, const pose *B)
+{
+    pose C;
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            C.R[i][j] = A->R[i][j] + B->R[i][j];
+        C.p[i] = A->p[i] + B->p[i];
+    }
+    return C;
+}
+
+/* A B of 4 x 4 matrices. `last` is the last element of B: 1 for a pose, 0 for a difference */
+static pose multiply(const pose *A, const pose *B, real last)
+{
+    pose C;
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            C.R[i][j] = A->R[i][0] * B->R[0][j] + A->R[i][1] * B->R[1][j] + A->R[i][2] * B->R[2][j];
+        C.p[i] = dot3(A->R[i], B->p) + last * A->p[i];
+    }
+    return C;
+}
+
+/* Ad(T) twist = (R v + p x (R w), R w): a twist of frame b in frame a, T = T_a_b */
+static void adjoint(const pose *T, const real twist[6], real out[6])
+{
+    real moment[3];
+    for (int i = 0; i < 3; i++)
+        out[3 + i] = dot3(T->R[i], twist + 3);
+    cross(T->p, out + 3, moment);
+    for (int i = 0; i < 3; i++)
+        out[i] = dot3(T->R[i], twist) + moment[i];
+}
+
+static real sinc(real x)
+{
+    return fabs(x) > 0 ? sin(x) / x : 1;
+}
+
+/* exp6(twist + change) - exp6(twist) (Eq. 3), written without a difference of large numbers; `twist` is a pure rotation
+ * through its origin, a pure translation, or zero */
+static pose exp6_change(const real twist[6], const real change[6])
+{
+    const real *w = twist + 3, *dw = change + 3;
+    real v1[3], w1[3], turned[3], wv[3], wwv[3];
+    for (int i = 0; i < 3; i++) {
+        v1[i] = twist[i] + change[i];
+        w1[i] = w[i] + dw[i];
+    }
+    const real growth = dot3(dw, w) + dot3(dw, w1); /* |w1|^2 - |w|^2 */
+    const real t = sqrt(dot3(w, w)), square = dot3(w1, w1), t1 = sqrt(square);
+    const real dt = t + t1 > 0 ? growth / (t + t1) : 0;
+    const real half = sin(0.5 * dt), middle = t + 0.5 * dt, half_sinc = sinc(0.5 * t);
+    const real d_sin = 2 * cos(middle) * half, d_cos = -2 * sin(middle) * half;
+    const real a = sinc(t), da = t1 > 0 ? (d_sin - a * dt) / t1 : 0; /* sin t / t */
+    const real b = 0.5 * half_sinc * half_sinc;                /* (1 - cos t) / t^2 */
+    const real db = square > 0 ? -(d_cos + b * growth) / square : 0;
+    const real c1 = square < series_limit /* (t - sin t) / t^3 */
+        ? 1 / 6.0 - square * (1 / 120.0 - square * (1 / 5040.0 - square / 362880))
+        : (1 - a - da) / square;
+    pose C;
+    cross(w1, v1, wv);
+    cross(w1, wv, wwv);
+    for (int i = 0; i < 3; i++) {
+        turned[i] = da * w1[i] + a * dw[i];
+        for (int j = 0; j < 3; j++)
+            C.R[i][j] = db * w1[i] * w1[j] + b * (w1[i] * dw[j] + dw[i] * w[j]);
+        C.R[i][i] += d_cos;
+        C.p[i] = change[i] + (b + db) * wv[i] + c1 * wwv[i];
+    }
+    C.R[0][1] -= turned[2];
+    C.R[0][2] += turned[1];
+    C.R[1][0] += turned[2];
+    C.R[1][2] -= turned[0];
+    C.R[2][0] -= turned[1];
+    C.R[2][1] += turned[0];
+    return C;
+}
+
+/* log6(I + D) for rotations below half a turn: pose errors are thousands of times smaller */
+static void log6(const pose *D, real twist[6])
+{
+    real *v = twist, *w = twist + 3, wp[3], wwp[3];
+    const real axial[3] = { /* sin t times the axis */
+        0.5 * (D->R[2][1] - D->R[1][2]),
+        0.5 * (D->R[0][2] - D->R[2][0]),
+        0.5 * (D->R[1][0] - D->R[0][1]),
+    };
+    const real sine = sqrt(dot3(axial, axial)), versine = -0.5 * (D->R[0][0] + D->R[1][1] + D->R[2][2]);
+    const real t = 2 * atan2(sine, 2 - versine), t2 = t * t; /* tan(t / 2) = sin t / (1 + cos t) */
+    const real scale = sine > 0 ? t / sine : 1;
+    const real c = t2 < series_limit /* (1 - (t / 2) cot(t / 2)) / t^2 */
+        ? 1 / 12.0 + t2 * (1 / 720.0 + t2 * (1 / 30240.0 + t2 / 1209600))
+        : (1 - 0.5 * t * sine / versine) / t2;
+    for (int i = 0; i < 3; i++)
+        w[i] = scale * axial[i];
+    cross(w, D->p, wp);
+    cross(w, wp, wwp);
+    for (int i = 0; i < 3; i++)
+        v[i] = D->p[i] - 0.5 * wp[i] + c * wwp[i];
+}
 
 /* Nominal robot (Eq. 7): placements M_1 ... M_{n+1}, unit twists xi_j in the frames of the joints */
 static const pose nominal_placements[N + 1] = {
@@ -54,295 +172,234 @@ static const pose nominal_placements[N + 1] = {
       {-1.0, 0.0, 0.0}},
      {0.20000000000000001, 0.0, 0.0}},
 };
-static const double nominal_twists[N][6] = {
+static const real nominal_twists[N][6] = {
     {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
     {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
     {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
 };
 
-/* Base model (Eq. 8): M_j exp6(dzeta_j), xi_j + dxi_j, and joint offsets dq_j in rad or m */
-static const pose base_placements[N + 1] = {
-    {{{1.0, 0.0, 0.0},
-      {0.0, 1.0, 0.0},
-      {0.0, 0.0, 1.0}},
+/* The nominal robot at q: the joints' motions exp6(xi_j q_j), and each joint's frame in K_0 before and after its motion;
+ * after the last one, placed[N] is the tool's */
+typedef struct {
+    pose motion[N], placed[N + 1], moved[N];
+} chain;
+
+static void nominal_chain(const real q[N], chain *out)
+{
+    out->placed[0] = nominal_placements[0];
+    for (int j = 0; j < N; j++) {
+        const real zero[6] = {0};
+        real twist[6];
+        for (int i = 0; i < 6; i++)
+            twist[i] = nominal_twists[j][i] * q[j];
+        out->motion[j] = exp6_change(zero, twist);
+        for (int i = 0; i < 3; i++)
+            out->motion[j].R[i][i] += 1;
+        out->moved[j] = multiply(&out->placed[j], &out->motion[j], 1);
+        out->placed[j + 1] = multiply(&out->moved[j], &nominal_placements[j + 1], 1);
+    }
+}
+
+/* Base model (Eq. 8): M_j exp6(dzeta_j) - M_j, errors dxi_j of the twists, and joint offsets dq_j in rad or m */
+static const pose placement_changes[N + 1] = {
+    {{{0.0, 0.0, 0.0},
+      {0.0, 0.0, 0.0},
+      {0.0, 0.0, 0.0}},
      {0.0009765625, 0.0, 0.0}},
-    {{{1.0, 0.0, 0.0},
-      {0.0, 1.0, 0.0},
-      {0.0, 0.0, 1.0}},
-     {0.5, 0.001953125, 0.0}},
-    {{{1.0, 0.0, 0.0},
-      {0.0, 1.0, 0.0},
-      {0.0, 0.0, 1.0}},
-     {0.40000000000000002, 0.0, -0.0009765625}},
-    {{{0.0, 0.0, 1.0},
-      {0.0, 1.0, 0.0},
-      {-1.0, 0.0, 0.0}},
-     {0.20292968750000001, 0.0, 0.0}},
+    {{{0.0, 0.0, 0.0},
+      {0.0, 0.0, 0.0},
+      {0.0, 0.0, 0.0}},
+     {0.0, 0.001953125, 0.0}},
+    {{{0.0, 0.0, 0.0},
+      {0.0, 0.0, 0.0},
+      {0.0, 0.0, 0.0}},
+     {0.0, 0.0, -0.0009765625}},
+    {{{0.0, 0.0, 0.0},
+      {0.0, 0.0, 0.0},
+      {0.0, 0.0, 0.0}},
+     {0.0029296875, 0.0, 0.0}},
 };
-static const double base_twists[N][6] = {
-    {0.0, 0.0, 0.0009765625, 0.0, 0.0, 1.0},
-    {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
-    {0.0, 0.0, 0.0, 0.0, 0.001953125, 1.0},
+static const real twist_errors[N][6] = {
+    {0.0, 0.0, 0.0009765625, 0.0, 0.0, 0.0},
+    {0.0, 0.0, 0.0, 0.0, 0.0, 0.0},
+    {0.0, 0.0, 0.0, 0.0, 0.001953125, 0.0},
 };
-static const double base_offsets[N] = {0.0, 0.00048828125, -0.0009765625};
+static const real base_offsets[N] = {0.0, 0.00048828125, -0.0009765625};
 
 /* Virtual joints x, ry, rz: elementary twists fixed in the tool frame (Eq. 14) */
-static const double virtual_twists[P - N][6] = {
+static const real virtual_twists[P - N][6] = {
     {1.0, 0.0, 0.0, 0.0, 0.0, 0.0},
     {0.0, 0.0, 0.0, 0.0, 1.0, 0.0},
     {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
 };
 
-static const double characteristic_length = 0.55000000000000004; /* m, weighs translation against rotation */
-static const double min_singularity_distance = 0.02;
-static const double gram_regularisation = 1e-14;
-static const double series_limit = 0.01; /* (0.1 rad)^2: the series below are exact to a double up to here */
-
-static double dot3(const double a[3], const double b[3])
+/* A chain goes on by A, another one that is ahead by D goes on by A + dA: (F + D)(A + dA) - F A */
+static pose ahead(const pose *D, const pose *F, const pose *A, const pose *dA)
 {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    const pose B = add(A, dA), carried = multiply(D, &B, 1), own = multiply(F, dA, 0);
+    return add(&carried, &own);
 }
 
-static void cross(const double a[3], const double b[3], double out[3])
+/* T_base(q) - T_nominal(q), and the columns Ad(F_j) xi_j of J_rho (Eq. 14): actuated joints, then virtual ones.
+ * Differences are carried along the chain, so that they keep all their digits. */
+static pose base_change(const real q[N], const chain *nominal, real J[P][6])
 {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-/* T_a_c = T_a_b T_b_c */
-static pose compose(const pose *A, const pose *B)
-{
-    pose C;
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++)
-            C.R[i][j] = A->R[i][0] * B->R[0][j] + A->R[i][1] * B->R[1][j] + A->R[i][2] * B->R[2][j];
-        C.p[i] = dot3(A->R[i], B->p) + A->p[i];
-    }
-    return C;
-}
-
-static pose inverse(const pose *T)
-{
-    pose C;
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++)
-            C.R[i][j] = T->R[j][i];
-        C.p[i] = -(T->R[0][i] * T->p[0] + T->R[1][i] * T->p[1] + T->R[2][i] * T->p[2]);
-    }
-    return C;
-}
-
-/* Ad(T) twist = (R v + p x (R w), R w): a twist of frame b in frame a, T = T_a_b */
-static void adjoint(const pose *T, const double twist[6], double out[6])
-{
-    double moment[3];
-    for (int i = 0; i < 3; i++)
-        out[3 + i] = dot3(T->R[i], twist + 3);
-    cross(T->p, out + 3, moment);
-    for (int i = 0; i < 3; i++)
-        out[i] = dot3(T->R[i], twist) + moment[i];
-}
-
-static double sinc(double x)
-{
-    return fabs(x) > 0.0 ? sin(x) / x : 1.0;
-}
-
-/* Pose reached by following a twist for unit time (Eq. 3) */
-static pose exp6(const double twist[6])
-{
-    const double *v = twist, *w = twist + 3;
-    const double t2 = dot3(w, w), t = sqrt(t2), half = sinc(0.5 * t);
-    const double a = sinc(t);             /* sin t / t */
-    const double b = 0.5 * half * half;   /* (1 - cos t) / t^2, without cancellation */
-    const double c = t2 < series_limit    /* (t - sin t) / t^3 */
-        ? 1.0 / 6.0 - t2 * (1.0 / 120.0 - t2 * (1.0 / 5040.0 - t2 / 362880.0))
-        : (1.0 - a) / t2;
-    double wv[3], wwv[3];
-    pose T;
-    cross(w, v, wv);
-    cross(w, wv, wwv);
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++)
-            T.R[i][j] = b * w[i] * w[j];
-        T.R[i][i] += 1.0 - b * t2;
-        T.p[i] = v[i] + b * wv[i] + c * wwv[i];
-    }
-    T.R[0][1] -= a * w[2];
-    T.R[0][2] += a * w[1];
-    T.R[1][0] += a * w[2];
-    T.R[1][2] -= a * w[0];
-    T.R[2][0] -= a * w[1];
-    T.R[2][1] += a * w[0];
-    return T;
-}
-
-/* Inverse of exp6 for rotations below half a turn: pose errors are thousands of times smaller */
-static void log6(const pose *T, double twist[6])
-{
-    double *v = twist, *w = twist + 3, wp[3], wwp[3];
-    const double axial[3] = { /* sin t times the axis */
-        0.5 * (T->R[2][1] - T->R[1][2]),
-        0.5 * (T->R[0][2] - T->R[2][0]),
-        0.5 * (T->R[1][0] - T->R[0][1]),
-    };
-    const double sine = sqrt(dot3(axial, axial)), cosine = 0.5 * (T->R[0][0] + T->R[1][1] + T->R[2][2] - 1.0);
-    const double t = atan2(sine, cosine), t2 = t * t;
-    const double scale = sine > 0.0 ? t / sine : 1.0;
-    const double c = t2 < series_limit /* (1 - (t / 2) cot(t / 2)) / t^2 */
-        ? 1.0 / 12.0 + t2 * (1.0 / 720.0 + t2 * (1.0 / 30240.0 + t2 / 1209600.0))
-        : (1.0 - 0.5 * t * sine / (1.0 - cosine)) / t2;
-    for (int i = 0; i < 3; i++)
-        w[i] = scale * axial[i];
-    cross(w, T->p, wp);
-    cross(w, wp, wwp);
-    for (int i = 0; i < 3; i++)
-        v[i] = T->p[i] - 0.5 * wp[i] + c * wwp[i];
-}
-
-/* T(q) = M_1 exp6(xi_1 q_1) ... M_n exp6(xi_n q_n) M_{n+1} (Eq. 7); columns Ad(F_j) xi_j into J unless it is null */
-static pose forward(const pose placements[N + 1], const double twists[N][6], const double q[N], double J[][6])
-{
-    pose T = placements[0];
-    for (int j = 0; j < N; j++) {
-        double motion[6];
-        for (int i = 0; i < 6; i++)
-            motion[i] = twists[j][i] * q[j];
-        const pose moved = exp6(motion), F = compose(&T, &moved);
-        if (J)
-            adjoint(&F, twists[j], J[j]);
-        T = compose(&F, &placements[j + 1]);
-    }
-    return T;
-}
-
-/* T_base(q) and the columns of J_rho (Eq. 14): actuated joints, then virtual ones */
-static pose base_model(const double q[N], double J[P][6])
-{
-    double moved[N];
+    real offset[N];
     for (int j = 0; j < N; j++)
-        moved[j] = q[j] + base_offsets[j];
-    const pose T = forward(base_placements, base_twists, moved, J);
+        offset[j] = base_offsets[j];
+    pose D = placement_changes[0];
+    for (int j = 0; j < N; j++) {
+        real nominal_motion[6], change[6], twist[6];
+        for (int i = 0; i < 6; i++) {
+            twist[i] = nominal_twists[j][i] + twist_errors[j][i];
+            nominal_motion[i] = nominal_twists[j][i] * q[j];
+            change[i] = twist_errors[j][i] * q[j] + twist[i] * offset[j];
+        }
+        const pose motion_change = exp6_change(nominal_motion, change);
+        D = ahead(&D, &nominal->placed[j], &nominal->motion[j], &motion_change);
+        const pose F = add(&nominal->moved[j], &D);
+        adjoint(&F, twist, J[j]);
+        D = ahead(&D, &nominal->moved[j], &nominal_placements[j + 1], &placement_changes[j + 1]);
+    }
+    const pose T = add(&nominal->placed[N], &D);
     for (int k = N; k < P; k++)
         adjoint(&T, virtual_twists[k - N], J[k]);
-    return T;
+    return D;
 }
 
-/* T_calibrated = exp6(J_rho N(q)) T_base */
-static pose with_network(const double q[N], double J[P][6], const pose *base)
+/* D inverse(T): (T + D) inverse(T) - I */
+static pose relative_change(const pose *D, const pose *T)
 {
-    double rho[P], twist[6] = {0.0};
-    planar_3r_network(q, rho);
-    for (int k = 0; k < P; k++)
-        for (int i = 0; i < 6; i++)
-            twist[i] += J[k][i] * rho[k];
-    const pose error = exp6(twist);
-    return compose(&error, base);
+    pose C;
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            C.R[i][j] = dot3(D->R[i], T->R[j]);
+        C.p[i] = D->p[i] - dot3(C.R[i], T->p);
+    }
+    return C;
 }
+
+static const real characteristic_length = 0.55000000000000004; /* m, weighs translation against rotation */
+static const real min_singularity_distance = 0.02;
+static const real gram_regularisation = 1.0e-14;
+static const real smallest_pivot = 1.0000000000000001e-30;
 
 /* A twist of K_0 seen at a point, v + w x point, with translations over the characteristic length: all six in rad */
-static void weigh(const double point[3], double twist[6])
+static void weigh(const real point[3], real twist[6])
 {
-    double moment[3];
+    real moment[3];
     cross(twist + 3, point, moment);
     for (int i = 0; i < 3; i++)
-        twist[i] = (twist[i] + moment[i]) / characteristic_length;
+        twist[i] = (twist[i] + moment[i]) * (1 / characteristic_length);
 }
 
-/* G = J J', with `diagonal` added; rows and columns are those of a twist */
-static void gram(double J[P][6], double diagonal, double G[6][6])
+/* Lower half of G = J J', with `diagonal` added; rows and columns are those of a twist */
+static void gram(real J[P][6], real diagonal, real G[6][6])
 {
     for (int r = 0; r < 6; r++)
-        for (int c = 0; c < 6; c++) {
-            G[r][c] = r == c ? diagonal : 0.0;
+        for (int c = 0; c <= r; c++) {
+            G[r][c] = r == c ? diagonal : 0;
             for (int k = 0; k < P; k++)
                 G[r][c] += J[k][r] * J[k][c];
         }
 }
 
-/* G = L L', L in place of the lower half of G. Rounding can push the last pivots of a singular G below zero: a floor. */
-static void cholesky(double G[6][6])
+/* G = L L', L in place of the lower half of G, its diagonal inverted. Rounding can push the last pivots of a singular G
+ * below zero: a floor. */
+static void cholesky(real G[6][6])
 {
     for (int c = 0; c < 6; c++)
         for (int r = c; r < 6; r++) {
             for (int k = 0; k < c; k++)
                 G[r][c] -= G[r][k] * G[c][k];
             if (r > c)
-                G[r][c] /= G[c][c];
+                G[r][c] *= G[c][c];
             else
-                G[c][c] = sqrt(fmax(G[c][c], 1e-30));
+                G[c][c] = 1 / sqrt(fmax(G[c][c], smallest_pivot));
         }
 }
 
-/* x = inverse(L) x */
-static void forward_substitution(double L[6][6], double x[6])
+/* x = inverse(L) x, where the elements of x before the first one are zero */
+static void forward_substitution(real L[6][6], int first, real x[6])
 {
-    for (int r = 0; r < 6; r++) {
-        for (int k = 0; k < r; k++)
+    for (int r = first; r < 6; r++) {
+        for (int k = first; k < r; k++)
             x[r] -= L[r][k] * x[k];
-        x[r] /= L[r][r];
+        x[r] *= L[r][r];
     }
 }
 
-/* x = inverse(L') x */
-static void back_substitution(double L[6][6], double x[6])
+/* rho = rho + J' inverse(L L') x; overwrites x by inverse(L L') x */
+static void add_motion(real J[P][6], real L[6][6], real x[6], real rho[P])
 {
+    forward_substitution(L, 0, x);
     for (int r = 5; r >= 0; r--) {
         for (int k = r + 1; k < 6; k++)
             x[r] -= L[k][r] * x[k];
-        x[r] /= L[r][r];
+        x[r] *= L[r][r];
     }
+    for (int k = 0; k < P; k++)
+        for (int i = 0; i < 6; i++)
+            rho[k] += J[k][i] * x[i];
 }
 
 /* d = 1 / sqrt(trace(inverse(L L'))) = 1 / |inverse(L)|, the distance of J from a singularity */
-static double singularity_distance(double L[6][6])
+static real singularity_distance(real L[6][6])
 {
-    double sum = 0.0;
+    real sum = 0;
     for (int c = 0; c < 6; c++) {
-        double column[6] = {0.0};
-        column[c] = 1.0;
-        forward_substitution(L, column);
+        real column[6] = {0};
+        column[c] = 1;
+        forward_substitution(L, c, column);
         for (int r = c; r < 6; r++)
             sum += column[r] * column[r];
     }
-    return 1.0 / sqrt(sum);
+    return 1 / sqrt(sum);
 }
 
-/* rho = J' inverse(J J' + lambda^2 I) error, lambda = max(0, d_0 - d); overwrites error, returns d */
-static double damped_solution(double J[P][6], double error[6], double rho[P])
+/* rho = J' inverse(J J' + lambda^2 I) error, lambda = max(0, d_0 - d); returns d. What rounding leaves of the error
+ * after a first solution is solved for once more: forming J J' costs the digits that its condition number has. */
+static real damped_solution(real J[P][6], const real error[6], real rho[P])
 {
-    double L[6][6];
+    real L[6][6], x[6], left[6];
     gram(J, gram_regularisation, L);
     cholesky(L);
-    const double distance = singularity_distance(L);
+    const real distance = singularity_distance(L);
+    real diagonal = gram_regularisation;
     if (distance < min_singularity_distance) {
-        const double lambda = min_singularity_distance - distance;
-        gram(J, gram_regularisation + lambda * lambda, L);
+        const real lambda = min_singularity_distance - distance;
+        diagonal += lambda * lambda;
+        gram(J, diagonal, L);
         cholesky(L);
     }
-    forward_substitution(L, error);
-    back_substitution(L, error);
-    for (int k = 0; k < P; k++) {
-        rho[k] = 0.0;
-        for (int i = 0; i < 6; i++)
-            rho[k] += J[k][i] * error[i];
+    for (int i = 0; i < 6; i++)
+        x[i] = error[i];
+    for (int k = 0; k < P; k++)
+        rho[k] = 0;
+    add_motion(J, L, x, rho);
+    for (int i = 0; i < 6; i++) {
+        left[i] = error[i] - diagonal * x[i];
+        for (int k = 0; k < P; k++)
+            left[i] -= J[k][i] * rho[k];
     }
+    add_motion(J, L, left, rho);
     return distance;
 }
 
 /* rho = N(q) (Eq. 16) */
-void planar_3r_network(const double q[N], double rho[P])
+void planar_3r_network(const real q[N], real rho[P])
 {
-    double hidden[H];
+    real scaled[N], hidden[H];
+    for (int j = 0; j < N; j++)
+        scaled[j] = (q[j] - input_centre[j]) / input_scale[j];
     for (int i = 0; i < H; i++) {
-        double sum = hidden_bias[i];
+        real sum = hidden_bias[i];
         for (int j = 0; j < N; j++)
-            sum += hidden_weights[i][j] * ((q[j] - input_centre[j]) / input_scale[j]);
+            sum += hidden_weights[i][j] * scaled[j];
         hidden[i] = tanh(sum);
     }
     for (int k = 0; k < P; k++) {
-        double sum = output_bias[k];
+        real sum = output_bias[k];
         for (int i = 0; i < H; i++)
             sum += output_weights[k][i] * hidden[i];
         rho[k] = output_scale[k] * sum;
@@ -350,25 +407,37 @@ void planar_3r_network(const double q[N], double rho[P])
 }
 
 /* Joint motions rho that amount to the pose error of the calibrated robot (Eq. 15); returns the singularity distance. */
-static double joint_motions(const double q[N], double rho[P])
+static real joint_motions(const real q[N], real rho[P])
 {
-    double J[P][6], error[6];
-    const pose nominal = forward(nominal_placements, nominal_twists, q, 0);
-    const pose base = base_model(q, J);
-    const pose calibrated = with_network(q, J, &base);
-    const pose back = inverse(&nominal), relative = compose(&calibrated, &back);
-    log6(&relative, error); /* Eqs. 9, 10 */
-    weigh(calibrated.p, error);
+    real J[P][6], error[6], point[3];
+    chain nominal;
+    nominal_chain(q, &nominal);
+    const pose *T = &nominal.placed[N];
+    const pose D = base_change(q, &nominal, J);
+    pose relative = relative_change(&D, T); /* T_base inverse(T_nominal) - I */
+    const real zero[6] = {0};
+    real twist[6] = {0};
+    planar_3r_network(q, rho);
     for (int k = 0; k < P; k++)
-        weigh(calibrated.p, J[k]);
+        for (int i = 0; i < 6; i++)
+            twist[i] += J[k][i] * rho[k];
+    const pose turn = exp6_change(zero, twist); /* exp6(J_rho N(q)) - I */
+    const pose sum = add(&turn, &relative), product = multiply(&turn, &relative, 0);
+    relative = add(&sum, &product);
+    for (int i = 0; i < 3; i++)
+        point[i] = T->p[i] + dot3(relative.R[i], T->p) + relative.p[i];
+    log6(&relative, error); /* Eqs. 9, 10 */
+    weigh(point, error);
+    for (int k = 0; k < P; k++)
+        weigh(point, J[k]);
     return damped_solution(J, error, rho);
 }
 
 /* q_m = q - rho_a (Eq. 24) */
-int planar_3r_correct(const double q[N], double q_m[N])
+int planar_3r_correct(const real q[N], real q_m[N])
 {
-    double rho[P];
-    const double distance = joint_motions(q, rho);
+    real rho[P];
+    const real distance = joint_motions(q, rho);
     int finite = 1;
     for (int j = 0; j < N; j++)
         finite = finite && isfinite(q[j] - rho[j]); /* not so if q[j] is not */

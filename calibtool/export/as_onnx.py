@@ -1,0 +1,78 @@
+"""A calibration's network with its scalings as an ONNX model."""
+
+import numpy as np
+
+from calibtool.calibration import Calibration
+from calibtool.errors import InputError, UsageError
+from calibtool.export.rendering import Precision, network_size
+
+OPSET, IR_VERSION = 17, 8  # of 2022: what runtimes of controllers and edge devices read
+
+
+def calibration_as_onnx(calibration: Calibration, precision: Precision = "double") -> bytes:
+    """The network (Eq. 16) with its scalings as an ONNX model; of several networks, their mean.
+
+    Input `q` (N, n) in rad or m, output `rho` (N, p) = N(q), both double or float; on the nominal base also
+    `q_corrected` (N, n) = q − ρ_a (Eqs. 23, 24). What stands in the metadata: robot, base model, units. Raises InputError
+    when there is no network, UsageError when the package `onnx` is not installed.
+    """
+    network, robot = calibration.network, calibration.robot
+    if network is None:
+        raise InputError("the calibration has no network, and ONNX holds nothing else; export it as json, c or st")
+    try:
+        import onnx
+        from onnx import TensorProto, helper, numpy_helper
+    except ImportError:
+        raise UsageError(
+            "ONNX needs the package onnx, which is not installed; run: pip install 'calibtool[onnx]'"
+        ) from None
+
+    kind, dtype = (TensorProto.DOUBLE, np.float64) if precision == "double" else (TensorProto.FLOAT, np.float32)
+    constants = {
+        "input_centre": network.input_centre,
+        "input_scale": network.input_scale,
+        "hidden_weights": network.hidden_weights.T,
+        "hidden_bias": network.hidden_bias,
+        "output_weights": network.output_weights.T,
+        "output_bias": network.output_bias,
+        "output_scale": network.output_scale,
+    }
+    steps = [
+        ("Sub", ["q", "input_centre"], "centred"),
+        ("Div", ["centred", "input_scale"], "scaled"),
+        ("MatMul", ["scaled", "hidden_weights"], "weighted"),
+        ("Add", ["weighted", "hidden_bias"], "sum"),
+        ("Tanh", ["sum"], "hidden"),
+        ("MatMul", ["hidden", "output_weights"], "combined"),
+        ("Add", ["combined", "output_bias"], "scaled_output"),
+        ("Mul", ["scaled_output", "output_scale"], "rho"),
+    ]
+    n, outputs = robot.n, {"rho": calibration.equivalent.p}
+    tensors = [numpy_helper.from_array(np.ascontiguousarray(value, dtype), name) for name, value in constants.items()]
+    if calibration.base.model == "nominal":
+        ranges = {"first": 0, "last": n, "axis": 1}
+        tensors += [numpy_helper.from_array(np.array([value], np.int64), name) for name, value in ranges.items()]
+        steps += [("Slice", ["rho", *ranges], "rho_actuated"), ("Sub", ["q", "rho_actuated"], "q_corrected")]
+        outputs["q_corrected"] = n
+    graph = helper.make_graph(
+        [helper.make_node(operator, inputs, [output], name=output) for operator, inputs, output in steps],
+        "joint_motion_errors",
+        [helper.make_tensor_value_info("q", kind, ["N", n])],
+        [helper.make_tensor_value_info(name, kind, ["N", size]) for name, size in outputs.items()],
+        tensors,
+        doc_string=f"Joint motion errors rho = N(q) of a calibrated {robot.name}: {network_size(network)}.",
+    )
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION, producer_name="calibtool"
+    )
+    helper.set_model_props(
+        model,
+        {
+            "robot": robot.name,
+            "base_model": calibration.base.model,
+            "joint_units": " ".join(robot.joint_units),
+            "virtual_joints": " ".join(calibration.equivalent.virtual_joints),
+        },
+    )
+    onnx.checker.check_model(model, full_check=True)
+    return bytes(model.SerializeToString(deterministic=True))

@@ -1,0 +1,141 @@
+"""What the templates name, and how they are rendered: the same numbers for C and for Structured Text."""
+
+import re
+import textwrap
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from calibtool.calibration import Calibration
+from calibtool.equivalent.network import Network
+from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.model import Robot
+from calibtool.robot.motion import JointMotion, link_masses
+
+Precision = Literal["double", "single"]
+
+LINE = 116  # characters
+
+# Single precision: how near it comes to double precision, and at which singularity distance that ends. Tests hold both.
+SINGLE_ACCURACY, SINGLE_DISTANCE = 1e-6, 2 * MIN_SINGULARITY_DISTANCE
+
+
+def render(template: str, values: dict[str, Any], **filters: Callable[..., str]) -> str:
+    """A template of this package as text. An undefined name is an error."""
+    environment = Environment(
+        loader=PackageLoader("calibtool.export"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    environment.filters.update(filters)
+    return environment.get_template(template).render(values)
+
+
+def digits(value: float, precision: Precision) -> str:
+    """A decimal constant that reads back as exactly this number (17 digits), or as the nearest single one (9)."""
+    text = f"{value:.17g}" if precision == "double" else f"{float(np.float32(value)):.9g}"
+    if "." in text:
+        return text
+    mantissa, e, exponent = text.partition("e")
+    return f"{mantissa}.0{e}{exponent}"
+
+
+def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
+    """Text in lines of at most LINE characters."""
+    return textwrap.fill(
+        text, LINE, initial_indent=" " * indent, subsequent_indent=" " * (indent + hanging), break_on_hyphens=False
+    )
+
+
+def compensator_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
+    """The numbers of a calibration, by the names that the templates know; units as in `as_json`."""
+    robot, equivalent, network = calibration.robot, calibration.equivalent, calibration.network
+    geometry = calibration.base.geometry
+    return {
+        "robot": robot.name,
+        "base_model": calibration.base.model,
+        "kinematic": calibration.base.model != "nominal",
+        "single": precision == "single",
+        "single_accuracy": f"{SINGLE_ACCURACY:g}",
+        "single_distance": f"{SINGLE_DISTANCE:g}",
+        "network": network,
+        "network_size": network_size(network),
+        "joints": _joints(robot),
+        "coupling": robot.coupling if robot.coupled else None,
+        "uncoupling": np.linalg.inv(robot.coupling),
+        "n": robot.n,
+        "p": equivalent.p,
+        "nominal_placements": robot.chain.placements,
+        "nominal_twists": robot.chain.twists,
+        "placement_changes": geometry.placements_of(robot.chain) - robot.chain.placements,
+        "twist_errors": geometry.twists,
+        "base_offsets": geometry.offsets,
+        "motion": _motion(robot, calibration.base.motion),
+        "virtual_joints": ", ".join(equivalent.virtual_joints),
+        "virtual_twists": np.eye(6)[equivalent.virtual_columns],
+        "characteristic_length": robot.length,
+        "min_singularity_distance": MIN_SINGULARITY_DISTANCE,
+        "gram_regularisation": GRAM_REGULARISATION,
+        # Squares of its inverse must stay finite: 1e-30 would overflow in single precision.
+        "smallest_pivot": 1e-30 if precision == "double" else 1e-12,
+        "cost": _cost(calibration),
+    }
+
+
+def network_size(network: Network | None) -> str:
+    """A network in words."""
+    if network is None:
+        return "none"
+    return (
+        f"{len(network.input_scale)} inputs, {network.hidden} hidden nodes (tanh), {len(network.output_scale)} outputs"
+    )
+
+
+def _cost(calibration: Calibration) -> str:
+    """Arithmetic of one correction, counted in the generated C code where it takes its longest way undamped."""
+    n, p, network = calibration.robot.n, calibration.equivalent.p, calibration.network
+    motion, kinematic = calibration.base.motion, calibration.base.model != "nominal"
+    flops, calls = 2 * n, 0
+    if network is not None:
+        flops += 2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 1)
+        calls += network.hidden
+    if kinematic:
+        flops += 863 * n + 93 * p + 36 * (p - n) + 570
+        calls += 12 * n + 9
+        if network is not None:
+            flops += 12 * p + 260
+            calls += 5
+    if motion.harmonics.any():
+        flops += 5 * n * motion.harmonics.shape[1]
+        calls += 2 * n
+    if motion.compliance.any():
+        flops += (19 * n + 143) * n // 2
+    return f"about {flops} flops and {calls} calls of functions such as sin and sqrt"
+
+
+def _motion(robot: Robot, motion: JointMotion) -> dict[str, Any]:
+    """The joint-motion functions: how many harmonics, whether there is gravity, and their numbers."""
+    masses, centres, gravity = link_masses(robot)
+    return {
+        "orders": motion.harmonics.shape[1] // 2 if motion.harmonics.any() else 0,
+        "harmonics": motion.harmonics,
+        "gravity": bool(motion.compliance.any()),
+        "compliance": motion.compliance,
+        "masses": masses,
+        "centres": centres,
+        "gravity_vector": gravity,
+    }
+
+
+def _joints(robot: Robot) -> list[str]:
+    """One line per joint. A name comes from a URDF: nothing of it may end the comment it stands in."""
+    names = [re.sub(r"[^A-Za-z0-9_. -]", "_", name) for name in robot.chain.model.names[1:]]
+    return [
+        f"{name}, {unit}, {low:.6g} to {high:.6g}"
+        for name, unit, low, high in zip(names, robot.joint_units, robot.lower, robot.upper, strict=True)
+    ]

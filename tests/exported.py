@@ -1,0 +1,64 @@
+"""Calibrations for the tests of exports: small, quick to make, and with every part that an export may have."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from calibtool.calibration import Calibration, identify, train
+from calibtool.equivalent.network import initial_network
+from calibtool.equivalent.training import TrainingOptions
+from calibtool.measurement.simulate import Simulation, simulate
+from calibtool.robot.catalogue import load_robot
+from calibtool.robot.geometry import GeometricErrors
+from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.motion import JointMotion
+from calibtool.robot.se3 import Array
+
+REGULAR = 2 * MIN_SINGULARITY_DISTANCE  # here answers are compared to the last digits; nearer, rounding is magnified
+
+# robot, base model, with a network
+CASES = [
+    ("fanuc-m1000ia", "nominal", True),
+    ("fanuc-m1000ia", "nominal", False),
+    ("fanuc-m1000ia", "local-poe", True),
+    ("fanuc-m1000ia", "local-poe", False),
+    ("fanuc-m1000ia", "everything", True),
+    ("scara", "local-poe", True),
+    ("gantry", "local-poe", True),
+    ("panda", "everything", True),
+    ("panda", "nominal", True),
+]
+
+
+@cache
+def calibrated(name: str, base: str, network: bool) -> Calibration:
+    """A calibration from 60 simulated configurations; the network is a small random one where none was worth keeping.
+
+    `everything`: random geometric errors of all kinds, 32 harmonics per revolute joint, and wind-up under gravity.
+    """
+    robot = load_robot(name)
+    measurements = simulate(robot, Simulation(workspace=robot.workspace(None)[1], configurations=60))
+    model = "nominal" if base == "nominal" else "local-poe"
+    if not network:
+        return identify(measurements, model)
+    calibration = train(measurements, model, TrainingOptions(restarts=2))
+    rng = np.random.default_rng(1)
+    if calibration.network is None:
+        scale = np.full(calibration.equivalent.p, 1e-3)
+        calibration = replace(calibration, networks=(initial_network(measurements.q, scale, 5, rng),))
+    if base == "everything":
+        errors = [rng.normal(size=shape) * 1e-3 for shape in ((robot.n + 1, 6), (robot.n, 6), (robot.n,))]
+        revolute = ~np.array(robot.prismatic)
+        motion = JointMotion(
+            rng.normal(size=(robot.n, 64)) * 1e-4 * revolute[:, None], rng.random(robot.n) * 1e-6 * revolute
+        )
+        identified = replace(calibration.base, model="complete", geometry=GeometricErrors(*errors), motion=motion)
+        calibration = replace(calibration, base=identified)
+    return calibration
+
+
+def anywhere(calibration: Calibration, count: int) -> Array:
+    """Random configurations of the whole joint range."""
+    robot = calibration.robot
+    return robot.lower + (robot.upper - robot.lower) * np.random.default_rng(2).random((count, robot.n))

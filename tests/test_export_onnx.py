@@ -1,0 +1,69 @@
+"""The ONNX model is the network, and on the nominal base the whole correction."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from exported import anywhere, calibrated
+
+from calibtool.calibration import Calibration
+from calibtool.compensation.solve import one_step
+from calibtool.equivalent.network import initial_network
+from calibtool.errors import InputError, UsageError
+from calibtool.export.as_onnx import calibration_as_onnx
+from calibtool.robot.se3 import Array
+
+
+def outputs(model: bytes, q: Array) -> dict[str, Array]:
+    """Run a model by onnxruntime, or by the reference implementation of onnx."""
+    try:
+        import onnxruntime
+    except ImportError:
+        from onnx.reference import ReferenceEvaluator
+
+        session = ReferenceEvaluator(model)
+        names = session.output_names
+    else:
+        session = onnxruntime.InferenceSession(model)
+        names = [output.name for output in session.get_outputs()]
+    return dict(zip(names, session.run(None, {"q": q}), strict=True))
+
+
+def ensemble(name: str, base: str) -> Calibration:
+    calibration = calibrated(name, base, True)
+    rng = np.random.default_rng(4)
+    scale = np.full(calibration.equivalent.p, 1e-3)
+    return replace(calibration, networks=tuple(initial_network(calibration.q, scale, 5, rng) for _ in range(3)))
+
+
+@pytest.mark.parametrize(("precision", "dtype", "accuracy"), [("double", float, 1e-14), ("single", np.float32, 1e-7)])
+def test_the_model_is_the_mean_of_the_networks(precision: str, dtype: type, accuracy: float) -> None:
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    calibration = ensemble("scara", "local-poe")
+    q = anywhere(calibration, 10_000).astype(dtype)
+    found = outputs(calibration_as_onnx(calibration, precision), q)  # type: ignore[arg-type]
+    expected = np.mean([network(q.astype(float)) for network in calibration.networks], axis=0)
+    assert set(found) == {"rho"}
+    assert found["rho"].dtype == dtype
+    assert np.abs(found["rho"] - expected).max() < accuracy
+
+
+def test_on_the_nominal_base_the_model_corrects_as_one_step_does() -> None:
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    calibration = ensemble("panda", "nominal")
+    q = anywhere(calibration, 10_000)
+    model = calibration_as_onnx(calibration)
+    assert np.abs(outputs(model, q)["q_corrected"] - one_step(calibration, q)[0]).max() < 1e-14
+    assert model == calibration_as_onnx(calibration)
+
+
+def test_without_a_network_there_is_nothing_to_export() -> None:
+    with pytest.raises(InputError, match="no network"):
+        calibration_as_onnx(calibrated("fanuc-m1000ia", "local-poe", False))
+
+
+def test_without_the_package_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    with pytest.raises(UsageError, match=r"pip install 'calibtool\[onnx\]'"):
+        calibration_as_onnx(calibrated("fanuc-m1000ia", "nominal", True))
