@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError
-from calibtool.evaluation.plots.style import COLOURS, INK, MANY, SHADE, colour, label, legend, log_scale, mark, panels
+from calibtool.evaluation.plots.style import COLOURS, INK, MANY, SHADE, colour, label, legend, line, log_scale, mark, panels
 from calibtool.identification.local_poe import RANK_TOLERANCE
 from calibtool.identification.report import ParameterRow, parameter_rows
 from calibtool.robot.model import Robot
@@ -187,15 +187,13 @@ def coverage(calibrations: Named, robot: Robot, judged: Array, width_mm: float) 
         share = [np.full(len(judged), 100 / len(judged)), *(np.full(len(q), 100 / len(q)) for _, _, q in sets)]
         panel.hist(judged[:, j] * factor, bins, weights=share[0], color=SHADE, label="judged")
         for (i, name, q), weight in zip(sets, share[1:], strict=True):
-            style = ("-", "--", "-.", ":")[(i - 1) % 4]
             panel.hist(
                 q[:, j] * factor,
                 bins,
                 weights=weight,
                 histtype="step",
-                color=colour(i),
-                linestyle=style,
                 label=f"training of {label(name, 60)}",
+                **line(i),
             )
         panel.set(xlabel=f"joint {j + 1}, {unit}", xlim=(low, high))
         panel.set_ylabel("rows, %")

@@ -13,6 +13,7 @@ from calibtool.evaluation.plots.style import (
     colour,
     label,
     legend,
+    line,
     log_scale,
     mark,
     panels,
@@ -82,7 +83,7 @@ def distribution(evaluation: Evaluation, limits: tuple[Limit, ...], width_mm: fl
         own = [limit for limit in limits if limit.quantity == quantity]
         for i, (name, values) in enumerate(sizes):
             part = np.arange(1, len(values) + 1) / len(values) * 100
-            panel.step(np.sort(values), part, where="post", color=colour(i), label=label(name))
+            panel.step(np.sort(values), part, where="post", **line(i), label=label(name))
         for limit in own:
             panel.axvline(limit.value, color=INK, linestyle=":")
             text = f"{limit.statistic} ≤ {limit.value:g} {limit.unit}"

@@ -103,6 +103,11 @@ def colour(i: int) -> str:
     return COLOURS[0] if i == 0 else COLOURS[1 + (i - 1) % (len(COLOURS) - 1)]
 
 
+def line(i: int) -> dict[str, str]:
+    """Colour and line style of the i-th method."""
+    return {"color": colour(i), "linestyle": ("-", "--", "-.", ":")[i % 4]}
+
+
 def label(name: str, longest: int = 28) -> str:
     """A name from a file as matplotlib shows it unchanged: neither mathematics ($) nor hidden (_), and not too long."""
     shown = name if len(name) <= longest else f"{name[: longest - 1]}…"
@@ -112,7 +117,7 @@ def label(name: str, longest: int = 28) -> str:
 def legend(figure: Figure, axes: Axes, across: int = 4) -> None:
     """One legend above all panels."""
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=max(1, min(len(labels), across)))
+    figure.legend(handles, labels, loc="outside upper center", ncols=max(1, min(len(labels), across)), markerscale=2)
 
 
 def log_scale(axes: Axes, axis: Literal["x", "y"], values: list[np.ndarray]) -> None:
