@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, one_stdin, stem, write_output
+from calibtool.cli.files import check_output, one_stdin, shown, stem, write_output
 from calibtool.cli.load import load_calibration, load_measurements
 from calibtool.cli.options import EXACT, CompensationMethod, Force, Outside, RefitSetup, Require, choice
 
@@ -33,7 +33,9 @@ def plot(
     ] = None,
     width_mm: Annotated[
         float,
-        typer.Option("--width-mm", min=60, max=400, help="Width of the figure: 85 is a column, 180 a page of a journal."),
+        typer.Option(
+            "--width-mm", min=60, max=400, help="Width of the figure: 85 is a column, 180 a page of a journal."
+        ),
     ] = 180.0,
     method: CompensationMethod = EXACT,
     outside: Outside = "mark",
@@ -58,7 +60,7 @@ def plot(
     from calibtool.calibration import check_same_robot
     from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
-    from calibtool.errors import UsageError
+    from calibtool.errors import InputError, UsageError
     from calibtool.evaluation.acceptance import parse_limit
     from calibtool.evaluation.compare import evaluate
     from calibtool.evaluation.plots import Subject, draw, image_format
@@ -82,4 +84,8 @@ def plot(
             outside=cast(OutsidePolicy, outside),
         )
         subject = Subject(named, measurements, evaluation, limits)
-    write_output(output, draw(kind, subject, image, width_mm), force)
+    try:
+        picture = draw(kind, subject, image, width_mm)
+    except InputError as error:
+        raise InputError(f"{', '.join(map(shown, calibrations))}: {error}") from None
+    write_output(output, picture, force)

@@ -28,9 +28,9 @@ def report(
     """Write one self-contained HTML page about calibrations.
 
     The verdict first, before and after, against limits if there are any; then errors, error vectors, training, joint
-    motions, parameters, flagged rows, observability, coverage, noise and provenance. The numbers are those of `evaluate`. The
-    page loads nothing from anywhere, adapts to light and dark, and prints. With a limit that is not met the page is written
-    all the same, and the exit code is 5.
+    motions, parameters, flagged rows, observability, coverage, noise and provenance. The numbers are those of `evaluate`.
+    The page loads nothing from anywhere, adapts to light and dark, and prints. With a limit that is not met the page is
+    written all the same, and the exit code is 5.
 
     Example: calibtool report paper.h5 local-poe.h5 --on fresh.h5 --require position_max_mm=2 -o report.html
     """
@@ -61,9 +61,7 @@ def report(
         outside=cast(OutsidePolicy, outside),
     )
     inputs = {f"calibration_{k}": part for k, (_, _, part) in enumerate(loaded, 1)}
-    page = html_report(
-        Subject(named, measurements, evaluation, limits), provenance(None, measurements=data, **inputs)
-    )
+    page = html_report(Subject(named, measurements, evaluation, limits), provenance(None, measurements=data, **inputs))
     write_output(output, page, force)
     if output != "-":
         message(f"{output}: {len(page.encode()) / 1e6:.1f} MB")

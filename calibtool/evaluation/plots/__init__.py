@@ -1,4 +1,4 @@
-"""Every figure, for the command line and the report alike: publication-ready, colour-blind safe, the same bytes every time."""
+"""Every figure, for `plot` and the report alike: publication-ready, colour-blind safe, the same bytes every time."""
 
 from calibtool.evaluation.plots.figures import FIGURES, Subject, draw
 from calibtool.evaluation.plots.style import WIDTH_MM, ImageFormat, image_format

@@ -8,7 +8,19 @@ from matplotlib.ticker import MaxNLocator
 
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError
-from calibtool.evaluation.plots.style import COLOURS, INK, MANY, SHADE, colour, label, legend, line, log_scale, mark, panels
+from calibtool.evaluation.plots.style import (
+    COLOURS,
+    INK,
+    MANY,
+    SHADE,
+    colour,
+    label,
+    legend,
+    line,
+    log_scale,
+    mark,
+    panels,
+)
 from calibtool.identification.local_poe import RANK_TOLERANCE
 from calibtool.identification.report import ParameterRow, parameter_rows
 from calibtool.robot.model import Robot
@@ -159,7 +171,9 @@ def observability(calibrations: Named, width_mm: float) -> Figure:
         floor = 1.0 if base.posterior is not None else RANK_TOLERANCE * float(s[0])
         shown = np.maximum(s, floor * 1e-4)
         panel.plot(np.arange(1, len(s) + 1), shown, linestyle="none", markersize=2.5, markeredgewidth=0, **mark(i))
-        panel.axhline(floor, color=INK, linestyle=":", label="as informative as the tolerance" if floor == 1 else "rank limit")
+        panel.axhline(
+            floor, color=INK, linestyle=":", label="as informative as the tolerance" if floor == 1 else "rank limit"
+        )
         log_scale(panel, "y", [shown])
         panel.set_title(f"{label(name)}: rank {base.rank} of {base.parameters}")
         panel.set(xlabel="direction", ylabel="singular value")
@@ -183,17 +197,17 @@ def coverage(calibrations: Named, robot: Robot, judged: Array, width_mm: float) 
         factor, unit = (1e3, "mm") if robot.prismatic[j] else (180 / np.pi, "deg")
         every = np.concatenate([judged[:, j], *(q[:, j] for _, _, q in sets)]) * factor
         low, high = min(robot.lower[j] * factor, every.min()), max(robot.upper[j] * factor, every.max())
-        bins = np.linspace(low, high, 41)
+        bins = np.linspace(low, high, 41).tolist()
         share = [np.full(len(judged), 100 / len(judged)), *(np.full(len(q), 100 / len(q)) for _, _, q in sets)]
         panel.hist(judged[:, j] * factor, bins, weights=share[0], color=SHADE, label="judged")
-        for (i, name, q), weight in zip(sets, share[1:], strict=True):
+        for k, ((i, name, q), weight) in enumerate(zip(sets, share[1:], strict=True)):
             panel.hist(
                 q[:, j] * factor,
                 bins,
                 weights=weight,
                 histtype="step",
                 label=f"training of {label(name, 60)}",
-                **line(i),
+                **{**line(k), "color": colour(i)},
             )
         panel.set(xlabel=f"joint {j + 1}, {unit}", xlim=(low, high))
         panel.set_ylabel("rows, %")

@@ -21,7 +21,7 @@ from calibtool.evaluation.plots.style import (
 )
 from calibtool.robot.se3 import Array
 
-_ARROWS = 250  # in a panel
+_ARROWS = 150  # in a panel
 _WIDE_MM = 120.0
 _BOTTOM_MM = 10.0
 
@@ -146,7 +146,9 @@ def pose_test(evaluation: Evaluation, width_mm: float) -> Figure:
     for panel, (axis, accuracy, repeatability) in zip(axes, shown, strict=True):
         for i, name in enumerate(test.methods):
             shift = (i - (len(test.methods) - 1) / 2) * 0.6 / len(test.methods)
-            panel.plot(x + shift, accuracy[i] * 1e3, linestyle="none", markersize=4, label=f"AP {label(name)}", **mark(i))
+            panel.plot(
+                x + shift, accuracy[i] * 1e3, linestyle="none", markersize=4, label=f"AP {label(name)}", **mark(i)
+            )
         panel.plot(x, repeatability * 1e3, "_", color=INK, markersize=12, markeredgewidth=1.5, label="RP")
         log_scale(panel, "y", [accuracy * 1e3, repeatability * 1e3])
         panel.set_ylabel(axis)
@@ -157,4 +159,3 @@ def pose_test(evaluation: Evaluation, width_mm: float) -> Figure:
             panel.set_xlabel("repeated pose")
     legend(figure, axes[0], 5 if width_mm >= _WIDE_MM else 2)
     return figure
-

@@ -2,7 +2,8 @@
 
 import io
 import warnings
-from typing import Literal
+from contextlib import AbstractContextManager
+from typing import Any, Literal
 
 import matplotlib
 import numpy as np
@@ -25,7 +26,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 MANY = 1000  # marks in a panel from which they are an image inside the drawing
 
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
     "font.size": 8,
     "axes.titlesize": 8,
@@ -72,7 +73,7 @@ def image_format(name: str) -> ImageFormat:
     raise UsageError(f"{name}: plots are written as .png, .svg or .pdf")
 
 
-def styled() -> matplotlib.rc_context:
+def styled() -> AbstractContextManager[None]:
     """The style, while figures are drawn and saved."""
     return matplotlib.rc_context({**matplotlib.rcParamsDefault, **_STYLE, "backend": "agg"})
 
@@ -82,7 +83,9 @@ def sheet(width_mm: float, height_mm: float) -> Figure:
     return Figure(figsize=(width_mm * MM, height_mm * MM), layout="constrained")
 
 
-def panels(width_mm: float, count: int, panel_mm: tuple[float, float], head_mm: float = 8.0) -> tuple[Figure, list[Axes]]:
+def panels(
+    width_mm: float, count: int, panel_mm: tuple[float, float], head_mm: float = 8.0
+) -> tuple[Figure, list[Axes]]:
     """Equal panels of at least panel_mm (width, height), as many side by side as fit; head_mm is kept for a legend."""
     across = max(1, min(count, int(width_mm // panel_mm[0])))
     down = -(-count // across)
@@ -93,7 +96,7 @@ def panels(width_mm: float, count: int, panel_mm: tuple[float, float], head_mm: 
     return figure, axes[:count]
 
 
-def mark(i: int) -> dict[str, str]:
+def mark(i: int) -> dict[str, Any]:
     """Colour and marker of the i-th method; 0 is the nominal robot."""
     return {"color": colour(i), "marker": MARKERS[i % len(MARKERS)]}
 
@@ -103,7 +106,7 @@ def colour(i: int) -> str:
     return COLOURS[0] if i == 0 else COLOURS[1 + (i - 1) % (len(COLOURS) - 1)]
 
 
-def line(i: int) -> dict[str, str]:
+def line(i: int) -> dict[str, Any]:
     """Colour and line style of the i-th method."""
     return {"color": colour(i), "linestyle": ("-", "--", "-.", ":")[i % 4]}
 

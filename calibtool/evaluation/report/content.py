@@ -83,4 +83,3 @@ def number(value: float | None, unit: str = "") -> str:
         return "–"
     text = f"{value:.3f}" if abs(value) >= 0.01 or value == 0 else f"{value:.2g}"
     return f"{text} {unit}".strip()
-

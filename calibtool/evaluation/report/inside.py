@@ -8,6 +8,7 @@ from calibtool.identification.report import parameter_rows, strongest_correlatio
 from calibtool.measurement.measurements import Measurements
 
 _OPEN_ROWS = 20  # a longer table is folded
+_NAMED = 12  # unobservable parameters named
 
 
 def training_section(subject: Subject) -> Section:
@@ -24,7 +25,7 @@ def training_section(subject: Subject) -> Section:
         )
         if validation is not None:
             text += (
-                f"; gain in {validation.folds}-fold cross-validation {validation.gain + 0.0:.1f} ± "
+                f"; gain in {validation.folds}-fold cross-validation {round(validation.gain, 1) + 0.0:+.1f} ± "
                 f"{validation.standard_error:.1f} %"
             )
         lines.append(f"{text}.")
@@ -47,8 +48,8 @@ def motions_section(subject: Subject) -> Section:
         [
             Drawing(
                 "motions",
-                "δρ of each joint at the configurations of the training: joint-motion functions (harmonics: line; wind-up under "
-                "gravity) and network, without constant offsets.",
+                "δρ of each joint at the configurations of the training: joint-motion functions (harmonics: line; wind-up "
+                "under gravity) and network, without constant offsets.",
                 "Joint motion error against joint position, one panel per joint.",
             )
         ],
@@ -102,7 +103,8 @@ def flagged_section(subject: Subject) -> Section:
         if not len(flagged.rows):
             continue
         done = "left out of the fit" if flagged.dropped else "kept in the fit"
-        lines.append(f"{name}: {len(flagged.rows)} rows do not fit; they were {done}.")
+        count = len(flagged.rows)
+        lines.append(f"{name}: {count} {'row does' if count == 1 else 'rows do'} not fit, {done}.")
         if flagged.cluster:
             lines.append(f"{name}: {flagged.cluster}.")
         rows = [
@@ -132,10 +134,12 @@ def observability_section(subject: Subject) -> Section:
             [name, str(base.parameters), str(base.rank), str(base.observable_rank), f"{kept[0]:.3g}", f"{kept[-1]:.3g}"]
         )
         if base.unobservable:
-            lines.append(f"{name}: not observable from these configurations: {', '.join(base.unobservable)}.")
+            missing = ", ".join(base.unobservable[:_NAMED])
+            more = f" and {len(base.unobservable) - _NAMED} more" if len(base.unobservable) > _NAMED else ""
+            lines.append(f"{name}: not observable from these configurations: {missing}{more}.")
     header = ["calibration", "parameters", "rank", "could be determined", "largest", "smallest kept"]
     tables = [Table("Rank and singular values", header, rows)] if rows else []
-    caption = "Singular values. Complete model: relative to the tolerances, above 1 the data say more than the tolerance does."
+    caption = "Singular values. Complete model: relative to the tolerances; above 1 the data say more than those do."
     alt = "Singular values in falling order, with the limit below which a direction is not determined."
     return Section("observability", "Observability", lines, [Drawing("observability", caption, alt)], tables)
 

@@ -33,7 +33,8 @@ def errors_section(subject: Subject, judged: Measurements) -> Section:
     ]
     lines = [] if len(tables) == 2 else ["The target points do not show the orientation: only the position is judged."]
     spread = "; ".join(
-        f"{e['name']}: mean {number(e['position_mm']['mean'])}, largest {number(e['position_mm']['max'])}" for e in entries
+        f"{e['name']}: mean {number(e['position_mm']['mean'])}, largest {number(e['position_mm']['max'])}"
+        for e in entries
     )
     return Section(
         "errors",
@@ -111,7 +112,9 @@ def uncorrectable_section(subject: Subject) -> Section:
     section = Section("uncorrectable", "What no joint can correct")
     beyond = evaluation.uncorrectable
     if beyond is None:
-        known = evaluation.kind == "compensated" and subject.measurements is not None and subject.measurements.setup.known
+        known = (
+            evaluation.kind == "compensated" and subject.measurements is not None and subject.measurements.setup.known
+        )
         reason = (
             "Nothing: the actual robot can take every judged pose."
             if known
@@ -119,9 +122,9 @@ def uncorrectable_section(subject: Subject) -> Section:
         )
         return Section(section.id, section.title, [reason])
     line = (
-        f"{len(beyond.position)} of {evaluation.configurations} commanded poses cannot be taken by the actual robot: too few "
-        "joints, or out of reach. What is left at the nearest poses stays whatever the calibration; reductions in percent are "
-        "of the rest."
+        f"{len(beyond.position)} of {evaluation.configurations} commanded poses cannot be taken by the actual robot: too "
+        "few joints, or out of reach. What is left at the nearest poses stays whatever the calibration; reductions in "
+        "percent are of the rest."
     )
     whole = pose_statistics(beyond)
     rows = [
@@ -137,7 +140,9 @@ def pose_test_section(subject: Subject) -> Section:
     evaluation = subject.evaluation
     assert evaluation is not None
     title = "ISO 9283: pose accuracy and repeatability"
-    drawing = Drawing("iso9283", "AP of every method, RP (bars) of the robot.", "Pose accuracy AP and repeatability RP.")
+    drawing = Drawing(
+        "iso9283", "AP of every method, RP (bars) of the robot.", "Pose accuracy AP and repeatability RP."
+    )
     test = evaluation.pose_test
     if test is None:
         return Section("iso9283", title, (), [drawing])
@@ -161,7 +166,13 @@ def coverage_section(subject: Subject, judged: Measurements) -> Section:
     for name, calibration in subject.calibrations:
         found = coverage(calibration, judged.q)
         rows.append(
-            [name, str(len(calibration.q)), str(len(judged)), str(int(found.outside.sum())), number(float(found.distance.max()))]
+            [
+                name,
+                str(len(calibration.q)),
+                str(len(judged)),
+                str(int(found.outside.sum())),
+                number(float(found.distance.max())),
+            ]
         )
         lines += [f"{name}: {finding}" for finding in design_findings(calibration.robot, calibration.q)]
     header = ["calibration", "training rows", "judged rows", "unlike the training", "largest distance"]

@@ -12,9 +12,12 @@ from calibtool.evaluation.plots import Subject, draw
 from calibtool.evaluation.plots.style import COLOURS, GRID, INK, SHADE, WIDTH_MM
 from calibtool.evaluation.report import inside, judged
 from calibtool.evaluation.report.content import Drawing, Section, Table
-from calibtool.evaluation.report.verdict import headline, remarks, verdicts
+from calibtool.evaluation.report.verdict import cautions, headline, remarks, verdicts
 
 _VARIABLES = {INK: "--ink", GRID: "--grid", SHADE: "--shade", **{c: f"--m{i}" for i, c in enumerate(COLOURS)}}
+
+_COORDINATES = re.compile(r' (d|x|y|transform)="[^"]*"')
+_DIGITS = re.compile(r"(\.\d\d)\d+")  # a hundredth of a point is enough
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,9 @@ def html_report(subject: Subject, provenance: dict[str, str]) -> str:
         title=rows.robot.source.description.title or evaluation.robot,
         headline=headline(subject, found),
         verdicts=found,
-        remarks=remarks(subject, rows.q),
+        cautions=cautions(subject, rows.q),
+        remarks=remarks(subject),
+        part=evaluation.uncorrectable is not None,
         sections=[_shown(section, subject) for section in sections],
         vectors=judged.vectors_data(subject, rows),
         colours=[f"var(--m{1 + k % (len(COLOURS) - 1)})" for k in range(len(found))],
@@ -93,6 +98,7 @@ def _inline(svg: str, prefix: str) -> Markup:
     svg = re.sub(r' xmlns(:xlink)?="[^"]*"', "", svg).replace("xlink:href", "href")
     svg = re.sub(r'\bid="', f'id="{prefix}-', svg)
     svg = re.sub(r'(href="|url\()#', rf"\g<1>#{prefix}-", svg)
+    svg = _COORDINATES.sub(lambda found: _DIGITS.sub(r"\1", found[0]), svg)
     for value, variable in _VARIABLES.items():
         svg = svg.replace(value, f"var({variable})")
     svg = re.sub(r'<svg [^>]*?(viewBox="[^"]*")[^>]*>', r'<svg \1 aria-hidden="true">', svg, count=1)

@@ -7,7 +7,7 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.evaluation.acceptance import broken_limits
-from calibtool.evaluation.metrics import statistics
+from calibtool.evaluation.metrics import pose_statistics, statistics
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Change, Judgement, Verdict, number
 from calibtool.robot.se3 import Array
@@ -35,23 +35,48 @@ def verdicts(subject: Subject) -> list[Verdict]:
 
 def headline(subject: Subject, found: list[Verdict]) -> Headline:
     """The outcome in one sentence: the limits where there are any, otherwise the calibration with the least mean error."""
-    if subject.limits:
-        names = [verdict.name for verdict in found if verdict.met]
-        every = "The limit is" if len(subject.limits) == 1 else f"All {len(subject.limits)} limits are"
-        if len(names) == len(found):
-            return Headline(f"{every} met by {_listed(names)}.", True)
-        if names:
-            failed = _listed([verdict.name for verdict in found if not verdict.met])
-            return Headline(f"{every} met by {_listed(names)}, not by {failed}.", None)
-        return Headline("The limits are not met." if len(subject.limits) > 1 else "The limit is not met.", False)
     best = min(found, key=lambda verdict: verdict.changes[0].after_value)
     change = best.changes[0]
-    verb = "brings" if change.after_value < change.before_value else "does not lower"
-    return Headline(f"{best.name} {verb} the mean position error from {change.before} to {change.after}.", None)
+    lowered = change.after_value < change.before_value
+    brought = f"{best.name} brings the mean position error from {change.before} to {change.after}."
+    if not lowered:
+        brought = (
+            f"No calibration lowers the mean position error: {change.before} before, {change.after} with {best.name}."
+        )
+    if not subject.limits:
+        return Headline(brought, None if lowered else False)
+    passed = [verdict.name for verdict in found if verdict.met]
+    failed = [verdict.name for verdict in found if not verdict.met]
+    limits = "the limit" if len(subject.limits) == 1 else f"the {len(subject.limits)} limits"
+    if not passed:
+        return Headline(f"Not met: {_listed(failed)} {_verb(failed, 'miss')} {limits}. {brought}", False)
+    but = f"; {_listed(failed)} {_verb(failed, 'do')} not" if failed else ""
+    return Headline(f"Met: {_listed(passed)} {_verb(passed, 'keep')} {limits}{but}. {brought}", True)
 
 
-def remarks(subject: Subject, judged: Array) -> list[str]:
-    """What the numbers are, and what a reader has to know before believing them; judged (N, n) joint positions."""
+def cautions(subject: Subject, judged: Array) -> list[str]:
+    """What a reader has to know before believing the numbers; judged (N, n) joint positions."""
+    evaluation = subject.evaluation
+    assert evaluation is not None
+    result = []
+    for k, (name, calibration) in enumerate(subject.calibrations, 1):
+        seen = _also_in_training(calibration, judged)
+        if seen:
+            result.append(
+                f"{seen} of the {len(judged)} judged configurations were used to make {name}: a fit shows less error there "
+                "than anywhere else."
+            )
+        if evaluation.marked[k]:
+            result.append(
+                f"{evaluation.marked[k]} corrections by {name} are near a singularity or out of the joint limits."
+            )
+        if evaluation.outside[k]:
+            result.append(f"{evaluation.outside[k]} judged configurations are unlike those of the training of {name}.")
+    return result
+
+
+def remarks(subject: Subject) -> list[str]:
+    """What the numbers are."""
     evaluation = subject.evaluation
     assert evaluation is not None
     how = (
@@ -60,20 +85,14 @@ def remarks(subject: Subject, judged: Array) -> list[str]:
         else "Errors are what is left between measured and predicted target points; the measurements' noise is in them"
     )
     result = [f"{how}. “Before” is the nominal robot, judged in the same way."]
-    methods = evaluation.methods[1:]
-    for method, (_, calibration) in zip(methods, subject.calibrations, strict=True):
-        seen = _also_in_training(calibration, judged)
-        if seen:
-            result.append(
-                f"Caution: {seen} of the {len(judged)} judged configurations were used to make {method.name}: "
-                "a fit shows less error there than anywhere else."
-            )
-    for method, marked in zip(methods, evaluation.marked[1:], strict=True):
-        if marked:
-            result.append(f"{method.name}: {marked} corrections are near a singularity or out of the joint limits.")
-    for method, far in zip(methods, evaluation.outside[1:], strict=True):
-        if far:
-            result.append(f"{method.name}: {far} judged configurations are unlike those of its training.")
+    if evaluation.uncorrectable is not None:
+        stays = pose_statistics(evaluation.uncorrectable)["position_mm"]
+        assert stays is not None
+        result.append(
+            f"{len(evaluation.uncorrectable.position)} poses are out of the actual robot's reach: there "
+            f"{number(stays['mean'])} mm on average stay whatever the method. The change in percent is of the part "
+            "that the joints can correct."
+        )
     return result
 
 
@@ -119,6 +138,13 @@ def _judgements(subject: Subject, k: int) -> list[Judgement]:
 def _also_in_training(calibration: Calibration, q: Array) -> int:
     known = {row.tobytes() for row in np.round(calibration.q, 9) + 0.0}
     return sum(row.tobytes() in known for row in np.round(q, 9) + 0.0)
+
+
+def _verb(names: list[str], plural: str) -> str:
+    """The verb for one name or several."""
+    if len(names) > 1:
+        return plural
+    return {"miss": "misses", "do": "does", "keep": "keeps"}[plural]
 
 
 def _listed(names: list[str]) -> str:

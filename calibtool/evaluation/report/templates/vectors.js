@@ -15,7 +15,7 @@
 
   // Screen coordinates of a point in m; z up, the viewer at the azimuth and elevation.
   function projector(width, height) {
-    const scale = (0.42 * Math.min(width, height) * view.zoom) / radius;
+    const scale = (0.5 * Math.min(width, height) * view.zoom) / radius;
     const [sa, ca] = [Math.sin(view.azimuth), Math.cos(view.azimuth)];
     const [se, ce] = [Math.sin(view.elevation), Math.cos(view.elevation)];
     return (p) => {
@@ -42,7 +42,9 @@
     for (let k = 0; k < 3; k++) {
       const middle = low.map((v, j) => (j === k ? (v + high[j]) / 2 : v));
       const [x, y] = project(middle);
-      context.fillText(`${"xyz"[k]} ${low[k].toFixed(2)} … ${high[k].toFixed(2)} m`, x, y + 14);
+      const text = `${"xyz"[k]} ${low[k].toFixed(2)} … ${high[k].toFixed(2)} m`.replaceAll("-", "−");
+      const half = context.measureText(text).width / 2 + 4;
+      context.fillText(text, Math.max(half, Math.min(canvas.clientWidth - half, x)), y + 14);
     }
   }
 
