@@ -12,7 +12,7 @@ from calibtool.calibration import Calibration, identify, train
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.evaluation.acceptance import parse_limit
 from calibtool.evaluation.compare import evaluate
-from calibtool.evaluation.plots import Subject
+from calibtool.evaluation.plots import FIGURES, Subject
 from calibtool.evaluation.report import html_report
 from calibtool.evaluation.report.content import number
 from calibtool.evaluation.report.verdict import cautions, headline, remarks, verdicts
@@ -20,10 +20,8 @@ from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 
-SECTIONS = (
-    "verdict errors vectors training motions parameters flagged observability coverage noise uncorrectable iso9283 "
-    "provenance"
-).split()
+SECTIONS = ["verdict", "errors", "vectors", "training", "motions", "parameters", "flagged", "observability", "coverage"]
+SECTIONS += ["noise", "uncorrectable", "iso9283", "provenance"]
 EVIL = '<script>alert("1")</script>&"\' {{ 7*7 }} --> ]]>'
 
 
@@ -105,6 +103,17 @@ def page(text: str) -> Page:
     return Page(text)
 
 
+@pytest.fixture
+def _sketched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are composed, so that they can refuse, but not drawn: test_plots looks at them."""
+
+    def compose(kind: str, subject: Subject, *_: object, **__: object) -> bytes:
+        FIGURES[kind].draw(subject, 120.0)
+        return b'<svg viewBox="0 0 1 1"></svg>'
+
+    monkeypatch.setattr("calibtool.evaluation.report.page.draw", compose)
+
+
 def test_every_section_is_there_once_and_in_order(page: Page) -> None:
     assert page.ids("section") == SECTIONS
     every = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
@@ -143,10 +152,6 @@ def test_nothing_is_loaded_from_anywhere(text: str, page: Page) -> None:
     assert "default-src 'none'" in text
     assert not re.search(r"url\((?!#)|@import|fetch\(|XMLHttpRequest", text)
     assert len(text.encode()) < 5e6
-
-
-def test_the_same_subject_gives_the_same_page(text: str, subject: Subject) -> None:
-    assert html_report(subject, {"command": EVIL}) == text
 
 
 def test_a_reader_without_eyes_or_mouse_gets_everything(page: Page) -> None:
@@ -194,6 +199,7 @@ def test_judging_on_the_rows_of_the_training_is_said(
     assert any("out of the actual robot's reach" in line for line in remarks(subject))
 
 
+@pytest.mark.usefixtures("_sketched")
 def test_one_target_and_no_truth(named: list[tuple[str, Calibration]], fresh: Measurements) -> None:
     """Real measurements of one target: no orientation, no network, nothing known of what no joint corrects."""
     setup = Setup(fresh.setup.T_instrument_base, fresh.setup.targets[:1])
@@ -215,6 +221,7 @@ def test_one_target_and_no_truth(named: list[tuple[str, Calibration]], fresh: Me
         assert words in " ".join(page.paragraphs[section]), section
 
 
+@pytest.mark.usefixtures("_sketched")
 def test_repeated_and_flagged_rows_are_listed(named: list[tuple[str, Calibration]], fresh: Measurements) -> None:
     complete = named[1][1]
     flagged = replace(

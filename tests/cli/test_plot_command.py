@@ -62,7 +62,7 @@ def test_training_needs_a_network(files: Files) -> None:
     run("plot", "training", files.network, files.local_poe, "-o", "a.png")
 
 
-@pytest.mark.parametrize("kind", ["motions", "observability", "distribution", "vectors", "coverage"])
+@pytest.mark.parametrize("kind", ["motions", "coverage"])
 def test_the_other_figures(files: Files, kind: str) -> None:
     run("plot", kind, files.network, "--on", files.fresh, "-o", "a.png", "--width-mm", 85)
     assert looks_like("a.png") == "png"
