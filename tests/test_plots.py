@@ -78,10 +78,9 @@ def test_any_other_extension_is_wrong_usage(name: str) -> None:
 
 
 def test_a_picture_has_the_width_asked_for_and_something_on_it(fanuc_measurements: Measurements) -> None:
-    for width in (85.0, 180.0):
-        image = picture(draw("errors", judged(fanuc_measurements, ["nominal", "paper"]), "png", width))
-        assert image.shape[1] == pytest.approx(width / 25.4 * 300, abs=1)
-        assert image[..., :3].std() > 0.01
+    image = picture(draw("errors", judged(fanuc_measurements, ["nominal", "paper"]), "png", 85.0))
+    assert image.shape[1] == pytest.approx(85 / 25.4 * 300, abs=1)
+    assert image[..., :3].std() > 0.01
 
 
 def test_errors_name_methods_units_and_axes(fanuc_measurements: Measurements) -> None:
@@ -100,8 +99,8 @@ def test_without_orientation_there_is_no_panel_for_it(fanuc_measurements: Measur
 
 def test_errors_that_are_all_zero_can_be_drawn(fanuc_measurements: Measurements) -> None:
     subject = Subject([], fanuc_measurements, evaluation(["nominal"], rows=100, exact=True))
-    for kind in ("errors", "distribution", "vectors"):
-        picture(draw(kind, subject, "png", WIDTH))
+    for kind in ("errors", "vectors"):
+        assert written(kind, subject)
 
 
 def test_names_of_many_methods_are_shown_as_they_are(fanuc_measurements: Measurements) -> None:
@@ -138,7 +137,6 @@ def test_only_calibrations_with_a_network_are_drawn(fanuc_network: Calibration, 
     both = Subject([("poe", fanuc_local_poe), ("paper", fanuc_network)])
     assert "paper: task loss" in written("training", both)
     assert "poe" not in written("training", both)
-    assert "poe" not in written("motions", both)
     assert "paper" not in written("observability", both)
 
 

@@ -21,6 +21,8 @@ _LOOK = """<script>addEventListener("load", () => requestAnimationFrame(() => {
   const pixels = view.getContext("2d").getImageData(0, 0, view.width, view.height).data;
   const wide = [...document.querySelectorAll("body *")].filter((e) =>
     e.getBoundingClientRect().right > innerWidth + 1 && !e.closest(".drawing, .scroll, .skip"));
+  wide.push(...[...document.querySelectorAll(".card *")].filter((e) =>
+    e.getBoundingClientRect().right > e.closest(".card").getBoundingClientRect().right + 1));
   const before = view.toDataURL();
   view.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" }));
   parent.document.title = "seen:" + JSON.stringify({
