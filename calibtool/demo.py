@@ -11,7 +11,7 @@ from calibtool.compensation.stream import compensate_text
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.evaluation.compare import evaluate
 from calibtool.evaluation.metrics import error_rows
-from calibtool.evaluation.plots import draw_errors, draw_training
+from calibtool.evaluation.plots import Subject, draw
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.measurement.simulate import Simulation, simulate
@@ -60,9 +60,10 @@ def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callab
     report(f"evaluate   on {FRESH_CONFIGURATIONS} configurations that no fit has seen")
     evaluation = evaluate(calibrations, fresh)
     write("evaluation.csv", format_table(*error_rows(evaluation.methods)))
+    paper, every = Subject(calibrations[:1]), Subject(calibrations, measurements, evaluate(calibrations, measurements))
     for image in ("png", "svg"):
-        write(f"training.{image}", draw_training(calibrations[:1], image))
-        write(f"errors.{image}", draw_errors(evaluate(calibrations, measurements), image))
+        write(f"training.{image}", draw("training", paper, image))
+        write(f"errors.{image}", draw("errors", every, image))
 
     report("compensate a straight line of 100 poses")
     line = _straight_line(robot)

@@ -113,8 +113,8 @@ def test_only_storage_knows_hdf5() -> None:
     assert {room(path) for path, tree in modules() if "h5py" in tops(tree, path)} == {"storage"}
 
 
-def test_only_pictures_know_matplotlib() -> None:
-    assert [path.stem for path, tree in modules() if "matplotlib" in tops(tree, path)] == ["arm_picture", "plots"]
+def test_only_plots_knows_matplotlib() -> None:
+    assert {path.parent.name for path, tree in modules() if "matplotlib" in tops(tree, path)} == {"plots"}
 
 
 def test_nothing_is_pickled_and_nothing_asks_the_clock() -> None:

@@ -18,6 +18,7 @@ from calibtool.cli import (
     info,
     plan,
     plot,
+    report,
     robots,
     simulate,
     train,
@@ -104,6 +105,7 @@ for _name, _function in (
     ("compensate", compensate.compensate),
     ("export", export.export),
     ("plot", plot.plot),
+    ("report", report.report),
     ("info", info.info),
     ("demo", demo.demo),
 ):

@@ -6,7 +6,7 @@ import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
 from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import EXACT, CompensationMethod, Force, Json, Outside, choice
+from calibtool.cli.options import EXACT, CompensationMethod, Force, Json, Outside, RefitSetup, Require, choice
 from calibtool.cli.show import print_json, print_table
 
 _POSES = 8  # columns of a table for people
@@ -25,16 +25,8 @@ def evaluate(
     ] = None,
     method: CompensationMethod = EXACT,
     outside: Outside = "mark",
-    refit_setup: Annotated[
-        bool,
-        typer.Option(
-            "--refit-setup", help="The instrument was moved: register it again on these rows, for every method."
-        ),
-    ] = False,
-    require: Annotated[
-        list[str] | None,
-        typer.Option(metavar="LIMIT", help="Acceptance limit, such as position_max_mm=0.2; exit code 5 if not met."),
-    ] = None,
+    refit_setup: RefitSetup = False,
+    require: Require = None,
     json: Json = False,
     force: Force = False,
 ) -> None:

@@ -22,6 +22,14 @@ Outside = Annotated[
         help="Rows unlike the training: mark, use the base model alone, or refuse.",
     ),
 ]
+RefitSetup = Annotated[
+    bool,
+    typer.Option("--refit-setup", help="The instrument was moved: register it again on these rows, for every method."),
+]
+Require = Annotated[
+    list[str] | None,
+    typer.Option(metavar="LIMIT", help="Acceptance limit, such as position_max_mm=0.2; exit code 5 if not met."),
+]
 
 JointValuesOption = Annotated[
     str | None,

@@ -1,53 +1,91 @@
-"""calibtool plot: the paper's figures from files."""
+"""calibtool plot: every figure of the report from files."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, one_stdin, stem, write_output
+from calibtool.cli.files import check_output, one_stdin, shown, stem, write_output
 from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import EXACT, CompensationMethod, Force, choice
+from calibtool.cli.options import EXACT, CompensationMethod, Force, Outside, RefitSetup, Require, choice
 
-_KINDS = ("training", "errors")
+# The figures of `calibtool.evaluation.plots`, which is not imported for a help page; the second half needs --on.
+_OF_CALIBRATIONS = ("training", "motions", "parameters", "observability")
+_OF_ERRORS = ("errors", "distribution", "vectors", "coverage", "iso9283")
+FIGURES = (*_OF_CALIBRATIONS, *_OF_ERRORS)
 
 
 def plot(
     kind: Annotated[
-        str, typer.Argument(metavar="training|errors", help="The training curve, or errors per configuration.")
+        str,
+        typer.Argument(
+            metavar="FIGURE", help=f"{', '.join(_OF_CALIBRATIONS)}; on measurements {', '.join(_OF_ERRORS)}."
+        ),
     ],
     calibrations: Annotated[
         list[str], typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'.")
     ],
-    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="A file that ends in .png or .svg.")],
-    on: Annotated[str | None, typer.Option(metavar="MEASUREMENTS", help="Measurements for 'errors'.")] = None,
+    output: Annotated[
+        str, typer.Option("-o", "--output", metavar="FILE", help="A file that ends in .png, .svg or .pdf.")
+    ],
+    on: Annotated[
+        str | None, typer.Option(metavar="MEASUREMENTS", help=f"Measurements for {', '.join(_OF_ERRORS)}.")
+    ] = None,
+    width_mm: Annotated[
+        float,
+        typer.Option(
+            "--width-mm", min=60, max=400, help="Width of the figure: 85 is a column, 180 a page of a journal."
+        ),
+    ] = 180.0,
     method: CompensationMethod = EXACT,
+    outside: Outside = "mark",
+    refit_setup: RefitSetup = False,
+    require: Require = None,
     force: Force = False,
 ) -> None:
-    """Draw the training curve, or errors per configuration.
+    """Draw one figure, such as the errors of every configuration or the training curve.
 
-    These are figures 4 and 5 of the paper; the errors show the methods side by side, before and after.
+    `training` and `errors` are figures 4 and 5 of the paper. Colours can be told apart by colour-blind readers, the type is
+    7 to 8 points at any width, letters are part of the file, and the same command gives the same bytes. Limits given with
+    --require are drawn into `distribution`.
 
     Example: calibtool plot errors paper.h5 local-poe.h5 --on measurements.h5 -o errors.svg
     """
-    choice(kind, _KINDS, "kind of plot")
+    choice(kind, FIGURES, "kind of plot")
     check_output(output, force)
     one_stdin(*calibrations, on)
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
+    from calibtool.calibration import check_same_robot
+    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
-    from calibtool.errors import UsageError
+    from calibtool.errors import InputError, UsageError
+    from calibtool.evaluation.acceptance import parse_limit
     from calibtool.evaluation.compare import evaluate
-    from calibtool.evaluation.plots import draw_errors, draw_training, image_format
+    from calibtool.evaluation.plots import Subject, draw, image_format
 
     image = image_format(Path(output).name)
-    if kind == "errors" and on is None:
-        raise UsageError("plot errors: give the measurements with --on")
+    choice(outside, OUTSIDE_POLICIES, "--outside")
+    limits = tuple(parse_limit(text) for text in require or [])
+    if kind in _OF_ERRORS and on is None:
+        raise UsageError(f"plot {kind}: give the measurements with --on")
     named = [(stem(path), load_calibration(path)[0]) for path in calibrations]
-    if kind == "training":
-        data = draw_training(named, image)
-    else:
+    for name, calibration in named[1:]:
+        check_same_robot(calibration.robot, named[0][1].robot, f"calibration '{name}'", f"calibration '{named[0][0]}'")
+    subject = Subject(named)
+    if kind in _OF_ERRORS:
         measurements, _ = load_measurements(str(on))
-        data = draw_errors(evaluate(named, measurements, method=cast(Method, method)), image)
-    write_output(output, data, force)
+        evaluation = evaluate(
+            named,
+            measurements,
+            method=cast(Method, method),
+            refit_setup=refit_setup,
+            outside=cast(OutsidePolicy, outside),
+        )
+        subject = Subject(named, measurements, evaluation, limits)
+    try:
+        picture = draw(kind, subject, image, width_mm)
+    except InputError as error:
+        raise InputError(f"{', '.join(map(shown, calibrations))}: {error}") from None
+    write_output(output, picture, force)

@@ -86,8 +86,7 @@ def evaluate(
     """
     for name, given in calibrations:
         check_same_robot(given.robot, measurements.robot, f"calibration '{name}'", "the measurements")
-    if measurements.truth is None:  # a method is judged on whole observations
-        measurements = measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
+    measurements = judged_rows(measurements)
     every: list[tuple[str, Calibration | None]] = [("nominal", None), *calibrations]
     methods, correctable, marked, far = [], [], [], []
     nearest, uncorrectable = _nearest_poses(measurements)
@@ -120,6 +119,13 @@ def evaluate(
         correctable=correctable,
         pose_test=_pose_test(every, measurements, methods, refit_setup, outside),
     )
+
+
+def judged_rows(measurements: Measurements) -> Measurements:
+    """The rows that `evaluate` judges: a prediction needs whole observations, a simulation can be driven again."""
+    if measurements.truth is not None:
+        return measurements
+    return measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
 
 
 def _pose_test(

@@ -26,7 +26,8 @@ CONTRACT = {
     "evaluate": "--on --require --json -o --output --force",
     "compensate": "--method -o --output --force",
     "export": "--format --precision -o --output --force",
-    "plot": "--on -o --output --force",
+    "plot": "--on --width-mm --require -o --output --force",
+    "report": "--on --require -o --output --force",
     "info": "--json",
     "demo": "-o --output --force",
 }
@@ -167,6 +168,7 @@ PREPARED: dict[str, tuple[Callable[[Files], None], list[str]]] = {  # what must 
     "compensate": (_calibration, ["corrected.csv"]),
     "export": (_calibration, ["compensator.c", "compensator.h"]),
     "plot": (_calibrations, ["errors.svg"]),
+    "report": (_calibrations, ["report.html"]),
     "info": (_calibration, []),
 }
 

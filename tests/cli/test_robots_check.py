@@ -68,7 +68,7 @@ def test_a_picture() -> None:
     assert "home_singular" in run("robots", "--check", "planar-3r", "--picture", "arm.svg").stdout
     assert b"<svg" in Path("arm.svg").read_bytes()
     assert "arm.svg" in refused(2, "robots", "planar-3r", "--picture", "arm.svg")
-    assert "plots are written as .png or .svg" in refused(2, "robots", "planar-3r", "--picture", "arm.pdf")
+    assert "plots are written as .png, .svg or .pdf" in refused(2, "robots", "planar-3r", "--picture", "arm.eps")
 
 
 def test_check_and_picture_need_a_robot() -> None:

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
+from calibtool.evaluation.plots.style import ImageFormat, styled, to_bytes
 from calibtool.robot.model import Robot
 from calibtool.robot.poe import poe_frames
 from calibtool.robot.se3 import Array, transform_points
@@ -31,6 +32,12 @@ class _Arm:
     tool: Array  # (4, 4)
     targets: Array
     size: float
+
+
+def draw_arm(robot: Robot, image: ImageFormat) -> bytes:
+    """The arm at the home of its default workspace."""
+    with styled():
+        return to_bytes(arm_figure(robot), image)
 
 
 def arm_figure(robot: Robot) -> Figure:

@@ -1,0 +1,70 @@
+"""calibtool report: one page about calibrations."""
+
+from typing import Annotated
+
+import typer
+
+from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
+from calibtool.cli.load import load_calibration, load_measurements
+from calibtool.cli.options import EXACT, CompensationMethod, Force, Outside, RefitSetup, Require, choice
+
+
+def report(
+    calibrations: Annotated[
+        list[str], typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'.")
+    ],
+    on: Annotated[
+        str, typer.Option(metavar="MEASUREMENTS", help="Measurements to judge on, best ones no fit has seen.")
+    ],
+    output: Annotated[
+        str, typer.Option("-o", "--output", metavar="FILE.html", help="The page; '-' is stdout.")
+    ] = "report.html",
+    method: CompensationMethod = EXACT,
+    outside: Outside = "mark",
+    refit_setup: RefitSetup = False,
+    require: Require = None,
+    force: Force = False,
+) -> None:
+    """Write one self-contained HTML page about calibrations.
+
+    The verdict first, before and after, against limits if there are any; then errors, error vectors, training, joint
+    motions, parameters, flagged rows, observability, coverage, noise and provenance. The numbers are those of `evaluate`.
+    The page loads nothing from anywhere, adapts to light and dark, and prints. With a limit that is not met the page is
+    written all the same, and the exit code is 5.
+
+    Example: calibtool report paper.h5 local-poe.h5 --on fresh.h5 --require position_max_mm=2 -o report.html
+    """
+    check_output(output, force)
+    one_stdin(*calibrations, on)
+    choice(method, ("exact", "one-step"), "--method")
+    from typing import cast
+
+    from calibtool.cli.provenance import provenance
+    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
+    from calibtool.compensation.solve import Method
+    from calibtool.errors import AcceptanceError
+    from calibtool.evaluation.acceptance import broken_limits, parse_limit
+    from calibtool.evaluation.compare import evaluate
+    from calibtool.evaluation.plots import Subject
+    from calibtool.evaluation.report import html_report
+
+    choice(outside, OUTSIDE_POLICIES, "--outside")
+    limits = tuple(parse_limit(text) for text in require or [])
+    loaded = [(stem(path), *load_calibration(path)) for path in calibrations]
+    named = [(name, calibration) for name, calibration, _ in loaded]
+    measurements, data = load_measurements(on)
+    evaluation = evaluate(
+        named,
+        measurements,
+        method=cast(Method, method),
+        refit_setup=refit_setup,
+        outside=cast(OutsidePolicy, outside),
+    )
+    inputs = {f"calibration_{k}": part for k, (_, _, part) in enumerate(loaded, 1)}
+    page = html_report(Subject(named, measurements, evaluation, limits), provenance(None, measurements=data, **inputs))
+    write_output(output, page, force)
+    if output != "-":
+        message(f"{output}: {len(page.encode()) / 1e6:.1f} MB")
+    broken = broken_limits(evaluation.methods[1:], list(limits))
+    if broken:
+        raise AcceptanceError(broken[0])

@@ -1,0 +1,7 @@
+"""Every figure, for `plot` and the report alike: publication-ready, colour-blind safe, the same bytes every time."""
+
+from calibtool.evaluation.plots.arm import draw_arm
+from calibtool.evaluation.plots.figures import FIGURES, Subject, draw
+from calibtool.evaluation.plots.style import WIDTH_MM, ImageFormat, image_format
+
+__all__ = ["FIGURES", "WIDTH_MM", "ImageFormat", "Subject", "draw", "draw_arm", "image_format"]

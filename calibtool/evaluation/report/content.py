@@ -1,0 +1,85 @@
+"""What the page is made of: sections of lines, tables and drawings, all of them text."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells under headers; the first cell of a row is its header. folded: shown on request."""
+
+    caption: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    folded: bool = False
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure of `plots`, its caption, and what it shows in words for whom cannot see it."""
+
+    kind: str
+    caption: str
+    alt: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands under it, lines first; nothing but a line where there is nothing to say."""
+
+    id: str
+    title: str
+    lines: Sequence[str] = ()
+    drawings: Sequence[Drawing] = ()
+    tables: Sequence[Table] = ()
+    vectors: bool = False  # the workspace in three dimensions stands here
+
+
+@dataclass(frozen=True)
+class Change:
+    """One error before and after, in `unit`, and its reduction as text."""
+
+    what: str
+    before_value: float
+    after_value: float
+    unit: str
+    reduction: str
+
+    @property
+    def before(self) -> str:
+        return number(self.before_value, self.unit)
+
+    @property
+    def after(self) -> str:
+        return number(self.after_value, self.unit)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A limit in words, what was found, and whether that meets it."""
+
+    asked: str
+    found: str
+    met: bool
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One calibration against the nominal robot, and against every limit."""
+
+    name: str
+    changes: Sequence[Change]
+    judgements: Sequence[Judgement]
+
+    @property
+    def met(self) -> bool:
+        """Every limit is met."""
+        return all(judgement.met for judgement in self.judgements)
+
+
+def number(value: float | None, unit: str = "") -> str:
+    """A measured value with three decimals, more where it is small; – where there is none."""
+    if value is None:
+        return "–"
+    text = f"{value:.3f}" if abs(value) >= 0.01 or value == 0 else f"{value:.2g}"
+    return f"{text} {unit}".strip()

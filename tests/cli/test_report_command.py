@@ -1,0 +1,131 @@
+"""calibtool report: the page as a file and on stdout, limits, bad input; and what Chromium makes of it."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commandline import Files, answer, only_line, refused, run
+
+LIMIT = "position_max_mm=0.001"
+Open = Callable[..., dict[str, Any]]
+
+# What a browser sees, written into the page as one line of JSON.
+_LOOK = """<script>addEventListener("load", () => requestAnimationFrame(() => {
+  const view = document.getElementById("vectors-view"), root = document.documentElement;
+  const pixels = view.getContext("2d").getImageData(0, 0, view.width, view.height).data;
+  const wide = [...document.querySelectorAll("body *")].filter((e) =>
+    e.getBoundingClientRect().right > innerWidth + 1 && !e.closest(".drawing, .scroll, .skip"));
+  wide.push(...[...document.querySelectorAll(".card *")].filter((e) =>
+    e.getBoundingClientRect().right > e.closest(".card").getBoundingClientRect().right + 1));
+  const before = view.toDataURL();
+  view.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" }));
+  parent.document.title = "seen:" + JSON.stringify({
+    width: innerWidth, content: root.scrollWidth, wide: wide.map((e) => e.tagName + "." + e.className),
+    sections: [...document.querySelectorAll("section")].filter((s) => s.offsetHeight > 40).map((s) => s.id),
+    drawings: [...document.querySelectorAll(".drawing svg")].filter((s) => s.getBoundingClientRect().height > 60).length,
+    paper: getComputedStyle(document.body).backgroundColor, ink: getComputedStyle(document.body).color,
+    axes: getComputedStyle(document.querySelector(".drawing svg text")).fill,
+    inked: pixels.some((v) => v > 0), turned: before !== view.toDataURL(),
+  });
+}));</script></body>"""
+
+
+@pytest.fixture(scope="module")
+def page(files: Files) -> str:
+    """One page of two calibrations, one of them from stdin and without a network, and a limit that neither meets."""
+    calibration = Path(files.local_poe).read_bytes()
+    judged = ("--on", files.fresh, "-o", "-", "--require", LIMIT)
+    result = run("report", files.network, "-", *judged, stdin=calibration, code=5)
+    assert "above the limit" in only_line(result.stderr)
+    return result.stdout_bytes.decode("utf-8")
+
+
+def test_the_page_holds_what_evaluate_says(page: str, files: Files) -> None:
+    found = re.search(r'<script type="application/json" id="evaluation">(.*?)</script>', page)
+    assert found is not None
+    calibration = Path(files.local_poe).read_bytes()
+    assert json.loads(found[1]) == answer("evaluate", files.network, "-", "--on", files.fresh, stdin=calibration)
+    assert page.startswith("<!DOCTYPE html>")
+    assert page.endswith("</html>\n")
+
+
+def test_the_page_says_where_it_comes_from(page: str) -> None:
+    assert "calibtool report " in page
+    assert "sha256_calibration_2" in page
+
+
+def test_wrong_usage(files: Files) -> None:
+    assert "CALIBRATION" in refused(2, "report", "--on", files.fresh)
+    assert "--on" in refused(2, "report", files.network)
+    assert "foo=1" in refused(2, "report", files.network, "--on", files.fresh, "--require", "foo=1")
+    assert "mark" in refused(2, "report", files.network, "--on", files.fresh, "--outside", "marc")
+    Path("report.html").write_text("mine", encoding="utf-8")
+    assert "--force" in refused(2, "report", files.network, "--on", files.fresh)
+
+
+def test_wrong_files(files: Files) -> None:
+    assert "kinematics differ" in refused(3, "report", files.six_network, "--on", files.fresh)
+    assert "expected calibtool/calibration" in refused(3, "report", files.fresh, "--on", files.fresh)
+    assert "expected calibtool/measurements" in refused(3, "report", files.network, "--on", files.network)
+
+
+@pytest.fixture
+def look(page: str, tmp_path: Path) -> Open:
+    """Open the page in headless Chromium; returns what `_LOOK` saw. Anything on the console is a failure."""
+    browser = shutil.which("chromium") or shutil.which("chromium-browser")
+    if browser is None:
+        pytest.skip("there is no chromium on the PATH (apt-get install chromium)")
+
+    def opened(width: int, dark: bool) -> dict[str, Any]:
+        place = tmp_path / "page.html"
+        framed = html.escape(page.replace("</body>", _LOOK))  # a window is never as narrow as a frame can be
+        style = f"width: {width}px; height: 800px; border: 0; color-scheme: light dark"
+        place.write_text(
+            '<!DOCTYPE html><html style="color-scheme: light dark"><link rel="icon" href="data:,"><title></title>'
+            f'<iframe style="{style}" srcdoc="{framed}"></iframe>',
+            encoding="utf-8",
+        )
+        options = [
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--enable-logging=stderr",
+            "--virtual-time-budget=2000",
+        ]
+        options += [f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1200,900", "--hide-scrollbars"]
+        if dark:
+            options.append("--blink-settings=preferredColorScheme=0")
+        command = [browser, *options, "--dump-dom", place.as_uri()]
+        done = subprocess.run(command, capture_output=True, timeout=60, text=True, encoding="utf-8")
+        assert "CONSOLE" not in done.stderr, done.stderr
+        seen = re.search(r"<title>seen:(.*?)</title>", done.stdout)
+        assert seen is not None, done.stderr[-2000:]
+        result: dict[str, Any] = json.loads(html.unescape(seen[1]))
+        return result
+
+    return opened
+
+
+def _lightness(colour: str) -> float:
+    return sum(map(int, re.findall(r"\d+", colour)[:3])) / 3
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1100, False), (400, True)])
+def test_the_page_in_a_browser(look: Open, width: int, dark: bool) -> None:
+    seen = look(width, dark)
+    assert seen["width"] == width
+    assert seen["content"] <= width
+    assert seen["wide"] == []
+    assert len(seen["sections"]) == 13
+    assert seen["drawings"] >= 6
+    assert seen["inked"]
+    assert seen["turned"]
+    assert (_lightness(seen["paper"]) < 60) == dark
+    assert (_lightness(seen["ink"]) > 180) == dark
+    assert (_lightness(seen["axes"]) > 180) == dark
