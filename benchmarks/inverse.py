@@ -1,8 +1,8 @@
 """Inverse kinematics over the whole joint range, beside other solvers in one run.
 
-Run: python benchmarks/inverse.py [--poses 10000] [--peer PYTHON]. Poses of uniform joint positions inside the limits, singular
-ones included. "no seed": from the default home; "near seed": from 0.05 rad beside the answer. Pinocchio's example loop (CLIK)
-and, with --peer, roboticstoolbox-python's `ik_LM` (PYTHON is an interpreter that has it) solve the first 500 poses.
+Run: python benchmarks/inverse.py [--poses 10000] [--peer PYTHON]. Poses of uniform joint positions inside the limits,
+singular ones included. "no seed": from the default home; "near seed": from 0.05 rad beside the answer. Pinocchio's example
+loop (CLIK) and, with --peer, roboticstoolbox-python's `ik_LM` (PYTHON is an interpreter that has it) solve the first 500.
 """
 
 import os
