@@ -3,7 +3,8 @@
 Run: python benchmarks/peers/training.py [--seeds 5]. The paper's experiment (benchmarks/paper.py): fanuc-m1000ia in its 1 m
 cube, network on the nominal robot, 6-6-6 tanh, 50 + 50 configurations, joint motions δρ̂ as the target (joint loss, Eq. 21).
 All train on the same scaled inputs and targets in float64 on one thread, five restarts per seed, and are judged by the
-same validation loss. L-BFGS cannot be watched while it runs: its time is that of a fit that knows when to stop. Every tool runs in a process of its own.
+same validation loss; calibtool and PyTorch start from the same weights and make the same steps. L-BFGS cannot be watched
+while it runs: its time is that of a fit that knows beforehand when to stop. Every tool runs in a process of its own.
 """
 
 import os
