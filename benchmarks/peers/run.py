@@ -46,7 +46,7 @@ def versions() -> str:
 def introduction(name: str) -> str:
     """How a comparison is made: the text of its script after the first line, without the line that says how to run it."""
     text = (HERE / f"{name}.py").read_text(encoding="utf-8").split('"""')[1]
-    return text.split("].", 1)[1].strip()
+    return " ".join(text.split("].", 1)[1].split())
 
 
 def section(name: str, seeds: int) -> str:
