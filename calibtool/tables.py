@@ -4,7 +4,7 @@ import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import islice
 from typing import overload
 
 import numpy as np
@@ -75,7 +75,7 @@ class Table:
     name: str
     header: list[str]
     rows: Sequence[list[str]]
-    lines: list[int]
+    lines: Sequence[int]
     delimiter: str
     decimal: str
     header_line: int = 1
@@ -167,30 +167,52 @@ def read_tables(
     lines: Iterable[str], name: str, delimiter: str | None = None, decimal: str | None = None, batch: int | None = None
 ) -> Iterator[Table]:
     """The same from any number of lines, as tables of `batch` rows (all of them unless given) under one header."""
-    numbered = ((number, line.rstrip("\r\n")) for number, line in enumerate(lines, start=1))
-    start, first = next(((number, line) for number, line in numbered if line.strip()), (0, ""))
+    source = iter(lines)
+    passed, first = 0, ""
+    for line in source:
+        passed += 1
+        first = line.rstrip("\r\n").removeprefix("\ufeff")
+        if first.strip():
+            break
     if delimiter is None:
         delimiter = next((d for d in _DELIMITERS if d in first), " ")
-    records = _records(chain([(start, first.removeprefix("\ufeff"))], numbered), name, delimiter)
-    header_line, text, columns = next(records, (0, "", 0))
-    if not header_line:
-        raise InputError(f"{name}: empty; expected a header line and rows")
+    header_line, text, columns = next(_records([(passed, first)], name, delimiter), (0, "", 0))
+    while not header_line:  # a line of delimiters alone is an empty one
+        following = next(source, None)
+        if following is None:
+            raise InputError(f"{name}: empty; expected a header line and rows")
+        passed += 1
+        header_line, text, columns = next(_records([(passed, following.rstrip("\r\n"))], name, delimiter), (0, "", 0))
     header = next(split_lines([text], delimiter))
     check_header(header, f"{name}:{header_line}")
     empty = True
-    while part := list(islice(records, batch)):
-        for line, _, cells in part:
-            if cells != columns:
-                raise InputError(f"{name}:{line}: {cells} cells, but the header has {columns} columns")
-        kept = [text for _, text, _ in part]
+    while taken := list(islice(source, batch)):
+        numbers: Sequence[int] = range(passed + 1, passed + 1 + len(taken))
+        passed += len(taken)
+        kept = taken
+        if not _plain(taken, delimiter, columns):
+            whole = ((number, line.rstrip("\r\n")) for number, line in zip(numbers, taken, strict=True))
+            part = list(_records(whole, name, delimiter))
+            for line_number, _, cells in part:
+                if cells != columns:
+                    raise InputError(f"{name}:{line_number}: {cells} cells, but the header has {columns} columns")
+            if not part:
+                continue
+            numbers, kept = [number for number, _, _ in part], [text for _, text, _ in part]
         if decimal is None:
             decimal = "," if delimiter != "," and any("," in text for text in kept) else "."
         empty = False
-        yield Table(
-            name, header, Lines(kept, delimiter), [line for line, _, _ in part], delimiter, decimal, header_line
-        )
+        yield Table(name, header, Lines(kept, delimiter), numbers, delimiter, decimal, header_line)
     if empty:
         raise InputError(f"{name}: a header but no rows")
+
+
+def _plain(lines: list[str], delimiter: str, columns: int) -> bool:
+    """Whether all lines are rows of as many cells, without quotes: nothing has to be looked at one by one."""
+    if delimiter == " " or columns < 2 or any(line.count(delimiter) != columns - 1 for line in lines):
+        return False
+    empty = delimiter + " \t\r\n\f\v"
+    return not any('"' in line or len(line) >= _LONG_LINE or not line.strip(empty) for line in lines)
 
 
 def text_lines(text: str) -> list[str]:

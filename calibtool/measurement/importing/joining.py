@@ -42,7 +42,7 @@ def join_rows(
     unused = np.setdiff1d(np.arange(len(joints)), partner[kept])
     warnings = [
         f"{table.name}: {len(rows)} of {len(table)} rows have no partner {reason} in {other.name} and are left out: line "
-        + line_ranges([table.lines[row] for row in rows])
+        + line_ranges([table.lines[int(row)] for row in rows])
         for table, other, rows in (
             (measured, joints, np.flatnonzero(partner < 0)),
             (joints, measured, unused),
