@@ -71,7 +71,7 @@ def test_jacobians_are_derivatives(robot: Robot, seed: int) -> None:
     def moved(x: Array) -> Array:
         return relative_error(built.forward(x[None]), pose)[0]
 
-    assert_derivative(moved, jacobian[0], q[0])
+    assert_derivative(moved, jacobian[0], q[0], step=1e-4)  # the axis of a slide that turns a little is 1 km away
     virtual = EquivalentRobot(robot.n, ELEMENTARY[: max(6 - robot.n, 0)])
     _, J = virtual.forward_and_jacobian(built, q)
     columns = np.eye(6)[virtual.virtual_columns]
@@ -188,4 +188,6 @@ def test_lengths_times_s_give_positions_times_s(chain: DrawnChain, seed: int, sc
     np.testing.assert_allclose(found[:, :3, :3], expected[:, :3, :3], atol=1e-12)
     np.testing.assert_allclose(found[:, :3, 3] / scale, expected[:, :3, 3], atol=1e-12)
     np.testing.assert_allclose(large.length / scale, small.length, rtol=1e-12)
-    np.testing.assert_allclose(large.singularity_distance(stretched), small.singularity_distance(q), atol=1e-9)
+    if not any(small.prismatic):  # a slide's column is 1 m over the characteristic length
+        distance = small.singularity_distance(q)
+        np.testing.assert_allclose(large.singularity_distance(stretched), distance, rtol=1e-6, atol=1e-7)
