@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
+from scipy.linalg import expm, logm
 
 Array = NDArray[np.float64]
 
@@ -93,3 +93,24 @@ def origin_of(joint: ElementTree.Element) -> Array:
     pose = turns[0] @ turns[1] @ turns[2]
     pose[:3, 3] = numbers(origin, "xyz", [0.0, 0.0, 0.0])
     return pose
+
+
+def logarithm(pose: Array) -> Array:
+    """Twist (v, ω) whose exponential is `pose`, |ω| < π."""
+    L = np.real(logm(pose))
+    return np.array([*L[:3, 3], L[2, 1], L[0, 2], L[1, 0]])
+
+
+def adjoint(pose: Array) -> Array:
+    """Twists of frame b to frame a for T_a_b."""
+    R, S = pose[:3, :3], hat(np.array([0, 0, 0, *pose[:3, 3]]))[:3, :3]
+    return np.block([[R, S @ R], [np.zeros((3, 3)), R]])
+
+
+def poses_along(placements: Array, twists: Array, q: Array) -> list[Array]:
+    """F_1 … F_n after each joint has moved, and the tool."""
+    pose, result = np.eye(4), []
+    for placement, twist, value in zip(placements, twists, q, strict=False):
+        pose = pose @ placement @ exponential(twist * value)
+        result.append(pose)
+    return [*result, pose @ placements[-1]]

@@ -77,9 +77,7 @@ def test_where_the_base_stands_does_not_matter(chain: DrawnChain, seed: int, opt
 
 @examples(8)
 @given(robots(), seeds, MODELS, st.booleans())
-def test_where_the_instrument_stands_does_not_matter(
-    robot: Robot, seed: int, options: BaseOptions, pose: bool
-) -> None:
+def test_where_the_instrument_stands_does_not_matter(robot: Robot, seed: int, options: BaseOptions, pose: bool) -> None:
     rng = np.random.default_rng(seed)
     data = simulated(robot, rng, 25, pose=pose)
     frame = exp6(rng.uniform(-3, 3, 6))
