@@ -7,6 +7,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.equivalent.training import TrainingOptions
@@ -14,6 +15,11 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.model import Robot
+
+# The same cases every time; `pytest tests/laws --hypothesis-profile=thorough` draws fifty times as many, new ones.
+settings.register_profile("fixed", derandomize=True, deadline=None)
+settings.register_profile("thorough", max_examples=5000, deadline=None, print_blob=True)
+settings.load_profile("fixed")
 
 ROBOTS = robot_names()
 

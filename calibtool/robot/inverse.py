@@ -186,7 +186,9 @@ def _bounded_step(jacobian: Array, error: Array, caution: Array, q: Array, lower
 def _damped_step(jacobian: Array, error: Array, caution: Array) -> Array:
     """Least-squares step (minimum norm for n > 6) with damping |error|² + caution: (N, 6, n), (N, 6) → (N, n)."""
     transposed = np.swapaxes(jacobian, -1, -2)
-    damping = (np.minimum((error**2).sum(-1), 1.0) * 0.03 + caution + 1e-14)[:, None, None]
+    # The last term keeps the matrix regular at a singularity: it must not drown in the rounding of large entries.
+    damping = np.minimum((error**2).sum(-1), 1.0) * 0.03 + caution + 1e-14 * np.maximum(1.0, (jacobian**2).sum((1, 2)))
+    damping = damping[:, None, None]
     if jacobian.shape[-1] >= 6:
         gram = jacobian @ transposed + damping * np.eye(6)
         return (transposed @ np.linalg.solve(gram, error[..., None]))[..., 0]

@@ -43,7 +43,7 @@ class Mechanism:
         """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0, columns ∂(δy)/∂q_j = Ad(F_j) ξ_j."""
         q_model = q @ self.drive.T + self.offset
         data = self.model.createData()
-        last, spatial = data.oMi[self.model.njoints - 1], data.J  # live views
+        last, spatial = data.oMi[self.model.njoints - 1], data.J.reshape(6, -1)  # live views; one joint's J comes as (6,)
         poses, jacobians = np.empty((len(q), 4, 4)), np.empty((len(q), 6, self.model.nv))
         compute, model = pin.computeJointJacobians, self.model
         for k, q_k in enumerate(q_model):
@@ -68,7 +68,12 @@ def singularity_distance(jacobian: Array, length: float) -> Array:
     jacobian (N, 6, c) at the tool point, its translational rows are divided by `length` (m). Unlike σ_min it is smooth
     in q and needs no SVD, so that exported code can evaluate it. (N,)
     """
-    return 1.0 / np.sqrt(np.trace(np.linalg.inv(regularised_gram(jacobian, length)), axis1=-2, axis2=-1))
+    return _distance(regularised_gram(jacobian, length))
+
+
+def _distance(gram: Array) -> Array:
+    """(Σ 1/σ²)^(−1/2) from J Jᵀ. Rounding of large entries can undo the regularisation, and an inverse would fail."""
+    return 1.0 / np.sqrt((1.0 / np.maximum(np.linalg.eigvalsh(gram), GRAM_REGULARISATION)).sum(axis=-1))
 
 
 def regularised_gram(jacobian: Array, length: float) -> Array:
@@ -95,7 +100,7 @@ def damped_solution(jacobian: Array, error: Array, length: float) -> tuple[Array
     """
     scaled = scale_rows(jacobian, length)
     gram = regularised_gram(jacobian, length)
-    distance = 1.0 / np.sqrt(np.trace(np.linalg.inv(gram), axis1=-2, axis2=-1))
+    distance = _distance(gram)
     damping = np.maximum(0.0, MIN_SINGULARITY_DISTANCE - distance) ** 2
     right = scale_rows(error[..., None], length)
     solved = np.linalg.solve(gram + damping[:, None, None] * np.eye(6), right)

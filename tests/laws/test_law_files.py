@@ -1,0 +1,109 @@
+"""Laws of the files: what is written is read, to the last bit, whatever parts there are."""
+
+import io
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import calibrated, configurations, examples, robots, seeds, simulated
+
+from calibtool.calibration import Calibration
+from calibtool.calibration.model import CrossValidation
+from calibtool.equivalent.optimisers import History
+from calibtool.equivalent.training import TrainingReport
+from calibtool.identification.model import Flagged, Posterior
+from calibtool.identification.parameters import Parameters
+from calibtool.measurement.measurements import Measurements
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import readonly
+from calibtool.storage import read_any, to_bytes
+
+texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), min_size=1, max_size=20)
+provenances = st.dictionaries(texts.filter(lambda t: "/" not in t), texts, max_size=3)
+
+
+def assert_same(a: object, b: object, place: str) -> None:
+    """Equal in every field and bit; robots by their texts."""
+    assert type(a) is type(b), f"{place}: {type(a).__name__} became {type(b).__name__}"
+    if isinstance(a, Robot) and isinstance(b, Robot):
+        assert (a.source.toml_text, a.source.urdf_text) == (b.source.toml_text, b.source.urdf_text), place
+        assert np.array_equal(a.chain.placements, b.chain.placements), place
+        assert np.array_equal([a.lower, a.upper], [b.lower, b.upper]), place
+    elif isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        assert a.shape == b.shape, place
+        assert np.array_equal(a, b, equal_nan=True), place
+    elif is_dataclass(a):
+        for field in fields(a):
+            assert_same(getattr(a, field.name), getattr(b, field.name), f"{place}.{field.name}")
+    elif isinstance(a, tuple) and isinstance(b, tuple):
+        assert len(a) == len(b), place
+        for i, (x, y) in enumerate(zip(a, b, strict=True)):
+            assert_same(x, y, f"{place}[{i}]")
+    else:
+        assert a == b, place
+
+
+def read_back(contents: Measurements | Calibration) -> Measurements | Calibration:
+    return read_any(io.BytesIO(to_bytes(contents)), "drawn.h5")
+
+
+@examples(15)
+@given(robots(), seeds, *[st.booleans()] * 5, provenances)
+def test_measurements_are_read_as_they_were_written(
+    robot: Robot, seed: int, pose: bool, truth: bool, unseen: bool, frame: bool, targets: bool, provenance: dict
+) -> None:
+    rng = np.random.default_rng(seed)
+    data = simulated(robot, rng, int(rng.integers(1, 9)), pose=pose, frame=np.eye(4))
+    points = data.points.copy()
+    if unseen and not pose:
+        points[rng.random(points.shape[:2]) < 0.4] = np.nan
+        points[:, 0] = data.points[:, 0]
+    setup = replace(data.setup, frame_known=frame, targets_known=targets)
+    data = replace(data, points=readonly(points), setup=setup, provenance=provenance)
+    data = data if truth else replace(data, truth=None)
+    assert_same(read_back(data), data, "measurements")
+
+
+@examples(15)
+@given(robots(), seeds, *[st.booleans()] * 5, st.integers(0, 3), provenances)
+def test_calibrations_are_read_as_they_were_written(
+    robot: Robot,
+    seed: int,
+    posterior: bool,
+    flagged: bool,
+    training: bool,
+    validation: bool,
+    known: bool,
+    members: int,
+    provenance: dict,
+) -> None:
+    rng = np.random.default_rng(seed)
+    made = calibrated(robot, rng)
+    base = replace(made.base, setup=replace(made.base.setup, frame_known=known, targets_known=known))
+    if posterior:
+        parameters = Parameters.of(robot, base.setup, twists=known, harmonics=members, gravity=not known)
+        p = parameters.count
+        base = replace(
+            base,
+            motion=replace(base.motion, harmonics=readonly(rng.normal(size=(robot.n, 2 * members)))),
+            posterior=Posterior(parameters, rng.random(p), rng.normal(size=(p, p)), 1.1, 3.3, -1e3),
+            unobservable=tuple(parameters.names[:members]),
+        )
+    if flagged:
+        rows = np.arange(members)
+        cluster = "joint 1" if known else None
+        base = replace(base, flagged=Flagged(rows, rng.random(members), rng.random(members), cluster, dropped=training))
+    made = replace(made, base=base, networks=made.networks * members, provenance=provenance)
+    if training:
+        history = History(rng.random(5), np.full(5, np.nan), 4, "settled")
+        report = TrainingReport(
+            history, np.arange(7), np.arange(members), rng.random(2), 1.5, 3.0, "task", "lm", "bayes", 4
+        )
+        made = replace(made, training=report)
+    if validation:
+        made = replace(made, validation=CrossValidation(5, -3.2, 0.1))
+    after = read_back(made)
+    assert_same(after, made, "calibration")
+    q = configurations(robot, 3, rng)
+    assert np.array_equal(after.forward(q), made.forward(q))  # type: ignore[union-attr]
