@@ -1,7 +1,7 @@
 """Text in HDF5, of fixed length.
 
 Text of variable length lies in HDF5's global heap, which carries no checksums: a zeroed sector there sends the HDF5
-library (to 1.14 at least) into an endless loop, an object of size zero that it never passes. Text of fixed length lies in
+library (2.0 among them) into an endless loop, an object of size zero that it never passes. Text of fixed length lies in
 object headers, with checksums, or in a dataset of its own. Both kinds are read.
 """
 
