@@ -1,16 +1,35 @@
 """The command line: every module parses, calls one library function, and writes."""
 
 import os
+import sys
+
+from calibtool.cli.interrupts import leaving_at_once
 
 # Matrices here are small: threads of the linear algebra only get into each other's way. Before numpy is imported.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-from calibtool.cli.app import app  # noqa: E402
+with leaving_at_once():  # this import takes longer than a finger on Ctrl-C
+    from calibtool.cli.app import app
 
 __all__ = ["app", "main"]
 
 
 def main() -> None:
     """Entry point of the console script."""
-    app(prog_name="calibtool")
+    with leaving_at_once():
+        _occupy_closed_streams()
+        app(prog_name="calibtool")
+
+
+def _occupy_closed_streams() -> None:
+    """A closed stdin is empty, a closed stderr silent, and a closed stdout an error later; no file gets their numbers."""
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest free number
+    if sys.stdin is None:
+        sys.stdin = open(os.devnull, encoding="utf-8")  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115

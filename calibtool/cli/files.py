@@ -3,20 +3,25 @@
 import contextlib
 import io
 import os
+import stat
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from calibtool.cli.interrupts import held
+from calibtool.cli.staging import Part, staged
 from calibtool.errors import InputError, UsageError
 
 STREAM = "-"
 
 
 def message(text: str) -> None:
-    """One line for people, on stderr."""
-    print(text, file=sys.stderr, flush=True)  # noqa: T201
+    """One line for people, on stderr. A stderr that takes nothing any more is no reason to fail."""
+    try:
+        print(text, file=sys.stderr, flush=True)  # noqa: T201
+    except OSError:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
 
 
 def read_bytes(path: str) -> bytes:
@@ -96,22 +101,35 @@ def one_stdin(*paths: str | None) -> None:
 def check_output(path: str, force: bool, *, binary: bool = False) -> None:
     """Refuse an output before the work starts: an existing file without --force, a missing folder, binary on a terminal."""
     if path == STREAM:
+        if sys.stdout is None:
+            raise UsageError("stdout: cannot be written: it is closed")
         if binary and sys.stdout.isatty():
             raise UsageError("the output is binary and stdout is a terminal; give -o FILE, or a pipe")
         return
     if not path:
         raise UsageError("the output has no name; give a file, or '-' for stdout")
-    target = Path(path)
-    if target.is_dir():
+    try:
+        target = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        target = None
+    except OSError as error:
+        raise _unwritable(path, error) from None
+    if target is not None and stat.S_ISDIR(target.st_mode):
         raise UsageError(f"{path}: is a folder; give the name of a file")
-    if target.exists() and not target.is_file():
+    if target is not None and not stat.S_ISREG(target.st_mode):
         return  # a device or a named pipe is written to, never replaced
-    if target.exists() and not force:
-        raise UsageError(f"{path}: exists already; choose another name, or overwrite it with --force")
-    if not target.parent.is_dir():
-        raise UsageError(f"{path}: there is no folder {target.parent}")
-    if not os.access(target.parent, os.W_OK):
-        raise UsageError(f"{path}: the folder {target.parent} is not writable")
+    if target is not None and not force:
+        raise _exists(path)
+    folder = destination(path).parent
+    if not folder.is_dir():
+        raise UsageError(f"{path}: there is no folder {folder if os.path.islink(path) else Path(path).parent}")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise UsageError(f"{path}: the folder {Path(path).parent} is not writable")
+
+
+def destination(path: str) -> Path:
+    """The file that is written: a link's target, so that the link stays."""
+    return Path(os.path.realpath(path))
 
 
 def same_file(a: str, b: str) -> bool:
@@ -120,11 +138,10 @@ def same_file(a: str, b: str) -> bool:
 
 
 def write_output(path: str, contents: bytes | str, force: bool, *, text: bool = False) -> None:
-    """Write the whole file or nothing: into a temporary file beside it, then renamed. text: fit for a terminal."""
-    data = contents.encode("utf-8") if isinstance(contents, str) else contents
+    """Write the whole file or nothing, see `staging`. text: fit for a terminal."""
     check_output(path, force, binary=isinstance(contents, bytes) and not text)
     with output_stream(path, force, checked=True) as write:
-        write(data)
+        write(_encoded(contents))
 
 
 @contextlib.contextmanager
@@ -135,32 +152,53 @@ def output_stream(path: str, force: bool, *, checked: bool = False) -> Iterator[
     if path == STREAM:
         yield write_stdout
         return
-    target = Path(path)
-    device = target.exists() and not target.is_file()
-    temporary: str | None = None
-    try:
-        if device:
-            stream: BinaryIO = target.open("wb")
+    with _reported(path):
+        if _is_device(path):
+            with open(path, "wb") as stream:
+                yield _writer(stream, path)
         else:
-            descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-            stream = os.fdopen(descriptor, "wb")
-        with stream:
-            yield _writer(stream, path)
-            stream.flush()
-            if temporary is not None:
-                os.fsync(stream.fileno())
-        if temporary is not None:
-            mask = os.umask(0)
-            os.umask(mask)
-            os.chmod(temporary, 0o666 & ~mask)
-            os.replace(temporary, target)
-            temporary = None
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
+            with staged(destination(path)) as part:
+                yield _writer(part.stream, path)
+                with held():
+                    part.publish(force)
+
+
+def write_outputs(outputs: dict[str, bytes | str], force: bool) -> None:
+    """Several files that belong together: all of them are on the disk before the first one takes its place.
+
+    When one cannot take it, those before are put back as they were.
+    """
+    with contextlib.ExitStack() as stack:
+        parts: dict[str, Part] = {}
+        for path, contents in outputs.items():
+            check_output(path, force, binary=isinstance(contents, bytes))
+            if path != STREAM and not _is_device(path):
+                with _reported(path):
+                    parts[path] = stack.enter_context(staged(destination(path)))
+                    parts[path].stream.write(_encoded(contents))
+                    parts[path].stream.flush()
+        for path, contents in outputs.items():
+            if path not in parts:
+                write_output(path, contents, force)
+        with held():
+            _publish_all(parts, force)
+
+
+def _publish_all(parts: dict[str, Part], force: bool) -> None:
+    done: dict[str, bytes | None] = {}
+    for path, part in parts.items():
+        before = part.target.read_bytes() if part.target.is_file() else None
+        try:
+            with _reported(path):
+                part.publish(force)
+        except UsageError:
+            for earlier, old in done.items():
+                if old is None:
+                    destination(earlier).unlink(missing_ok=True)
+                else:
+                    write_output(earlier, old, True)
+            raise
+        done[path] = before
 
 
 def _writer(stream: BinaryIO, path: str) -> Callable[[bytes], None]:
@@ -168,28 +206,36 @@ def _writer(stream: BinaryIO, path: str) -> Callable[[bytes], None]:
         try:
             stream.write(data)
         except OSError as error:
-            raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from None
+            raise _unwritable(path, error) from None
 
     return write
 
 
-def write_outputs(outputs: dict[str, bytes | str], force: bool) -> None:
-    """Several files that belong together: when one cannot be written, those before it are put back as they were."""
-    written: dict[str, bytes | None] = {}
-    for path, contents in outputs.items():
-        target = Path(path)
-        before = target.read_bytes() if path != STREAM and target.is_file() else None
-        try:
-            write_output(path, contents, force)
-        except UsageError:
-            for earlier, old in written.items():
-                if old is None:
-                    Path(earlier).unlink(missing_ok=True)
-                else:
-                    write_output(earlier, old, True)
-            raise
-        if path != STREAM:
-            written[path] = before
+@contextlib.contextmanager
+def _reported(path: str) -> Iterator[None]:
+    """What the system says against an output, as UsageError."""
+    try:
+        yield
+    except FileExistsError:
+        raise _exists(path) from None
+    except OSError as error:
+        raise _unwritable(path, error) from None
+
+
+def _exists(path: str) -> UsageError:
+    return UsageError(f"{path}: exists already; choose another name, or overwrite it with --force")
+
+
+def _unwritable(path: str, error: OSError) -> UsageError:
+    return UsageError(f"{path}: cannot be written: {error.strerror or error}")
+
+
+def _is_device(path: str) -> bool:
+    return os.path.exists(path) and not os.path.isfile(path)
+
+
+def _encoded(contents: bytes | str) -> bytes:
+    return contents.encode("utf-8") if isinstance(contents, str) else contents
 
 
 def write_stdout(data: bytes) -> None:

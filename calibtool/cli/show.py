@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Sequence
 
-from calibtool.cli.files import write_stdout
+from calibtool.cli.files import message, write_stdout
 
 
 def print_json(value: dict[str, object]) -> None:
@@ -24,7 +24,9 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
         table.add_column(name, justify="left" if i == 0 else "right")
     for row in rows:
         table.add_row(*row)
-    console.print(table)
+    with console.capture() as text:
+        console.print(table)
+    message(text.get().removesuffix("\n"))
 
 
 def lines(summary: dict[str, object], indent: str = "") -> list[str]:

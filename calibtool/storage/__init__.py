@@ -16,6 +16,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.storage.calibrations import build_calibration, write_calibration
 from calibtool.storage.measurements import build_measurements, write_measurements
 from calibtool.storage.parts import write_robot
+from calibtool.storage.texts import put_string, string
 
 MEASUREMENTS, CALIBRATION = "calibtool/measurements", "calibtool/calibration"
 SCHEMA_VERSION = 1
@@ -27,10 +28,10 @@ def to_bytes(contents: Measurements | Calibration) -> bytes:
     """The HDF5 file of measurements or of a calibration."""
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=("v110", "v110")) as file:  # its metadata carry checksums
-        file.attrs["schema"] = MEASUREMENTS if isinstance(contents, Measurements) else CALIBRATION
+        put_string(file, "schema", MEASUREMENTS if isinstance(contents, Measurements) else CALIBRATION)
         file.attrs["schema_version"] = SCHEMA_VERSION
-        file.attrs["creator"] = "calibtool"
-        file.attrs["creator_version"] = __version__
+        put_string(file, "creator", "calibtool")
+        put_string(file, "creator_version", __version__)
         write_robot(file, contents.robot)
         if isinstance(contents, Measurements):
             write_measurements(file, contents)
@@ -38,7 +39,7 @@ def to_bytes(contents: Measurements | Calibration) -> bytes:
             write_calibration(file, contents)
         provenance = file.create_group("provenance")
         for name, text in sorted(contents.provenance.items()):
-            provenance.attrs[name] = text
+            put_string(provenance, name, text)
     return buffer.getvalue()
 
 
@@ -93,5 +94,7 @@ def _read(stream: BinaryIO, name: str, schema: str | None, build: Callable[[h5py
 
 
 def _schema(file: h5py.File) -> str:
-    value = file.attrs.get("schema", "")
-    return value if isinstance(value, str) else ""
+    try:
+        return string(file, "schema", "")
+    except ValueError:
+        return ""

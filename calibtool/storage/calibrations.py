@@ -19,7 +19,6 @@ from calibtool.robot.se3 import readonly
 from calibtool.storage.parts import (
     get,
     put,
-    put_text,
     read_geometry,
     read_number,
     read_provenance,
@@ -28,13 +27,14 @@ from calibtool.storage.parts import (
     write_geometry,
     write_setup,
 )
+from calibtool.storage.texts import put_string, put_text, string, texts
 
 
 def write_calibration(file: h5py.File, calibration: Calibration) -> None:
     """Groups of a calibration, in a fixed order."""
     robot, base = calibration.robot, calibration.base
     model = file.create_group("model")
-    model.attrs["name"] = base.model
+    put_string(model, "name", base.model)
     model.attrs["noise_position_m"] = calibration.noise_position
     model.attrs["noise_orientation_rad"] = calibration.noise_orientation
     model.attrs["rank"] = base.rank
@@ -91,7 +91,7 @@ def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
 
 
 def _write_flagged(group: h5py.Group, flagged: Flagged) -> None:
-    group.attrs["cluster"] = flagged.cluster or ""
+    put_string(group, "cluster", flagged.cluster or "")
     group.attrs["dropped"] = flagged.dropped
     put(group, "rows", flagged.rows, "1", "configurations that do not fit, from 0", "", "row")
     put(group, "size", flagged.size, "1", "residual in standard deviations per coordinate", "", "row")
@@ -110,12 +110,12 @@ def _write_network(group: h5py.Group, network: Network, units: str) -> None:
 
 def _write_training(group: h5py.Group, training: TrainingReport) -> None:
     history = training.history
-    group.attrs["reason"] = history.reason
+    put_string(group, "reason", history.reason)
     group.attrs["chosen"] = history.chosen
     group.attrs["loss_without"] = training.loss_without
-    group.attrs["loss"] = training.loss
-    group.attrs["optimiser"] = training.optimiser
-    group.attrs["regularisation"] = training.regularisation
+    put_string(group, "loss", training.loss)
+    put_string(group, "optimiser", training.optimiser)
+    put_string(group, "regularisation", training.regularisation)
     group.attrs["effective"] = training.effective
     group.attrs["hidden"] = training.hidden
     put(group, "training_loss", history.training, training.loss_units, "loss on the training rows", "", "iteration")
@@ -148,14 +148,14 @@ def build_calibration(file: h5py.File) -> Calibration:
     setup = read_setup(file["registration"])
     orientation = model.attrs.get("residual_rms_orientation_rad")
     base = Identification(
-        model=str(model.attrs["name"]),
+        model=string(model, "name"),
         geometry=read_geometry(model, robot.n),
         motion=JointMotion(get(model, "harmonics", robot.n, -1), get(model, "compliance", robot.n)),
         setup=setup,
         singular_values=get(model, "singular_values", -1),
         rank=int(model.attrs["rank"]),
         observable_rank=int(model.attrs["observable_rank"]),
-        unobservable=tuple(str(text) for text in model["unobservable"].asstr()[()]),
+        unobservable=texts(model, "unobservable"),
         residual_rms=(
             read_number(model, "residual_rms_position_m"),
             None if orientation is None else float(orientation),
@@ -164,7 +164,7 @@ def build_calibration(file: h5py.File) -> Calibration:
         posterior=_posterior(model["posterior"], robot, setup) if "posterior" in model else None,
         flagged=_flagged(model["flagged"]) if "flagged" in model else None,
     )
-    virtual = tuple(str(name) for name in file["equivalent"]["virtual_joints"].asstr()[()])
+    virtual = texts(file["equivalent"], "virtual_joints")
     if len(virtual) != max(6 - robot.n, 0) or not set(virtual) <= set(ELEMENTARY):
         raise ValueError(f"equivalent/virtual_joints {virtual} do not complete {robot.n} joints")
     equivalent = EquivalentRobot(robot.n, virtual)  # type: ignore[arg-type]
@@ -209,7 +209,7 @@ def _flagged(group: h5py.Group) -> Flagged:
         rows=group["rows"][()].astype(int),
         size=get(group, "size", -1),
         position=get(group, "position", -1),
-        cluster=str(group.attrs["cluster"]) or None,
+        cluster=string(group, "cluster") or None,
         dropped=bool(group.attrs["dropped"]),
     )
 
@@ -232,7 +232,7 @@ def _training(group: h5py.Group) -> TrainingReport:
         training=get(group, "training_loss", -1),
         validation=readonly(group["validation_loss"][()], (-1,)),  # NaN without validation rows
         chosen=int(group.attrs["chosen"]),
-        reason=str(group.attrs["reason"]),
+        reason=string(group, "reason"),
     )
     return TrainingReport(
         history=history,
@@ -240,9 +240,9 @@ def _training(group: h5py.Group) -> TrainingReport:
         validation_rows=group["validation_rows"][()],
         restart_losses=get(group, "restart_losses", -1),
         loss_without=read_number(group, "loss_without"),
-        loss=str(group.attrs["loss"]),  # type: ignore[arg-type]
-        optimiser=str(group.attrs["optimiser"]),  # type: ignore[arg-type]
-        regularisation=str(group.attrs["regularisation"]),  # type: ignore[arg-type]
+        loss=string(group, "loss"),  # type: ignore[arg-type]
+        optimiser=string(group, "optimiser"),  # type: ignore[arg-type]
+        regularisation=string(group, "regularisation"),  # type: ignore[arg-type]
         effective=read_number(group, "effective"),
         hidden=int(group.attrs["hidden"]),
     )

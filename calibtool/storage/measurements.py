@@ -16,13 +16,14 @@ from calibtool.storage.parts import (
     write_geometry,
     write_setup,
 )
+from calibtool.storage.texts import put_string
 
 
 def write_measurements(file: h5py.File, measurements: Measurements) -> None:
     """Groups of measurements, in a fixed order."""
     robot = measurements.robot
     group = file.create_group("measurements")
-    group.attrs["kind"] = measurements.kind
+    put_string(group, "kind", measurements.kind)
     group.attrs["noise_position_m"] = measurements.noise_position
     group.attrs["noise_orientation_rad"] = measurements.noise_orientation
     units = ", ".join(robot.joint_units)

@@ -10,26 +10,17 @@ from calibtool.robot.description import parse_source
 from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
+from calibtool.storage.texts import put_string, put_text, string, text
 
 
 def put(group: h5py.Group, name: str, values: Any, units: str, long_name: str, frame: str, *dims: str) -> None:
     """A dataset that describes itself."""
     dataset = group.create_dataset(name, data=np.asarray(values))
-    dataset.attrs["units"] = units
-    dataset.attrs["long_name"] = long_name
-    dataset.attrs["frame"] = frame
+    put_string(dataset, "units", units)
+    put_string(dataset, "long_name", long_name)
+    put_string(dataset, "frame", frame)
     for axis, label in enumerate(dims):
         dataset.dims[axis].label = label
-
-
-def put_text(group: h5py.Group, name: str, text: Any, long_name: str) -> None:
-    """Text, or a list of texts, that describes itself."""
-    dataset = group.create_dataset(name, data=text, dtype=h5py.string_dtype())
-    dataset.attrs["units"] = ""
-    dataset.attrs["long_name"] = long_name
-    dataset.attrs["frame"] = ""
-    if dataset.ndim:
-        dataset.dims[0].label = "item"
 
 
 def read_number(group: h5py.Group, name: str) -> float:
@@ -49,15 +40,10 @@ def get(group: h5py.Group, name: str, *shape: int) -> Array:
     return array
 
 
-def text(group: h5py.Group, name: str) -> str:
-    """One text dataset."""
-    return str(group[name].asstr()[()])
-
-
 def write_robot(file: h5py.File, robot: Robot) -> None:
     """The description and URDF texts."""
     group = file.create_group("robot")
-    group.attrs["name"] = robot.name
+    put_string(group, "name", robot.name)
     put_text(group, "description", robot.source.toml_text, "text of robot.toml")
     put_text(group, "urdf", robot.source.urdf_text, "text of the URDF")
 
@@ -125,4 +111,5 @@ def read_geometry(group: h5py.Group, n: int) -> GeometricErrors:
 
 def read_provenance(file: h5py.File) -> dict[str, str]:
     """Texts by name."""
-    return {name: str(value) for name, value in file["provenance"].attrs.items()}
+    group = file["provenance"]
+    return {name: string(group, name) for name in group.attrs}

@@ -104,9 +104,9 @@ def test_files_describe_themselves(files: Files) -> None:
     for path, kind in ((files.measurements, "measurements"), (files.network, "calibration")):
         missing = []
         with h5py.File(path, "r") as file:
-            assert file.attrs["schema"] == f"calibtool/{kind}"
+            assert file.attrs["schema"] == f"calibtool/{kind}".encode()
             assert file.attrs["schema_version"] == 1
-            assert file.attrs["creator"] == "calibtool"
+            assert file.attrs["creator"] == b"calibtool"
 
             def look(name: str, item: object, missing: list[str] = missing) -> None:
                 if isinstance(item, h5py.Dataset) and np.issubdtype(item.dtype, np.number):

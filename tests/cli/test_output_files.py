@@ -128,7 +128,7 @@ def test_a_failure_while_writing_leaves_everything_as_it_was(
 
     arguments, output = WRITERS[writer]
     Path(output).write_text("mine")
-    monkeypatch.setattr(f"calibtool.cli.files.os.{broken}", fail)
+    monkeypatch.setattr(f"calibtool.cli.staging.os.{broken}", fail)
     before = contents(Path.cwd())
     result = run(*arguments, "-o", output, "--force", code=2)
     assert contents(Path.cwd()) == before
@@ -149,20 +149,21 @@ def test_c_code_is_written_whole_or_not_at_all(existing: list[str], monkeypatch:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         replace(source, str(target))
 
-    monkeypatch.setattr("calibtool.cli.files.os.replace", fail)
+    monkeypatch.setattr("calibtool.cli.staging.os.replace", fail)
     refused(2, "export", "c.h5", "--format", "c", "-o", "out.c", "--force")
 
 
 def test_measurements_and_the_rest_are_written_whole_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same for the two parts of a table."""
-    replace = os.replace
+    link = os.link
 
     def fail(source: str, target: object) -> None:
-        if str(target) == "rest.h5":
+        if str(target).endswith("rest.h5"):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        replace(source, str(target))
+        link(source, str(target))
 
-    monkeypatch.setattr("calibtool.cli.files.os.replace", fail)
+    monkeypatch.setattr("calibtool.cli.staging.os.link", fail)
+    monkeypatch.setattr("calibtool.cli.staging.os.replace", fail)
     message = refused(
         2, "import", "t.csv", "--robot", "planar-3r", "--sample", "30", "-o", "out.h5", "--rest", "rest.h5"
     )

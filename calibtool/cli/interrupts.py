@@ -1,0 +1,71 @@
+"""Being ended, by Ctrl-C or politely by somebody else: at once, without a word, and without leaving half of anything.
+
+The handler cleans up and leaves by itself. An exception would have to find its way out through modules that are being
+imported and callbacks of compiled libraries, which swallow it or turn it into another one.
+"""
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from types import FrameType
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_unfinished: set[str] = set()  # temporary files, gone when the process is ended
+_held: list[int] = []  # 0 for every block that must not be broken off, then the signals that arrived in it
+
+
+@contextlib.contextmanager
+def leaving_at_once() -> Iterator[None]:
+    """In this block, SIGINT, SIGTERM and SIGHUP end the process with 128 + their number (130, 143, 129).
+
+    A signal that is ignored stays ignored (`nohup`, background jobs of a shell). Does nothing outside the main thread.
+    """
+    before = {}
+    with contextlib.suppress(ValueError):  # not the main thread
+        for number in _SIGNALS:
+            if signal.getsignal(number) != signal.SIG_IGN:
+                before[number] = signal.signal(number, _leave)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def unfinished(path: str) -> Iterator[None]:
+    """A temporary file that disappears however the block ends, SIGKILL and power failures aside."""
+    _unfinished.add(path)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            os.unlink(path)
+        _unfinished.discard(path)
+
+
+@contextlib.contextmanager
+def held() -> Iterator[None]:
+    """Signals wait until the end of the block: for steps that belong together."""
+    _held.append(0)
+    try:
+        yield
+    finally:
+        _held.remove(0)
+        if 0 not in _held and _held:
+            _leave(_held.pop(), None)
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    if 0 in _held:
+        _held.append(number)
+        return
+    for path in _unfinished:
+        with contextlib.suppress(OSError):
+            os.unlink(path)
+    with contextlib.suppress(OSError, AttributeError, ValueError):
+        if sys.stderr.isatty():  # a progress line may stand there, with the cursor hidden
+            os.write(sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")
+    os._exit(128 + number)

@@ -1,0 +1,58 @@
+"""Text in HDF5, of fixed length.
+
+Text of variable length lies in HDF5's global heap, which carries no checksums: a zeroed sector there sends the HDF5
+library (2.0 among them) into an endless loop, an object of size zero that it never passes. Text of fixed length lies in
+object headers, with checksums, or in a dataset of its own. Both kinds are read.
+"""
+
+from collections.abc import Sequence
+
+import h5py
+import numpy as np
+
+
+def put_string(item: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
+    """A text attribute of a group or dataset."""
+    data = _encoded(text)
+    item.attrs[name] = np.array(data, _kind(data))
+
+
+def string(item: h5py.Group | h5py.Dataset, name: str, default: str | None = None) -> str:
+    """A text attribute. KeyError if it is missing and there is no default, ValueError if it is no text."""
+    value = item.attrs[name] if default is None else item.attrs.get(name, default)
+    if isinstance(value, bytes):
+        return value.decode("utf-8")
+    if not isinstance(value, str):
+        raise ValueError(f"{item.name}: {name} is no text")
+    return value
+
+
+def put_text(group: h5py.Group, name: str, text: str | Sequence[str], long_name: str) -> None:
+    """Text, or a list of texts, that describes itself."""
+    data = _encoded(text) if isinstance(text, str) else [_encoded(item) for item in text]
+    kind = _kind(data) if isinstance(data, bytes) else _kind(*data)
+    dataset = group.create_dataset(name, data=np.array(data, kind), dtype=kind)
+    put_string(dataset, "units", "")
+    put_string(dataset, "long_name", long_name)
+    put_string(dataset, "frame", "")
+    if dataset.ndim:
+        dataset.dims[0].label = "item"
+
+
+def text(group: h5py.Group, name: str) -> str:
+    """One text dataset."""
+    return str(group[name].asstr()[()])
+
+
+def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
+    """A dataset of texts."""
+    return tuple(str(item) for item in group[name].asstr()[()])
+
+
+def _encoded(text: str) -> bytes:
+    """UTF-8. File names that are none, which Python keeps as surrogates, become the replacement character."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace").encode("utf-8")
+
+
+def _kind(*data: bytes) -> np.dtype:
+    return h5py.string_dtype("utf-8", max([1, *map(len, data)]))  # HDF5 has no text of length zero
