@@ -15,9 +15,10 @@ from calibtool.identification.parameters import Parameters
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion
-from calibtool.robot.se3 import readonly
 from calibtool.storage.parts import (
     get,
+    get_indices,
+    get_with_gaps,
     put,
     put_text,
     read_geometry,
@@ -25,6 +26,7 @@ from calibtool.storage.parts import (
     read_provenance,
     read_robot,
     read_setup,
+    texts,
     write_geometry,
     write_setup,
 )
@@ -155,7 +157,7 @@ def build_calibration(file: h5py.File) -> Calibration:
         singular_values=get(model, "singular_values", -1),
         rank=int(model.attrs["rank"]),
         observable_rank=int(model.attrs["observable_rank"]),
-        unobservable=tuple(str(text) for text in model["unobservable"].asstr()[()]),
+        unobservable=texts(model, "unobservable"),
         residual_rms=(
             read_number(model, "residual_rms_position_m"),
             None if orientation is None else float(orientation),
@@ -164,7 +166,7 @@ def build_calibration(file: h5py.File) -> Calibration:
         posterior=_posterior(model["posterior"], robot, setup) if "posterior" in model else None,
         flagged=_flagged(model["flagged"]) if "flagged" in model else None,
     )
-    virtual = tuple(str(name) for name in file["equivalent"]["virtual_joints"].asstr()[()])
+    virtual = texts(file["equivalent"], "virtual_joints")
     if len(virtual) != max(6 - robot.n, 0) or not set(virtual) <= set(ELEMENTARY):
         raise ValueError(f"equivalent/virtual_joints {virtual} do not complete {robot.n} joints")
     equivalent = EquivalentRobot(robot.n, virtual)  # type: ignore[arg-type]
@@ -206,7 +208,7 @@ def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
 
 def _flagged(group: h5py.Group) -> Flagged:
     return Flagged(
-        rows=group["rows"][()].astype(int),
+        rows=get_indices(group, "rows"),
         size=get(group, "size", -1),
         position=get(group, "position", -1),
         cluster=str(group.attrs["cluster"]) or None,
@@ -230,14 +232,14 @@ def _network(group: h5py.Group, n: int, p: int) -> Network:
 def _training(group: h5py.Group) -> TrainingReport:
     history = History(
         training=get(group, "training_loss", -1),
-        validation=readonly(group["validation_loss"][()], (-1,)),  # NaN without validation rows
+        validation=get_with_gaps(group, "validation_loss", -1),  # NaN without validation rows
         chosen=int(group.attrs["chosen"]),
         reason=str(group.attrs["reason"]),
     )
     return TrainingReport(
         history=history,
-        training_rows=group["training_rows"][()],
-        validation_rows=group["validation_rows"][()],
+        training_rows=get_indices(group, "training_rows"),
+        validation_rows=get_indices(group, "validation_rows"),
         restart_losses=get(group, "restart_losses", -1),
         loss_without=read_number(group, "loss_without"),
         loss=str(group.attrs["loss"]),  # type: ignore[arg-type]

@@ -11,6 +11,8 @@ from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
+LONGEST_TEXTS = 1 << 20  # characters of a list of texts
+
 
 def put(group: h5py.Group, name: str, values: Any, units: str, long_name: str, frame: str, *dims: str) -> None:
     """A dataset that describes itself."""
@@ -42,16 +44,41 @@ def read_number(group: h5py.Group, name: str) -> float:
 
 def get(group: h5py.Group, name: str, *shape: int) -> Array:
     """A finite dataset of the given shape, -1 for any length. KeyError or ValueError otherwise."""
-    values = group[name][()]
-    array = readonly(values, shape)
+    array = get_with_gaps(group, name, *shape)
     if not np.isfinite(array).all():
         raise ValueError(f"{group.name}/{name} holds a value that is not finite")
     return array
 
 
+def get_with_gaps(group: h5py.Group, name: str, *shape: int) -> Array:
+    """The same where NaN has a meaning."""
+    dataset = group[name]
+    if dataset.dtype.kind not in "iuf":  # numpy would read numbers from text
+        raise ValueError(f"{dataset.name} holds {dataset.dtype}; expected numbers")
+    return readonly(dataset[()], shape)
+
+
+def get_indices(group: h5py.Group, name: str) -> np.ndarray:
+    """Row numbers from 0, (N,)."""
+    return get(group, name, -1).astype(int)
+
+
 def text(group: h5py.Group, name: str) -> str:
     """One text dataset."""
     return str(group[name].asstr()[()])
+
+
+def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
+    """A list of texts, one read at a time: a small file may refer to one long text many times."""
+    dataset = group[name].asstr()
+    found: list[str] = []
+    room = LONGEST_TEXTS
+    for index in range(len(group[name])):
+        found.append(str(dataset[index]))
+        room -= len(found[-1]) + 1
+        if room < 0:
+            raise ValueError(f"{group.name}/{name} holds more than {LONGEST_TEXTS} characters")
+    return tuple(found)
 
 
 def write_robot(file: h5py.File, robot: Robot) -> None:
