@@ -146,7 +146,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--findings", type=Path)
     options = parser.parse_args()
-    print("| reader | inputs | of them valid | worst time | more memory | findings |\n|---|---|---|---|---|---|", flush=True)
+    print(
+        "| reader | inputs | of them valid | worst time | more memory | findings |\n|---|---|---|---|---|---|",
+        flush=True,
+    )
     for name in options.reader or READERS:
         print(fuzz(name, options.inputs, options.seed, options.first, options.findings), flush=True)
 

@@ -224,7 +224,7 @@ class _Reader:
             return Remark(line, name, why, bad=True)
         for part in rows[2]:
             word = self.text[part.start : part.end]
-            if not re.fullmatch(r"-?\d+", word):
+            if not re.fullmatch(r"-?\d{1,9}", word):
                 return self._strange(part, name, line)
             digits.append(Digit(part.start, part.end, int(word)))
         for part in rows[3]:

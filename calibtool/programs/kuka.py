@@ -43,7 +43,7 @@ _JOINTS = [f"A{k}" for k in range(1, 7)]
 _POSE = ["X", "Y", "Z", "A", "B", "C"]
 _EXTERNAL = [f"E{k}" for k in range(1, 7)]
 _KNOWN = {*_JOINTS, *_POSE, *_EXTERNAL, "S", "T"}
-_INTEGER = re.compile(r"(-?\d+)|'B([01]+)'|'H([0-9A-Fa-f]+)'")
+_INTEGER = re.compile(r"(-?\d{1,9})|'B([01]{1,32})'|'H([0-9A-Fa-f]{1,8})'")
 
 
 def matches(text: str) -> bool:

@@ -12,12 +12,60 @@ NUMBERS = (
     *("9" * 400, "9" * 5000, "0." + "0" * 400 + "1", "true", "null", "None", '"1"', "''", "[]", "{}", "1;2", "1 2"),
 )
 WORDS = (
-    *("\0", "\ufeff", "\u2028", "é", "ß", "\U0001f916", "\u202e", "\r", "\n", "\r\n", "\t", "\x0c", "\x85", "\x1a", " "),
-    *('"', "'", '"""', "'''", "`", "#", ";", ",", ":", "=", "//", "\\", "\\u0000", "\\", "%s", "%n", "{{", "}}", "${x}"),
-    *("&lt;", "&x;", "<!--", "-->", "<![CDATA[", "]]>", "<?xml?>", "../../etc/passwd", "/dev/zero", "file:///etc/passwd"),
+    *(
+        "\0",
+        "\ufeff",
+        "\u2028",
+        "é",
+        "ß",
+        "\U0001f916",
+        "\u202e",
+        "\r",
+        "\n",
+        "\r\n",
+        "\t",
+        "\x0c",
+        "\x85",
+        "\x1a",
+        " ",
+    ),
+    *(
+        '"',
+        "'",
+        '"""',
+        "'''",
+        "`",
+        "#",
+        ";",
+        ",",
+        ":",
+        "=",
+        "//",
+        "\\",
+        "\\u0000",
+        "\\",
+        "%s",
+        "%n",
+        "{{",
+        "}}",
+        "${x}",
+    ),
+    *(
+        "&lt;",
+        "&x;",
+        "<!--",
+        "-->",
+        "<![CDATA[",
+        "]]>",
+        "<?xml?>",
+        "../../etc/passwd",
+        "/dev/zero",
+        "file:///etc/passwd",
+    ),
 )
 OPENING = ("[", "(", "{", "[[", '{"a":', "{a=", "a.", "<a>", "<a><b/>", "- ", "p[", "p{", '"')
 _NUMBER = re.compile(rb"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
+LONGEST = 1 << 20
 
 Mutation = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
 
@@ -142,7 +190,7 @@ def mutated(rng: random.Random, seeds: Sequence[bytes], mutations: Sequence[Muta
     data = rng.choice(seeds)
     for _ in range(rng.randint(1, most)):
         data = rng.choice(mutations)(rng, data, seeds)
-    return data
+    return data[:LONGEST]
 
 
 def mutated_archive(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
