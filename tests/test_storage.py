@@ -269,11 +269,8 @@ def test_a_foreign_hdf5_file_is_refused() -> None:
     with h5py.File(buffer, "w") as file:
         file["x"] = np.arange(3)
     for schema in (None, "other/format", 7):
-        data = (
-            buffer.getvalue()
-            if schema is None
-            else edited(bytes(512) + buffer.getvalue(), attribute("/", "schema", schema))
-        )
+        change = attribute("/", "schema", schema)
+        data = buffer.getvalue() if schema is None else edited(bytes(512) + buffer.getvalue(), change)
         with pytest.raises(InputError, match=r"^x\.h5: an HDF5 file, but not one of calibtool"):
             read(data, "x.h5")
 

@@ -33,7 +33,7 @@ _PART = re.compile(
     rf"|(?P<system>\$(?:TOOL|BASE))\s*=\s*(?:(?P<data>(?:TOOL|BASE)_DATA)\s*\[\s*(?P<data_number>\w+)\s*\]"
     rf"|(?P<null>\$NULLFRAME)|\{{(?P<system_items>[^{{}}]*)\}}|(?P<other>[^\n]+))"
     rf"|\b(?P<table>TOOL|BASE)_DATA\s*\[\s*(?P<table_number>\d+)\s*\]\s*=\s*\{{(?P<table_items>[^{{}}]*)\}}"
-    rf"|(?:\b(?P<type>E6AXIS|AXIS|E6POS|POS|FRAME)\s+)?(?P<name>{_NAME})\s*=\s*\{{(?P<items>[^{{}}\n]*)\}}"
+    rf"|(?<![\w$])(?:(?P<type>E6AXIS|AXIS|E6POS|POS|FRAME)\s+)?(?P<name>{_NAME})\s*=\s*\{{(?P<items>[^{{}}\n]*)\}}"
     rf"|\b(?:E6AXIS|AXIS|E6POS|POS)\s+(?P<open>{_NAME})\s*=\s*\{{[^{{}}\n]*$"
     rf"|\b(?P<move>{_MOVES})\b(?P<rest>[^\n]*)",
     re.IGNORECASE | re.MULTILINE,

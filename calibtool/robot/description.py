@@ -10,7 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from calibtool.errors import InputError, near_names
 
-Point = tuple[float, float, float]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]  # mm, a kilometre
+Point = tuple[Coordinate, Coordinate, Coordinate]
 VirtualJoint = Literal["x", "y", "z", "rx", "ry", "rz"]
 JointName = Annotated[str, Field(pattern=r"^j[1-9]\d{0,5}$")]
 

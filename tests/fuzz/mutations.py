@@ -1,4 +1,4 @@
-"""Mutations of files: bytes and lines moved, doubled and lost, numbers at the edge, brackets without end, sectors of zeros."""
+"""Mutations of files: bytes and lines moved, doubled and lost, numbers at the edge, endless brackets, zeroed sectors."""
 
 import io
 import random

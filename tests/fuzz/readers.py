@@ -1,4 +1,4 @@
-"""Every reader of files as a function of bytes, its seeds, and how they are mutated. What it returns is checked to be finite."""
+"""Every reader of files as a function of bytes, its seeds, and how they are mutated. Answers have to be finite."""
 
 import io
 import random
