@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -13,13 +14,13 @@ from scipy.spatial.transform import Rotation
 from calibtool.errors import InputError, near_names
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
-from calibtool.units import TO_SI, joint_and_factor, joint_column
+from calibtool.units import LARGEST, TO_SI, joint_and_factor, joint_column
 
 _DELIMITERS = ("\t", ";", ",")
 
 
 _BLOCK = 20_000  # rows whose cells exist as text objects at one time
-_LONG_LINE = 100_000  # characters; csv refuses cells a little longer than this
+LONG_LINE = 100_000  # characters; csv refuses cells a little longer than this
 
 
 class Lines(Sequence[list[str]]):
@@ -44,7 +45,7 @@ class Lines(Sequence[list[str]]):
         return split_lines(self._lines, self._delimiter)
 
     def floats(self, rows: slice, columns: Sequence[int], decimal: str) -> Array | None:
-        """Some columns of some rows as numbers, quickly; None when a cell is no finite number (look closer then)."""
+        """Some columns of some rows as numbers, quickly; None when a cell is no number below LARGEST (look closer then)."""
         lines = self._lines[rows]
         if decimal != ".":
             lines = [line.replace(decimal, ".") for line in lines]
@@ -55,7 +56,7 @@ class Lines(Sequence[list[str]]):
             )
         except ValueError:
             return None
-        return values if len(values) == len(lines) and np.isfinite(values).all() else None
+        return values if len(values) == len(lines) and (np.abs(values) < LARGEST).all() else None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and list(self) == list(other)
@@ -134,7 +135,7 @@ class Table:
             values = np.array(points, dtype=float).reshape(len(cells), len(columns))
         except ValueError:
             values = None
-        if values is None or not np.isfinite(values).all() or any("_" in cell for row in cells for cell in row):
+        if values is None or not (np.abs(values) < LARGEST).all() or any("_" in cell for row in cells for cell in row):
             raise self._bad_cell(cells, points, columns, rows)
         return values
 
@@ -144,7 +145,7 @@ class Table:
         for row, (texts, spelt) in enumerate(zip(cells, points, strict=True)):
             for column, text, point in zip(columns, texts, spelt, strict=True):
                 try:
-                    finite = "_" not in text and np.isfinite(float(point))  # Python would read 1_0 as ten
+                    finite = "_" not in text and abs(float(point)) < LARGEST  # Python would read 1_0 as ten
                 except ValueError:
                     finite = False
                 if not finite:
@@ -212,7 +213,7 @@ def _plain(lines: list[str], delimiter: str, columns: int) -> bool:
     if delimiter == " " or columns < 2 or any(line.count(delimiter) != columns - 1 for line in lines):
         return False
     empty = delimiter + " \t\r\n\f\v"
-    return not any('"' in line or len(line) >= _LONG_LINE or not line.strip(empty) for line in lines)
+    return not any('"' in line or len(line) >= LONG_LINE or not line.strip(empty) for line in lines)
 
 
 def text_lines(text: str) -> list[str]:
@@ -222,7 +223,7 @@ def text_lines(text: str) -> list[str]:
 
 def check_header(header: Sequence[str], place: str) -> None:
     """InputError for a column name that appears more than once (empty ones may)."""
-    repeated = {column for column in header if column and header.count(column) > 1}
+    repeated = [column for column, count in Counter(header).items() if column and count > 1]
     if repeated:
         raise InputError(f"{place}: column '{min(repeated)}' appears more than once")
 
@@ -234,7 +235,7 @@ def _records(lines: Iterable[tuple[int, str]], name: str, delimiter: str) -> Ite
         return
     empty = delimiter + " \t\f\v"
     for number, line in lines:
-        if '"' not in line and len(line) < _LONG_LINE:
+        if '"' not in line and len(line) < LONG_LINE:
             if line.strip(empty):
                 yield number, line, line.count(delimiter) + 1
             continue

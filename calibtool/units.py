@@ -6,10 +6,11 @@ import re
 from calibtool.errors import InputError
 
 TO_SI = {"m": 1.0, "mm": 1e-3, "in": 0.0254, "rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
+LARGEST = 1e15  # what is larger is neither measured nor commanded; its square would overflow
 LENGTHS = ("m", "mm")
 ANGLES = ("rad", "deg")
 
-_JOINT_COLUMN = re.compile(r"j([1-9]\d*)_([a-z]+)")
+_JOINT_COLUMN = re.compile(r"j([1-9]\d{0,5})_([a-z]+)")
 
 
 def joint_column(name: str) -> tuple[int, str] | None:

@@ -249,7 +249,7 @@ def _read_objects(lines: Iterable[str], name: str, batch: int) -> Iterator[tuple
             continue
         try:
             found = json.loads(text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(f"{name}:{line}: not JSON: {error}; expected one object per line") from None
         if not isinstance(found, dict):
             raise InputError(f"{name}:{line}: expected one JSON object per line")

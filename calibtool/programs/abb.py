@@ -25,9 +25,10 @@ from calibtool.robot.se3 import Array
 NAME = "abb-rapid"
 SUFFIXES = (".mod", ".modx", ".prg", ".sys", ".sysx")
 UNUSED = 9e9
+_LONGEST = 20_000  # characters of an instruction
 _START = re.compile(r"^\s*(?:MODULE\s+\w+|%%%)|\b(?:robtarget|jointtarget)\s+\w+\s*:=", re.MULTILINE | re.IGNORECASE)
 _DECLARED = re.compile(
-    r"\b(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(?:\{[^}]*\})?\s*:=\s*(?=\[)", re.IGNORECASE
+    r"\b(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(?:\{[^}]{0,99}\})?\s*:=\s*(?=\[)", re.IGNORECASE
 )
 _MOVE = re.compile(
     r"\b(MoveAbsJ|MoveExtJ|Move[JLC]\w*|Trigg[JLC]|Search[LC]|Arc[LC]\w*|Paint[LC]|Spot[LJ])\b", re.IGNORECASE
@@ -124,8 +125,9 @@ class _Reader:
         return number_at(self.text, part.start, part.end, unit)
 
     def _move(self, move: re.Match[str]) -> None:
-        end = self.code.find(";", move.end())
+        end = self.code.find(";", move.end(), move.end() + _LONGEST)
         if end < 0:
+            self.remarks.append(Remark(self.lines(move.start()), move[1], f"no ; within {_LONGEST} characters"))
             return
         spans = split(self.code, move.end(), end)
         words = [self.code[a:b].strip() for a, b in spans]
@@ -224,7 +226,7 @@ class _Reader:
             return Remark(line, name, why, bad=True)
         for part in rows[2]:
             word = self.text[part.start : part.end]
-            if not re.fullmatch(r"-?\d+", word):
+            if not re.fullmatch(r"-?\d{1,9}", word):
                 return self._strange(part, name, line)
             digits.append(Digit(part.start, part.end, int(word)))
         for part in rows[3]:

@@ -1,6 +1,5 @@
 """Poses as programs write them, and the frames and tools that they refer to."""
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -9,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError
+from calibtool.robot.description import parse_toml
 from calibtool.robot.se3 import Array
 
 UNIT_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1; four decimals make 1e-4
@@ -49,9 +49,7 @@ def read_frames(text: str, name: str) -> Frames:
     Angles are about the fixed axes x, y, z; what is left out is 0. Raises InputError for anything else in the file.
     """
     try:
-        file = _File.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{name}: not TOML: {error}") from None
+        file = _File.model_validate(parse_toml(text, name))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))

@@ -33,7 +33,7 @@ _PART = re.compile(
     rf"|(?P<system>\$(?:TOOL|BASE))\s*=\s*(?:(?P<data>(?:TOOL|BASE)_DATA)\s*\[\s*(?P<data_number>\w+)\s*\]"
     rf"|(?P<null>\$NULLFRAME)|\{{(?P<system_items>[^{{}}]*)\}}|(?P<other>[^\n]+))"
     rf"|\b(?P<table>TOOL|BASE)_DATA\s*\[\s*(?P<table_number>\d+)\s*\]\s*=\s*\{{(?P<table_items>[^{{}}]*)\}}"
-    rf"|(?:\b(?P<type>E6AXIS|AXIS|E6POS|POS|FRAME)\s+)?(?P<name>{_NAME})\s*=\s*\{{(?P<items>[^{{}}\n]*)\}}"
+    rf"|(?<![\w$])(?:(?P<type>E6AXIS|AXIS|E6POS|POS|FRAME)\s+)?(?P<name>{_NAME})\s*=\s*\{{(?P<items>[^{{}}\n]*)\}}"
     rf"|\b(?:E6AXIS|AXIS|E6POS|POS)\s+(?P<open>{_NAME})\s*=\s*\{{[^{{}}\n]*$"
     rf"|\b(?P<move>{_MOVES})\b(?P<rest>[^\n]*)",
     re.IGNORECASE | re.MULTILINE,
@@ -43,7 +43,7 @@ _JOINTS = [f"A{k}" for k in range(1, 7)]
 _POSE = ["X", "Y", "Z", "A", "B", "C"]
 _EXTERNAL = [f"E{k}" for k in range(1, 7)]
 _KNOWN = {*_JOINTS, *_POSE, *_EXTERNAL, "S", "T"}
-_INTEGER = re.compile(r"(-?\d+)|'B([01]+)'|'H([0-9A-Fa-f]+)'")
+_INTEGER = re.compile(r"(-?\d{1,9})|'B([01]{1,32})'|'H([0-9A-Fa-f]{1,8})'")
 
 
 def matches(text: str) -> bool:

@@ -1,8 +1,12 @@
 """Bracketed lists and arguments in program text: where each element stands."""
 
+import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 _OPEN, _CLOSE = "([{", ")]}"
+_BRACKET = re.compile(r"[(\[{)\]}]")
+_DEEPEST = 5  # lists in lists; a position takes two, an array of them three
 
 
 @dataclass(frozen=True)
@@ -24,15 +28,19 @@ class Item:
 
 def closing(code: str, start: int) -> int | None:
     """Position of the bracket that closes the one at `start`; None if there is none."""
-    depth = 0
-    for position in range(start, len(code)):
-        if code[position] in _OPEN:
-            depth += 1
-        elif code[position] in _CLOSE:
-            depth -= 1
-            if depth == 0:
-                return position
-    return None
+    return _pairs(code).get(start)
+
+
+@lru_cache(maxsize=2)
+def _pairs(code: str) -> dict[int, int]:
+    """Opening → closing bracket, for the whole text at once: the time is linear whatever is not closed."""
+    found, opened = {}, []
+    for match in _BRACKET.finditer(code):
+        if match[0] in _OPEN:
+            opened.append(match.start())
+        elif opened:
+            found[opened.pop()] = match.start()
+    return found
 
 
 def split(code: str, start: int, end: int) -> list[tuple[int, int]]:
@@ -47,13 +55,13 @@ def split(code: str, start: int, end: int) -> list[tuple[int, int]]:
     return [*spans, (first, end)]
 
 
-def item(code: str, start: int, end: int) -> Item:
-    """The element in code[start:end], blanks around it dropped."""
+def item(code: str, start: int, end: int, depth: int = _DEEPEST) -> Item:
+    """The element in code[start:end], blanks around it dropped; what is nested deeper than `depth` is a word."""
     inner = code[start:end]
     start += len(inner) - len(inner.lstrip())
     end = max(start, end - (len(inner) - len(inner.rstrip())))
-    if end - start >= 2 and code[start] == "[" and closing(code, start) == end - 1:
+    if depth and end - start >= 2 and code[start] == "[" and closing(code, start) == end - 1:
         if not code[start + 1 : end - 1].strip():
             return Item(start, end, ())
-        return Item(start, end, tuple(item(code, *span) for span in split(code, start + 1, end - 1)))
+        return Item(start, end, tuple(item(code, *span, depth - 1) for span in split(code, start + 1, end - 1)))
     return Item(start, end)

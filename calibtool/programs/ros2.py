@@ -40,7 +40,7 @@ def read(text: str, robot: Robot) -> Program:
     for number, (position, spans) in enumerate(points, start=1):
         name = f"point {number}"
         above = [found for start, found in names if start < position]
-        joints = above[-1] if above else names[0][1]
+        joints = above[-1] if above else names[0][1] if names else []
         if not spans:
             continue
         line = lines(spans[0][0] + len(code[slice(*spans[0])]) - len(code[slice(*spans[0])].lstrip()))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from calibtool.programs.configurations import Configuration
 from calibtool.robot.se3 import Array
-from calibtool.units import TO_SI
+from calibtool.units import LARGEST, TO_SI
 
 # Decimals that keep 1e-6 deg and 1e-4 mm; a quaternion's components are as fine as 1e-6 deg.
 DECIMALS = {"deg": 6, "rad": 8, "mm": 4, "m": 7, "": 9}
@@ -95,11 +95,11 @@ class Lines:
 
 
 def number_at(text: str, start: int, end: int, unit: str) -> Number | None:
-    """The number that fills text[start:end] (blanks around it aside); None for anything else, NaN among it."""
+    """The number that fills text[start:end] (blanks around it aside); None for anything else, NaN and 1e999 among it."""
     inner = text[start:end]
     first = start + len(inner) - len(inner.lstrip())
     match = _NUMBER.fullmatch(inner.strip())
-    if match is None:
+    if match is None or abs(float(match[0])) >= LARGEST:
         return None
     return Number(first, first + len(inner.strip()), unit, float(match[0]) * TO_SI.get(unit, 1.0))
 

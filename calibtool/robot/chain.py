@@ -112,6 +112,8 @@ def end_links(urdf_text: str, joint: str, name: str) -> list[str]:
 
 
 def _parse_urdf(urdf_text: str, name: str) -> pin.Model:
+    if re.search(r"<!(?:DOCTYPE|ENTITY)", urdf_text, re.IGNORECASE):
+        raise InputError(f"{name}: the URDF holds a document type or entities (<!DOCTYPE …>); expected plain XML")
     # From a file: urdfdom refuses some encodings in a string.
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.urdf"

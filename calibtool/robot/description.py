@@ -4,15 +4,18 @@ import tomllib
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibtool.errors import InputError, near_names
 
-Point = tuple[float, float, float]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]  # mm, a kilometre
+Point = tuple[Coordinate, Coordinate, Coordinate]
 VirtualJoint = Literal["x", "y", "z", "rx", "ry", "rz"]
-JointName = Annotated[str, Field(pattern=r"^j[1-9]\d*$")]
+JointName = Annotated[str, Field(pattern=r"^j[1-9]\d{0,5}$")]
+
+_MOST_DOTS = 2000  # of one line: numbers and dotted keys
 
 
 class _Strict(BaseModel):
@@ -140,9 +143,10 @@ def read_source(path: Path) -> Source:
     description = _parse_description(text, str(path))
     kinematics = description.kinematics
     if kinematics.urdf is not None:
-        urdf_path = path.parent / kinematics.urdf
+        urdf_path = _inside(path.parent, kinematics.urdf, f"{path}: kinematics.urdf")
     else:
-        urdf_path = example_robot_data() / str(kinematics.example_robot_data)
+        name = str(kinematics.example_robot_data)
+        urdf_path = _inside(example_robot_data(), name, f"{path}: kinematics.example_robot_data")
     return Source(description, text, _read_text(urdf_path), str(path))
 
 
@@ -171,11 +175,23 @@ def example_robot_data() -> Path:
 
 def _parse_description(toml_text: str, place: str) -> Description:
     try:
-        return Description.model_validate(tomllib.loads(toml_text))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{place}: not valid TOML: {error}") from None
+        return Description.model_validate(parse_toml(toml_text, place))
     except ValidationError as error:
         raise InputError(f"{place}: {validation_message(error, Description)}") from None
+
+
+def parse_toml(text: str, place: str) -> dict[str, Any]:
+    """The keys of a TOML text. InputError with `place` for anything else, and for nesting that Python cannot follow."""
+    if (
+        max(line.count(".") for line in text.split("\n")) > _MOST_DOTS
+    ):  # tomllib's time grows with the square of a key's
+        raise InputError(f"{place}: not valid TOML: a line with more than {_MOST_DOTS} dots")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise InputError(f"{place}: not valid TOML: nested too deeply") from None
+    except ValueError as error:  # TOMLDecodeError is one, and so is an integer of thousands of digits
+        raise InputError(f"{place}: not valid TOML: {error}") from None
 
 
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
@@ -206,6 +222,17 @@ def _models_in(annotation: object) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for argument in get_args(annotation) for model in _models_in(argument)]
+
+
+def _inside(folder: Path, name: str, place: str) -> Path:
+    """A file of a folder or below it, links followed: a description from elsewhere reads nothing else."""
+    try:
+        path = (folder / name).resolve()
+        if not path.is_relative_to(folder.resolve()):
+            raise InputError(f"{place}: {name!r} is outside of {folder}; copy the file there")
+    except (OSError, ValueError, RuntimeError) as error:  # a zero byte, links in a circle
+        raise InputError(f"{place}: {name!r}: {error}") from None
+    return path
 
 
 def _read_text(path: Path) -> str:

@@ -17,6 +17,7 @@ from calibtool.storage.calibrations import build_calibration, write_calibration
 from calibtool.storage.measurements import build_measurements, write_measurements
 from calibtool.storage.parts import write_robot
 from calibtool.storage.texts import put_string, string
+from calibtool.storage.untrusted import USER_BLOCK, check_bytes, check_contents, sealed
 
 MEASUREMENTS, CALIBRATION = "calibtool/measurements", "calibtool/calibration"
 SCHEMA_VERSION = 1
@@ -27,7 +28,7 @@ T = TypeVar("T")
 def to_bytes(contents: Measurements | Calibration) -> bytes:
     """The HDF5 file of measurements or of a calibration."""
     buffer = io.BytesIO()
-    with h5py.File(buffer, "w", libver=("v110", "v110")) as file:  # its metadata carry checksums
+    with h5py.File(buffer, "w", libver=("v110", "v110"), userblock_size=USER_BLOCK) as file:
         put_string(file, "schema", MEASUREMENTS if isinstance(contents, Measurements) else CALIBRATION)
         file.attrs["schema_version"] = SCHEMA_VERSION
         put_string(file, "creator", "calibtool")
@@ -40,7 +41,7 @@ def to_bytes(contents: Measurements | Calibration) -> bytes:
         provenance = file.create_group("provenance")
         for name, text in sorted(contents.provenance.items()):
             put_string(provenance, name, text)
-    return buffer.getvalue()
+    return sealed(buffer.getvalue())
 
 
 def read_measurements(stream: BinaryIO, name: str) -> Measurements:
@@ -68,7 +69,9 @@ def _read(stream: BinaryIO, name: str, schema: str | None, build: Callable[[h5py
     if not data:
         raise InputError(f"{name}: empty; expected a calibtool HDF5 file (did the command before fail?)")
     try:
+        check_bytes(data)
         with h5py.File(io.BytesIO(data), "r") as file:
+            check_contents(file, len(data))
             found = _schema(file)
             if found not in (MEASUREMENTS, CALIBRATION):
                 raise InputError(

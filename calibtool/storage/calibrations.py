@@ -15,9 +15,10 @@ from calibtool.identification.parameters import Parameters
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion
-from calibtool.robot.se3 import readonly
 from calibtool.storage.parts import (
     get,
+    get_indices,
+    get_with_gaps,
     put,
     read_geometry,
     read_number,
@@ -206,7 +207,7 @@ def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
 
 def _flagged(group: h5py.Group) -> Flagged:
     return Flagged(
-        rows=group["rows"][()].astype(int),
+        rows=get_indices(group, "rows"),
         size=get(group, "size", -1),
         position=get(group, "position", -1),
         cluster=string(group, "cluster") or None,
@@ -230,14 +231,14 @@ def _network(group: h5py.Group, n: int, p: int) -> Network:
 def _training(group: h5py.Group) -> TrainingReport:
     history = History(
         training=get(group, "training_loss", -1),
-        validation=readonly(group["validation_loss"][()], (-1,)),  # NaN without validation rows
+        validation=get_with_gaps(group, "validation_loss", -1),  # NaN without validation rows
         chosen=int(group.attrs["chosen"]),
         reason=string(group, "reason"),
     )
     return TrainingReport(
         history=history,
-        training_rows=group["training_rows"][()],
-        validation_rows=group["validation_rows"][()],
+        training_rows=get_indices(group, "training_rows"),
+        validation_rows=get_indices(group, "validation_rows"),
         restart_losses=get(group, "restart_losses", -1),
         loss_without=read_number(group, "loss_without"),
         loss=string(group, "loss"),  # type: ignore[arg-type]

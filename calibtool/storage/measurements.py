@@ -4,9 +4,9 @@ import h5py
 
 from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.robot.actual import ActualRobot
-from calibtool.robot.se3 import readonly
 from calibtool.storage.parts import (
     get,
+    get_with_gaps,
     put,
     read_geometry,
     read_number,
@@ -74,7 +74,7 @@ def build_measurements(file: h5py.File) -> Measurements:
     return Measurements(
         robot=robot,
         q=get(group, "joint_positions", -1, robot.n),
-        points=readonly(group["points"][()], (-1, -1, 3)),  # NaN: a target that was not seen
+        points=get_with_gaps(group, "points", -1, -1, 3),  # NaN: a target that was not seen
         rotations=rotations,
         setup=read_setup(file["registration"]),
         noise_position=read_number(group, "noise_position_m"),

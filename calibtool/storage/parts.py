@@ -33,11 +33,23 @@ def read_number(group: h5py.Group, name: str) -> float:
 
 def get(group: h5py.Group, name: str, *shape: int) -> Array:
     """A finite dataset of the given shape, -1 for any length. KeyError or ValueError otherwise."""
-    values = group[name][()]
-    array = readonly(values, shape)
+    array = get_with_gaps(group, name, *shape)
     if not np.isfinite(array).all():
         raise ValueError(f"{group.name}/{name} holds a value that is not finite")
     return array
+
+
+def get_with_gaps(group: h5py.Group, name: str, *shape: int) -> Array:
+    """The same where NaN has a meaning."""
+    dataset = group[name]
+    if dataset.dtype.kind not in "iuf":  # numpy would read numbers from text
+        raise ValueError(f"{dataset.name} holds {dataset.dtype}; expected numbers")
+    return readonly(dataset[()], shape)
+
+
+def get_indices(group: h5py.Group, name: str) -> np.ndarray:
+    """Row numbers from 0, (N,)."""
+    return get(group, name, -1).astype(int)
 
 
 def write_robot(file: h5py.File, robot: Robot) -> None:

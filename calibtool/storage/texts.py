@@ -10,6 +10,8 @@ from collections.abc import Sequence
 import h5py
 import numpy as np
 
+LONGEST_TEXTS = 1 << 20  # characters of a list of texts
+
 
 def put_string(item: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
     """A text attribute of a group or dataset."""
@@ -45,8 +47,16 @@ def text(group: h5py.Group, name: str) -> str:
 
 
 def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
-    """A dataset of texts."""
-    return tuple(str(item) for item in group[name].asstr()[()])
+    """A list of texts, one read at a time: a small file may refer to one long text many times. ValueError if too long."""
+    dataset = group[name].asstr()
+    found: list[str] = []
+    room = LONGEST_TEXTS
+    for index in range(len(group[name])):
+        found.append(str(dataset[index]))
+        room -= len(found[-1]) + 1
+        if room < 0:
+            raise ValueError(f"{group.name}/{name} holds more than {LONGEST_TEXTS} characters")
+    return tuple(found)
 
 
 def _encoded(text: str) -> bytes:

@@ -181,10 +181,14 @@ def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
     """A warning per target that is missing somewhere, with every line."""
     return [
         f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in {int((~seen[:, i]).sum())} of {len(seen)} "
-        f"rows; their other targets count: line {line_ranges([table.lines[int(row)] for row in np.flatnonzero(~seen[:, i])])}"
+        f"rows; their other targets count: line {line_ranges([table.lines[k] for k in _rows(~seen[:, i])])}"
         for i, target in enumerate(columns.targets)
         if not seen[:, i].all()
     ]
+
+
+def _rows(chosen: np.ndarray) -> list[int]:
+    return [int(row) for row in np.flatnonzero(chosen)]
 
 
 def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str]:

@@ -1,7 +1,6 @@
 """The column map: which column of a table is what, in which unit, by which convention (`--columns MAP.toml`)."""
 
 import re
-import tomllib
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
@@ -9,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from calibtool.errors import InputError
 from calibtool.measurement.simulate import ORIENTATION_NOISE
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.description import Point, validation_message
+from calibtool.robot.description import Point, parse_toml, validation_message
 
 POSITION_NOISE = 0.05e-3  # m, stated for an instrument that does not tell its own
 
@@ -152,12 +151,10 @@ class ColumnMap(_Strict):
 def parse_column_map(text: str, name: str) -> ColumnMap:
     """A column map from TOML text. Raises InputError with the key that is wrong."""
     try:
-        keys = tomllib.loads(text)
+        keys = parse_toml(text, name)
         if not keys:
             raise InputError(f"{name}: empty; expected tables such as [joints] and [[targets]]")
         return ColumnMap.model_validate(keys)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{name}: not valid TOML: {error}") from None
     except ValidationError as error:
         raise InputError(f"{name}: {validation_message(error, ColumnMap)}") from None
 

@@ -1,13 +1,16 @@
 """Sheets of Excel workbooks (.xlsx) as tables; needs openpyxl, the extra `excel`."""
 
 import io
+import warnings
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import ZipFile
 
-from calibtool.errors import InputError, UsageError, near_names
+from calibtool.errors import CalibtoolError, InputError, UsageError, near_names
 from calibtool.tables import Table, check_header
 
 ZIP = b"PK\x03\x04"  # how a workbook starts
+_ROOM, _PACKED = 16 << 20, 40  # bytes that a workbook may unpack to: 16 MiB and 40 times its length
+_ROWS = 1_048_576  # of a sheet
 
 
 def parse_workbook(data: bytes, name: str, sheet: str | None = None, decimal: str | None = None) -> Table:
@@ -23,9 +26,25 @@ def parse_workbook(data: bytes, name: str, sheet: str | None = None, decimal: st
             f"{name}: reading Excel files needs openpyxl; pip install 'calibtool[excel]', or save the sheet as CSV"
         ) from None
     try:
-        book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-    except (BadZipFile, KeyError, ValueError, OSError) as error:
-        raise InputError(f"{name}: not a readable Excel workbook: {error}") from None
+        _check_size(data, name)
+        with warnings.catch_warnings(action="ignore"):  # about styles and extensions, which are not looked at
+            return _read(openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True), name, sheet, decimal)
+    except (CalibtoolError, MemoryError):
+        raise
+    except Exception as error:  # openpyxl checks little: a damaged workbook fails anywhere and in any way
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"{name}: not a readable Excel workbook: {reason or type(error).__name__}") from None
+
+
+def _check_size(data: bytes, name: str) -> None:
+    """InputError for a workbook that unpacks to far more than tables do. (Python unpacks no more than is stated.)"""
+    with ZipFile(io.BytesIO(data)) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > _ROOM + _PACKED * len(data):
+        raise InputError(f"{name}: a workbook of {len(data)} bytes that unpacks to {size}; save the sheet as CSV")
+
+
+def _read(book: Any, name: str, sheet: str | None, decimal: str | None) -> Table:
     try:
         names = [found.title for found in book.worksheets]
         if not names:
@@ -43,6 +62,8 @@ def _table(cells: Any, name: str, decimal: str | None) -> Table:
     header: list[str] = []
     header_line, rows, lines = 0, [], []
     for line, values in enumerate(cells, start=1):
+        if line > _ROWS:
+            raise InputError(f"{name}: a row beyond {_ROWS}, the last one of a sheet")
         row = [_text(value) for value in values]
         while row and not row[-1] and (not header or len(row) > len(header)):
             row.pop()

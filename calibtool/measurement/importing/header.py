@@ -25,8 +25,8 @@ from calibtool.robot.model import Robot
 from calibtool.tables import Table, joint_columns_of, pose_columns_of
 
 _LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")
-_TARGET = re.compile(r"t(\d+)_(?:nominal_|error_)?[xyz](?:_(mm|m|in))?")
-_REFERENCE = re.compile(r"ref(\d+)_[xyz](?:_(mm|m|in))?")
+_TARGET = re.compile(r"t(\d{1,9})_(?:nominal_|error_)?[xyz](?:_(mm|m|in))?")
+_REFERENCE = re.compile(r"ref(\d{1,9})_[xyz](?:_(mm|m|in))?")
 _ANGLES = (("rx", "ry", "rz"), ("a", "b", "c"), ("roll", "pitch", "yaw"))
 
 
@@ -107,7 +107,7 @@ def _joints(table: Table, robot: Robot, source: Source, stated: Stated) -> Joint
 def _joints_read(table: Table, robot: Robot) -> JointColumns | None:
     found = {}
     for name in table.header:
-        match = re.fullmatch(r"j(\d+)_read_(deg|rad|mm|m)", name)
+        match = re.fullmatch(r"j(\d{1,9})_read_(deg|rad|mm|m)", name)
         if match:
             found[int(match[1])] = (name, match[2])
     if not found:

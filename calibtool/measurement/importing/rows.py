@@ -16,7 +16,7 @@ def choose_rows(count: int, rows: str | None, sample: int | None, seed: int) -> 
     """
     chosen = np.arange(count)
     if rows is not None:
-        match = re.fullmatch(r"(\d+):(\d+)", rows.strip())
+        match = re.fullmatch(r"(\d{1,18}):(\d{1,18})", rows.strip())
         first, last = (int(match[1]), int(match[2])) if match else (0, 0)
         if not 1 <= first <= last <= count:
             raise UsageError(f"--rows {rows}: expected A:B with 1 <= A <= B <= {count}")

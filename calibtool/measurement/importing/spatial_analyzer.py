@@ -16,18 +16,18 @@ their order of appearance; targets stand in the order of the numbers at the end 
 otherwise in their order of appearance.
 """
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 from calibtool.errors import InputError
-from calibtool.tables import Table, split_lines, text_lines
+from calibtool.tables import LONG_LINE, Table, split_lines, text_lines
+from calibtool.units import LARGEST
 
 Layout = Literal["names", "groups", "order", "single", "targets"]
 LAYOUTS: tuple[str, ...] = get_args(Layout)
-_NUMBERED = re.compile(r"(.+)[_.-](\d+)")
+_NUMBERED = re.compile(r"(.+)[_.-](\d{1,18})")
 _REMEDY = f"say what the names mean with --layout {'|'.join(LAYOUTS)}"
 
 
@@ -113,12 +113,14 @@ def _points(text: str, name: str) -> list[_Point]:
 
 def _cells(line: str) -> list[str]:
     line = line.partition("//")[0].strip()
+    if len(line) > LONG_LINE:  # more than csv takes
+        return line.split(",")
     return next(split_lines([line], "," if "," in line else " ")) if line else []
 
 
 def _is_number(cell: str) -> bool:
     try:
-        return "_" not in cell and math.isfinite(float(cell))
+        return "_" not in cell and abs(float(cell)) < LARGEST
     except ValueError:
         return False
 
@@ -173,7 +175,7 @@ def _labels(keys: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def _ordered(targets: list[str]) -> list[str]:
-    numbers = [re.search(r"\d+$", target) for target in targets]
+    numbers = [re.search(r"\d{1,18}$", target) for target in targets]
     values = [int(match[0]) for match in numbers if match]
     if len(set(values)) < len(targets):
         return targets

@@ -1,0 +1,167 @@
+"""Mutated files through every reader: exceptions other than calibtool's, hangs, memory, crashes of the process.
+
+Run: python benchmarks/fuzz.py --inputs 100000 --reader csv --seed 0   (without --reader: all of them, one after the other)
+Every input follows from reader, seed and number, so that `--first NUMBER --inputs 1` makes one again. A worker process has
+1 GiB more than it started with, every input 5 s of the processor; after a crash or an endless loop in C a new one goes on
+behind it.
+Findings, one per place, are kept in --findings FOLDER. A Markdown row per reader goes to stdout.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import contextlib
+import multiprocessing as mp
+import resource
+import signal
+import sys
+import time
+import traceback
+import warnings
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "fuzz"))
+
+from readers import READERS, case
+
+from calibtool.errors import CalibtoolError
+
+SECONDS, MEMORY = 5, 1 << 30
+PACKAGE = str(Path(__file__).resolve().parent.parent)
+
+
+class Hang(BaseException):
+    """An input took longer than SECONDS."""
+
+
+def place(error: BaseException) -> str:
+    """Kind and deepest line of the project's own in a traceback: what makes two findings the same."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [f for f in frames if f.filename.startswith(PACKAGE) and "site-packages" not in f.filename] or frames
+    return f"{type(error).__name__} {Path(own[-1].filename).name}:{own[-1].lineno}"
+
+
+def work(name: str, seed: int, first: int, end: int, state: Any, found: Connection) -> None:
+    """The worker: inputs first … end; state holds the number of the input at work, the worst seconds and its number."""
+    reader = READERS[name]
+    seeds = reader.seeds()
+    for data in seeds:  # caches are filled before the clock starts
+        with contextlib.suppress(CalibtoolError):
+            reader.read(data)
+    warnings.simplefilter("ignore")
+    warnings.simplefilter("error", RuntimeWarning)
+    with open("/proc/self/statm", encoding="ascii") as file:
+        now = int(file.read().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (now + MEMORY, now + MEMORY))
+
+    def expired(*_: object) -> None:
+        raise Hang
+
+    signal.signal(signal.SIGPROF, expired)
+    state[4] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for index in range(first, end):
+        data = case(name, seeds, seed, index)
+        state[0], state[3] = index, time.monotonic()
+        started = time.process_time()
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        try:
+            reader.read(data)
+            state[6] += 1
+        except CalibtoolError as error:
+            if "\n" in str(error) or not str(error):
+                found.send((index, f"message of {len(str(error).splitlines())} lines {place(error)}", str(error)))
+        except (Exception, Hang) as error:
+            found.send((index, place(error), f"{type(error).__name__}: {error}"[:300]))
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+        taken = time.process_time() - started
+        if taken > state[1]:
+            state[1], state[2] = taken, index
+        state[5] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    state[0], state[3] = end, time.monotonic()
+
+
+def fuzz(name: str, inputs: int, seed: int, first: int, folder: Path | None) -> str:
+    """All inputs of one reader; the row of the table."""
+    context = mp.get_context("fork")
+    state = context.Array("d", 8, lock=False)
+    findings: dict[str, list[Any]] = {}
+    start, end, started = first, first + inputs, time.perf_counter()
+    base = peak = 0.0
+
+    def note(index: int, where: str, what: str) -> None:
+        if where not in findings:
+            findings[where] = [0, index, what]
+            print(f"{name} {index}: {where}: {what}", file=sys.stderr, flush=True)
+            if folder is not None:
+                folder.mkdir(parents=True, exist_ok=True)
+                data = case(name, READERS[name].seeds(), seed, index)
+                (folder / f"{name}-{seed}-{index}").write_bytes(data)
+        findings[where][0] += 1
+
+    while start < end:
+        ours, theirs = context.Pipe(duplex=False)
+        state[0], state[3] = start, time.monotonic() + 60
+        worker = context.Process(target=work, args=(name, seed, start, end, state, theirs))
+        worker.start()
+        theirs.close()
+        killed = False
+        while True:
+            try:
+                while ours.poll(0.2):
+                    note(*ours.recv())
+            except EOFError:
+                break
+            if time.monotonic() - state[3] > 6 * SECONDS:
+                killed = True
+                worker.kill()
+        worker.join()
+        base, peak = state[4], max(peak, state[5])
+        if worker.exitcode == 0:
+            break
+        at = int(state[0])
+        if worker.exitcode == 1:
+            sys.exit(f"{name}: the fuzzer itself failed at input {at}")
+        if killed:
+            note(at, "endless loop in C", f"more than {6 * SECONDS} s")
+        else:
+            note(at, f"crash {worker.exitcode}", "the process died")
+        start = at + 1
+    taken = time.perf_counter() - started
+    count = sum(finding[0] for finding in findings.values())
+    cells = [
+        name,
+        f"{inputs:,}",
+        f"{int(state[6]):,}",
+        f"{state[1] * 1e3:.0f} ms",
+        f"{(peak - base) / 1024:.0f} MiB",
+        f"{count}",
+    ]
+    row = f"| {' | '.join(cells)} |"
+    print(f"{name}: {taken:.0f} s, worst input {int(state[2])}, findings {findings}", file=sys.stderr, flush=True)
+    return row
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Mutated files through every reader.")
+    parser.add_argument("--inputs", type=int, default=100_000)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--reader", choices=READERS, action="append")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--findings", type=Path)
+    options = parser.parse_args()
+    print(
+        "| reader | inputs | of them valid | worst time | more memory | findings |\n|---|---|---|---|---|---|",
+        flush=True,
+    )
+    for name in options.reader or READERS:
+        print(fuzz(name, options.inputs, options.seed, options.first, options.findings), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""What is checked before an HDF5 file is believed: its digest, heaps that end, plain links, sizes that fit its length.
+
+The HDF5 library cannot be interrupted, and damage may send it into an endless loop. So a file of calibtool starts with a
+user block of 512 bytes, which HDF5 leaves to applications, with the SHA-256 of all bytes behind it. Files without one are
+accepted.
+"""
+
+import hashlib
+import math
+import re
+import struct
+from typing import Any
+
+import h5py
+
+USER_BLOCK = 512
+_MARK = b"calibtool/sha256 "
+_HEAP = re.compile(rb"GCOL\x01\0\0\0", re.DOTALL)  # a global heap: signature, version 1
+_ROOM = 16 << 20  # bytes that any file may hold …
+_PACKED = 20  # … and this many times its length: compressed numbers are not smaller
+_TEXTS = 32  # texts of one attribute
+
+
+def sealed(data: bytes) -> bytes:
+    """The file with the digest of what stands behind its user block."""
+    return _digest(data) + data[USER_BLOCK:]
+
+
+def _digest(data: bytes) -> bytes:
+    """The user block: a line of text, `calibtool/sha256` and the digest, then zeros."""
+    line = _MARK + hashlib.sha256(memoryview(data)[USER_BLOCK:]).hexdigest().encode() + b"\n"
+    return line.ljust(USER_BLOCK, b"\0")
+
+
+def check_bytes(data: bytes) -> None:
+    """ValueError for bytes that differ from what was written, or a global heap that HDF5 would read for ever."""
+    if data.startswith(_MARK):
+        if data[:USER_BLOCK] != _digest(data):
+            raise ValueError(
+                "its bytes do not match its SHA-256: cut off or changed since it was written; get it again (if it was "
+                f"edited on purpose: tail -c +{USER_BLOCK + 1} FILE is the same without the digest)"
+            )
+        return
+    for heap in _HEAP.finditer(data):
+        _check_heap(data, heap.start())
+
+
+def _check_heap(data: bytes, start: int) -> None:
+    """Objects follow one another: index, length; index 0 is the free rest. A step of 0 would never end."""
+    end, at = start + int.from_bytes(data[start + 8 : start + 16], "little"), start + 16
+    while at + 16 <= min(end, len(data)):
+        index, length = struct.unpack_from("<H6xQ", data, at)
+        step = 16 + (length + 7) // 8 * 8 if index else length
+        if step < 16 or at + step > end:
+            raise ValueError(f"a heap of texts is broken at byte {at}")
+        at += step
+
+
+def check_contents(file: h5py.File, length: int) -> None:
+    """ValueError for anything but groups and datasets of numbers and texts, each under one name and inside the file.
+
+    length: bytes of the file. Soft and external links, virtual datasets and external storage would read other files;
+    what claims much more than the file's length would fill the memory.
+    """
+    room = _ROOM + _PACKED * length
+    seen: set[int] = set()
+    waiting: list[tuple[str, Any]] = [("", file)]
+    while waiting:
+        path, item = waiting.pop()
+        address = h5py.h5o.get_info(item.id).addr
+        if address in seen:
+            raise ValueError(f"{path} is another object under a second name")
+        seen.add(address)
+        _check_attributes(path, item)
+        if isinstance(item, h5py.Group):
+            for name in item:
+                below = f"{path}/{name}"
+                if not isinstance(item.get(name, getlink=True), h5py.HardLink):
+                    raise ValueError(f"{below} is a link to another place")
+                waiting.append((below, item[name]))
+        elif isinstance(item, h5py.Dataset):
+            room -= _check_dataset(path, item)
+            if room < 0:
+                raise ValueError(f"{path}: claims more data than a file of {length} bytes can hold")
+        else:
+            raise ValueError(f"{path} is neither a group nor a dataset")
+
+
+def _check_dataset(path: str, dataset: h5py.Dataset) -> int:
+    """Its size in bytes."""
+    if dataset.is_virtual or dataset.external:
+        raise ValueError(f"{path}: its data stand in another file")
+    if dataset.dtype.kind not in "iufb" and h5py.check_string_dtype(dataset.dtype) is None:
+        raise ValueError(f"{path} holds {dataset.dtype}; expected numbers or text")
+    return math.prod(dataset.shape or ()) * dataset.dtype.itemsize
+
+
+def _check_attributes(path: str, item: Any) -> None:
+    """Many references to one long text would fill the memory."""
+    for name in item.attrs:
+        attribute = item.attrs.get_id(name)
+        if attribute.dtype.kind == "O" and math.prod(attribute.shape) > _TEXTS:
+            raise ValueError(f"{path}: attribute {name} holds {math.prod(attribute.shape)} texts")

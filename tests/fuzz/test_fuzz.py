@@ -1,0 +1,42 @@
+"""A few hundred mutated inputs per reader: an answer with finite numbers, or one line that says what is wrong.
+
+The long version, with limits of time and memory: benchmarks/fuzz.py. Findings: docs/reliability-fuzzing.md.
+"""
+
+import pytest
+from readers import READERS, case
+
+from calibtool.errors import CalibtoolError
+
+SLOW = {"hdf5-measurements", "hdf5-calibration", "urdf", "robot-toml", "xlsx"}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_mutated_files_are_read_or_refused(name: str) -> None:
+    seeds = READERS[name].seeds()
+    messages: list[str] = []
+    for index in range(100 if name in SLOW else 300):
+        data = case(name, seeds, 0, index)
+        try:
+            READERS[name].read(data)
+        except CalibtoolError as error:
+            messages.append(str(error))
+        except Exception as error:
+            pytest.fail(
+                f"benchmarks/fuzz.py --reader {name} --first {index} --inputs 1: {type(error).__name__}: {error}"
+            )
+    assert all(len(message.splitlines()) == 1 for message in messages)
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_the_seeds_themselves_reach_the_readers(name: str) -> None:
+    seeds = READERS[name].seeds()
+    assert seeds
+    read = 0
+    for data in seeds:
+        try:
+            READERS[name].read(data)
+            read += 1
+        except CalibtoolError:
+            pass
+    assert read >= len(seeds) / 2

@@ -1,0 +1,193 @@
+"""HDF5 files of an enemy, or of a failing disk: nothing else is read, nothing fills the memory, nothing loops."""
+
+import hashlib
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from readers import calibrations, measurements, without_digest
+
+from calibtool.errors import InputError
+from calibtool.storage import read_any, to_bytes
+from calibtool.storage.untrusted import check_contents
+
+
+def changed(change: Callable[[h5py.File], None]) -> bytes:
+    buffer = io.BytesIO(without_digest(to_bytes(measurements())))
+    with h5py.File(buffer, "r+") as file:
+        change(file)
+    return buffer.getvalue()
+
+
+def refused(data: bytes, reason: str) -> None:
+    with pytest.raises(InputError, match=rf"^x\.h5: .*{reason}") as caught:
+        read_any(io.BytesIO(data), "x.h5")
+    assert "\n" not in str(caught.value)
+
+
+# --- the digest ------------------------------------------------------------------------------------------------------
+
+
+def test_the_digest_is_that_of_what_stands_behind_the_user_block() -> None:
+    data = to_bytes(measurements())
+    assert data[:512].rstrip(b"\0") == b"calibtool/sha256 " + hashlib.sha256(data[512:]).hexdigest().encode() + b"\n"
+
+
+def test_hdf5_reads_the_file_with_its_user_block_and_without_it() -> None:
+    data = to_bytes(measurements())
+    for part in (data, data[512:]):
+        with h5py.File(io.BytesIO(part), "r") as file:
+            assert np.array_equal(file["measurements/joint_positions"][()], measurements().q)
+        assert to_bytes(read_any(io.BytesIO(part), "x.h5")) == data
+
+
+@pytest.mark.parametrize("contents", [measurements(), calibrations()[2]], ids=["measurements", "calibration"])
+def test_a_zeroed_sector_anywhere_is_refused(contents: object) -> None:
+    data = to_bytes(contents)  # type: ignore[arg-type]
+    for start in range(512, len(data), 512):
+        damaged = data[:start] + bytes(min(512, len(data) - start)) + data[start + 512 :]
+        if damaged != data:
+            refused(damaged, "SHA-256")
+
+
+def test_a_changed_bit_anywhere_is_refused() -> None:
+    data = to_bytes(measurements())
+    for position in range(512, len(data), 97):
+        changed = bytearray(data)
+        changed[position] ^= 1
+        refused(bytes(changed), "SHA-256")
+
+
+def test_an_edited_file_is_refused_with_the_way_to_read_it_all_the_same() -> None:
+    buffer = io.BytesIO(to_bytes(measurements()))
+    with h5py.File(buffer, "r+") as file:
+        file["measurements"].attrs["noise_position_m"] = 2e-5
+    refused(buffer.getvalue(), r"tail -c \+513")
+    assert read_any(io.BytesIO(buffer.getvalue()[512:]), "x.h5").noise_position == 2e-5
+
+
+def test_a_broken_heap_of_texts_without_a_digest() -> None:
+    # As older files have it: the HDF5 library would go through the zeros for ever.
+    data = without_digest(to_bytes(measurements()))
+    heap = data.find(b"GCOL\x01\0\0\0")
+    if heap < 0:
+        pytest.skip("this version writes no texts of variable length")
+    refused(data[: heap + 512] + bytes(512) + data[heap + 1024 :], "heap of texts is broken")
+
+
+# --- other files -----------------------------------------------------------------------------------------------------
+
+
+def move(file: h5py.File, path: str, link: object) -> None:
+    del file[path]
+    file[path] = link
+
+
+@pytest.mark.parametrize("path", ["registration", "measurements/points", "robot/urdf"])
+@pytest.mark.parametrize("link", [h5py.ExternalLink("/etc/passwd", "/"), h5py.SoftLink("/"), h5py.SoftLink("loop")])
+def test_links_are_refused(path: str, link: object) -> None:
+    refused(changed(lambda file: move(file, path, link)), "link to another place")
+
+
+def test_soft_links_in_a_circle() -> None:
+    def change(file: h5py.File) -> None:
+        file["a"], file["b"] = h5py.SoftLink("/b"), h5py.SoftLink("/a")
+
+    refused(changed(change), "link to another place")
+
+
+def test_groups_in_a_circle() -> None:
+    def change(file: h5py.File) -> None:
+        file["measurements/again"] = file["/"]
+
+    refused(changed(change), "second name")
+
+
+def test_a_virtual_dataset(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.h5"
+    with h5py.File(secret, "w") as file:
+        file["x"] = np.arange(36.0)
+
+    def change(file: h5py.File) -> None:
+        layout = h5py.VirtualLayout(shape=(36,), dtype="f8")
+        layout[:] = h5py.VirtualSource(str(secret), "x", shape=(36,))
+        file.create_virtual_dataset("extra", layout)
+
+    refused(changed(change), "in another file")
+
+
+def test_external_storage(tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_bytes(bytes(8 * 36))
+
+    def change(file: h5py.File) -> None:
+        del file["measurements/joint_positions"]
+        file.create_dataset("measurements/joint_positions", (12, 3), "f8", external=[(str(secret), 0, 288)])
+
+    refused(changed(change), "in another file")
+
+
+# --- memory ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(10**15, 3), (2**40, 2**40), (1 << 24, 3)])
+def test_a_dataset_that_claims_far_more_than_the_file_holds(shape: tuple[int, ...]) -> None:
+    def change(file: h5py.File) -> None:
+        del file["measurements/joint_positions"]
+        file.create_dataset("measurements/joint_positions", shape, "f8", chunks=(64, 1))
+
+    refused(changed(change), "claims more data|overflow|too large|damaged")
+
+
+def test_a_compression_bomb() -> None:
+    def change(file: h5py.File) -> None:
+        del file["measurements/joint_positions"]
+        zeros = np.zeros((1 << 20, 3))
+        file.create_dataset("measurements/joint_positions", data=zeros, chunks=(1 << 17, 3), compression="gzip")
+
+    data = changed(change)
+    assert len(data) < 200_000
+    refused(data, "claims more data")
+
+
+def test_many_names_of_one_long_text() -> None:
+    def change(file: h5py.File) -> None:
+        file["measurements"].attrs.create("kind", ["x"] * 1000, dtype=h5py.string_dtype())
+
+    refused(changed(change), "1000 texts")
+
+
+def test_a_long_list_of_texts() -> None:
+    buffer = io.BytesIO(without_digest(to_bytes(calibrations()[0])))
+    with h5py.File(buffer, "r+") as file:
+        del file["model/unobservable"]
+        file.create_dataset("model/unobservable", data=["x" * 50_000] * 30, dtype=h5py.string_dtype())
+    refused(buffer.getvalue(), "characters")
+
+
+# --- types -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros((12, 3), complex),
+        np.zeros((12, 3), "f8,f8"),
+        np.full((12, 3), b"1.5"),
+        np.ones((12, 3), bool),
+        np.zeros((12, 3), "V8"),
+    ],
+    ids=["complex", "compound", "text", "boolean", "opaque"],
+)
+def test_what_is_no_number_never_becomes_one(values: np.ndarray) -> None:
+    refused(changed(lambda file: move(file, "measurements/joint_positions", values)), "expected numbers")
+
+
+def test_every_file_of_calibtool_passes() -> None:
+    for contents in (measurements(), *calibrations()):
+        data = to_bytes(contents)
+        with h5py.File(io.BytesIO(data), "r") as file:
+            check_contents(file, len(data))
