@@ -68,6 +68,8 @@ def _display(robot: Robot, posterior: Posterior) -> tuple[Array, list[str]]:
         if family.startswith("gravity"):
             factors[i] = 1e3 * largest_torque(robot)[int(family[7:]) - 1]
             units.append("mrad")
+        elif family.startswith("backlash"):
+            units.append("mm" if robot.prismatic[int(family[8:]) - 1] else "mrad")
         elif component:
             unit = "mrad" if component.startswith("r") else "mm"
             moves = family.startswith("ξ")
