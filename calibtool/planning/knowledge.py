@@ -58,7 +58,9 @@ class Knowledge:
         if posterior is None:
             raise InputError(f"a '{identified.model}' model has no posterior to start from; identify --model complete")
         harmonics = min(posterior.parameters.harmonics, HARMONICS)
-        parameters = replace(posterior.parameters, harmonics=harmonics, backlash=())  # a plan does not choose directions
+        parameters = replace(
+            posterior.parameters, harmonics=harmonics, backlash=()
+        )  # a plan does not choose directions
         kept = np.flatnonzero(np.isin(posterior.parameters.names, parameters.names))
         std = posterior.prior_std[kept]
         covariance = posterior.covariance[np.ix_(kept, kept)] / np.outer(std, std)

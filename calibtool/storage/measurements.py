@@ -30,7 +30,16 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
     put(group, "joint_positions", measurements.q, units, "commanded joint positions", "joint", "configuration", "joint")
     if measurements.direction is not None:
         long_name = "sign of each joint's last motion"
-        put(group, "directions", measurements.direction.astype(np.int8), "1", long_name, "joint", "configuration", "joint")
+        put(
+            group,
+            "directions",
+            measurements.direction.astype(np.int8),
+            "1",
+            long_name,
+            "joint",
+            "configuration",
+            "joint",
+        )
     labels = ("configuration", "target", "axis")
     put(group, "points", measurements.points, "m", "measured target points", "instrument", *labels)
     if measurements.rotations is not None:
