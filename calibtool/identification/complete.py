@@ -90,6 +90,11 @@ def identify_complete(measurements: Measurements, options: CompleteOptions | Non
         many = _most_probable_fit(measurements, options, MANY_HARMONICS, fit.state, fit)
         if _predicts_better(measurements, many, fit):
             fit = many
+    if options.backlash is None and fit.parameters.backlash:
+        smaller = replace(fit.parameters, backlash=())
+        without = _fit(measurements, smaller, options, _restricted(fit.state, fit.parameters, smaller), fit)
+        if not _predicts_better(measurements, fit, without):
+            fit = without
     flagged = find_flagged(measurements, fit.state, fit.row_sizes)
     if options.drop_flagged and len(flagged.rows):
         kept = np.setdiff1d(np.arange(len(measurements)), flagged.rows)
@@ -122,15 +127,17 @@ def _most_probable_fit(
     return _fit(measurements, chosen, options, _restricted(fit.state, fit.parameters, chosen), fit)
 
 
-def _predicts_better(measurements: Measurements, many: _Fit, few: _Fit) -> bool:
+def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) -> bool:
     """Whether held-out configurations are predicted better, by more than the standard error of the gain.
 
-    The evidence alone takes joints that repeat badly for fine structure: its noise has no such thing.
+    The evidence alone takes joints that repeat badly for fine structure, or for backlash where the order of the rows is not
+    that of the motion: its noise has no such thing.
     """
     rows = np.unique(np.linspace(0, len(measurements) - 1, min(len(measurements), _JUDGED)).astype(int))
     part = measurements.rows(rows)
     before, after = (
-        held_out_sizes(part, fit.parameters, fit.state, inverse(fit.precision), fit.noise_factor) for fit in (few, many)
+        held_out_sizes(part, fit.parameters, fit.state, inverse(fit.precision), fit.noise_factor)
+        for fit in (smaller, larger)
     )
     gain = before - after
     return bool(gain.mean() > gain.std(ddof=1) / np.sqrt(len(rows)))
