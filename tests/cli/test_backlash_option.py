@@ -1,4 +1,4 @@
-"""Backlash at the command line: identified where rows tell directions, taken up along compensated rows, refused otherwise."""
+"""Backlash at the command line: identified where rows tell directions, taken up along rows, refused otherwise."""
 
 from pathlib import Path
 
