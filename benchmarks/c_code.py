@@ -68,7 +68,7 @@ def with_harmonics(calibration: Calibration, orders: int) -> Calibration:
     """The calibration with every joint-motion function: `orders` random harmonics per joint, wind-up, and a network."""
     rng = np.random.default_rng(0)
     n = calibration.robot.n
-    motion = JointMotion(rng.normal(size=(n, 2 * orders)) * 1e-4, rng.random(n) * 1e-6)
+    motion = JointMotion(rng.normal(size=(n, 2 * orders)) * 1e-4, rng.random(n) * 1e-6, np.zeros(n))
     network = initial_network(calibration.q, np.full(calibration.equivalent.p, 1e-4), 6, rng)
     return replace(calibration, base=replace(calibration.base, model="complete", motion=motion), networks=(network,))
 

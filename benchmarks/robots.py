@@ -3,7 +3,7 @@
 Run: python benchmarks/robots.py [--seeds 5] [--configurations 60] [--robots ur5,panda].
 Geometric, gear, gravity, backlash and thermal errors of the default sizes, 0.05 mm noise, the complete model with a
 Bayesian network (the default of `train`), 300 fresh configurations. Mean position error of the part that the joints can
-correct. Backlash takes the direction of each joint's last motion, which no function of the position knows: the column
+correct. Backlash takes the direction of each joint's last motion, which rows in the order of motion tell: the column
 `backlash` is the mean position error that it makes alone in percent of the nominal robot's, `without backlash` the
 reduction on the same robot when it has none. Median (worst) of the seeds.
 """

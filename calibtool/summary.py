@@ -7,7 +7,7 @@ from calibtool.calibration.learning_curve import LearningCurve
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.training import TrainingReport
 from calibtool.identification.model import Identification, Posterior
-from calibtool.identification.report import parameter_rows, strongest_correlations
+from calibtool.identification.report import backlash_text, parameter_rows, strongest_correlations
 from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.robot.model import Robot
@@ -70,6 +70,7 @@ def measurements_summary(measurements: Measurements) -> dict[str, object]:
         "observation": f"{measurements.points.shape[1]} target points" if measurements.kind == "points" else "6-D pose",
         "noise_position_mm": measurements.noise_position * 1e3,
         "registration": _setup_summary(measurements.setup),
+        "directions": "unknown" if measurements.direction is None else "known",
         "simulated": measurements.truth is not None,
     }
     if measurements.kind == "pose":
@@ -211,6 +212,8 @@ def _complete_lines(calibration: Calibration) -> list[str]:
     gravity = ", ".join(str(j + 1) for j in parameters.gravity)
     functions = f"{parameters.harmonics} harmonics per joint" if parameters.harmonics else "no harmonics"
     functions += f", gravity on joints {gravity}" if gravity else ", no gravity"
+    if parameters.backlash:
+        functions += f", backlash {backlash_text(calibration.robot, base.motion.backlash)} half width"
     functions += "" if parameters.twists else ", no twist errors"
     estimated = posterior.noise_factor * calibration.noise_position * 1e3
     result = [
@@ -257,6 +260,7 @@ def _posterior_summary(calibration: Calibration, posterior: Posterior) -> dict[s
         "twist_errors": parameters.twists,
         "harmonics": parameters.harmonics,
         "gravity_joints": [j + 1 for j in parameters.gravity],
+        "backlash_joints": [j + 1 for j in parameters.backlash],
         "parameter_table": [
             {
                 "name": row.name,

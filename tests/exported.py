@@ -51,7 +51,9 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
         errors = [rng.normal(size=shape) * 1e-3 for shape in ((robot.n + 1, 6), (robot.n, 6), (robot.n,))]
         revolute = ~np.array(robot.prismatic)
         motion = JointMotion(
-            rng.normal(size=(robot.n, 64)) * 1e-4 * revolute[:, None], rng.random(robot.n) * 1e-6 * revolute
+            rng.normal(size=(robot.n, 64)) * 1e-4 * revolute[:, None],
+            rng.random(robot.n) * 1e-6 * revolute,
+            np.zeros(robot.n),
         )
         identified = replace(calibration.base, model="complete", geometry=GeometricErrors(*errors), motion=motion)
         calibration = replace(calibration, base=identified)

@@ -33,5 +33,6 @@ def cross_validate(measurements: Measurements, fit: Fit, folds: int, rng: np.ran
 
 def squared_errors(calibration: Calibration, measurements: Measurements) -> Array:
     """Weighted squared residuals of each configuration, in the calibration's own set-up: (N,)."""
-    left = residuals(measurements, fitting_setup(calibration, measurements), calibration.forward(measurements.q))
+    pose = calibration.forward(measurements.q, measurements.direction)
+    left = residuals(measurements, fitting_setup(calibration, measurements), pose)
     return ((left * weights(measurements)) ** 2).sum(axis=-1)

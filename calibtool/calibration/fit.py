@@ -92,7 +92,7 @@ def _networks(
     measurements: Measurements, base: Calibration, options: TrainingOptions, rng: np.random.Generator
 ) -> tuple[tuple, TrainingReport]:
     setup = fitting_setup(base, measurements)
-    pose, jacobian = base.base_forward_and_jacobian(measurements.q)
+    pose, jacobian = base.base_forward_and_jacobian(measurements.q, measurements.direction)
     weight = weights(measurements)
     G = observation_matrix(setup, pose) @ jacobian * weight[..., None]
     y = residuals(measurements, setup, pose) * weight

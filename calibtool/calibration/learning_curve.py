@@ -50,7 +50,8 @@ def learning_curve(measurements: Measurements, fit: Fit, folds: int, rng: np.ran
                 calibration = fit(measurements.rows(np.sort(rest[:size])), stream)
             except NoSolutionError:
                 continue
-            left = residuals(judged, fitting_setup(calibration, judged), calibration.forward(judged.q))
+            pose = calibration.forward(judged.q, judged.direction)
+            left = residuals(judged, fitting_setup(calibration, judged), pose)
             position = left[:, : 3 * judged.points.shape[1]]
             squares.setdefault(size, []).append(float((position**2).sum() / (3 * judged.seen.sum())))
     known = sorted(size for size, values in squares.items() if len(values) == folds)

@@ -76,31 +76,34 @@ class Calibration:
         """Pinocchio mechanism of the base model's geometry."""
         return mechanism(self.robot.chain, self.base.geometry)
 
-    def base_forward_and_jacobian(self, q: Array) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for joint positions q (N, n).
+    def base_forward_and_jacobian(self, q: Array, direction: Array | None = None) -> tuple[Array, Array]:
+        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for joint positions q (N, n); direction as `forward`.
 
         The slope of the joint-motion functions, about a thousandth, is left out of J_ρ.
         """
-        return self.equivalent.forward_and_jacobian(self.base_mechanism, self._driven(q))
+        return self.equivalent.forward_and_jacobian(self.base_mechanism, self._driven(q, direction))
 
-    def forward(self, q: Array) -> Array:
-        """Calibrated T_base_tool for joint positions q (N, n): (N, 4, 4) in K_0."""
+    def forward(self, q: Array, direction: Array | None = None) -> Array:
+        """Calibrated T_base_tool for joint positions q (N, n): (N, 4, 4) in K_0.
+
+        direction (N, n): sign of each joint's last motion; 0 or None is the middle of its backlash.
+        """
         if self.network is None:
-            return self.base_mechanism.forward(self._driven(q))
-        return self.forward_and_jacobian(q)[0]
+            return self.base_mechanism.forward(self._driven(q, direction))
+        return self.forward_and_jacobian(q, direction)[0]
 
-    def forward_and_jacobian(self, q: Array) -> tuple[Array, Array]:
-        """Calibrated T_base_tool (N, 4, 4) and the base model's J_ρ (N, 6, p).
+    def forward_and_jacobian(self, q: Array, direction: Array | None = None) -> tuple[Array, Array]:
+        """Calibrated T_base_tool (N, 4, 4) and the base model's J_ρ (N, 6, p); direction as `forward`.
 
         ∂N/∂q, about a thousandth of J_ρ, is left out: Newton's method converges by as much at every step all the same.
         """
-        pose, jacobian = self.base_forward_and_jacobian(q)
+        pose, jacobian = self.base_forward_and_jacobian(q, direction)
         if self.network is not None:
             pose = exp6((jacobian @ self.network(q)[..., None])[..., 0]) @ pose
         return pose, jacobian
 
-    def _driven(self, q: Array) -> Array:
-        return q if self.base.motion.is_none else q + self.base.motion.errors(self.robot, q)
+    def _driven(self, q: Array, direction: Array | None) -> Array:
+        return q if self.base.motion.is_none else q + self.base.motion.errors(self.robot, q, direction)
 
 
 def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup:

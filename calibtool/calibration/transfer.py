@@ -42,7 +42,7 @@ def refit(calibration: Calibration, measurements: Measurements, parts: tuple[str
         frame_known=measurements.setup.frame_known and "base" not in parts,
         targets_known=measurements.setup.targets_known and "tool" not in parts,
     )
-    pose = calibration.forward(measurements.q)
+    pose = calibration.forward(measurements.q, measurements.direction)
     setup = register(replace(measurements, setup=free), pose)
     nominal_pose = measurements.robot.mechanism.forward(measurements.q)
     transfer = Transfer(

@@ -17,6 +17,10 @@ Harmonics = Annotated[
 Gravity = Annotated[
     bool | None, typer.Option("--gravity/--no-gravity", help="Wind-up under gravity (default: decided by evidence).")
 ]
+Backlash = Annotated[
+    bool | None,
+    typer.Option("--backlash/--no-backlash", help="Backlash, from the order of the rows (default: by evidence)."),
+]
 FixedTolerances = Annotated[
     bool,
     typer.Option("--fixed-tolerances", help="Take the tolerances as they are; by default their scales are estimated."),
@@ -40,6 +44,7 @@ def base_options(
     robot: "Robot",
     harmonics: int | None,
     gravity: bool | None,
+    backlash: bool | None,
     fixed_tolerances: bool,
     tolerance_mm: float | None,
     tolerance_mrad: float | None,
@@ -58,11 +63,11 @@ def base_options(
     from calibtool.identification.robust import LossFunction as LossFunctionName
 
     choice(loss_function, LOSS_FUNCTIONS, "--loss-function")
-    given = (harmonics, gravity, tolerance_mm, tolerance_mrad)
+    given = (harmonics, gravity, backlash, tolerance_mm, tolerance_mrad)
     if model != "complete":
         if any(value is not None for value in given) or fixed_tolerances or loss_function != "squared" or drop_flagged:
             raise UsageError(
-                f"'{model}' takes no options of the complete model (harmonics, gravity, tolerances, bad rows)"
+                f"'{model}' takes no options of the complete model (harmonics, gravity, backlash, tolerances, bad rows)"
             )
         return BaseOptions(model)
     tolerances = Tolerances.of(robot)
@@ -76,6 +81,7 @@ def base_options(
             tolerances=tolerances,
             harmonics=harmonics,
             gravity=gravity,
+            backlash=backlash,
             estimate_priors=not fixed_tolerances,
             loss_function=cast(LossFunctionName, loss_function),
             drop_flagged=drop_flagged,

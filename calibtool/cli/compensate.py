@@ -53,6 +53,9 @@ def compensate(
         bool,
         typer.Option("--verify", help="Drive the calibrated model to every corrected row; add left_mm, left_mrad."),
     ] = False,
+    backlash: Annotated[
+        bool, typer.Option("--backlash/--no-backlash", help="Take up backlash; --no-backlash: the rows are no path.")
+    ] = True,
     kind: Format = "auto",
     on_error: OnError = "stop",
     frames: FramesFile = None,
@@ -67,6 +70,7 @@ def compensate(
     Rows come back with the corrected joints, the input's other columns and a status: ok, outside (of the training's
     configurations), near-singular, out-of-limits or unreachable (empty joints, exit code 4; the other rows are written all
     the same). Poses without joints are a path: each row starts from the one before, jumps of the joints are reported.
+    A calibration with backlash takes it up by the direction of each joint's motion: rows must be in the order of motion.
 
     Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how many, by how
     much at most, and what was left alone and why. A target without an answer stops it, and nothing is written.
@@ -99,7 +103,7 @@ def compensate(
                     f"--uncertainty, --verify and --line-buffered are for rows, but {shown(targets)} is {found}"
                 )
             check_not_input(output, targets, calibration)
-            how = program_options(solver, policy, on_error, values, frames)
+            how = program_options(solver, policy, on_error, values, frames, backlash)
             compensate_file(loaded, stream.read(), targets, found, output, force, how)
             return
         if on_error != "stop" or frames is not None:
@@ -110,6 +114,7 @@ def compensate(
             uncertainty=uncertainty,
             verify=verify,
             joint_values=values or "serial",
+            backlash=backlash,
             batch=1 if line_buffered else BATCH,
         )
         lines = text_lines(stream, shown(targets))
@@ -138,6 +143,8 @@ def compensate_rows(
         message(line)
     if report.others:
         message(f"… and {report.others} more rows; see the column status")
+    if options.backlash and calibration.base.motion.backlash.any():
+        message("backlash is taken up along the rows, in their order; --no-backlash where they are no path")
     if options.verify:
         message(
             f"{report.rows} rows verified: the calibrated model stays within {report.left * 1e3:.3g} mm and "

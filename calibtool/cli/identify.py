@@ -6,6 +6,7 @@ import typer
 
 from calibtool.cli.base import (
     AngleTolerance,
+    Backlash,
     DropFlagged,
     FixedTolerances,
     Gravity,
@@ -35,6 +36,7 @@ def identify(
     model: Annotated[str, typer.Option(metavar="local-poe|complete", help="The base model.")] = "complete",
     harmonics: Harmonics = None,
     gravity: Gravity = None,
+    backlash: Backlash = None,
     fixed_tolerances: FixedTolerances = False,
     tolerance_mm: LengthTolerance = None,
     tolerance_mrad: AngleTolerance = None,
@@ -97,6 +99,7 @@ def identify(
             data.robot,
             harmonics,
             gravity,
+            backlash,
             fixed_tolerances,
             tolerance_mm,
             tolerance_mrad,

@@ -56,7 +56,12 @@ def recognised(path: str, head: bytes) -> str:
 
 
 def program_options(
-    method: "Method", outside: "OutsidePolicy", on_error: str, joint_values: "JointValues | None", frames: str | None
+    method: "Method",
+    outside: "OutsidePolicy",
+    on_error: str,
+    joint_values: "JointValues | None",
+    frames: str | None,
+    backlash: bool,
 ) -> "ProgramOptions":
     """The options of a program. InputError for a bad frames file."""
     from calibtool.programs.compensate import ProgramOptions
@@ -68,6 +73,7 @@ def program_options(
         on_error=on_error,
         joint_values=joint_values,
         frames=Frames() if frames is None else read_frames(read_text(frames), shown(frames)),
+        backlash=backlash,
     )
 
 

@@ -7,6 +7,7 @@ import typer
 
 from calibtool.cli.base import (
     AngleTolerance,
+    Backlash,
     DropFlagged,
     FixedTolerances,
     Gravity,
@@ -51,6 +52,7 @@ def train(
     ] = False,
     harmonics: Harmonics = None,
     gravity: Gravity = None,
+    backlash: Backlash = None,
     fixed_tolerances: FixedTolerances = False,
     tolerance_mm: LengthTolerance = None,
     tolerance_mrad: AngleTolerance = None,
@@ -102,6 +104,7 @@ def train(
             data.robot,
             harmonics,
             gravity,
+            backlash,
             fixed_tolerances,
             tolerance_mm,
             tolerance_mrad,

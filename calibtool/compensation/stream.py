@@ -4,13 +4,14 @@ import csv
 import io
 import json
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
+from calibtool.compensation.backlash import BacklashPath
 from calibtool.compensation.program import OutsidePolicy, guarded, no_targets
 from calibtool.compensation.solve import OK, OUTSIDE, UNREACHABLE, Compensation, Method
 from calibtool.errors import InputError
@@ -29,6 +30,7 @@ _ADDED = ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad")
 class StreamOptions:
     """How rows are corrected: see `compensate_joints` and `guarded`; `uncertainty` and `verify` add columns.
 
+    backlash: take up the calibration's backlash; needs rows in the order of motion, see `BacklashPath`.
     joint_values: `controller` when joints come in and go out as the controller shows them (`Robot.to_serial`).
     """
 
@@ -37,6 +39,7 @@ class StreamOptions:
     uncertainty: bool = False
     verify: bool = False
     joint_values: JointValues = "serial"
+    backlash: bool = True
     batch: int = BATCH
 
 
@@ -89,7 +92,8 @@ def compensate_stream(
     prismatic). Where a row has both, the pose is commanded and the joints choose the branch. Other columns pass through;
     a column `status` is added, for n < 6 and with `verify` what is left of the commanded pose (`left_mm`, `left_mrad`), and
     with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses in order are a path: each
-    starts from the row before, and jumps of the joints are reported. Raises InputError for the first bad row.
+    starts from the row before, and jumps of the joints are reported. Backlash is taken up along the rows, which must be in
+    the order of motion then (`StreamOptions.backlash`). Raises InputError for the first bad row.
     """
     corrector = _Corrector(calibration, options, report)
     if row_format == "ndjson":
@@ -112,11 +116,13 @@ def compensate_text(
 
 
 class _Corrector:
-    """Corrects tables in order; remembers the last joints, from which the next pose starts."""
+    """Corrects tables in order; remembers the last joints, from which the next pose starts, and where backlash stands."""
 
     def __init__(self, calibration: Calibration, options: StreamOptions, report: StreamReport) -> None:
         self.calibration, self.options, self.report = calibration, options, report
         self.seed: Array | None = None
+        backlash = calibration.base.motion.backlash
+        self.path = BacklashPath(backlash) if options.backlash and backlash.any() else None
 
     def corrected(self, table: Table) -> _Corrected:
         robot, options = self.calibration.robot, self.options
@@ -134,6 +140,10 @@ class _Corrector:
         if joints is None:
             self._note_jumps(table, result.q)
         self._note(table, result)
+        added = self._added(result)
+        if self.path is not None:
+            driven = np.where(np.isnan(result.q), np.nan, result.commanded)
+            result = replace(result, q=result.q + self.path.taken_up(driven))
         names = robot.joint_columns if joints is None else sorted(joints[1], key=table.header.index)
         order = list(range(robot.n)) if joints is None else [joints[1].index(column) for column in names]
         replaced = set(names) | (set() if poses is None else set(poses[1]))
@@ -143,7 +153,7 @@ class _Corrector:
             kept=[i for i, column in enumerate(table.header) if column not in replaced],
             joint_names=names,
             values=robot.serial_as(options.joint_values, result.q)[:, order] / factors,
-            added=self._added(result),
+            added=added,
         )
 
     def _added(self, result: Compensation) -> dict[str, list[str]]:

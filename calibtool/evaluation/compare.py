@@ -162,7 +162,8 @@ def _compensated(
         driven, setup = q, measurements.setup
     else:
         result = guarded(calibration, q, None, method, outside)
-        driven, setup = result.q, fitting_setup(calibration, measurements)
+        setup = fitting_setup(calibration, measurements)
+        driven = result.q + calibration.base.motion.backlash * truth.actual.directions(q)
         marked = int(np.isin(result.status, (NEAR_SINGULAR, OUT_OF_LIMITS)).sum())
     commanded = robot.mechanism.forward(q)
     if measurements.setup.known:
@@ -210,11 +211,12 @@ def _predicted(
     refit: bool,
     outside: OutsidePolicy,
 ) -> MethodErrors:
-    robot, q = measurements.robot, measurements.q
-    pose = robot.mechanism.forward(q) if calibration is None else calibration.forward(q)
+    robot, q, direction = measurements.robot, measurements.q, measurements.direction
+    pose = robot.mechanism.forward(q) if calibration is None else calibration.forward(q, direction)
     if calibration is not None and calibration.networks and outside == "base":
         unlike = coverage(calibration, q).outside
-        pose[unlike] = replace(calibration, networks=()).forward(q[unlike])
+        alone = replace(calibration, networks=())
+        pose[unlike] = alone.forward(q[unlike], None if direction is None else direction[unlike])
     if measurements.setup.known:
         setup = measurements.setup
     elif refit:

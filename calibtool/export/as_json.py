@@ -34,6 +34,8 @@ FORMULA = {
     "xi = nominal_twists_per_rad_or_m + twist_errors_per_rad_or_m, and q + offset_errors_rad_or_m + m(q) for q (Eq. 8)",
     "joint_motion": "m_j(q) = sum over h = 1, 2, ... of harmonics_rad[j][2h - 2] sin(h q_j) + harmonics_rad[j][2h - 1] "
     "cos(h q_j), minus compliance_rad_per_nm[j] tau_j(q)",
+    "backlash": "q_m of `correction` is for the middle of the backlash; for rows in the order of motion add "
+    "backlash_rad_or_m[j] d_j to its joint j, d_j = -1, 0, +1 the direction of the joint's last motion, 0 if unknown",
     "torque": "tau_j(q) = - sum over links i = j..n of link_masses_kg[i] g . (v_j + w_j x c_i), g = gravity_m_per_s2, "
     "(v_j, w_j) = Ad(F_j) xi_j and c_i = F_i centres_of_mass_m[i] of the nominal robot at q",
     "jacobian": "J, 6 x p: column j = 1..n is Ad(F_j) xi_j, xi_j and F_j those of the base, F_j the product up to and "
@@ -108,6 +110,7 @@ def _base_model(robot: Robot, base: Identification) -> dict[str, Any]:
         "offset_errors_rad_or_m": geometry.offsets.tolist(),
         "harmonics_rad": base.motion.harmonics.tolist(),
         "compliance_rad_per_nm": base.motion.compliance.tolist(),
+        "backlash_rad_or_m": base.motion.backlash.tolist(),
         "link_masses_kg": masses.tolist(),
         "centres_of_mass_m": centres.tolist(),
         "gravity_m_per_s2": gravity.tolist(),

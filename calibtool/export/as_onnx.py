@@ -4,7 +4,7 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError, UsageError
-from calibtool.export.rendering import Precision, network_size
+from calibtool.export.rendering import Precision, left_out, network_size
 
 OPSET, IR_VERSION = 17, 8  # of 2022: what runtimes of controllers and edge devices read
 
@@ -72,6 +72,7 @@ def calibration_as_onnx(calibration: Calibration, precision: Precision = "double
             "base_model": calibration.base.model,
             "joint_units": " ".join(robot.joint_units),
             "virtual_joints": " ".join(calibration.equivalent.virtual_joints),
+            **({"left_out": left_out(calibration)} if left_out(calibration) else {}),
         },
     )
     onnx.checker.check_model(model, full_check=True)

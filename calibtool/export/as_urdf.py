@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError
-from calibtool.export.rendering import render
+from calibtool.export.rendering import left_out, render
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array, exp6, inverse, log3, translation
@@ -182,7 +182,8 @@ def _missing(calibration: Calibration, urdf: Robot) -> list[str]:
         before = stage
     whole = calibration.forward(q)
     lines += _size("network", before, whole)
-    return lines + (_size("all together", held, whole) if len(lines) > 1 else [])
+    lines += _size("all together", held, whole) if len(lines) > 1 else []
+    return lines + ([left_out(calibration)] if left_out(calibration) else [])
 
 
 def _size(name: str, before: Array, after: Array) -> list[str]:

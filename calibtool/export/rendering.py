@@ -10,6 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calibtool.calibration import Calibration
 from calibtool.equivalent.network import Network
+from calibtool.identification.report import backlash_text
 from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion, link_masses
@@ -65,6 +66,7 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "single_distance": f"{SINGLE_DISTANCE:g}",
         "network": network,
         "network_size": network_size(network),
+        "left_out": left_out(calibration),
         "joints": _joints(robot),
         "coupling": robot.coupling if robot.coupled else None,
         "uncoupling": np.linalg.inv(robot.coupling),
@@ -94,6 +96,14 @@ def network_size(network: Network | None) -> str:
     return (
         f"{len(network.input_scale)} inputs, {network.hidden} hidden nodes (tanh), {len(network.output_scale)} outputs"
     )
+
+
+def left_out(calibration: Calibration) -> str:
+    """What a function of the joint positions cannot hold, in words; empty where that is nothing."""
+    backlash = calibration.base.motion.backlash
+    if not backlash.any():
+        return ""
+    return f"backlash ({backlash_text(calibration.robot, backlash)}): it needs the direction of motion"
 
 
 def _cost(calibration: Calibration) -> str:

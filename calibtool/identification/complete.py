@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibtool.errors import NoSolutionError
+from calibtool.errors import InputError, NoSolutionError
 from calibtool.identification.equations import held_out_sizes, normal_equations, row_sizes
 from calibtool.identification.evidence import inverse, most_probable, posterior_step
 from calibtool.identification.model import Flagged, Identification, Posterior, split_rms
@@ -34,6 +34,7 @@ class CompleteOptions:
     tolerances       prior standard deviations, those of the robot's description unless given
     harmonics        orders per joint; None: chosen by evidence from FEW_HARMONICS, or MANY_HARMONICS if those are too few
     gravity          wind-up under gravity; None: chosen by evidence
+    backlash         half width of every joint; None: chosen by evidence where the directions of motion are known
     twists           errors δξ of the joint twists; None: chosen by evidence
     estimate_priors  re-estimate the scale of every family of tolerances from the evidence; joint motions only downwards,
                      because many harmonics can cancel where a joint was measured and grow large where it was not
@@ -44,6 +45,7 @@ class CompleteOptions:
     tolerances: Tolerances | None = None
     harmonics: int | None = None
     gravity: bool | None = None
+    backlash: bool | None = None
     twists: bool | None = None
     estimate_priors: bool = True
     loss_function: LossFunction = "squared"
@@ -72,9 +74,15 @@ def identify_complete(measurements: Measurements, options: CompleteOptions | Non
     """Identify every error that a tolerance is given for, from any number of configurations.
 
     Joint-motion functions are chosen by the Savage–Dickey density ratio: one fit with all of them tells how likely each
-    smaller model is. Raises NoSolutionError when the iteration does not settle.
+    smaller model is. Raises NoSolutionError when the iteration does not settle, InputError when backlash is asked for and
+    the measurements do not know the directions of motion.
     """
     options = CompleteOptions() if options is None else options
+    if options.backlash and measurements.direction is None:
+        raise InputError(
+            "complete: the measurements do not say from which side the joints came, so backlash cannot be identified; "
+            "import or simulate them again, or leave out --backlash"
+        )
     robot, setup = measurements.robot, measurements.setup
     fit = _most_probable_fit(measurements, options, FEW_HARMONICS, ErrorState.nominal(robot, setup), None)
     unexplained = fit.parameters.harmonics == FEW_HARMONICS[-1] or fit.noise_factor > _UNEXPLAINED
@@ -82,6 +90,11 @@ def identify_complete(measurements: Measurements, options: CompleteOptions | Non
         many = _most_probable_fit(measurements, options, MANY_HARMONICS, fit.state, fit)
         if _predicts_better(measurements, many, fit):
             fit = many
+    if options.backlash is None and fit.parameters.backlash:
+        smaller = replace(fit.parameters, backlash=())
+        without = _fit(measurements, smaller, options, _restricted(fit.state, fit.parameters, smaller), fit)
+        if not _predicts_better(measurements, fit, without):
+            fit = without
     flagged = find_flagged(measurements, fit.state, fit.row_sizes)
     if options.drop_flagged and len(flagged.rows):
         kept = np.setdiff1d(np.arange(len(measurements)), flagged.rows)
@@ -98,11 +111,13 @@ def _most_probable_fit(
     start: "_Fit | None",
 ) -> _Fit:
     """The fit of everything that the options leave open, reduced to its most probable part."""
+    free = options.backlash is None and measurements.direction is not None
     candidates = [
-        Parameters.of(measurements.robot, measurements.setup, twists, harmonics, gravity)
+        Parameters.of(measurements.robot, measurements.setup, twists, harmonics, gravity, backlash)
         for twists in ([False, True] if options.twists is None else [options.twists])
         for harmonics in (orders if options.harmonics is None else [options.harmonics])
         for gravity in ([False, True] if options.gravity is None else [options.gravity])
+        for backlash in ([False, True] if free else [bool(options.backlash)])
     ]
     fit = _fit(measurements, candidates[-1], options, state, start)
     theta = fit.state.vector(fit.parameters)
@@ -112,15 +127,17 @@ def _most_probable_fit(
     return _fit(measurements, chosen, options, _restricted(fit.state, fit.parameters, chosen), fit)
 
 
-def _predicts_better(measurements: Measurements, many: _Fit, few: _Fit) -> bool:
+def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) -> bool:
     """Whether held-out configurations are predicted better, by more than the standard error of the gain.
 
-    The evidence alone takes joints that repeat badly for fine structure: its noise has no such thing.
+    The evidence alone takes joints that repeat badly for fine structure, or for backlash where the order of the rows is not
+    that of the motion: its noise has no such thing.
     """
     rows = np.unique(np.linspace(0, len(measurements) - 1, min(len(measurements), _JUDGED)).astype(int))
     part = measurements.rows(rows)
     before, after = (
-        held_out_sizes(part, fit.parameters, fit.state, inverse(fit.precision), fit.noise_factor) for fit in (few, many)
+        held_out_sizes(part, fit.parameters, fit.state, inverse(fit.precision), fit.noise_factor)
+        for fit in (smaller, larger)
     )
     gain = before - after
     return bool(gain.mean() > gain.std(ddof=1) / np.sqrt(len(rows)))
@@ -179,7 +196,10 @@ def _restricted(state: ErrorState, old: Parameters, new: Parameters) -> ErrorSta
     compliance = motion.compliance.copy()
     compliance[[j for j in old.gravity if j not in new.gravity]] = 0.0
     motion = replace(
-        motion, harmonics=readonly(motion.harmonics[:, : 2 * new.harmonics]), compliance=readonly(compliance)
+        motion,
+        harmonics=readonly(motion.harmonics[:, : 2 * new.harmonics]),
+        compliance=readonly(compliance),
+        backlash=motion.backlash if new.backlash else readonly(np.zeros(new.n)),
     )
     return replace(state, geometry=geometry, motion=motion)
 
@@ -193,7 +213,8 @@ def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> 
     count = measurements.equations
     squares = float(fit.row_sizes.sum()) / fit.noise_factor**2 + float(((theta / fit.prior_std) ** 2).sum())
     log_evidence = -0.5 * (squares + float(np.log1p(eigenvalues).sum())) - count * np.log(fit.noise_factor)
-    left = residuals(measurements, fit.state.setup, fit.state.frames(robot, measurements.q).tool)
+    tool = fit.state.frames(robot, measurements.q, measurements.direction).tool
+    left = residuals(measurements, fit.state.setup, tool)
     at_prior = np.sqrt(np.diag(covariance)) > 0.99 * fit.prior_std
     names = np.array(parameters.names)
     return Identification(

@@ -30,7 +30,7 @@ class NormalEquations:
 
 def row_sizes(measurements: Measurements, state: ErrorState) -> Array:
     """Squared residuals of every configuration over the stated noise, (N,)."""
-    frames = state.frames(measurements.robot, measurements.q)
+    frames = state.frames(measurements.robot, measurements.q, measurements.direction)
     left = residuals(measurements, state.setup, frames.tool) * weights(measurements)
     return (left**2).sum(axis=-1)
 
@@ -54,8 +54,9 @@ def normal_equations(
         rows = np.arange(start, min(start + _CHUNK, len(measurements)))
         part = measurements.rows(rows)
         weight = weights(part)
-        frames = state.frames(robot, part.q)
-        columns = observation_matrix(setup, frames.tool) @ parameters.constant_columns(robot, state, frames, part.q)
+        frames = state.frames(robot, part.q, part.direction)
+        constant = parameters.constant_columns(robot, state, frames, part.q, part.direction)
+        columns = observation_matrix(setup, frames.tool) @ constant
         if parameters.targets:
             columns = np.concatenate([columns, target_columns(setup, frames.tool)], axis=-1)
         scale = np.sqrt(row_weight[rows])[:, None]
@@ -83,9 +84,9 @@ def held_out_sizes(
     for start in range(0, len(measurements), _CHUNK):
         part = measurements.rows(np.arange(start, min(start + _CHUNK, len(measurements))))
         weight = weights(part)
-        frames = state.frames(part.robot, part.q)
+        frames = state.frames(part.robot, part.q, part.direction)
         columns = observation_matrix(state.setup, frames.tool) @ parameters.pose_columns(
-            part.robot, state, frames, part.q
+            part.robot, state, frames, part.q, part.direction
         )
         if parameters.targets:
             columns = np.concatenate([columns, target_columns(state.setup, frames.tool)], axis=-1)

@@ -25,6 +25,7 @@ class Tolerances:
     length, angle  elements of δζ, δξ, δq: m and rad
     harmonic       each coefficient of a joint's harmonics, rad
     gravity        wind-up of a load-carrying joint at its largest static torque, rad
+    backlash       half width, rad (m if prismatic: the same figure)
     joints         (joint from 0, length, angle)
     """
 
@@ -32,6 +33,7 @@ class Tolerances:
     angle: float = 1e-3
     harmonic: float = 0.3e-3
     gravity: float = 1e-3
+    backlash: float = 0.2e-3
     joints: tuple[tuple[int, float, float], ...] = ()
 
     @classmethod
@@ -43,6 +45,7 @@ class Tolerances:
             angle=table.angle_mrad * 1e-3,
             harmonic=table.harmonic_mrad * 1e-3,
             gravity=table.gravity_mrad * 1e-3,
+            backlash=table.backlash_mrad * 1e-3,
             joints=tuple((int(j[1:]) - 1, t.length_mm * 1e-3, t.angle_mrad * 1e-3) for j, t in table.joints.items()),
         )
 
@@ -53,7 +56,7 @@ _FREE = 1.0
 
 @dataclass(frozen=True)
 class Parameters:
-    """θ = (δζ, δξ, δq, harmonics, gravity, base, targets).
+    """θ = (δζ, δξ, δq, harmonics, gravity, backlash, base, targets).
 
     n          joints
     twists     δξ is among them
@@ -62,6 +65,7 @@ class Parameters:
     gravity    joints with a wind-up under gravity
     frame_free an unknown instrument frame: a twist of K_0
     targets    free target coordinates (and sensor orientation), 0 where they are known
+    backlash   joints with a half width
     """
 
     n: int
@@ -71,9 +75,12 @@ class Parameters:
     gravity: tuple[int, ...]
     frame_free: bool
     targets: int
+    backlash: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, robot: Robot, setup: Setup, twists: bool, harmonics: int, gravity: bool) -> Self:
+    def of(
+        cls, robot: Robot, setup: Setup, twists: bool, harmonics: int, gravity: bool, backlash: bool = False
+    ) -> Self:
         """The parameters of a robot in a set-up."""
         free = 0 if setup.targets_known else 3 * len(setup.targets) + 3 * (setup.R_tool_sensor is not None)
         return cls(
@@ -84,6 +91,7 @@ class Parameters:
             gravity=tuple(int(j) for j in np.flatnonzero(load_carrying(robot))) if gravity else (),
             frame_free=not setup.frame_known,
             targets=free,
+            backlash=tuple(range(robot.n)) if backlash else (),
         )
 
     @cached_property
@@ -95,6 +103,7 @@ class Parameters:
             "offsets": self.n,
             "harmonics": 2 * self.harmonics * len(self.revolute),
             "gravity": len(self.gravity),
+            "backlash": len(self.backlash),
             "base": 6 * self.frame_free,
             "targets": self.targets,
         }
@@ -103,13 +112,14 @@ class Parameters:
 
     @cached_property
     def families(self) -> list[np.ndarray]:
-        """Indices that share a tolerance: lengths and angles of δζ, of δξ, offsets, harmonics, gravity."""
+        """Indices that share a tolerance: lengths and angles of δζ, of δξ, offsets, harmonics, gravity, backlash."""
         result = []
         for name in ("placements", "twists"):
             index = np.arange(self.blocks[name].start, self.blocks[name].stop).reshape(-1, 6)
             result += [index[:, :3].ravel(), index[:, 3:].ravel()]
         result += [
-            np.arange(self.blocks[name].start, self.blocks[name].stop) for name in ("offsets", "harmonics", "gravity")
+            np.arange(self.blocks[name].start, self.blocks[name].stop)
+            for name in ("offsets", "harmonics", "gravity", "backlash")
         ]
         return [family for family in result if len(family)]
 
@@ -119,7 +129,7 @@ class Parameters:
 
     @cached_property
     def names(self) -> list[str]:
-        """One name per parameter: ζ3.x, ξ2.rz, q1, sin2q4, gravity2, base.x, target1.z."""
+        """One name per parameter: ζ3.x, ξ2.rz, q1, sin2q4, gravity2, backlash1, base.x, target1.z."""
         names = [f"ζ{j + 1}.{c}" for j in range(self.n + 1) for c in COMPONENTS]
         names += [f"ξ{j + 1}.{c}" for j in range(self.n) for c in COMPONENTS] if self.twists else []
         names += [f"q{j + 1}" for j in range(self.n)]
@@ -128,6 +138,7 @@ class Parameters:
                 order = "" if h == 1 else str(h)
                 names += [f"sin{order}q{j + 1}", f"cos{order}q{j + 1}"]
         names += [f"gravity{j + 1}" for j in self.gravity]
+        names += [f"backlash{j + 1}" for j in self.backlash]
         names += [f"base.{c}" for c in COMPONENTS] if self.frame_free else []
         points = self.targets // 3
         names += [f"target{i + 1}.{c}" for i in range(points) for c in COMPONENTS[:3]]
@@ -147,13 +158,16 @@ class Parameters:
             offsets,
             np.full(2 * self.harmonics * len(self.revolute), tolerances.harmonic),
             gravity,
+            np.full(len(self.backlash), tolerances.backlash),
             np.full(6 * self.frame_free + self.targets, _FREE),
         ]
         return np.concatenate(parts)
 
-    def constant_columns(self, robot: Robot, state: "ErrorState", frames: Frames, q: Array) -> Array:
-        """∂δy/∂θ without harmonics and targets at the frames of the state; q (N, n) commanded. (N, 6, ·)"""
-        moved = q + state.motion.errors(robot, q) + state.geometry.offsets
+    def constant_columns(
+        self, robot: Robot, state: "ErrorState", frames: Frames, q: Array, direction: Array | None = None
+    ) -> Array:
+        """∂δy/∂θ without harmonics and targets at the frames of the state; q, direction (N, n) commanded. (N, 6, ·)"""
+        moved = q + state.motion.errors(robot, q, direction) + state.geometry.offsets
         twists = robot.chain.twists + state.geometry.twists
         offsets = offset_columns(frames, twists)
         blocks = [placement_columns(frames)]
@@ -163,13 +177,19 @@ class Parameters:
         if self.gravity:
             loaded = list(self.gravity)
             blocks.append(-offsets[:, :, loaded] * gravity_torque(robot, q)[:, None, loaded])
+        if self.backlash:
+            signs = np.zeros_like(q) if direction is None else direction
+            joints = list(self.backlash)
+            blocks.append(-offsets[:, :, joints] * signs[:, None, joints])
         if self.frame_free:
             blocks.append(np.broadcast_to(np.eye(6), (len(q), 6, 6)))
         return np.concatenate(blocks, axis=-1)
 
-    def pose_columns(self, robot: Robot, state: "ErrorState", frames: Frames, q: Array) -> Array:
-        """∂δy/∂θ without the targets (N, 6, p − targets), at the frames of the state; q (N, n) commanded."""
-        constant = self.constant_columns(robot, state, frames, q)
+    def pose_columns(
+        self, robot: Robot, state: "ErrorState", frames: Frames, q: Array, direction: Array | None = None
+    ) -> Array:
+        """∂δy/∂θ without the targets (N, 6, p − targets), at the frames of the state; q, direction (N, n) commanded."""
+        constant = self.constant_columns(robot, state, frames, q, direction)
         if not self.harmonics:
             return constant
         revolute = list(self.revolute)
@@ -192,9 +212,9 @@ class ErrorState:
         """No errors in a set-up."""
         return cls(GeometricErrors.none(robot.n), JointMotion.none(robot.n), setup)
 
-    def frames(self, robot: Robot, q: Array) -> Frames:
-        """Frames of the robot with these errors for commanded q (N, n)."""
-        return self.geometry.frames(robot.chain, q + self.motion.errors(robot, q))
+    def frames(self, robot: Robot, q: Array, direction: Array | None = None) -> Frames:
+        """Frames of the robot with these errors for commanded q (N, n), each joint last moved in `direction` (N, n)."""
+        return self.geometry.frames(robot.chain, q + self.motion.errors(robot, q, direction))
 
     def vector(self, parameters: Parameters) -> Array:
         """θ as the prior sees it (p,); zero for base and targets, whose prior moves along."""
@@ -207,6 +227,7 @@ class ErrorState:
                 self.geometry.offsets,
                 harmonics[list(parameters.revolute)].ravel(),
                 self.motion.compliance[list(parameters.gravity)],
+                self.motion.backlash[list(parameters.backlash)],
                 np.zeros(6 * parameters.frame_free + parameters.targets),
             ]
         )
@@ -226,10 +247,12 @@ class ErrorState:
             harmonics[list(parameters.revolute)] += part["harmonics"].reshape(-1, 2 * parameters.harmonics)
         compliance = self.motion.compliance.copy()
         compliance[list(parameters.gravity)] += part["gravity"]
+        backlash = self.motion.backlash.copy()
+        backlash[list(parameters.backlash)] += part["backlash"]
         setup = update_setup(
             self.setup,
             part["base"] if parameters.frame_free else None,
             part["targets"] if parameters.targets else None,
         )
-        motion = JointMotion(readonly(harmonics), readonly(compliance))
+        motion = JointMotion(readonly(harmonics), readonly(compliance), readonly(backlash))
         return replace(self, geometry=geometry, motion=motion, setup=setup)

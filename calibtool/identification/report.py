@@ -50,6 +50,14 @@ def parameter_rows(robot: Robot, identification: Identification) -> list[Paramet
     ]
 
 
+def backlash_text(robot: Robot, backlash: Array) -> str:
+    """Half widths (n,) of all joints for people: `0.104, 0.098 mrad`, with mm for prismatic ones."""
+    units = ["mm" if prismatic else "mrad" for prismatic in robot.prismatic]
+    if len(set(units)) == 1:
+        return ", ".join(f"{value * 1e3:.3f}" for value in backlash) + f" {units[0]}"
+    return ", ".join(f"{value * 1e3:.3f} {unit}" for value, unit in zip(backlash, units, strict=True))
+
+
 def strongest_correlations(posterior: Posterior, count: int = 5) -> list[tuple[str, str, float]]:
     """Pairs of parameters that the data can hardly tell apart, largest correlation first."""
     correlation = posterior.covariance / np.outer(posterior.std, posterior.std)
@@ -68,6 +76,8 @@ def _display(robot: Robot, posterior: Posterior) -> tuple[Array, list[str]]:
         if family.startswith("gravity"):
             factors[i] = 1e3 * largest_torque(robot)[int(family[7:]) - 1]
             units.append("mrad")
+        elif family.startswith("backlash"):
+            units.append("mm" if robot.prismatic[int(family[8:]) - 1] else "mrad")
         elif component:
             unit = "mrad" if component.startswith("r") else "mm"
             moves = family.startswith("ξ")

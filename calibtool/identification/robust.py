@@ -35,7 +35,9 @@ def find_flagged(measurements: Measurements, state: ErrorState, sizes: Array) ->
     scale = _robust_scale(sizes, d)
     limit = chi2.isf(_FALSE_ALARM / len(sizes), d)
     rows = np.flatnonzero(sizes / scale**2 > limit)
-    left = residuals(measurements, state.setup, state.frames(measurements.robot, measurements.q).tool)
+    left = residuals(
+        measurements, state.setup, state.frames(measurements.robot, measurements.q, measurements.direction).tool
+    )
     points = left[rows, : 3 * len(state.setup.targets)].reshape(len(rows), len(state.setup.targets), 3)
     return Flagged(
         rows=rows,

@@ -52,6 +52,7 @@ class Measurements:
     points       (N, m, 3) measured target points in the instrument's frame, m; NaN for a target that was not seen
     rotations    (N, 3, 3) measured R_instrument_sensor of a 6-D instrument, or None
     noise_position, noise_orientation   stated standard deviations per coordinate, m and rad
+    direction    (N, n) −1, 0, +1: direction of each joint's last motion before the row, 0 where unknown; None: all unknown
     provenance   command line, seed, input checksums, versions: text by name
     """
 
@@ -63,6 +64,7 @@ class Measurements:
     noise_position: float
     noise_orientation: float
     truth: Truth | None = None
+    direction: Array | None = None
     provenance: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -83,6 +85,10 @@ class Measurements:
             raise InputError(
                 f"measurements: rotations have shape {self.rotations.shape}, expected {(len(self.q), 3, 3)}"
             )
+        if self.direction is not None and (
+            self.direction.shape != self.q.shape or not np.isin(self.direction, (-1, 0, 1)).all()
+        ):
+            raise InputError("measurements: the directions are not -1, 0 or 1 for every joint of every row")
         if self.truth is not None and self.truth.setup.targets.shape != self.setup.targets.shape:
             raise InputError("measurements: the true targets are not as many as the measured ones")
         if not (0 < self.noise_position < np.inf and 0 < self.noise_orientation < np.inf):
@@ -110,7 +116,9 @@ class Measurements:
     def rows(self, index: np.ndarray) -> Self:
         """The same measurements at some configurations only."""
         rotations = None if self.rotations is None else readonly(self.rotations[index])
-        return replace(self, q=readonly(self.q[index]), points=readonly(self.points[index]), rotations=rotations)
+        direction = None if self.direction is None else readonly(self.direction[index])
+        q, points = readonly(self.q[index]), readonly(self.points[index])
+        return replace(self, q=q, points=points, rotations=rotations, direction=direction)
 
 
 def determines_orientation(targets: Array) -> bool:

@@ -76,6 +76,7 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
         noise_position=max(simulation.noise, 1e-6),
         noise_orientation=ORIENTATION_NOISE,
         truth=truth,
+        direction=readonly(truth.actual.directions(q)),
     )
     return measurements if known else replace(measurements, setup=register(measurements))
 

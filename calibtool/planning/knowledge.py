@@ -57,7 +57,10 @@ class Knowledge:
         posterior = identified.posterior
         if posterior is None:
             raise InputError(f"a '{identified.model}' model has no posterior to start from; identify --model complete")
-        parameters = replace(posterior.parameters, harmonics=min(posterior.parameters.harmonics, HARMONICS))
+        harmonics = min(posterior.parameters.harmonics, HARMONICS)
+        parameters = replace(
+            posterior.parameters, harmonics=harmonics, backlash=()
+        )  # a plan does not choose directions
         kept = np.flatnonzero(np.isin(posterior.parameters.names, parameters.names))
         std = posterior.prior_std[kept]
         covariance = posterior.covariance[np.ix_(kept, kept)] / np.outer(std, std)

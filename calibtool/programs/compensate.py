@@ -1,11 +1,12 @@
 """A controller program in, the corrected program and a summary out."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 
 import numpy as np
 
 from calibtool.calibration import Calibration
+from calibtool.compensation.backlash import BacklashPath
 from calibtool.compensation.program import OutsidePolicy, guarded
 from calibtool.compensation.solve import OK, OUTSIDE, Compensation, Method
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
@@ -18,6 +19,7 @@ from calibtool.robot.se3 import Array, inverse
 
 ON_ERROR = ("stop", "skip")
 _NO_CHANGE = 1e-9  # rad or m: below, a target's text stays as it is
+_IN_ORDER = ("ros2-trajectory",)  # formats whose text is in the order of motion, without calls, loops and named targets
 _LISTED = 20  # lines named for one reason
 
 
@@ -30,6 +32,7 @@ class ProgramOptions:
     on_error: str = "stop"
     joint_values: JointValues | None = None  # see `coupling_of`
     frames: Frames = field(default_factory=Frames)
+    backlash: bool = True  # taken up where the text is in the order of motion
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,14 @@ def compensate_program(
 
     q = np.array([item.q for item in solved]).reshape(-1, robot.n)
     result = _corrected(calibration, solved, q, options)
+    backlash = calibration.base.motion.backlash
+    notes = program.notes
+    if options.backlash and backlash.any():
+        if program_format in _IN_ORDER:
+            driven = np.where(np.isnan(result.q), np.nan, q)
+            result = replace(result, q=result.q + BacklashPath(backlash).taken_up(driven))
+        else:
+            notes += ("the backlash is not taken up: a program does not say in which order its targets are reached",)
     edits: list[tuple[int, int, str]] = []
     remarks: list[Remark] = []
     changed, moved_mm, turned_deg = 0, [0.0], [0.0]
@@ -134,7 +145,7 @@ def compensate_program(
         largest_deg=max(turned_deg),
         left_alone=(*left, *(remark for remark, _ in failures)),
         remarks=tuple(remarks),
-        notes=program.notes if program.targets or program.remarks else (_nothing(program_format),),
+        notes=notes if program.targets or program.remarks else (_nothing(program_format),),
     )
 
 
@@ -186,7 +197,7 @@ def _nominal(
 def _corrected(calibration: Calibration, solved: list[_Solved], q: Array, options: ProgramOptions) -> Compensation:
     """The compensation of all targets, joint targets and poses each in one batch."""
     count = len(solved)
-    result = Compensation(q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count))
+    result = Compensation(q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count), q)
     poses = np.array([item.T_base_tool is not None for item in solved], dtype=bool)
     for kind in (False, True):
         rows = np.flatnonzero(poses == kind)

@@ -8,7 +8,7 @@ import numpy as np
 from calibtool.robot.geometry import GeometricErrors, mechanism
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion, largest_torque, load_carrying
+from calibtool.robot.motion import JointMotion, directions, largest_torque, load_carrying
 from calibtool.robot.se3 import Array, exp6, inverse, log6, readonly
 
 ERROR_KINDS = ("geometric", "gear", "gravity", "backlash", "thermal")
@@ -68,23 +68,15 @@ class ActualRobot:
 
         Backlash takes the direction of each joint's last motion from the rows before; the first row comes from home.
         """
-        error = JointMotion(self.gear, self.compliance).errors(self.robot, q)
-        if self.backlash.any():
-            home = self.robot.home(self.robot.workspace(None)[1])
-            error -= self.backlash * _directions(np.diff(q, axis=0, prepend=home[None]))
-        return error
+        return JointMotion(self.gear, self.compliance, self.backlash).errors(self.robot, q, self.directions(q))
+
+    def directions(self, q: Array) -> Array:
+        """Direction of each joint's last motion (N, n) when the joints are driven to q (N, n) in order, from home."""
+        return directions(q, start=self.robot.home(self.robot.workspace(None)[1]))
 
     def forward(self, q: Array) -> Array:
         """Actual T_base_tool when the joints are commanded to q (N, n): (N, 4, 4)."""
         return self.mechanism.forward(q + self.joint_motion(q))
-
-
-def _directions(moves: Array) -> Array:
-    """Sign of each joint's last motion (N, n): a joint that stands still stays on its side."""
-    direction = np.sign(moves)
-    for k in range(1, len(direction)):
-        direction[k] = np.where(direction[k] == 0, direction[k - 1], direction[k])
-    return direction
 
 
 def random_actual(robot: Robot, scales: ErrorScales, rng: np.random.Generator) -> ActualRobot:

@@ -77,6 +77,7 @@ class ToleranceTable(_Strict):
     angle_mrad: Annotated[float, Field(gt=0)] = 1.0
     harmonic_mrad: Annotated[float, Field(gt=0)] = 0.3
     gravity_mrad: Annotated[float, Field(gt=0)] = 1.0
+    backlash_mrad: Annotated[float, Field(gt=0)] = 0.2
     joints: dict[JointName, JointTolerance] = {}
 
 

@@ -1,4 +1,4 @@
-"""Joint motions that depend on the position: gear eccentricity and wind-up under gravity (METHOD §2, §7.2)."""
+"""Joint motions beyond the offsets: gear eccentricity, wind-up under gravity and backlash (METHOD §2, §7.2)."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,36 +11,57 @@ from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
 _CARRIES_LOAD = 0.02  # a joint carries load when its torque reaches this part of the largest joint's
+_STANDS_STILL = 1e-6  # rad or m: a smaller move is rounding and turns no gear round
 
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    """δq_j(q) = Σ_h a_jh sin(h q_j) + b_jh cos(h q_j) − c_j τ_g,j(q), beyond the constant offset.
+    """δq_j(q) = Σ_h a_jh sin(h q_j) + b_jh cos(h q_j) − c_j τ_g,j(q) − w_j d_j, beyond the constant offset.
+
+    d_j is the direction of the joint's last motion (−1, 0, +1), see `directions`.
 
     harmonics   (n, 2H) a_j1, b_j1, a_j2, b_j2, … in rad; zero for prismatic joints
     compliance  (n,) c_j in rad per N m of `gravity_torque`; zero for joints that carry no load
+    backlash    (n,) w_j, half width in rad or m
     """
 
     harmonics: Array
     compliance: Array
+    backlash: Array
 
     @classmethod
     def none(cls, n: int) -> Self:
         """No such errors, for n joints."""
-        return cls(readonly(np.zeros((n, 0))), readonly(np.zeros(n)))
+        return cls(readonly(np.zeros((n, 0))), readonly(np.zeros(n)), readonly(np.zeros(n)))
 
     @property
     def is_none(self) -> bool:
-        return not (self.harmonics.any() or self.compliance.any())
+        return not (self.harmonics.any() or self.compliance.any() or self.backlash.any())
 
-    def errors(self, robot: Robot, q: Array) -> Array:
-        """δq for joint positions q (N, n): (N, n) in rad."""
+    def errors(self, robot: Robot, q: Array, direction: Array | None = None) -> Array:
+        """δq for joint positions q (N, n) and directions (N, n): (N, n) in rad. Without directions, the mean of both."""
         result = np.zeros_like(q)
         if self.harmonics.any():
             result += (harmonic_functions(q, self.harmonics.shape[1] // 2) * self.harmonics).sum(axis=-1)
         if self.compliance.any():
             result -= self.compliance * gravity_torque(robot, q)
+        if direction is not None and self.backlash.any():
+            result -= self.backlash * direction
         return result
+
+
+def directions(q: Array, start: Array | None = None, before: Array | None = None) -> Array:
+    """Sign −1, 0, +1 of each joint's last motion on the way through the rows of q (N, n), in order: (N, n).
+
+    A joint that stands still stays on its side. start (n,): where the first row comes from, and before (n,) the directions
+    there; 0, unknown, until a joint has moved.
+    """
+    start = q[:1] if start is None else start[None]
+    moves = np.diff(q, axis=0, prepend=start)
+    signs = np.where(np.abs(moves) > _STANDS_STILL, np.sign(moves), 0.0)
+    signs = np.concatenate([np.zeros((1, q.shape[1])) if before is None else before[None], signs])
+    last = np.maximum.accumulate(np.where(signs != 0, np.arange(len(signs))[:, None], 0), axis=0)
+    return np.take_along_axis(signs, last, axis=0)[1:]
 
 
 def harmonic_functions(q: Array, count: int) -> Array:

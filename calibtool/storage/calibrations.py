@@ -50,6 +50,7 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
     write_geometry(model, base.geometry)
     put(model, "harmonics", base.motion.harmonics, "rad", "sin q, cos q, sin 2q … of δq", "joint", "joint", "term")
     put(model, "compliance", base.motion.compliance, "rad/(N m)", "wind-up per gravity torque", "joint", "joint")
+    put(model, "backlash", base.motion.backlash, "rad or m", "half width", "joint", "joint")
     put(
         model,
         "singular_values",
@@ -84,6 +85,7 @@ def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
     group.attrs["twists"] = parameters.twists
     group.attrs["harmonics"] = parameters.harmonics
     group.attrs["gravity"] = np.array(parameters.gravity, dtype=int)
+    group.attrs["backlash"] = np.array(parameters.backlash, dtype=int)
     for name in ("noise_factor", "effective", "log_evidence"):
         group.attrs[name] = getattr(posterior, name)
     put_text(group, "names", parameters.names, "parameter names")
@@ -151,7 +153,11 @@ def build_calibration(file: h5py.File) -> Calibration:
     base = Identification(
         model=string(model, "name"),
         geometry=read_geometry(model, robot.n),
-        motion=JointMotion(get(model, "harmonics", robot.n, -1), get(model, "compliance", robot.n)),
+        motion=JointMotion(
+            get(model, "harmonics", robot.n, -1),
+            get(model, "compliance", robot.n),
+            get(model, "backlash", robot.n) if "backlash" in model else readonly(np.zeros(robot.n)),
+        ),
         setup=setup,
         singular_values=get(model, "singular_values", -1),
         rank=int(model.attrs["rank"]),
@@ -189,10 +195,11 @@ def build_calibration(file: h5py.File) -> Calibration:
 
 
 def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
-    gravity = tuple(int(j) for j in group.attrs["gravity"])
+    gravity, backlash = (tuple(int(j) for j in group.attrs.get(name, ())) for name in ("gravity", "backlash"))
     parameters = replace(
         Parameters.of(robot, setup, bool(group.attrs["twists"]), int(group.attrs["harmonics"]), gravity=False),
         gravity=gravity,
+        backlash=backlash,
     )
     p = parameters.count
     return Posterior(

@@ -1,6 +1,7 @@
 """Measurements as HDF5 groups."""
 
 import h5py
+import numpy as np
 
 from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.robot.actual import ActualRobot
@@ -28,6 +29,18 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
     group.attrs["noise_orientation_rad"] = measurements.noise_orientation
     units = ", ".join(robot.joint_units)
     put(group, "joint_positions", measurements.q, units, "commanded joint positions", "joint", "configuration", "joint")
+    if measurements.direction is not None:
+        long_name = "sign of each joint's last motion"
+        put(
+            group,
+            "directions",
+            measurements.direction.astype(np.int8),
+            "1",
+            long_name,
+            "joint",
+            "configuration",
+            "joint",
+        )
     labels = ("configuration", "target", "axis")
     put(group, "points", measurements.points, "m", "measured target points", "instrument", *labels)
     if measurements.rotations is not None:
@@ -80,5 +93,6 @@ def build_measurements(file: h5py.File) -> Measurements:
         noise_position=read_number(group, "noise_position_m"),
         noise_orientation=read_number(group, "noise_orientation_rad"),
         truth=truth,
+        direction=get(group, "directions", -1, robot.n) if "directions" in group else None,
         provenance=read_provenance(file),
     )

@@ -18,6 +18,7 @@ from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.model import Robot
+from calibtool.robot.motion import directions
 from calibtool.robot.se3 import readonly
 from calibtool.tables import Table
 
@@ -156,6 +157,7 @@ def read_table(
         setup=known_setup(complete, robot, points, frame or complete.instrument.frame, robot_targets, name),
         noise_position=complete.noise.position_mm * 1e-3,
         noise_orientation=complete.noise.orientation_mrad * 1e-3,
+        direction=readonly(directions(q)),
     )
     if robot.coupled and complete.joints.values is None:
         warnings.append(

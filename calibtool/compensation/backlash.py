@@ -1,0 +1,29 @@
+"""Taking up backlash along a path: what corrected joints need on top, by the direction in which each joint moves."""
+
+import numpy as np
+
+from calibtool.robot.motion import directions
+from calibtool.robot.se3 import Array
+
+
+class BacklashPath:
+    """Remembers where the joints are and from which side they came, over batches of rows in the order of motion."""
+
+    def __init__(self, backlash: Array) -> None:
+        """backlash (n,): half widths, rad or m."""
+        self.backlash = backlash
+        self._last: Array | None = None
+        self._direction: Array | None = None
+
+    def taken_up(self, commanded: Array) -> Array:
+        """Half width times direction for commanded joint positions (N, n) in order: (N, n), to be added to corrected ones.
+
+        0 for a joint that has not moved yet: nobody knows its side. Rows with NaN are not driven to and get 0.
+        """
+        result = np.zeros_like(commanded)
+        driven = np.flatnonzero(np.isfinite(commanded).all(axis=-1))
+        if len(driven):
+            found = directions(commanded[driven], self._last, self._direction)
+            self._last, self._direction = commanded[driven[-1]], found[-1]
+            result[driven] = self.backlash * found
+        return result

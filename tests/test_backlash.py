@@ -1,0 +1,293 @@
+"""Backlash by the direction of motion: identified, carried along with rows, taken up on paths, named in exports."""
+
+import io
+import json
+from dataclasses import replace
+from functools import cache
+
+import h5py
+import numpy as np
+import pytest
+from derivatives import assert_derivative
+
+from calibtool.calibration import Calibration, identify
+from calibtool.calibration.fit import BaseOptions
+from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.stream import StreamOptions, compensate_text
+from calibtool.errors import InputError
+from calibtool.evaluation.compare import evaluate
+from calibtool.export.as_json import calibration_as_json
+from calibtool.export.as_urdf import calibration_as_urdf
+from calibtool.export.c_code import calibration_as_c
+from calibtool.export.structured_text import calibration_as_structured_text
+from calibtool.identification.complete import CompleteOptions, identify_complete
+from calibtool.identification.parameters import ErrorState, Parameters
+from calibtool.identification.report import backlash_text, parameter_rows
+from calibtool.measurement.importing import import_table
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.simulate import Simulation, simulate
+from calibtool.programs.compensate import ProgramOptions, compensate_program
+from calibtool.robot.actual import ERROR_KINDS, ErrorScales
+from calibtool.robot.catalogue import load_robot
+from calibtool.robot.motion import directions
+from calibtool.robot.poe import Frames
+from calibtool.robot.se3 import Array, log6
+from calibtool.storage import read_any, to_bytes
+
+WITHOUT = BaseOptions("complete", CompleteOptions(backlash=False))
+
+
+@cache
+def measured(name: str = "fanuc-m1000ia", count: int = 60, fresh: bool = False) -> Measurements:
+    simulation = Simulation(seed=2, configurations=count, scales=ErrorScales(ERROR_KINDS))
+    if fresh:
+        simulation = replace(simulation, same_robot=measured(name).truth)
+    return simulate(load_robot(name), simulation)
+
+
+@cache
+def calibrated(name: str = "fanuc-m1000ia") -> Calibration:
+    return identify(measured(name), "complete")
+
+
+# --- directions -----------------------------------------------------------------------------------------------------
+
+
+def test_a_joint_that_stands_still_stays_on_its_side() -> None:
+    q = np.array([[0.0], [0.0], [0.1], [0.1], [0.1 + 1e-9], [0.0], [0.0], [0.2]])
+    assert directions(q)[:, 0].tolist() == [0, 0, 1, 1, 1, -1, -1, 1]
+    assert directions(q, start=np.array([0.5]))[:, 0].tolist() == [-1, -1, 1, 1, 1, -1, -1, 1]
+    assert directions(q, before=np.array([-1.0]))[:2, 0].tolist() == [-1, -1]
+
+
+def test_the_way_back_has_the_opposite_directions(rng: np.random.Generator) -> None:
+    q = rng.normal(size=(20, 6))
+    np.testing.assert_array_equal(directions(q)[1:], -directions(q[::-1])[1:][::-1])
+
+
+def test_a_path_may_come_in_batches_and_skips_rows_that_are_not_driven_to(rng: np.random.Generator) -> None:
+    q = rng.normal(size=(30, 3)).round(0)  # many joints stand still
+    width = np.array([1.0, 2.0, 3.0])
+    whole = BacklashPath(width).taken_up(q)
+    path = BacklashPath(width)
+    gap = np.full((1, 3), np.nan)
+    parts = np.concatenate([path.taken_up(np.concatenate([part, gap]))[:-1] for part in np.array_split(q, 7)])
+    np.testing.assert_array_equal(parts, whole)
+    assert not whole[0].any()
+
+
+def test_rows_keep_their_directions() -> None:
+    measurements = measured()
+    assert measurements.direction is not None
+    order = np.array([7, 3, 50, 3])
+    np.testing.assert_array_equal(measurements.rows(order).direction, measurements.direction[order])
+    with pytest.raises(InputError, match="directions"):
+        replace(measurements, direction=0.5 * measurements.direction)
+
+
+def test_a_file_tells_directions_by_its_order_before_rows_are_chosen() -> None:
+    robot, q = load_robot("ur5"), np.deg2rad(np.random.default_rng(0).uniform(-60, 60, (30, 6)).round(3))
+    points = robot.mechanism.forward(q)[:, None, :3, 3] + np.zeros((30, 1, 3))
+    rows = np.hstack([np.rad2deg(q), points[:, 0] * 1e3])
+    header = ",".join([*(f"j{j}_deg" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"])
+    text = header + "\n" + "\n".join(",".join(f"{v:.12g}" for v in row) for row in rows) + "\n"
+    taken, rest = import_table(text, "t.csv", robot).split("5:9", None, 0)
+    expected = np.sign(np.diff(q, axis=0, prepend=q[:1]))
+    np.testing.assert_array_equal(taken.measurements.direction, expected[4:9])
+    assert rest is not None
+    np.testing.assert_array_equal(rest.measurements.direction, np.delete(expected, range(4, 9), axis=0))
+
+
+# --- identification -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "gantry"])
+def test_half_widths_are_those_injected_within_their_covariance(name: str) -> None:
+    base, truth = calibrated(name).base, measured(name).truth
+    assert truth is not None
+    assert base.posterior is not None
+    std = base.posterior.std[base.posterior.parameters.blocks["backlash"]]
+    deviation = (base.motion.backlash - truth.actual.backlash) / std
+    assert np.sqrt(np.mean(deviation**2)) < 1.7
+    assert np.abs(deviation).max() < 3.5
+    assert (std < 0.03e-3).sum() >= 4
+    assert base.posterior.noise_factor < 1.3
+
+
+def test_columns_of_the_half_widths_are_derivatives() -> None:
+    measurements = measured().rows(np.arange(4))
+    robot, direction = measurements.robot, measurements.direction
+    parameters = Parameters.of(robot, measurements.setup, False, 1, gravity=True, backlash=True)
+    block = parameters.blocks["backlash"]
+    assert parameters.names[block] == [f"backlash{j}" for j in range(1, 7)]
+    state = ErrorState.nominal(robot, measurements.setup)
+    start = state.frames(robot, measurements.q, direction).tool
+
+    def moved(x: Array) -> Array:
+        step = np.zeros(parameters.count)
+        step[block] = x
+        frames: Frames = state.moved(parameters, step).frames(robot, measurements.q, direction)
+        return log6(frames.tool @ np.linalg.inv(start))
+
+    columns = parameters.pose_columns(
+        robot, state, state.frames(robot, measurements.q, direction), measurements.q, direction
+    )
+    assert_derivative(moved, columns[..., block], np.zeros(robot.n), tolerance=1e-7)
+
+
+def test_no_backlash_is_found_where_there_is_none_or_the_order_is_lost() -> None:
+    kinds = tuple(kind for kind in ERROR_KINDS if kind != "backlash")
+    plain = simulate(load_robot("ur5"), Simulation(configurations=40, scales=ErrorScales(kinds)))
+    shuffled = measured()
+    wrong = np.random.default_rng(0).permutation(shuffled.direction)
+    for measurements in (plain, replace(shuffled, direction=wrong)):
+        base = identify_complete(measurements)
+        assert base.posterior is not None
+        assert base.posterior.parameters.backlash == ()
+        assert not base.motion.backlash.any()
+
+
+def test_unknown_directions_are_as_good_as_no_backlash() -> None:
+    unknown = replace(measured(), direction=None)
+    left_out = identify(measured(), WITHOUT)
+    assert to_bytes(identify(unknown, "complete")) == to_bytes(left_out)
+    with pytest.raises(InputError, match="from which side"):
+        identify_complete(unknown, CompleteOptions(backlash=True))
+
+
+def test_older_files_are_read() -> None:
+    def without(data: bytes, *paths: str) -> bytes:
+        buffer = io.BytesIO(data)
+        with h5py.File(buffer, "r+") as file:
+            for path in paths:
+                del file[path]
+            if "model/posterior" in file:
+                del file["model/posterior"].attrs["backlash"]
+        return buffer.getvalue()
+
+    same = read_any(io.BytesIO(to_bytes(measured())), "m.h5")
+    assert isinstance(same, Measurements)
+    np.testing.assert_array_equal(same.direction, measured().direction)
+    older = read_any(io.BytesIO(without(to_bytes(measured()), "measurements/directions")), "m.h5")
+    assert isinstance(older, Measurements)
+    assert older.direction is None
+    plain = identify(measured(), WITHOUT)
+    old = read_any(io.BytesIO(without(to_bytes(plain), "model/backlash")), "c.h5")
+    assert isinstance(old, Calibration)
+    np.testing.assert_array_equal(old.forward(measured().q), plain.forward(measured().q))
+    new = read_any(io.BytesIO(to_bytes(calibrated())), "c.h5")
+    assert isinstance(new, Calibration)
+    direction = measured().direction
+    np.testing.assert_array_equal(new.forward(measured().q, direction), calibrated().forward(measured().q, direction))
+
+
+def test_without_a_direction_the_middle_is_predicted() -> None:
+    q, ones = measured().q, np.ones_like(measured().q)
+    plus, minus = (calibrated().forward(q, side * ones)[:, :3, 3] for side in (1, -1))
+    middle = calibrated().forward(q)[:, :3, 3]
+    assert np.abs((plus + minus) / 2 - middle).max() < 1e-6
+    assert np.linalg.norm(plus - minus, axis=-1).min() > 0.1e-3
+
+
+def test_people_see_half_widths_in_mrad_and_mm() -> None:
+    rows = {row.name: row for row in parameter_rows(load_robot("gantry"), calibrated("gantry").base)}
+    prismatic = load_robot("gantry").prismatic
+    assert [rows[f"backlash{j + 1}"].unit for j in range(len(prismatic))] == ["mm" if p else "mrad" for p in prismatic]
+    assert rows["backlash1"].value == pytest.approx(0.1, abs=0.05)
+    assert rows["backlash1"].tolerance > 0.01
+    assert backlash_text(load_robot("planar-3r"), np.array([1e-4, 0.0, 2e-4])) == "0.100, 0.000, 0.200 mrad"
+
+
+# --- compensation ---------------------------------------------------------------------------------------------------
+
+
+def joint_csv(q: Array) -> str:
+    header = ",".join(f"j{j}_deg" for j in range(1, q.shape[1] + 1))
+    return header + "\n" + "\n".join(",".join(f"{v:.15g}" for v in row) for row in np.rad2deg(q)) + "\n"
+
+
+def corrected(text: str, backlash: bool = True, batch: int = 1000) -> Array:
+    result, _ = compensate_text(calibrated(), text, "t.csv", StreamOptions(backlash=backlash, batch=batch))
+    return np.deg2rad(np.loadtxt(io.StringIO(result), delimiter=",", skiprows=1, usecols=range(6)))
+
+
+def test_rows_in_order_leave_less_when_backlash_is_taken_up() -> None:
+    fresh = measured(count=80, fresh=True)
+    assert fresh.truth is not None
+    nominal = fresh.robot.mechanism.forward(fresh.q)
+    left = []
+    for backlash in (False, True):
+        driven = corrected(joint_csv(fresh.q), backlash)
+        error = (fresh.truth.actual.forward(driven) - nominal)[1:, :3, 3]  # nobody knows where the first row comes from
+        left.append(np.linalg.norm(error, axis=-1).mean())
+    assert left[1] < 0.35 * left[0]
+    np.testing.assert_array_equal(corrected(joint_csv(fresh.q), batch=1), corrected(joint_csv(fresh.q)))
+
+
+def test_poses_in_order_are_a_path_too() -> None:
+    q = np.deg2rad([[0, 10, -10, 0, -70, 0], [10, 20, -30, 5, -60, 10], [-15, 5, 0, -10, -80, 30]])
+    poses = load_robot("fanuc-m1000ia").mechanism.forward(q)
+    lines = ["x_mm,y_mm,z_mm," + ",".join(f"j{j}_deg" for j in range(1, 7)) + ",roll_deg,pitch_deg,yaw_deg"]
+    from scipy.spatial.transform import Rotation
+
+    for pose, row in zip(poses, np.rad2deg(q), strict=True):
+        angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
+        lines.append(",".join(f"{v:.15g}" for v in (*(pose[:3, 3] * 1e3), *row, *angles)))
+    text = "\n".join(lines) + "\n"
+    results = []
+    for backlash in (False, True):
+        result, _ = compensate_text(calibrated(), text, "t.csv", StreamOptions(backlash=backlash))
+        rows = [line.split(",") for line in result.splitlines()]
+        results.append(np.deg2rad([[float(row[rows[0].index(f"j{j}_deg")]) for j in range(1, 7)] for row in rows[1:]]))
+    expected = calibrated().base.motion.backlash * directions(q)
+    np.testing.assert_allclose(results[1] - results[0], expected, atol=1e-9)
+
+
+def test_an_evaluation_drives_with_the_backlash_taken_up() -> None:
+    fresh = measured(count=80, fresh=True)
+    methods = evaluate([("without", identify(measured(), WITHOUT)), ("with", calibrated())], fresh).methods
+    assert methods[2].position_size.mean() < 0.35 * methods[1].position_size.mean()
+    predicted = evaluate([("with", calibrated())], replace(fresh, truth=None)).methods[1]
+    unknown = evaluate([("with", calibrated())], replace(fresh, truth=None, direction=None)).methods[1]
+    assert predicted.position_size.mean() < 0.6 * unknown.position_size.mean()
+
+
+def test_trajectories_take_up_backlash_and_other_programs_say_that_they_do_not() -> None:
+    robot = load_robot("fanuc-m1000ia")
+    q = np.array(
+        [[0.0, 0.2, -0.2, 0.0, -1.2, 0.0], [0.1, 0.3, -0.5, 0.1, -1.0, 0.2], [-0.2, 0.3, 0.0, -0.2, -1.4, 0.5]]
+    )
+    names = ", ".join(str(name) for name in robot.chain.model.names[1:])
+    points = "".join(f"- positions: [{', '.join(f'{v:.12f}' for v in row)}]\n" for row in q)
+    text = f"joint_names: [{names}]\npoints:\n{points}".encode()
+
+    def positions(backlash: bool) -> Array:
+        result = compensate_program(
+            calibrated(), text, "t.yaml", "ros2-trajectory", ProgramOptions(backlash=backlash, joint_values="serial")
+        )
+        lines = [line for line in result.data.decode().splitlines() if "positions" in line]
+        return np.array([json.loads(line.split(":", 1)[1]) for line in lines])
+
+    expected = calibrated().base.motion.backlash * directions(q)
+    np.testing.assert_allclose(positions(True) - positions(False), expected, atol=1e-9)
+    script = f"movej([{', '.join(f'{v:.6f}' for v in q[0])}], a=1.0, v=1.0)\n".encode()
+    options = ProgramOptions(joint_values="serial")
+    result = compensate_program(calibrated(), script, "p.script", "ur-script", options)
+    assert any("backlash" in note for note in result.notes)
+
+
+# --- exports --------------------------------------------------------------------------------------------------------
+
+
+def test_exports_say_that_backlash_is_not_in_them() -> None:
+    text = backlash_text(calibrated().robot, calibrated().base.motion.backlash)
+    exported = json.loads(calibration_as_json(calibrated()))
+    assert exported["base_model"]["backlash_rad_or_m"] == calibrated().base.motion.backlash.tolist()
+    plain = identify(measured(), WITHOUT)
+    for export in (
+        lambda calibration: calibration_as_c(calibration, "arm")[0],
+        lambda calibration: calibration_as_structured_text(calibration),
+        lambda calibration: "\n".join(calibration_as_urdf(calibration)[1]),
+    ):
+        assert f"backlash ({text})" in str(export(calibrated()))
+        assert "backlash" not in str(export(plain))
