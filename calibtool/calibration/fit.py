@@ -13,6 +13,7 @@ from calibtool.identification.local_poe import identify_local_poe
 from calibtool.identification.model import nominal_model
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import observation_matrix, residuals, weights
+from calibtool.progress import Progress, silent
 
 IDENTIFIED_MODELS = ("local-poe", "complete")
 BASE_MODELS = ("nominal", *IDENTIFIED_MODELS)
@@ -49,7 +50,12 @@ def identify(measurements: Measurements, base: BaseOptions | str) -> Calibration
     )
 
 
-def train(measurements: Measurements, base: Calibration | BaseOptions | str, options: TrainingOptions) -> Calibration:
+def train(
+    measurements: Measurements,
+    base: Calibration | BaseOptions | str,
+    options: TrainingOptions,
+    progress: Progress = silent,
+) -> Calibration:
     """Train networks on what `base` leaves over: a model to identify, or an identified calibration used as it is.
 
     With Bayesian regularisation the networks are kept only if cross-validation, which identifies the base again in every
@@ -59,11 +65,11 @@ def train(measurements: Measurements, base: Calibration | BaseOptions | str, opt
     if isinstance(base, Calibration):
         check_same_robot(base.robot, measurements.robot, "the base calibration", "the measurements")
     rng = np.random.default_rng(options.seed)
-    fitted = on_base(measurements, base, options, rng)
+    fitted = on_base(measurements, base, options, rng, progress)
     if options.regularisation != "bayes":
         return fitted
     validation = cross_validate(
-        measurements, lambda rows, stream: on_base(rows, base, options, stream), options.folds, rng
+        measurements, lambda rows, stream: on_base(rows, base, options, stream), options.folds, rng, progress
     )
     return replace(fitted, validation=validation, networks=fitted.networks if validation.helps else ())
 
@@ -73,10 +79,11 @@ def on_base(
     base: Calibration | BaseOptions | str,
     options: TrainingOptions,
     rng: np.random.Generator,
+    progress: Progress = silent,
 ) -> Calibration:
     """Base model and networks from these rows, without a verdict on the networks."""
     calibration = base if isinstance(base, Calibration) else identify(measurements, base)
-    networks, report = _networks(measurements, calibration, options, rng)
+    networks, report = _networks(measurements, calibration, options, rng, progress)
     return replace(
         calibration,
         networks=networks,
@@ -89,11 +96,15 @@ def on_base(
 
 
 def _networks(
-    measurements: Measurements, base: Calibration, options: TrainingOptions, rng: np.random.Generator
+    measurements: Measurements,
+    base: Calibration,
+    options: TrainingOptions,
+    rng: np.random.Generator,
+    progress: Progress,
 ) -> tuple[tuple, TrainingReport]:
     setup = fitting_setup(base, measurements)
     pose, jacobian = base.base_forward_and_jacobian(measurements.q)
     weight = weights(measurements)
     G = observation_matrix(setup, pose) @ jacobian * weight[..., None]
     y = residuals(measurements, setup, pose) * weight
-    return train_networks(measurements.q, G, y, options, rng)
+    return train_networks(measurements.q, G, y, options, rng, progress)

@@ -135,9 +135,9 @@ def compensate_rows(
         for text in counted(texts, "rows", options.batch):
             write(text.encode())
     for line in report.remarks:
-        message(line)
+        message(line, important=True)
     if report.others:
-        message(f"… and {report.others} more rows; see the column status")
+        message(f"… and {report.others} more rows; see the column status", important=True)
     if options.verify:
         message(
             f"{report.rows} rows verified: the calibrated model stays within {report.left * 1e3:.3g} mm and "

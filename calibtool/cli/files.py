@@ -9,13 +9,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from calibtool.cli.verbosity import detail, is_quiet
 from calibtool.errors import InputError, UsageError
 
 STREAM = "-"
 
 
-def message(text: str) -> None:
-    """One line for people, on stderr."""
+def message(text: str, important: bool = False) -> None:
+    """One line for people, on stderr; with --quiet only warnings and what is important, such as errors."""
+    if is_quiet() and not important and not text.startswith("warning"):
+        return
     print(text, file=sys.stderr, flush=True)  # noqa: T201
 
 
@@ -26,7 +29,9 @@ def read_bytes(path: str) -> bytes:
             raise UsageError("stdin is a terminal; give a file, or pipe one in")
         return _binary(sys.stdin).read()
     try:
-        return Path(path).read_bytes()
+        data = Path(path).read_bytes()
+        detail(f"{path}: {len(data):,} bytes read")
+        return data
     except FileNotFoundError:
         raise UsageError(f"{path}: no such file") from None
     except OSError as error:
@@ -153,6 +158,7 @@ def output_stream(path: str, force: bool, *, checked: bool = False) -> Iterator[
             mask = os.umask(0)
             os.umask(mask)
             os.chmod(temporary, 0o666 & ~mask)
+            detail(f"{path}: {os.path.getsize(temporary):,} bytes written")
             os.replace(temporary, target)
             temporary = None
     except OSError as error:
