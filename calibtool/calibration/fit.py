@@ -27,8 +27,8 @@ class BaseOptions:
     complete: CompleteOptions = field(default_factory=CompleteOptions)
 
 
-def identify(measurements: Measurements, base: BaseOptions | str) -> Calibration:
-    """A calibration that is a base model alone."""
+def identify(measurements: Measurements, base: BaseOptions | str = "complete") -> Calibration:
+    """A calibration that is a base model alone: `complete`, `local-poe` or `nominal`."""
     options = BaseOptions(base) if isinstance(base, str) else base
     if options.model == "complete":
         identification = identify_complete(measurements, options.complete)
@@ -52,11 +52,13 @@ def identify(measurements: Measurements, base: BaseOptions | str) -> Calibration
 
 def train(
     measurements: Measurements,
-    base: Calibration | BaseOptions | str,
-    options: TrainingOptions,
+    base: Calibration | BaseOptions | str = "complete",
+    options: TrainingOptions | None = None,
     progress: Progress = silent,
 ) -> Calibration:
     """Train networks on what `base` leaves over: a model to identify, or an identified calibration used as it is.
+
+    Without options: early stopping on `nominal` (the paper), Bayesian regularisation on everything else.
 
     With Bayesian regularisation the networks are kept only if cross-validation, which identifies the base again in every
     fold, says that they help. With early stopping (the paper) the validation part decides; the base model is identified
@@ -64,6 +66,8 @@ def train(
     """
     if isinstance(base, Calibration):
         check_same_robot(base.robot, measurements.robot, "the base calibration", "the measurements")
+    if options is None:
+        options = TrainingOptions(regularisation="early-stopping" if base == "nominal" else "bayes")
     rng = np.random.default_rng(options.seed)
     fitted = on_base(measurements, base, options, rng, progress)
     if options.regularisation != "bayes":

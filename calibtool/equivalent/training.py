@@ -78,7 +78,7 @@ class TrainingReport:
 
 
 def split_rows(count: int, validation: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Training and validation rows of `count` configurations, both sorted."""
+    """Indices (k,) and (count − k,) of the training and validation rows of `count` configurations, both sorted."""
     order = rng.permutation(count)
     held = round(count * validation)
     return np.sort(order[held:]), np.sort(order[:held])

@@ -47,7 +47,10 @@ def select(
 def improve(
     rows: Array, covariance: Array, count: int, criterion: Criterion = "d", reference: Array | None = None
 ) -> np.ndarray:
-    """Indices of the first `count` candidates, each replaced by a better one where there is one; see `select`."""
+    """Indices of the first `count` candidates, each replaced by a better one if there is one.
+
+    Arguments as in `select`.
+    """
     moments = _moments(criterion, rows if reference is None else reference)
     return _exchanged(rows, inverse(covariance), moments, count)
 

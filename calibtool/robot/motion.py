@@ -31,6 +31,7 @@ class JointMotion:
 
     @property
     def is_none(self) -> bool:
+        """Whether no joint has such errors."""
         return not (self.harmonics.any() or self.compliance.any())
 
     def errors(self, robot: Robot, q: Array) -> Array:

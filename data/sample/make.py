@@ -23,7 +23,7 @@ ROBOT, SEED = "fanuc-m1000ia", 5
 
 PROGRAM = """/PROG  SEAM
 /ATTR
-COMMENT		= "three joint targets, two poses";
+COMMENT		= "two joint targets, two poses";
 DEFAULT_GROUP	= 1,*,*,*,*;
 /MN
    1:  UFRAME_NUM=0 ;

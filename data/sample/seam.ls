@@ -1,6 +1,6 @@
 /PROG  SEAM
 /ATTR
-COMMENT		= "three joint targets, two poses";
+COMMENT		= "two joint targets, two poses";
 DEFAULT_GROUP	= 1,*,*,*,*;
 /MN
    1:  UFRAME_NUM=0 ;
