@@ -24,6 +24,7 @@ def counted(items: Iterable[T], what: str, step: int = 1, total: int | None = No
         total = len(items) * step
     begun, count = seconds(), 0
     with _line(what, total) as show:
+        show(0)
         for item in items:
             yield item
             count += step
@@ -58,7 +59,8 @@ def _line(what: str, total: int | None = None) -> Iterator[Callable[[int], None]
     of = "" if total is None else f" of {total:,}"
     task = live.add_task(what, total=total)
     try:
-        yield lambda count: live.update(task, completed=count, description=f"{count:,}{of} {what}")
+        # The first picture at once, also when the end comes before the next.
+        yield lambda count: live.update(task, completed=count, description=f"{count:,}{of} {what}", refresh=not count)
     finally:
         live.remove_task(task)
         if outer is None:
