@@ -13,7 +13,8 @@ from importlib import import_module
 __version__ = "0.1.0"
 
 _PLACES = {
-    "robot.catalogue": ("load_robot", "robot_names", "shipped"),
+    "robot.catalogue": ("load_robot", "robot_names"),
+    "robot.shipped": ("shipped",),
     "robot.model": ("Robot",),
     "robot.actual": ("ErrorScales",),
     "measurement.simulate": ("Simulation", "simulate"),

@@ -46,7 +46,7 @@ def demo(
         write_output(str(folder / name), contents, True)
 
     if sample:
-        from calibtool.robot.catalogue import shipped
+        from calibtool.robot.shipped import shipped
 
         for path in sorted((shipped("data") / "sample").iterdir()):
             if path.suffix in (".csv", ".ls"):

@@ -45,7 +45,7 @@ def working(what: str) -> Iterator[None]:
 def _line(what: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
     """A line on the terminal, and a function that shows how far it is; neither where nobody looks on."""
     global _live
-    if is_quiet() or not sys.stderr.isatty():
+    if is_quiet() or (_live is None and not sys.stderr.isatty()):  # rich puts its own stream before a terminal
         yield lambda count: None
         return
     live = outer = _live
@@ -54,7 +54,7 @@ def _line(what: str, total: int | None = None) -> Iterator[Callable[[int], None]
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-        live = _live = Progress(*columns, console=Console(stderr=True), transient=True)
+        live = _live = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False)
         live.start()
     of = "" if total is None else f" of {total:,}"
     task = live.add_task(what, total=total)

@@ -21,7 +21,7 @@ def mean_of(table: str, method: str) -> float:
 
 
 def test_the_tutorial_runs_and_says_what_is_true(here: Path) -> None:
-    done = shell("set -e\n" + commands(), here)
+    done = shell("set -e\n" + commands(), here, timeout=600)
     said = done.stderr.decode()
     assert done.returncode == 0, said
     assert re.search(r"nominal robot: 1\.2\d* mm rms", done.stdout.decode())
