@@ -4,13 +4,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUTPUT ?= demo
 
-.PHONY: demo test lint clean
+.PHONY: demo test docs lint clean
 
 demo: $(VENV)/.installed
 	$(BIN)/calibtool demo -o $(OUTPUT) --force
 
 test: $(VENV)/.tests-installed lint
 	$(BIN)/python -m pytest -n auto
+
+docs: $(VENV)/.installed
+	$(BIN)/python docs/generate.py
 
 lint: $(VENV)/.tests-installed
 	$(BIN)/ruff check .

@@ -1,10 +1,51 @@
 """calibtool: make a serial robot accurate in software, from its description and a set of measurements.
 
-The rooms, in the order in which data flows through them: `robot`, `measurement`, `identification`, `equivalent`,
-`calibration`, `compensation`, `export`, `evaluation`; `storage` and `tables` are the doors; `cli` is one of its users.
+The rooms, in the order in which data flows through them: `robot`, `measurement`, `identification`, `planning`,
+`equivalent`, `calibration`, `compensation`, `programs`, `export`, `evaluation`; `storage` and `tables` are the doors;
+`cli` is one of its users. What scripts need of them stands here (docs/library.md) and is imported when it is asked for.
 
 Conventions, everywhere: metres and radians; twists are (v, ω), linear part first; `T_a_b` is the pose of frame b in
 frame a; joint positions `q` have one coordinate per joint.
 """
 
+from importlib import import_module
+
 __version__ = "0.1.0"
+
+_PLACES = {
+    "robot.catalogue": ("load_robot", "robot_names"),
+    "robot.shipped": ("shipped",),
+    "robot.model": ("Robot",),
+    "robot.actual": ("ErrorScales",),
+    "measurement.simulate": ("Simulation", "simulate"),
+    "measurement.measurements": ("Measurements",),
+    "measurement.importing": ("Stated", "import_table", "parse_column_map", "read_table"),
+    "measurement.checks": ("check_measurements",),
+    "planning.knowledge": ("Knowledge",),
+    "planning.constraints": ("Constraints",),
+    "planning.plan": ("Plan", "make_plan"),
+    "calibration": ("Calibration", "identify", "train"),
+    "calibration.fit": ("BaseOptions",),
+    "identification.complete": ("CompleteOptions",),
+    "equivalent.training": ("TrainingOptions",),
+    "compensation.solve": ("Compensation", "compensate_joints", "compensate_poses"),
+    "programs.compensate": ("CompensatedProgram", "compensate_program"),
+    "evaluation.compare": ("Evaluation", "evaluate"),
+    "export.as_json": ("calibration_as_json",),
+    "export.c_code": ("calibration_as_c",),
+    "storage.paths": ("read", "write"),
+    "errors": ("AcceptanceError", "CalibtoolError", "InputError", "NoSolutionError", "UsageError"),
+}
+_MODULES = {name: f"calibtool.{place}" for place, names in _PLACES.items() for name in names}
+
+__all__ = sorted([*_MODULES, "__version__"])
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'calibtool' has no attribute '{name}'")
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})

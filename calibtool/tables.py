@@ -95,7 +95,7 @@ class Table:
         return self._numbers(columns, optional=False)
 
     def optional_numbers(self, columns: Sequence[str]) -> Array:
-        """The same with NaN where all of the columns are empty in a row."""
+        """The same, (N, len(columns)), with NaN where all of the columns are empty in a row."""
         return self._numbers(columns, optional=True)
 
     def texts(self, column: str) -> list[str]:

@@ -8,18 +8,22 @@ import numpy as np
 from calibtool.calibration.model import Calibration, CrossValidation, fitting_setup
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
+from calibtool.progress import Progress, silent
 from calibtool.robot.se3 import Array
 
 Fit = Callable[[Measurements, np.random.Generator], Calibration]
 
 
-def cross_validate(measurements: Measurements, fit: Fit, folds: int, rng: np.random.Generator) -> CrossValidation:
+def cross_validate(
+    measurements: Measurements, fit: Fit, folds: int, rng: np.random.Generator, progress: Progress = silent
+) -> CrossValidation:
     """Errors on held-out configurations with and without the networks of `fit`; targets of one are never split."""
     count = len(measurements)
     folds = min(folds, count)
     without, with_networks = np.empty(count), np.empty(count)
     order = rng.permutation(count)
-    for held, stream in zip(np.array_split(order, folds), rng.spawn(folds), strict=True):
+    parts = list(zip(np.array_split(order, folds), rng.spawn(folds), strict=True))
+    for held, stream in progress(parts, "folds"):
         rest = np.setdiff1d(order, held)
         calibration = fit(measurements.rows(rest), stream)
         part = measurements.rows(held)

@@ -13,6 +13,7 @@ from calibtool.identification.local_poe import identify_local_poe
 from calibtool.identification.model import nominal_model
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import observation_matrix, residuals, weights
+from calibtool.progress import Progress, silent
 
 IDENTIFIED_MODELS = ("local-poe", "complete")
 BASE_MODELS = ("nominal", *IDENTIFIED_MODELS)
@@ -26,8 +27,8 @@ class BaseOptions:
     complete: CompleteOptions = field(default_factory=CompleteOptions)
 
 
-def identify(measurements: Measurements, base: BaseOptions | str) -> Calibration:
-    """A calibration that is a base model alone."""
+def identify(measurements: Measurements, base: BaseOptions | str = "complete") -> Calibration:
+    """A calibration that is a base model alone: `complete`, `local-poe` or `nominal`."""
     options = BaseOptions(base) if isinstance(base, str) else base
     if options.model == "complete":
         identification = identify_complete(measurements, options.complete)
@@ -49,8 +50,15 @@ def identify(measurements: Measurements, base: BaseOptions | str) -> Calibration
     )
 
 
-def train(measurements: Measurements, base: Calibration | BaseOptions | str, options: TrainingOptions) -> Calibration:
+def train(
+    measurements: Measurements,
+    base: Calibration | BaseOptions | str = "complete",
+    options: TrainingOptions | None = None,
+    progress: Progress = silent,
+) -> Calibration:
     """Train networks on what `base` leaves over: a model to identify, or an identified calibration used as it is.
+
+    Without options: early stopping on `nominal` (the paper), Bayesian regularisation on everything else.
 
     With Bayesian regularisation the networks are kept only if cross-validation, which identifies the base again in every
     fold, says that they help. With early stopping (the paper) the validation part decides; the base model is identified
@@ -58,12 +66,14 @@ def train(measurements: Measurements, base: Calibration | BaseOptions | str, opt
     """
     if isinstance(base, Calibration):
         check_same_robot(base.robot, measurements.robot, "the base calibration", "the measurements")
+    if options is None:
+        options = TrainingOptions(regularisation="early-stopping" if base == "nominal" else "bayes")
     rng = np.random.default_rng(options.seed)
-    fitted = on_base(measurements, base, options, rng)
+    fitted = on_base(measurements, base, options, rng, progress)
     if options.regularisation != "bayes":
         return fitted
     validation = cross_validate(
-        measurements, lambda rows, stream: on_base(rows, base, options, stream), options.folds, rng
+        measurements, lambda rows, stream: on_base(rows, base, options, stream), options.folds, rng, progress
     )
     return replace(fitted, validation=validation, networks=fitted.networks if validation.helps else ())
 
@@ -73,10 +83,11 @@ def on_base(
     base: Calibration | BaseOptions | str,
     options: TrainingOptions,
     rng: np.random.Generator,
+    progress: Progress = silent,
 ) -> Calibration:
     """Base model and networks from these rows, without a verdict on the networks."""
     calibration = base if isinstance(base, Calibration) else identify(measurements, base)
-    networks, report = _networks(measurements, calibration, options, rng)
+    networks, report = _networks(measurements, calibration, options, rng, progress)
     return replace(
         calibration,
         networks=networks,
@@ -89,11 +100,15 @@ def on_base(
 
 
 def _networks(
-    measurements: Measurements, base: Calibration, options: TrainingOptions, rng: np.random.Generator
+    measurements: Measurements,
+    base: Calibration,
+    options: TrainingOptions,
+    rng: np.random.Generator,
+    progress: Progress,
 ) -> tuple[tuple, TrainingReport]:
     setup = fitting_setup(base, measurements)
     pose, jacobian = base.base_forward_and_jacobian(measurements.q, measurements.direction)
     weight = weights(measurements)
     G = observation_matrix(setup, pose) @ jacobian * weight[..., None]
     y = residuals(measurements, setup, pose) * weight
-    return train_networks(measurements.q, G, y, options, rng)
+    return train_networks(measurements.q, G, y, options, rng, progress)

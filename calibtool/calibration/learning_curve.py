@@ -10,6 +10,7 @@ from calibtool.calibration.model import Calibration, fitting_setup
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals
+from calibtool.progress import Progress, silent
 from calibtool.robot.se3 import Array, readonly
 
 _PARTS = (0.25, 0.4, 0.6, 0.8, 1.0)
@@ -36,13 +37,16 @@ class LearningCurve:
         return float(np.sqrt(self.floor**2 + self.slope**2 / count))
 
 
-def learning_curve(measurements: Measurements, fit: Fit, folds: int, rng: np.random.Generator) -> LearningCurve:
+def learning_curve(
+    measurements: Measurements, fit: Fit, folds: int, rng: np.random.Generator, progress: Progress = silent
+) -> LearningCurve:
     """Fit on growing parts of every fold's training rows and judge on the fold. Sizes too small to fit are left out."""
     count = len(measurements)
     order = rng.permutation(count)
     sizes = sorted({round(part * (count - count // folds)) for part in _PARTS})
     squares: dict[int, list[float]] = {}
-    for held, stream in zip(np.array_split(order, folds), rng.spawn(folds), strict=True):
+    parts = list(zip(np.array_split(order, folds), rng.spawn(folds), strict=True))
+    for held, stream in progress(parts, "folds of the learning curve"):
         rest = rng.permutation(np.setdiff1d(order, held))
         judged = measurements.rows(held)
         for size in sizes:

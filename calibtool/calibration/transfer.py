@@ -24,6 +24,7 @@ class Transfer:
 
     @property
     def still_helps(self) -> bool:
+        """Whether the calibrated robot is nearer to the left-out rows than the nominal one."""
         return self.calibrated < self.nominal
 
 

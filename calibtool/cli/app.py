@@ -25,6 +25,7 @@ from calibtool.cli import (
 )
 from calibtool.cli.files import message
 from calibtool.cli.provenance import remember_command
+from calibtool.cli.verbosity import detail, take_switches
 from calibtool.errors import CalibtoolError
 
 
@@ -38,11 +39,11 @@ class _Group(TyperGroup):
     ) -> None:
         arguments = list(sys.argv[1:] if args is None else args)
         remember_command(arguments)
-        _Group.debug = "--debug" in arguments  # accepted before and after the command
-        arguments = [argument for argument in arguments if argument != "--debug"]
+        _Group.debug = "--debug" in arguments
         extra["standalone_mode"] = False
         try:
-            code = super().main(arguments, prog_name or "calibtool", **extra)
+            code = super().main(take_switches(arguments), prog_name or "calibtool", **extra)
+            detail("done")
         except CalibtoolError as error:
             self._give_up(str(error), error.exit_code)
         except MemoryError:
@@ -61,15 +62,16 @@ class _Group(TyperGroup):
             import traceback
 
             traceback.print_exc()
-        message(" ".join(text.split()))
+        message(" ".join(text.split()), important=True)
         sys.exit(code)
 
 
 app = typer.Typer(
     cls=_Group,
     help="Make a serial robot accurate in software: from its description and measurements to corrected joint targets.",
-    epilog="Exit codes: 0 done, 1 unexpected, 2 wrong usage, 3 bad input data, 4 no solution, 5 an acceptance limit was "
-    "not met, 130 interrupted.",
+    epilog="-v, -q and --debug are understood before and after a command's name. "
+    "Exit codes: 0 done, 1 unexpected, 2 wrong usage, 3 bad input data, 4 no solution, 5 an acceptance limit was not met, "
+    "130 interrupted.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -88,6 +90,8 @@ def _root(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and leave.")
     ] = False,
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say what is being done, with times.")] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Only warnings and errors on stderr.")] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> None:
     if context.invoked_subcommand is None:

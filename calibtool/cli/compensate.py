@@ -140,9 +140,9 @@ def compensate_rows(
         for text in counted(texts, "rows", options.batch):
             write(text.encode())
     for line in report.remarks:
-        message(line)
+        message(line, important=True)
     if report.others:
-        message(f"… and {report.others} more rows; see the column status")
+        message(f"… and {report.others} more rows; see the column status", important=True)
     if options.backlash and calibration.base.motion.backlash.any():
         message("backlash is taken up along the rows, in their order; --no-backlash where they are no path")
     if options.verify:

@@ -13,16 +13,19 @@ from calibtool.cli.provenance import provenance
 
 def demo(
     output: Annotated[str, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")] = "demo",
+    sample: Annotated[
+        bool, typer.Option("--sample", help="Instead: copy the sample of docs/tutorial.md into the folder.")
+    ] = False,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
     """Run the paper's experiment from end to end.
 
-    On the FANUC M-1000iA: files, table, plots and C code in one folder.
+    On the FANUC M-1000iA: files, table, plots and C code in one folder. --sample copies a tracker's files, targets and a
+    program to try the commands on.
 
     Example: calibtool demo -o demo
     """
-    from calibtool.demo import run_demo
     from calibtool.errors import UsageError
 
     if not output:
@@ -41,6 +44,16 @@ def demo(
 
     def write(name: str, contents: bytes | str) -> None:
         write_output(str(folder / name), contents, True)
+
+    if sample:
+        from calibtool.robot.shipped import shipped
+
+        for path in sorted((shipped("data") / "sample").iterdir()):
+            if path.suffix in (".csv", ".ls"):
+                write(path.name, path.read_text(encoding="utf-8"))
+                message(f"  {folder / path.name}")
+        return
+    from calibtool.demo import run_demo
 
     result = run_demo(seed, provenance(seed), write, message)
     show_evaluation(result)

@@ -7,6 +7,7 @@ import typer
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
 from calibtool.cli.load import load_calibration, load_measurements
 from calibtool.cli.options import EXACT, CompensationMethod, Force, Json, Outside, RefitSetup, Require, choice
+from calibtool.cli.progress import working
 from calibtool.cli.show import print_json, print_table
 
 _POSES = 8  # columns of a table for people
@@ -61,7 +62,8 @@ def evaluate(
     named = [(stem(path), load_calibration(path)[0]) for path in calibrations]
     measurements, _ = load_measurements(on)
     policy = cast(OutsidePolicy, outside)
-    evaluation = run(named, measurements, method=cast(Method, method), refit_setup=refit_setup, outside=policy)
+    with working(f"evaluating on {len(measurements)} configurations"):
+        evaluation = run(named, measurements, method=cast(Method, method), refit_setup=refit_setup, outside=policy)
     if output is not None:
         write_output(output, format_table(*error_rows(evaluation.methods)), force)
     report = evaluation.as_json()

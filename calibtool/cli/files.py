@@ -11,13 +11,19 @@ from typing import Any, BinaryIO
 
 from calibtool.cli.interrupts import held
 from calibtool.cli.staging import Part, staged
+from calibtool.cli.verbosity import detail, is_quiet
 from calibtool.errors import InputError, UsageError
 
 STREAM = "-"
 
 
-def message(text: str) -> None:
-    """One line for people, on stderr. A stderr that takes nothing any more is no reason to fail."""
+def message(text: str, important: bool = False) -> None:
+    """One line for people, on stderr; with --quiet only warnings and what is important, such as errors.
+
+    A stderr that takes nothing any more is no reason to fail.
+    """
+    if is_quiet() and not important and not text.startswith("warning"):
+        return
     try:
         print(text, file=sys.stderr, flush=True)  # noqa: T201
     except OSError:
@@ -31,7 +37,9 @@ def read_bytes(path: str) -> bytes:
             raise UsageError("stdin is a terminal; give a file, or pipe one in")
         return _binary(sys.stdin).read()
     try:
-        return Path(path).read_bytes()
+        data = Path(path).read_bytes()
+        detail(f"{path}: {len(data):,} bytes read")
+        return data
     except FileNotFoundError:
         raise UsageError(f"{path}: no such file") from None
     except OSError as error:
@@ -159,6 +167,7 @@ def output_stream(path: str, force: bool, *, checked: bool = False) -> Iterator[
         else:
             with staged(destination(path)) as part:
                 yield _writer(part.stream, path)
+                detail(f"{path}: {part.stream.tell():,} bytes written")
                 with held():
                     part.publish(force)
 

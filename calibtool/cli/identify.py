@@ -18,6 +18,7 @@ from calibtool.cli.base import (
 from calibtool.cli.files import check_output, message, one_stdin, write_output
 from calibtool.cli.load import load_calibration, load_measurements
 from calibtool.cli.options import Force, Json, MeasurementsFile, choice
+from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.cli.show import print_json, print_table
 
@@ -106,7 +107,8 @@ def identify(
             loss_function,
             drop_flagged,
         )
-        calibration = run(data, options)
+        with working(f"identifying from {len(data)} configurations"):
+            calibration = run(data, options)
     calibration = replace(calibration, provenance=provenance(None, **inputs))
     report_calibration(calibration, "calibtool/identification", json, extra)
     if not json and calibration.base.posterior is not None:

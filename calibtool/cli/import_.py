@@ -16,6 +16,7 @@ from calibtool.cli.files import (
     write_stdout,
 )
 from calibtool.cli.options import Force, JointValuesOption, Output, Seed, choice
+from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import UsageError
 
@@ -126,22 +127,25 @@ def import_(
         joint_file = JointFile(inputs["joints"], shown(joints), join_by, join_tolerance_s)
     elif join != "index":
         raise UsageError(f"--join {join}: there is no second file; give --joints FILE")
-    imported = read_table(
-        inputs["table"],
-        shown(table),
-        load_robot(robot),
-        column_map,
-        frame=chosen(frame, ("base", "unknown"), "--frame"),
-        robot_targets=robot_targets,
-        format=chosen(format, FORMATS, "--format"),
-        sheet=sheet,
-        layout=chosen(layout, LAYOUTS, "--layout"),
-        stated=Stated(
-            chosen(unit, ("mm", "m", "in"), "--unit"), chosen(angle_unit, ("deg", "rad"), "--angle-unit"), convention
-        ),
-        joints=joint_file,
-        joint_values=chosen(joint_values, JOINT_VALUES, "--joint-values"),
-    )
+    with working(f"reading {shown(table)}"):
+        imported = read_table(
+            inputs["table"],
+            shown(table),
+            load_robot(robot),
+            column_map,
+            frame=chosen(frame, ("base", "unknown"), "--frame"),
+            robot_targets=robot_targets,
+            format=chosen(format, FORMATS, "--format"),
+            sheet=sheet,
+            layout=chosen(layout, LAYOUTS, "--layout"),
+            stated=Stated(
+                chosen(unit, ("mm", "m", "in"), "--unit"),
+                chosen(angle_unit, ("deg", "rad"), "--angle-unit"),
+                convention,
+            ),
+            joints=joint_file,
+            joint_values=chosen(joint_values, JOINT_VALUES, "--joint-values"),
+        )
     for warning in imported.warnings:
         message(f"warning: {warning}")
     taken, left = imported.split(rows, sample, seed)
@@ -151,8 +155,10 @@ def import_(
         write_stdout(preview(taken).encode())
         return
     origin = provenance(seed if sample is not None else None, **inputs)
-    measurements = taken.registered().measurements
-    for finding in check_measurements(measurements, taken.companions):
+    with working(f"registering and checking {len(taken.measurements)} configurations"):
+        measurements = taken.registered().measurements
+        findings = check_measurements(measurements, taken.companions)
+    for finding in findings:
         message(str(finding))
     outputs: dict[str, bytes | str] = {output: to_bytes(replace(measurements, provenance=origin))}
     if rest is not None and left is not None:

@@ -8,6 +8,7 @@ from calibtool.cli.files import check_output, message, shown, write_output
 from calibtool.cli.identify import report_target
 from calibtool.cli.load import load_calibration
 from calibtool.cli.options import Force, Json, Seed, choice
+from calibtool.cli.progress import counted, working
 from calibtool.cli.show import print_json, print_table
 
 if TYPE_CHECKING:
@@ -131,16 +132,19 @@ def plan(
             raise UsageError(f"{option} belongs to --iso9283")
     if configurations > candidates:
         raise UsageError(f"-n {configurations}: only {candidates} candidates to choose from; raise --candidates")
-    made = make_plan(
-        _knowledge(model, source, noise_mm, unregistered),
-        space,
-        configurations,
-        constraints=constraints,
-        criterion=cast(Criterion, criterion),
-        candidates=candidates,
-        rng=np.random.default_rng(seed),
-        refine=refine,
-    )
+    knowledge = _knowledge(model, source, noise_mm, unregistered)
+    with working(f"choosing from {candidates} candidates"):
+        made = make_plan(
+            knowledge,
+            space,
+            configurations,
+            constraints=constraints,
+            criterion=cast(Criterion, criterion),
+            candidates=candidates,
+            rng=np.random.default_rng(seed),
+            refine=refine,
+            progress=counted,
+        )
     if len(made.candidates.q) < candidates:
         message(
             f"warning: only {len(made.candidates.q)} candidates after {made.candidates.drawn} draws; the constraints are "

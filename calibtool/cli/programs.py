@@ -96,5 +96,5 @@ def compensate_file(
 
     result = compensate_program(calibration, data, shown(path), kind, options)
     write_output(output, result.data, force, text=True)
-    for line in result.summary(shown(path)):
-        message(line)
+    for k, line in enumerate(result.summary(shown(path))):
+        message(line, important=k > 0)  # after the counts: what was left alone, or needs a look

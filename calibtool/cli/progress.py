@@ -1,26 +1,68 @@
 """Progress on a terminal: a line on stderr while something longer runs, gone without a trace when it ends."""
 
+import contextlib
 import sys
-from collections.abc import Iterable, Iterator
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Iterator, Sized
+from typing import TYPE_CHECKING, TypeVar
+
+from calibtool.cli.verbosity import detail, is_quiet, seconds
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 T = TypeVar("T")
 
+_live: "Progress | None" = None  # a loop within a loop gets a line below it: a terminal has one live display
+
 
 def counted(items: Iterable[T], what: str, step: int = 1, total: int | None = None) -> Iterator[T]:
-    """The items, with their number on stderr while they come if that is a terminal; `step` of `what` for each item."""
-    if not sys.stderr.isatty():
-        yield from items
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    """The items, with their number on stderr while they come if that is a terminal; `step` of `what` for each item.
 
-    console = Console(stderr=True)
-    bar = [BarColumn()] if total is not None else []
-    with Progress(
-        TextColumn("{task.completed:,.0f} " + what), *bar, TimeElapsedColumn(), console=console, transient=True
-    ) as p:
-        task = p.add_task(what, total=total)
+    It is what the library's functions take as `progress`; their items have a length, which is the total.
+    """
+    if total is None and isinstance(items, Sized):
+        total = len(items) * step
+    begun, count = seconds(), 0
+    with _line(what, total) as show:
+        show(0)
         for item in items:
             yield item
-            p.advance(task, step)
+            count += step
+            show(count)
+    detail(f"{count:,} {what}: {seconds() - begun:.2f} s")
+
+
+@contextlib.contextmanager
+def working(what: str) -> Iterator[None]:
+    """A line with the time that passes, while something runs whose end cannot be foreseen."""
+    begun = seconds()
+    with _line(what):
+        yield
+    detail(f"{what}: {seconds() - begun:.2f} s")
+
+
+@contextlib.contextmanager
+def _line(what: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
+    """A line on the terminal, and a function that shows how far it is; neither where nobody looks on."""
+    global _live
+    if is_quiet() or (_live is None and not sys.stderr.isatty()):  # rich puts its own stream before a terminal
+        yield lambda count: None
+        return
+    live = outer = _live
+    if live is None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+        live = _live = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False)
+        live.start()
+    of = "" if total is None else f" of {total:,}"
+    task = live.add_task(what, total=total)
+    try:
+        # The first picture at once, also when the end comes before the next.
+        yield lambda count: live.update(task, completed=count, description=f"{count:,}{of} {what}", refresh=not count)
+    finally:
+        live.remove_task(task)
+        if outer is None:
+            live.stop()
+            _live = None

@@ -4,12 +4,14 @@ import hashlib
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 
+from calibtool.cli.verbosity import SWITCHES
+
 _OUTPUT_OPTIONS = ("-o", "--output", "--rest")
 _command: list[str] = []
 
 
 def remember_command(arguments: Sequence[str]) -> None:
-    """Keep the command line without what does not change the result: output names, --force, --json, --debug."""
+    """Keep the command line without what does not change the result: output names, --force, --json, -v, -q, --debug."""
     _command.clear()
     skip = False
     for argument in arguments:
@@ -17,7 +19,7 @@ def remember_command(arguments: Sequence[str]) -> None:
             skip = False
         elif argument in _OUTPUT_OPTIONS:
             skip = True
-        elif argument not in ("--force", "--json", "--debug") and not argument.startswith(
+        elif argument not in ("--force", "--json", *SWITCHES) and not argument.startswith(
             ("--output=", "--rest=", "-o")
         ):
             _command.append(argument)

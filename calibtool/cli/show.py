@@ -5,6 +5,7 @@ import sys
 from collections.abc import Sequence
 
 from calibtool.cli.files import message, write_stdout
+from calibtool.cli.verbosity import is_quiet
 
 
 def print_json(value: dict[str, object]) -> None:
@@ -13,7 +14,12 @@ def print_json(value: dict[str, object]) -> None:
 
 
 def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on stderr; the first column is left-aligned text. Colour only on a terminal without NO_COLOR."""
+    """A table on stderr; the first column is left-aligned text. Colour only on a terminal without NO_COLOR.
+
+    With --quiet there is none.
+    """
+    if is_quiet():
+        return
     from rich import box
     from rich.console import Console
     from rich.table import Table

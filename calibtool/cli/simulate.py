@@ -8,6 +8,7 @@ import typer
 from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output
 from calibtool.cli.load import load_measurements
 from calibtool.cli.options import Force, Output, Seed
+from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import InputError, UsageError
 
@@ -105,17 +106,19 @@ def simulate(
         backlash=backlash_mrad * 1e-3,
         temperature=thermal_k,
     )
-    measurements = run(
-        model,
-        Simulation(
-            seed=seed,
-            configurations=configurations,
-            workspace=model.workspace(workspace)[1],
-            scales=scales,
-            noise=noise_mm * 1e-3,
-            unregistered=unregistered,
-            at=q_at,
-            same_robot=truth,
-        ),
-    )
+    count = configurations if q_at is None else len(q_at)
+    with working(f"simulating {count} configurations"):
+        measurements = run(
+            model,
+            Simulation(
+                seed=seed,
+                configurations=configurations,
+                workspace=model.workspace(workspace)[1],
+                scales=scales,
+                noise=noise_mm * 1e-3,
+                unregistered=unregistered,
+                at=q_at,
+                same_robot=truth,
+            ),
+        )
     write_output(output, to_bytes(replace(measurements, provenance=provenance(seed, **inputs))), force)

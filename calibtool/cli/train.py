@@ -20,6 +20,7 @@ from calibtool.cli.files import check_output, message, one_stdin, write_output
 from calibtool.cli.identify import report_calibration, report_target
 from calibtool.cli.load import load_calibration, load_measurements
 from calibtool.cli.options import Force, Json, MeasurementsFile, Seed, choice
+from calibtool.cli.progress import counted, working
 from calibtool.cli.provenance import provenance
 
 
@@ -126,11 +127,17 @@ def train(
         folds=folds,
         seed=seed,
     )
-    calibration = replace(run(data, start, options), provenance=provenance(seed, **inputs))
+    with working(f"training on {len(data)} configurations"):
+        calibration = run(data, start, options, counted)
+    calibration = replace(calibration, provenance=provenance(seed, **inputs))
     extra: dict[str, object] = {}
     if learning_curve:
         curve = curve_of(
-            data, lambda rows, stream: on_base(rows, start, options, stream), folds, np.random.default_rng(seed)
+            data,
+            lambda rows, stream: on_base(rows, start, options, stream),
+            folds,
+            np.random.default_rng(seed),
+            counted,
         )
         extra["learning_curve"] = learning_curve_summary(curve)
     report_calibration(calibration, "calibtool/training", json, extra)

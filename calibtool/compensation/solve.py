@@ -73,7 +73,7 @@ def compensate_poses(
 
 
 def one_step(calibration: Calibration, q: Array) -> tuple[Array, Array]:
-    """q_m = q − δρ_a (Eq. 24) and the singularity distance of each row.
+    """q_m = q − δρ_a (Eq. 24), (N, n) in rad or m like q, and the singularity distance of each row (N,).
 
     On the nominal base δρ = N(q) (Eq. 23). On an identified base δρ = J_ρ⁻¹ log6(T_calibrated T_nominal⁻¹) (Eq. 15),
     damped near singularities.

@@ -61,6 +61,7 @@ class StreamReport:
     turned: float = 0.0
 
     def remark(self, line: str) -> None:
+        """Keep a line, or count it when there are enough."""
         if len(self.remarks) < self.listed:
             self.remarks.append(line)
         else:

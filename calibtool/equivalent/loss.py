@@ -21,6 +21,7 @@ class Loss:
     t: Array
 
     def rows(self, index: np.ndarray) -> "Loss":
+        """The loss on some configurations only: their indices (k,)."""
         return Loss(self.q[index], self.R[index], self.t[index])
 
     def value(self, network: Network) -> float:
@@ -64,6 +65,9 @@ def task_loss(q: Array, G: Array, y: Array) -> Loss:
 
 
 def joint_loss(q: Array, G: Array, y: Array) -> Loss:
-    """Joint-space loss: δρ̂ = G⁺ y, every component alike (Eq. 21); δρ̂ has minimum norm where G does not determine it."""
+    """Joint-space loss: δρ̂ = G⁺ y, every component alike (Eq. 21); of minimum norm where G does not determine it.
+
+    Shapes as in `task_loss`.
+    """
     t = (np.linalg.pinv(G, rcond=1e-9) @ y[..., None])[..., 0]
     return Loss(q, np.broadcast_to(np.eye(G.shape[-1]), (len(q), G.shape[-1], G.shape[-1])), t)

@@ -37,16 +37,17 @@ class Network:
 
     @property
     def hidden(self) -> int:
+        """Number of hidden nodes."""
         return len(self.hidden_bias)
 
     @property
     def weights(self) -> Array:
-        """w, all adjustable weights in one vector: W₁, b₁, W₂, b₂."""
+        """w, all adjustable weights in one vector (W,): W₁, b₁, W₂, b₂."""
         parts = (self.hidden_weights, self.hidden_bias, self.output_weights, self.output_bias)
         return np.concatenate([part.ravel() for part in parts])
 
     def with_weights(self, weights: Array) -> Self:
-        """The same network with another weight vector."""
+        """The same network with another weight vector (W,), in the order of `weights`."""
         h, n = self.hidden_weights.shape
         p = len(self.output_bias)
         w1, b1, w2, b2 = np.split(weights, np.cumsum([h * n, h, p * h]))

@@ -17,6 +17,7 @@ from calibtool.equivalent.optimisers import (
     levenberg_marquardt,
     run,
 )
+from calibtool.progress import Progress, silent
 from calibtool.robot.se3 import Array
 
 _ITERATIONS = {"lm": (levenberg_marquardt, LM_STOPPING), "gd": (gradient_descent, GD_STOPPING)}
@@ -77,14 +78,19 @@ class TrainingReport:
 
 
 def split_rows(count: int, validation: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Training and validation rows of `count` configurations, both sorted."""
+    """Indices (k,) and (count − k,) of the training and validation rows of `count` configurations, both sorted."""
     order = rng.permutation(count)
     held = round(count * validation)
     return np.sort(order[held:]), np.sort(order[:held])
 
 
 def train_networks(
-    q: Array, G: Array, y: Array, options: TrainingOptions, rng: np.random.Generator
+    q: Array,
+    G: Array,
+    y: Array,
+    options: TrainingOptions,
+    rng: np.random.Generator,
+    progress: Progress = silent,
 ) -> tuple[tuple[Network, ...], TrainingReport]:
     """Fit N to y ≈ G N: members of an ensemble (bayes), or one network, or none where it does not help (early stopping).
 
@@ -99,14 +105,18 @@ def train_networks(
     hidden = rule_of_thumb(q.shape[1]) if options.hidden is None else options.hidden
     starts = [initial_network(q[training_rows], output_scale, hidden, r) for r in rng.spawn(options.restarts)]
     if bayes:
-        members = [train_bayesian(start, training) for start in starts]
+        members = [train_bayesian(start, training) for start in progress(starts, "networks")]
         networks = [member.network for member in members]
         histories = [member.history for member in members]
         effective = float(np.mean([member.effective for member in members]))
     else:
         steps, stopping = _ITERATIONS[options.optimiser]
         networks, histories = map(
-            list, zip(*(run(steps, start, training, validation, stopping) for start in starts), strict=True)
+            list,
+            zip(
+                *(run(steps, start, training, validation, stopping) for start in progress(starts, "networks")),
+                strict=True,
+            ),
         )
         effective = float(len(starts[0].weights))
     scores = np.array([(h.training if validation is None else h.validation)[h.chosen] for h in histories])

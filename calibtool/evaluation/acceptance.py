@@ -17,6 +17,7 @@ class Limit:
 
     @property
     def unit(self) -> str:
+        """Of the value: mm or mrad."""
         return "mm" if self.quantity == "position" else "mrad"
 
 

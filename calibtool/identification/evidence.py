@@ -76,7 +76,7 @@ def most_probable(
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverse of a symmetric positive definite matrix, scaled to unit diagonal first: m and rad mix."""
+    """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first: m and rad mix."""
     scale = 1.0 / np.sqrt(np.diag(matrix))
     factor, _ = dpotrf(matrix * np.outer(scale, scale), lower=True, clean=True)
     half, _ = dpotri(factor, lower=True)

@@ -96,7 +96,7 @@ def _moved(geometry: GeometricErrors, setup: Setup, step: Array) -> tuple[Geomet
 
 
 def numerical_rank(singular_values: np.ndarray) -> int:
-    """How many singular values, the largest first, are above RANK_TOLERANCE of the largest."""
+    """How many singular values (p,), the largest first, are above RANK_TOLERANCE of the largest."""
     return int((singular_values > RANK_TOLERANCE * singular_values[0]).sum())
 
 

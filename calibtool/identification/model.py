@@ -89,6 +89,7 @@ class Identification:
 
     @property
     def parameters(self) -> int:
+        """How many were estimated, those that stayed at their prior included."""
         return len(self.singular_values)
 
     @property
@@ -97,6 +98,7 @@ class Identification:
         return ErrorState(self.geometry, self.motion, self.setup)
 
     def with_setup(self, setup: Setup) -> Self:
+        """The same errors in another set-up."""
         return replace(self, setup=setup)
 
 

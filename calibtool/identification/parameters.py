@@ -125,6 +125,7 @@ class Parameters:
 
     @property
     def count(self) -> int:
+        """Number of parameters."""
         return self.blocks["targets"].stop
 
     @cached_property

@@ -41,6 +41,6 @@ class Companions:
             raise InputError(f"companions: the columns have {sorted(lengths)} rows; expected as many as configurations")
 
     def rows(self, index: np.ndarray) -> Self:
-        """The same columns at some configurations only."""
+        """The same columns at some configurations only: their indices (k,)."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return type(self)(**{name: None if column is None else column[index] for name, column in values.items()})

@@ -114,7 +114,7 @@ class Measurements:
         return "points" if self.rotations is None else "pose"
 
     def rows(self, index: np.ndarray) -> Self:
-        """The same measurements at some configurations only."""
+        """The same measurements at some configurations only: their indices (k,)."""
         rotations = None if self.rotations is None else readonly(self.rotations[index])
         direction = None if self.direction is None else readonly(self.direction[index])
         q, points = readonly(self.q[index]), readonly(self.points[index])
@@ -130,7 +130,7 @@ def determines_orientation(targets: Array) -> bool:
 
 
 def check_targets(targets: Array, place: str) -> None:
-    """InputError when three or more targets lie on one line, or two coincide: the pose would not be determined."""
+    """InputError when of targets (m, 3) three or more lie on one line, or two coincide: the pose is not determined."""
     if len(targets) >= 3 and not determines_orientation(targets):
         raise InputError(
             f"{place}: the {len(targets)} target points are collinear, so the turn about their line stays unseen; "

@@ -64,7 +64,10 @@ def update_setup(setup: Setup, base: Array | None, target_shift: Array | None) -
 
 
 def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setup, float]:
-    """Damped Gauss–Newton with minimum-norm steps from one set-up, and its cost: infinite when it does not settle."""
+    """Damped Gauss–Newton with minimum-norm steps from one set-up, and its cost: infinite when it does not settle.
+
+    poses (N, 4, 4) are T_base_tool.
+    """
     weight = weights(measurements)
     left = residuals(measurements, setup, poses) * weight
     cost, damping = float((left**2).sum()), 0.0

@@ -70,8 +70,8 @@ def plan_test(
 ) -> TestCube:
     """The cube of an edge in m, or the largest one, round the home of a workspace (of the default one for the joint range).
 
-    The largest has at most the shortest edge of the workspace's box, and poses that keep the constraints. Raises
-    NoSolutionError naming a pose that cannot be taken.
+    The largest has at most the shortest edge of the workspace's box, and poses that keep the constraints; targets (m, 3)
+    in the tool frame, m. Raises NoSolutionError naming a pose that cannot be taken.
     """
     home = robot.home(robot.workspace(None)[1] if workspace is None else workspace)
     centre = robot.mechanism.forward(home[None])[0]

@@ -10,6 +10,7 @@ from calibtool.planning.observability import observability_indices
 from calibtool.planning.selection import Criterion, improve, select
 from calibtool.planning.table import as_written, in_columns, joint_table
 from calibtool.planning.travel import short_order, travel
+from calibtool.progress import Progress, silent
 from calibtool.robot.description import Workspace
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
@@ -91,6 +92,7 @@ def make_plan(
     candidates: int,
     rng: np.random.Generator,
     refine: bool = True,
+    progress: Progress = silent,
 ) -> Plan:
     """Choose `count` of `candidates` configurations of a workspace (None: the joint range) that keep the constraints.
 
@@ -103,8 +105,8 @@ def make_plan(
     judged = drawn.workspace[:_JUDGED]
     reference = knowledge.rows(judged)
     rows = knowledge.rows(drawn.q)
-    q = drawn.q[select(rows, knowledge.covariance, count, criterion, reference)]
-    for scale in _REFINED if refine else ():
+    q = drawn.q[select(rows, knowledge.covariance, count, criterion, reference, progress)]
+    for scale in progress(_REFINED, "refinements") if refine else ():
         near = _neighbours(robot, q, scale, rng)
         near = near[inside(robot, workspace, near)]
         near = near[constraints.kept(robot, targets, near)]

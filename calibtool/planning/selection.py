@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 
 from calibtool.identification.evidence import inverse
+from calibtool.progress import Progress, silent
 from calibtool.robot.se3 import Array
 
 Criterion = Literal["d", "i"]
@@ -15,7 +16,12 @@ _WORTHWHILE = 1e-4  # relative gain below which an exchange is a tie
 
 
 def select(
-    rows: Array, covariance: Array, count: int, criterion: Criterion = "d", reference: Array | None = None
+    rows: Array,
+    covariance: Array,
+    count: int,
+    criterion: Criterion = "d",
+    reference: Array | None = None,
+    progress: Progress = silent,
 ) -> np.ndarray:
     """Indices of `count` candidates that leave the least uncertainty, in the order of the greedy choice.
 
@@ -30,7 +36,7 @@ def select(
     information = inverse(covariance)
     design = _Design(rows, information, moments)
     chosen: list[int] = []
-    for _ in range(count):
+    for _ in progress(range(count), "configurations chosen"):
         chosen.append(design.best(chosen))
         design.move(chosen[-1], +1)
     useful = np.argsort(-design.gains(), kind="stable")[:_EXCHANGED]
@@ -41,7 +47,10 @@ def select(
 def improve(
     rows: Array, covariance: Array, count: int, criterion: Criterion = "d", reference: Array | None = None
 ) -> np.ndarray:
-    """Indices of the first `count` candidates, each replaced by a better one where there is one; see `select`."""
+    """Indices of the first `count` candidates, each replaced by a better one if there is one.
+
+    Arguments as in `select`.
+    """
     moments = _moments(criterion, rows if reference is None else reference)
     return _exchanged(rows, inverse(covariance), moments, count)
 

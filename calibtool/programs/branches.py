@@ -33,7 +33,7 @@ class Controller:
         return q @ self.coupling.T
 
     def to_controller(self, q: Array) -> Array:
-        """The controller's joint values for joint positions of the serial chain."""
+        """The controller's joint values for joint positions of the serial chain, (…, n) both."""
         return q @ np.linalg.inv(self.coupling).T
 
 

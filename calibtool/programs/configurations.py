@@ -39,7 +39,7 @@ class Digit:
 class Configuration(Protocol):
     """What a controller's configuration data ask of joint positions.
 
-    q are the controller's joint values in rad; zero is the posture with all of them zero.
+    q (n,) are the controller's joint values in rad; zero is the posture with all of them zero.
     """
 
     @property

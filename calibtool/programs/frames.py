@@ -78,7 +78,7 @@ def pose(values: Sequence[float], orientation: str) -> Array:
 
 
 def pose_values(T: Array, orientation: str, near: Sequence[float]) -> list[float]:
-    """The numbers of a pose, inverse of `pose`; of several answers the one nearest to the numbers `near`."""
+    """The numbers of a pose T (4, 4), inverse of `pose`; of several answers the one nearest to the numbers `near`."""
     R, old = T[:3, :3], np.asarray(near[3:], dtype=float)
     if orientation == "quaternion":
         turn = Rotation.from_matrix(R).as_quat(scalar_first=True)

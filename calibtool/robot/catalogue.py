@@ -6,14 +6,7 @@ from pathlib import Path
 from calibtool.errors import UsageError, near_names
 from calibtool.robot.description import read_source
 from calibtool.robot.model import Robot, is_path
-
-_PACKAGE = Path(__file__).resolve().parent.parent
-
-
-def shipped(kind: str) -> Path:
-    """The folder `robots` or `data`: inside an installed package, or at the top of a checkout."""
-    installed = _PACKAGE / "_shipped" / kind
-    return installed if installed.is_dir() else _PACKAGE.parent / kind
+from calibtool.robot.shipped import shipped
 
 
 def robot_names() -> list[str]:

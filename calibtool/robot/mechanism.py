@@ -80,7 +80,7 @@ def _distance(gram: Array) -> Array:
 
 
 def regularised_gram(jacobian: Array, length: float) -> Array:
-    """J Jᵀ (c ≥ 6) or JᵀJ (c < 6) with rows scaled as in `singularity_distance`, plus GRAM_REGULARISATION."""
+    """J (…, 6, c): J Jᵀ (c ≥ 6) or JᵀJ (c < 6) with rows scaled as in `singularity_distance`, plus GRAM_REGULARISATION."""
     scaled = scale_rows(jacobian, length)
     transposed = np.swapaxes(scaled, -1, -2)
     gram = scaled @ transposed if jacobian.shape[-1] >= 6 else transposed @ scaled
@@ -88,7 +88,7 @@ def regularised_gram(jacobian: Array, length: float) -> Array:
 
 
 def scale_rows(jacobian: Array, length: float) -> Array:
-    """Translational rows divided by `length`, so that all six rows are in rad."""
+    """Translational rows of (…, 6, c) divided by `length`, so that all six rows are in rad."""
     scaled = jacobian.copy()
     scaled[..., :3, :] /= length
     return scaled

@@ -63,6 +63,7 @@ class Robot:
 
     @property
     def name(self) -> str:
+        """The name of the description."""
         return self.source.description.name
 
     @property

@@ -36,6 +36,7 @@ class JointMotion:
 
     @property
     def is_none(self) -> bool:
+        """Whether no joint has such errors."""
         return not (self.harmonics.any() or self.compliance.any() or self.backlash.any())
 
     def errors(self, robot: Robot, q: Array, direction: Array | None = None) -> Array:

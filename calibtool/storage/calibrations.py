@@ -15,6 +15,7 @@ from calibtool.identification.parameters import Parameters
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion
+from calibtool.robot.se3 import readonly
 from calibtool.storage.parts import (
     get,
     get_indices,

@@ -87,7 +87,7 @@ def contents(folder: Path) -> dict[str, bytes | None]:
     return {str(p.relative_to(folder)): p.read_bytes() if p.is_file() else None for p in sorted(folder.rglob("*"))}
 
 
-def shell(script: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[bytes]:
+def shell(script: str, folder: Path, timeout: float = 120, **environment: str) -> subprocess.CompletedProcess[bytes]:
     """Run a bash script with pipefail, `calibtool` on the PATH."""
     return subprocess.run(
         ["bash", "-c", f"set -o pipefail\n{script}"],
@@ -95,7 +95,7 @@ def shell(script: str, folder: Path, **environment: str) -> subprocess.Completed
         env={**ENVIRONMENT, **environment},
         capture_output=True,
         stdin=subprocess.DEVNULL,
-        timeout=120,
+        timeout=timeout,
     )
 
 

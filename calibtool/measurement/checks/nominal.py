@@ -48,7 +48,7 @@ def nominal_fit(measurements: Measurements, *, free: bool) -> Fit:
 
 
 def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Finding], np.ndarray]:
-    """Wrong units, axes, joints, orders of targets or set-up; and the rows whose targets are swapped.
+    """Wrong units, axes, joints, orders of targets or set-up; and the rows (k,) whose targets are swapped.
 
     stated: the fit with what is known of the set-up kept.
     """

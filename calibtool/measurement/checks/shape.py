@@ -41,7 +41,7 @@ class _Pairs:
 def shape_findings(measurements: Measurements, wrong_rows: np.ndarray) -> list[Finding]:
     """Bumped targets, rows with a target out of place, scatter of the distances; coordinates taken twice.
 
-    wrong_rows: rows that are explained already (targets swapped) and are left out.
+    wrong_rows: indices (k,) of rows that are explained already (targets swapped) and are left out.
     """
     return [*_equal_coordinates(measurements), *_distances(measurements, wrong_rows)]
 

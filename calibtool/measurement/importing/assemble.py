@@ -60,7 +60,7 @@ class Imported(NamedTuple):
         return self.rows(taken), self.rows(left) if len(left) else None
 
     def rows(self, index: np.ndarray) -> "Imported":
-        """Some of the rows."""
+        """Some of the rows: their indices (k,)."""
         return self._replace(
             measurements=self.measurements.rows(index),
             companions=self.companions.rows(index),

@@ -33,6 +33,7 @@ class JointColumns(_Strict):
     values: JointValues | None = None  # the robot's [coupling] converts those of a controller
 
     def units(self) -> list[str]:
+        """One unit per joint."""
         return list(self.unit) if isinstance(self.unit, list) else [self.unit] * len(self.columns)
 
 

@@ -67,7 +67,10 @@ def read_rotations(table: Table, pose: PoseColumns) -> Array:
 
 
 def read_companions(table: Table, joints_table: Table, robot: Robot, columns: ColumnMap, q: Array) -> Companions:
-    """The columns beside the measurements; joint values come from `joints_table`, all others from the measured table."""
+    """The columns beside the measurements; joint values come from `joints_table`, all others from the measured table.
+
+    q (N, n) are the commanded joint positions, rad or m.
+    """
     references = [table.optional_numbers(ref.measured) * TO_SI[ref.unit] for ref in columns.references]
     temperature = columns.temperature
     celsius = None

@@ -9,8 +9,9 @@ from calibtool.measurement.measurements import Measurements
 
 
 def choose_rows(count: int, rows: str | None, sample: int | None, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the chosen rows and of the rest, both rising: `rows` is 'A:B', from 1 and both included; `sample` draws
-    so many of them at random.
+    """Indices (k,) of the chosen rows and of the rest, both rising: `rows` is 'A:B', from 1 and both included.
+
+    `sample` draws so many of them at random.
 
     Raises UsageError for a range or a number that does not fit.
     """

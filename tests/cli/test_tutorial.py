@@ -1,0 +1,54 @@
+"""Every command of docs/tutorial.md, through a real shell, from an empty directory with the data that come along."""
+
+import re
+from pathlib import Path
+
+import pytest
+from commandline import refused, run, shell
+
+TUTORIAL = Path(__file__).resolve().parents[2] / "docs" / "tutorial.md"
+
+
+def commands() -> str:
+    blocks = re.findall(r"```sh\n(.*?)```", TUTORIAL.read_text("utf-8"), re.DOTALL)
+    assert len(blocks) == 10
+    return "\n".join(blocks)
+
+
+def mean_of(table: str, method: str) -> float:
+    """The first number behind a method's name in the last table of evaluate that names it."""
+    return float(re.findall(rf"^\s*{method}\s+([0-9.]+)", table, re.MULTILINE)[-1])
+
+
+def test_the_tutorial_runs_and_says_what_is_true(here: Path) -> None:
+    done = shell("set -e\n" + commands(), here, timeout=600)
+    said = done.stderr.decode()
+    assert done.returncode == 0, said
+    assert re.search(r"nominal robot: 1\.2\d* mm rms", done.stdout.decode())
+    first, last = said.split("driven to corrected joints")
+    assert 1.1 < mean_of(first, "nominal") < 1.3
+    assert mean_of(first, "calibration") < 0.3
+    assert mean_of(last, "calibration") < 0.3 < mean_of(last, "nominal")
+    old, new = (Path(name).read_text().splitlines() for name in ("sample/seam.ls", "seam_corrected.ls"))
+    changed = [line for line, after in zip(old, new, strict=True) if line != after]
+    assert len(changed) == 8  # two lines of each of four targets
+    assert len(Path("next.csv").read_text().splitlines()) == 1 + 5
+    assert Path("corrected.csv").read_text().count(",ok,") == 8
+
+
+def test_the_sample_goes_into_a_folder_of_its_own(here: Path) -> None:
+    run("demo", "--sample", "-o", "s")
+    assert sorted(path.name for path in Path("s").iterdir()) == [
+        "seam.ls",
+        "targets.csv",
+        "tracker.csv",
+        "verification.csv",
+    ]
+    assert "not empty" in refused(2, "demo", "--sample", "-o", "s")
+
+
+@pytest.mark.parametrize("name", ["tracker.csv", "verification.csv"])
+def test_the_sample_gives_no_findings(name: str, here: Path) -> None:
+    run("demo", "--sample", "-o", "s")
+    result = run("import", f"s/{name}", "--robot", "fanuc-m1000ia", "--joint-values", "controller", "-o", "m.h5")
+    assert result.stderr == ""

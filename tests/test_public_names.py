@@ -1,0 +1,89 @@
+"""What the package promises to scripts: names that come when they are asked for, and docstrings that state shapes."""
+
+import importlib
+import inspect
+import pkgutil
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+import calibtool
+
+# `(N, n)`, `(…, 4, 4)`, `(k,)`; a docstring that refers to another one for its arguments says so.
+_SHAPE = re.compile(r"\([\w…+·* ×−-]+,.*\)|[Aa]rguments as in|[Ss]hapes as in")
+
+
+def test_every_name_is_there() -> None:
+    for name in calibtool.__all__:
+        assert getattr(calibtool, name) is not None, name
+    assert set(calibtool.__all__) <= set(dir(calibtool))
+    with pytest.raises(AttributeError, match="no attribute 'calibrate'"):
+        calibtool.calibrate  # noqa: B018
+
+
+def test_a_name_is_that_of_its_module() -> None:
+    assert calibtool.simulate.__module__ == "calibtool.measurement.simulate"  # type: ignore[attr-defined]
+    assert calibtool.train.__module__ == "calibtool.calibration.fit"  # type: ignore[attr-defined]
+
+
+def test_names_are_imported_only_when_asked_for() -> None:
+    code = (
+        "import sys, calibtool as ct; print('numpy' in sys.modules); ct.CalibtoolError; print('numpy' in sys.modules); "
+        "ct.load_robot; print('numpy' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False", "True"]
+
+
+def functions() -> Iterator[tuple[str, Any]]:
+    """Every public function, and every public method and property of a public class, of the library."""
+    for module in pkgutil.walk_packages(calibtool.__path__, "calibtool."):
+        if module.name.startswith(("calibtool.cli", "calibtool.__main__")):
+            continue
+        loaded = importlib.import_module(module.name)
+        for name, value in vars(loaded).items():
+            if name.startswith("_") or getattr(value, "__module__", None) != module.name:
+                continue
+            if inspect.isfunction(value):
+                yield f"{module.name}.{name}", value
+            elif inspect.isclass(value):
+                for part, member in vars(value).items():
+                    function = getattr(member, "fget", None) or getattr(member, "func", None)
+                    function = function or getattr(member, "__func__", member)
+                    if not part.startswith("_") and inspect.isfunction(function):
+                        yield f"{module.name}.{name}.{part}", function
+
+
+FUNCTIONS = dict(functions())
+
+
+def documented(name: str) -> str:
+    """The docstring, or for one of three answers to a protocol the protocol's."""
+    from calibtool.programs.configurations import Configuration
+
+    text = inspect.getdoc(FUNCTIONS[name])
+    if text is None and name.startswith("calibtool.programs.configurations."):
+        text = inspect.getdoc(getattr(Configuration, name.rsplit(".", 1)[1]))
+    return text or ""
+
+
+def test_every_public_function_says_what_it_is() -> None:
+    assert len(FUNCTIONS) > 300
+    assert [name for name in FUNCTIONS if len(documented(name)) < 4] == []
+
+
+def test_arrays_have_shapes() -> None:
+    """A function whose signature has arrays states a shape, in its docstring or its class's."""
+    missing = []
+    for name, function in FUNCTIONS.items():
+        arrays = re.search(r"\b(ND)?[aA]rray\b|ndarray", str(inspect.signature(function)))
+        if arrays and not _SHAPE.search(documented(name)):
+            missing.append(name)
+    # General functions take any shape; families are lists of indices; the protocol states the shape of q for its answers.
+    general = ("se3.readonly", "parts.get", "Parameters.families", "robust.find_flagged", "tables.Lines.floats")
+    left = [name for name in missing if not name.endswith(general) and ".programs.configurations." not in name]
+    assert left == []

@@ -1,0 +1,17 @@
+"""The sample of the tutorial: made again, byte for byte, and small."""
+
+import runpy
+from pathlib import Path
+
+SAMPLE = Path(__file__).resolve().parent.parent / "data" / "sample"
+
+
+def test_the_sample_is_what_its_script_makes() -> None:
+    made = runpy.run_path(str(SAMPLE / "make.py"))["files"]()
+    assert {path.name for path in SAMPLE.iterdir() if path.is_file()} == {*made, "make.py"}
+    for name, text in made.items():
+        assert (SAMPLE / name).read_bytes() == text.encode(), name
+
+
+def test_the_sample_is_small() -> None:
+    assert sum(path.stat().st_size for path in SAMPLE.iterdir() if path.is_file()) < 200_000
