@@ -20,6 +20,7 @@ from calibtool.cli import (
     plot,
     robots,
     simulate,
+    study,
     train,
 )
 from calibtool.cli.files import message
@@ -104,6 +105,7 @@ for _name, _function in (
     ("compensate", compensate.compensate),
     ("export", export.export),
     ("plot", plot.plot),
+    ("study", study.study),
     ("info", info.info),
     ("demo", demo.demo),
 ):

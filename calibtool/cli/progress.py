@@ -13,10 +13,10 @@ def counted(items: Iterable[T], what: str, step: int = 1, total: int | None = No
         yield from items
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    bar = [BarColumn()] if total is not None else []
+    bar = [BarColumn(), TimeRemainingColumn()] if total is not None else []
     with Progress(
         TextColumn("{task.completed:,.0f} " + what), *bar, TimeElapsedColumn(), console=console, transient=True
     ) as p:
