@@ -1,5 +1,6 @@
 """The same runs on a Dask cluster: the scheduler repeats the runs of a lost worker elsewhere."""
 
+import asyncio
 import contextlib
 import logging
 from collections.abc import Generator, Sequence
@@ -13,7 +14,7 @@ from calibtool.evaluation.study.table import Row
 if TYPE_CHECKING:
     from distributed import Client
 
-CONNECT_SECONDS = 5  # a scheduler answers at once or not at all
+REACH_SECONDS = 4  # a scheduler answers at once or not at all
 
 
 def on_cluster(study: Study, indices: Sequence[int], address: str) -> Generator[tuple[int, list[Row]], None, None]:
@@ -27,9 +28,11 @@ def on_cluster(study: Study, indices: Sequence[int], address: str) -> Generator[
     from distributed import KilledWorker, as_completed
 
     try:
-        shared = client.submit(_given, study, key=f"calibtool-study-{study.key}", pure=True)
+        shared = client.submit(_given, study, key=f"calibtool-study-{study.key}")
         futures = {client.submit(perform, shared, index, pure=False): index for index in indices}
-        for future in as_completed(list(futures)):
+        with client.as_current():
+            completed = as_completed(list(futures))
+        for future in completed:
             index = futures.pop(future)
             error = future.exception() if future.status == "error" else None
             if isinstance(error, KilledWorker):
@@ -57,10 +60,21 @@ def _connect(address: str) -> "Client":
         raise UsageError("--cluster needs Dask; run: pip install 'calibtool[cluster]'") from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said by the error
     try:
-        return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError, TypeError, ImportError, KeyError) as error:
-        text = " ".join(str(error).split()) or type(error).__name__
-        raise UsageError(f"--cluster {address}: no Dask scheduler answers: {text}") from None
+        asyncio.run(asyncio.wait_for(_reach(address), REACH_SECONDS))  # a Client that fails to connect fails noisily
+        return Client(address, timeout=REACH_SECONDS, set_as_default=False)
+    except Exception as error:  # also what comes of a server that speaks another language, such as MemoryError
+        text = " ".join(str(error).split()) if isinstance(error, OSError | ValueError) else ""
+        text = text or f"it does not answer like one within {REACH_SECONDS} s"
+        raise UsageError(f"--cluster {address}: no Dask scheduler: {text}") from None
+
+
+async def _reach(address: str) -> None:
+    """Shake hands with the scheduler."""
+    from distributed import Security
+    from distributed.comm import connect
+
+    comm = await connect(address, timeout=REACH_SECONDS - 1, **Security().get_connection_args("client"))
+    comm.abort()
 
 
 def _reason(address: str, error: Any) -> str:
