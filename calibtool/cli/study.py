@@ -100,7 +100,7 @@ def study(
         **{key: None if given is None else ",".join(given).split(",") for key, given in lists.items()},
     }
     study = Study.of(_definition(plan).changed({key: value for key, value in changes.items() if value is not None}))
-    table = None if target in (None, STREAM) or force else _finished(study, str(target))
+    table = None if target is None or target == STREAM else _finished(study, target, force)
     if table is None:
         if target is not None:
             check_output(target, force, binary=_is_hdf5(target))
@@ -170,35 +170,37 @@ def _contents(path: str, study: "Study", table: "StudyTable") -> bytes | str:
     return study_to_bytes(table, study.definition.model_dump_json())
 
 
-def _finished(study: "Study", path: str) -> "StudyTable | None":
-    """The table of this very study when it is there already; UsageError when the file holds something else."""
-    import io
-
-    from calibtool.cli.files import read_bytes
+def _finished(study: "Study", path: str, force: bool) -> "StudyTable | None":
+    """The table of this very study when it is there already; UsageError when the file holds something else, unless it
+    may be overwritten."""
     from calibtool.errors import InputError, UsageError
-    from calibtool.evaluation.study.table import parse_csv
 
     if not Path(path).is_file():
         return None
     try:
-        if _is_hdf5(path):
-            from calibtool.storage.studies import read_study
+        table = _read_table(path)
+    except InputError:
+        problem = "exists already and is no study's table"
+    else:
+        if table.key == study.key and len(table.rows) == study.count * len(study.definition.methods):
+            return table
+        problem = "has lost rows" if table.key == study.key else f"holds another study ({table.key}, not {study.key})"
+    if not force:
+        raise UsageError(f"{path}: {problem}; choose another name, or overwrite it with --force")
+    return None
 
-            table = read_study(io.BytesIO(read_bytes(path)), path)
-        else:
-            table = parse_csv(read_text(path), path)
-    except InputError as error:
-        raise UsageError(
-            f"{path}: exists already and is no study's table; choose another name, or overwrite it with --force"
-        ) from error
-    if table.key != study.key:
-        raise UsageError(
-            f"{path}: holds another study ({table.key}, this one is {study.key}); choose another name, or overwrite it with "
-            "--force"
-        )
-    if len(table.rows) != study.count * len(study.definition.methods):
-        raise UsageError(f"{path}: has lost rows; choose another name, or overwrite it with --force")
-    return table
+
+def _read_table(path: str) -> "StudyTable":
+    import io
+
+    from calibtool.cli.files import read_bytes
+    from calibtool.evaluation.study.table import parse_csv
+
+    if not _is_hdf5(path):
+        return parse_csv(read_text(path), path)
+    from calibtool.storage.studies import read_study
+
+    return read_study(io.BytesIO(read_bytes(path)), path)
 
 
 def _report(study: "Study", table: "StudyTable", json: bool) -> None:

@@ -129,6 +129,8 @@ def draw_study(table: StudyTable, image: ImageFormat) -> bytes:
             panel.grid(axis="y", alpha=0.3, which="both", linewidth=0.4)
         row[0].set_ylabel(unit)
     _name_blocks(panels[-1], blocks, methods)
+    names = ", ".join(dict.fromkeys(map(str, table.column("robot"))))
+    figure.suptitle(f"{names}: {len(next(iter(rows.values())))} robots" + (" each" if len(blocks) > 1 else ""))
     if len(blocks) > 1:
         handles = [
             Patch(facecolor=_COLOURS[i % len(_COLOURS)], alpha=0.55, edgecolor="black", label=method)

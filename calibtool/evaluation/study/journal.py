@@ -8,9 +8,11 @@ from types import TracebackType
 
 from calibtool.errors import UsageError
 from calibtool.evaluation.study.definition import Study
-from calibtool.evaluation.study.table import COLUMNS, Row
+from calibtool.evaluation.study.table import Row
 
 SCHEMA = "calibtool/study-journal"
+_START = json.dumps({"schema": SCHEMA})[:-1].encode()
+_REMEDY = "choose another output, or discard it by --force"
 
 
 class Journal:
@@ -18,8 +20,8 @@ class Journal:
 
     finished   rows by the index of their run
 
-    Opening reads what is there: a line that was cut off is dropped. Raises UsageError when the file belongs to another
-    study, is in use, or cannot be written.
+    Opening reads what is there. Raises UsageError when the file belongs to another study (unless it may be discarded), is
+    in use, or cannot be written.
     """
 
     def __init__(self, path: Path | None, study: Study, *, discard: bool = False) -> None:
@@ -69,41 +71,43 @@ class Journal:
             raise UsageError(f"{path}: another calibtool is working on this study") from None
         try:
             with open(file, "rb", closefd=False) as stream:
-                data = b"" if discard else stream.read()
-            whole = data[: data.rfind(b"\n") + 1]
+                data = stream.read()
+            whole = data[: data.rfind(b"\n") + 1]  # a line that was cut off by an interruption is dropped
+            try:
+                if not data.startswith(_START[: len(data)]):
+                    raise UsageError(f"{path}: is no journal of calibtool study; {_REMEDY}")
+                self._read(whole.decode("utf-8", "replace").splitlines(), path)
+            except UsageError:
+                if not discard:
+                    raise
+                self.finished, whole = {}, b""
             os.ftruncate(file, len(whole))
-            if whole:
-                self._read(whole.decode("utf-8").splitlines(), path)
-            else:
-                self._file = file
-                self._write(json.dumps({"schema": SCHEMA, "study": self.study.key, "columns": list(COLUMNS)}))
+            self._file = file
+            if not whole:
+                self._write(json.dumps({"schema": SCHEMA, "study": self.study.key}))
         except BaseException:
             os.close(file)
             raise
         return file
 
     def _read(self, lines: list[str], path: Path) -> None:
+        if not lines:
+            return
         try:
-            head = json.loads(lines[0])
-            ours = head["schema"] == SCHEMA and head["columns"] == list(COLUMNS)
-            key = str(head["study"])
+            key = str(json.loads(lines[0])["study"])
         except (ValueError, KeyError, TypeError):
-            ours, key = False, ""
-        if not ours:
-            raise UsageError(
-                f"{path}: is no journal of calibtool study; choose another output, or discard it by --force"
-            )
+            raise UsageError(f"{path}:1: damaged; {_REMEDY}") from None
         if key != self.study.key:
             raise UsageError(
                 f"{path}: holds the finished runs of another study ({key}, this one is {self.study.key}); finish that one, "
-                "choose another output, or discard it by --force"
+                f"or {_REMEDY}"
             )
         for number, line in enumerate(lines[1:], start=2):
             try:
                 entry = json.loads(line)
                 self.finished[int(entry["run"])] = [tuple(row) for row in entry["rows"]]
             except (ValueError, KeyError, TypeError):
-                raise UsageError(f"{path}:{number}: damaged; discard it by --force") from None
+                raise UsageError(f"{path}:{number}: damaged; {_REMEDY}") from None
 
     def _write(self, line: str) -> None:
         assert self._file is not None
