@@ -22,6 +22,7 @@ from calibtool.cli import (
     simulate,
     study,
     train,
+    view,
 )
 from calibtool.cli.files import message
 from calibtool.cli.provenance import remember_command
@@ -105,6 +106,7 @@ for _name, _function in (
     ("compensate", compensate.compensate),
     ("export", export.export),
     ("plot", plot.plot),
+    ("view", view.view),
     ("study", study.study),
     ("info", info.info),
     ("demo", demo.demo),

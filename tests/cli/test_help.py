@@ -27,6 +27,7 @@ CONTRACT = {
     "compensate": "--method -o --output --force",
     "export": "--format -o --output --force",
     "plot": "--on -o --output --force",
+    "view": "--html --magnify --port --force",
     "study": "--plan --runs --seed --methods -n --configurations --noise-mm --errors --error-scale --workspace --fresh "
     "--workers --cluster --box-plot --json -o --output --force",
     "info": "--json",
@@ -169,6 +170,7 @@ PREPARED: dict[str, tuple[Callable[[Files], None], list[str]]] = {  # what must 
     "compensate": (_calibration, ["corrected.csv"]),
     "export": (_calibration, ["compensator.c", "compensator.h"]),
     "plot": (_calibrations, ["errors.svg"]),
+    "view": (_measurements, ["view.html"]),
     "study": (_nothing, ["study.csv"]),
     "info": (_calibration, []),
 }
