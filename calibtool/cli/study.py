@@ -250,7 +250,7 @@ def _differs(groups: list[dict[str, object]], key: str) -> bool:
 
 
 def _spread(values: dict[str, float] | None) -> str:
-    return "-" if values is None else f"{values['median']:.3g} ({values['q05']:.3g}…{values['q95']:.3g})"
+    return "-" if values is None else f"{values['median']:.3g} ({values['q05']:.2g}…{values['q95']:.2g})"
 
 
 def _reduction(values: dict[str, float] | None) -> str:
