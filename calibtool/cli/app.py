@@ -21,7 +21,9 @@ from calibtool.cli import (
     report,
     robots,
     simulate,
+    study,
     train,
+    view,
 )
 from calibtool.cli.files import message
 from calibtool.cli.provenance import remember_command
@@ -110,6 +112,8 @@ for _name, _function in (
     ("export", export.export),
     ("plot", plot.plot),
     ("report", report.report),
+    ("view", view.view),
+    ("study", study.study),
     ("info", info.info),
     ("demo", demo.demo),
 ):

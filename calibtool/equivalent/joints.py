@@ -1,6 +1,7 @@
 """The equivalent robot (Eqs. 12–17): actuated joints, virtual joints for n < 6, and its Jacobian J_ρ."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -42,6 +43,7 @@ class EquivalentRobot:
         return pose, np.concatenate([jacobian, adjoint(pose)[:, :, self.virtual_columns]], axis=-1)
 
 
+@lru_cache(maxsize=16)  # a robot is what it is: hashed by identity
 def equivalent_robot(robot: Robot) -> EquivalentRobot:
     """The equivalent robot of a description: its virtual joints if it names them, otherwise the best ones.
 

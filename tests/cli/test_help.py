@@ -28,6 +28,9 @@ CONTRACT = {
     "export": "--format --precision -o --output --force",
     "plot": "--on --width-mm --require -o --output --force",
     "report": "--on --require -o --output --force",
+    "view": "--html --magnify --port --force",
+    "study": "--plan --runs --seed --methods -n --configurations --noise-mm --errors --error-scale --workspace --fresh "
+    "--workers --cluster --box-plot --json -o --output --force",
     "info": "--json",
     "demo": "-o --output --force",
 }
@@ -169,6 +172,8 @@ PREPARED: dict[str, tuple[Callable[[Files], None], list[str]]] = {  # what must 
     "export": (_calibration, ["compensator.c", "compensator.h"]),
     "plot": (_calibrations, ["errors.svg"]),
     "report": (_calibrations, ["report.html"]),
+    "view": (_measurements, ["view.html"]),
+    "study": (_nothing, ["study.csv"]),
     "info": (_calibration, []),
 }
 

@@ -1,0 +1,257 @@
+"""calibtool study: Monte Carlo over robots, errors, noise and methods."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from calibtool.cli.files import STREAM, check_output, message, read_text, shown, write_output
+from calibtool.cli.identify import report_target
+from calibtool.cli.options import Force, Json
+from calibtool.cli.progress import counted
+from calibtool.cli.show import print_json, print_table
+
+if TYPE_CHECKING:
+    from calibtool.evaluation.study import Definition, Study, StudyTable
+
+
+def study(
+    robots: Annotated[
+        list[str] | None, typer.Argument(metavar="[ROBOT]...", help="Robots of the catalogue, or paths.")
+    ] = None,
+    plan: Annotated[
+        str | None, typer.Option(metavar="STUDY.toml", help="The definition as a file; options go before its keys.")
+    ] = None,
+    output: Annotated[
+        str | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Table: CSV, or HDF5 by .h5; '-' is stdout (default without --json)."
+        ),
+    ] = None,
+    runs: Annotated[int | None, typer.Option(min=1, help="Actual robots per combination (default 100).")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random (default 0).")] = None,
+    methods: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="LIST",
+            help="Of local-poe, complete, network (on nominal: the paper), network-local-poe, default (train); nominal is "
+            "always there. Default: local-poe,network,complete.",
+        ),
+    ] = None,
+    configurations: Annotated[
+        list[str] | None, typer.Option("-n", "--configurations", metavar="LIST", help="Measured ones (default 100).")
+    ] = None,
+    noise_mm: Annotated[list[str] | None, typer.Option(metavar="LIST", help="Per coordinate (default 0.05).")] = None,
+    errors: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KINDS", help="As in simulate (default geometric); repeat the option for alternatives."),
+    ] = None,
+    error_scale: Annotated[
+        list[str] | None, typer.Option(metavar="LIST", help="Factors on the sizes of all errors (default 1).")
+    ] = None,
+    workspace: Annotated[
+        str | None, typer.Option(help="A named workspace (default: each robot's first); 'full' is the joint range.")
+    ] = None,
+    fresh: Annotated[
+        int | None,
+        typer.Option(min=0, help="Configurations for judging, seen by no fit (default 1000); 0: the measured ones."),
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Local processes (default: one per core).")] = None,
+    cluster: Annotated[str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://HOST:PORT.")] = None,
+    box_plot: Annotated[
+        str | None, typer.Option("--box-plot", metavar="FILE", help="Also draw the errors: .svg or .png.")
+    ] = None,
+    json: Json = False,
+    force: Force = False,
+) -> None:
+    """Compare methods over many simulated robots.
+
+    Every run draws an actual robot, measures it, calibrates it by every method and judges them on fresh configurations.
+    LIST is comma separated, or the option is repeated; lists are varied against each other. The results do not depend on
+    the number of workers. With -o FILE finished runs are kept in FILE.journal: the same command goes on after an
+    interruption.
+
+    Example: calibtool study planar-3r --runs 4 --fresh 50 -o study.csv
+    """
+    target = report_target(output, json)
+    from calibtool.errors import UsageError
+    from calibtool.evaluation.study import Study
+
+    if cluster is not None and workers is not None:
+        raise UsageError("--workers and --cluster exclude each other")
+    if box_plot is not None:
+        from calibtool.evaluation.plots import image_format
+
+        image_format(box_plot)
+        check_output(box_plot, force)
+    lists = {
+        "methods": methods,
+        "configurations": configurations,
+        "noise_mm": noise_mm,
+        "error_scale": error_scale,
+    }
+    changes: dict[str, object] = {
+        "robots": robots or None,
+        "workspace": workspace,
+        "runs": runs,
+        "seed": seed,
+        "errors": errors,
+        "fresh": fresh,
+        **{key: None if given is None else ",".join(given).split(",") for key, given in lists.items()},
+    }
+    study = Study.of(_definition(plan).changed({key: value for key, value in changes.items() if value is not None}))
+    table = None if target is None or target == STREAM else _finished(study, target, force)
+    if table is None:
+        if target is not None:
+            check_output(target, force, binary=_is_hdf5(target))
+        table = _perform(study, target, workers, cluster, force)
+    else:
+        message(f"{target}: this study is finished already")
+    _report(study, table, json)
+    if box_plot is not None:
+        from calibtool.evaluation.plots import draw_study, image_format
+
+        write_output(box_plot, draw_study(table, image_format(box_plot)), force)
+
+
+def _perform(study: "Study", target: str | None, workers: int | None, cluster: str | None, force: bool) -> "StudyTable":
+    """Perform what is not finished yet, and write the table."""
+    import os
+
+    from calibtool.errors import CalibtoolError
+    from calibtool.evaluation.study import StudyTable
+    from calibtool.evaluation.study.cluster import on_cluster
+    from calibtool.evaluation.study.journal import Journal
+    from calibtool.evaluation.study.local import in_processes
+
+    path = None if target in (None, STREAM) else Path(f"{target}.journal")
+    with Journal(path, study, discard=force) as journal:
+        if journal.finished:
+            message(f"{path}: {len(journal.finished)} of {study.count} runs are finished already")
+        rest = [index for index in range(study.count) if index not in journal.finished]
+        if cluster is not None:
+            results = on_cluster(study, rest, cluster)
+        else:
+            results = in_processes(study, rest, workers or len(os.sched_getaffinity(0)))
+        try:
+            for index, rows in counted(results, "runs", total=len(rest)):
+                journal.add(index, rows)
+            table = StudyTable(study.key, journal.rows())
+            if target is not None:
+                write_output(target, _contents(target, study, table), force)
+        except (CalibtoolError, KeyboardInterrupt) as error:
+            results.close()
+            if path is None or not journal.finished:
+                raise
+            kept = f"{len(journal.finished)} of {study.count} runs are kept; the same command goes on"
+            if isinstance(error, KeyboardInterrupt):
+                message(kept)
+                raise
+            raise type(error)(f"{error} ({kept})") from None
+        journal.remove()
+    return table
+
+
+def _definition(plan: str | None) -> "Definition":
+    from calibtool.evaluation.study import Definition, parse_definition
+
+    return Definition() if plan is None else parse_definition(read_text(plan), shown(plan))
+
+
+def _is_hdf5(path: str) -> bool:
+    return path.lower().endswith((".h5", ".hdf5"))
+
+
+def _contents(path: str, study: "Study", table: "StudyTable") -> bytes | str:
+    if not _is_hdf5(path):
+        return table.as_csv()
+    from calibtool.storage.studies import study_to_bytes
+
+    return study_to_bytes(table, study.definition.model_dump_json())
+
+
+def _finished(study: "Study", path: str, force: bool) -> "StudyTable | None":
+    """The table of this very study when it is there already; UsageError when the file holds something else, unless it
+    may be overwritten."""
+    from calibtool.errors import InputError, UsageError
+
+    if not Path(path).is_file():
+        return None
+    try:
+        table = _read_table(path)
+    except InputError:
+        problem = "exists already and is no study's table"
+    else:
+        if table.key == study.key and len(table.rows) == study.count * len(study.definition.methods):
+            return table
+        problem = "has lost rows" if table.key == study.key else f"holds another study ({table.key}, not {study.key})"
+    if not force:
+        raise UsageError(f"{path}: {problem}; choose another name, or overwrite it with --force")
+    return None
+
+
+def _read_table(path: str) -> "StudyTable":
+    import io
+
+    from calibtool.cli.files import read_bytes
+    from calibtool.evaluation.study.table import parse_csv
+
+    if not _is_hdf5(path):
+        return parse_csv(read_text(path), path)
+    from calibtool.storage.studies import read_study
+
+    return read_study(io.BytesIO(read_bytes(path)), path)
+
+
+def _report(study: "Study", table: "StudyTable", json: bool) -> None:
+    """JSON on stdout, or medians and 5-95 % quantiles for people; failures are told either way."""
+    from calibtool.evaluation.study.summary import study_summary
+
+    summary = study_summary(table)
+    if json:
+        print_json(summary)
+    else:
+        _show(study, summary)
+    if summary["failed"]:
+        status = next(text for text in table.column("status") if text != "ok")
+        message(f"warning: {summary['failed']} of {summary['rows']} rows have no result; the first: {status}")
+
+
+def _show(study: "Study", summary: dict[str, object]) -> None:
+    groups = summary["groups"]
+    assert isinstance(groups, list)
+    varied = [key for key in ("robot", "errors", "error_scale", "noise_mm", "configurations") if _differs(groups, key)]
+    columns = [
+        ("position_mm", "mean"),
+        ("position_mm", "max"),
+        ("orientation_mrad", "mean"),
+        ("orientation_mrad", "max"),
+    ]
+    reductions = ["position_max", "orientation_max"]
+    rows = []
+    for group in groups:
+        cells = [_spread(group[part][name]) for part, name in columns]
+        cells += [_reduction(group["reduction_percent"][name]) for name in reductions]
+        rows.append([group["method"], *(str(group[key]) for key in varied), *cells])
+    header = ["method", *varied, "mean mm", "max mm", "mean mrad", "max mrad", "max mm −%", "max mrad −%"]
+    judged = (
+        f"{study.definition.fresh} fresh configurations" if study.definition.fresh else "the measured configurations"
+    )
+    names = ", ".join(dict.fromkeys(group["robot"] for group in groups))
+    print_table(
+        f"{names}: {study.count} runs, judged on {judged}; median (5 %…95 %), reduction of the largest error: median (5 %)",
+        header,
+        rows,
+    )
+
+
+def _differs(groups: list[dict[str, object]], key: str) -> bool:
+    return len({str(group[key]) for group in groups}) > 1
+
+
+def _spread(values: dict[str, float] | None) -> str:
+    return "-" if values is None else f"{values['median']:.3g} ({values['q05']:.2g}…{values['q95']:.2g})"
+
+
+def _reduction(values: dict[str, float] | None) -> str:
+    return "-" if values is None else f"{values['median']:.1f} ({values['q05']:.1f})"

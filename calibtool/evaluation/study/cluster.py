@@ -1,0 +1,93 @@
+"""The same runs on a Dask cluster: the scheduler repeats the runs of a lost worker elsewhere."""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Generator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from calibtool.errors import CalibtoolError, UsageError
+from calibtool.evaluation.study.definition import Study
+from calibtool.evaluation.study.runs import lost, perform
+from calibtool.evaluation.study.table import Row
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+REACH_SECONDS = 4  # a scheduler answers at once or not at all
+
+
+def on_cluster(study: Study, indices: Sequence[int], address: str) -> Generator[tuple[int, list[Row]], None, None]:
+    """(index, rows) of every run, in the order in which they finish, from the workers of a Dask scheduler.
+
+    Workers need calibtool of this version. A run whose worker dies again and again gets rows that say so.
+    UsageError without dask[distributed], or when no scheduler answers at `address`; CalibtoolError when the cluster
+    goes away, or a worker cannot perform runs.
+    """
+    client = _connect(address)
+    from distributed import KilledWorker, as_completed
+
+    try:
+        shared = client.submit(_given, study, key=f"calibtool-study-{study.key}")
+        futures = {client.submit(perform, shared, index, pure=False): index for index in indices}
+        with client.as_current():
+            completed = as_completed(list(futures))
+        for future in completed:
+            index = futures.pop(future)
+            error = future.exception() if future.status == "error" else None
+            if isinstance(error, KilledWorker):
+                yield index, lost(study, index, "its workers were lost again and again")
+            elif error is not None or future.status != "finished":
+                raise CalibtoolError(_reason(address, error))
+            else:
+                yield index, future.result()
+    except (OSError, RuntimeError, TimeoutError) as error:
+        raise CalibtoolError(f"{address}: the cluster is lost: {' '.join(str(error).split())}") from None
+    finally:
+        with contextlib.suppress(Exception):
+            client.close(timeout=2)
+
+
+def _given(study: Study) -> Study:
+    """The study as a task, so that it travels once and can be made again when its worker is lost."""
+    return study
+
+
+def _connect(address: str) -> "Client":
+    try:
+        from distributed import Client
+    except ImportError:
+        raise UsageError("--cluster needs Dask; run: pip install 'calibtool[cluster]'") from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said by the error
+    try:
+        asyncio.run(asyncio.wait_for(_reach(address), REACH_SECONDS))  # a Client that fails to connect fails noisily
+        return Client(address, timeout=REACH_SECONDS, set_as_default=False)
+    except Exception as error:  # also what comes of a server that speaks another language, such as MemoryError
+        text = " ".join(str(error).split()) if isinstance(error, OSError | ValueError) else ""
+        text = text or f"it does not answer like one within {REACH_SECONDS} s"
+        raise UsageError(f"--cluster {address}: no Dask scheduler: {text}") from None
+
+
+async def _reach(address: str) -> None:
+    """Shake hands with the scheduler."""
+    from distributed import Security
+    from distributed.comm import connect
+
+    comm = await connect(address, timeout=REACH_SECONDS - 1, **Security().get_connection_args("client"))
+    comm.abort()
+
+
+def _reason(address: str, error: Any) -> str:
+    if error is None:
+        return f"{address}: the cluster is lost: it has dropped the runs"
+    if isinstance(error, CalibtoolError):
+        return f"{address}: {error}"
+    if isinstance(error, ImportError):
+        return f"{address}: a worker cannot perform runs: {error}; install calibtool {_version()} there"
+    return f"{address}: a worker failed: {type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def _version() -> str:
+    from calibtool import __version__
+
+    return __version__

@@ -1,0 +1,94 @@
+"""Runs in processes of this machine: a killed process is noticed, replaced, and its run repeated once."""
+
+import contextlib
+import multiprocessing
+import signal
+from collections import deque
+from collections.abc import Generator, Sequence
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+
+from calibtool.errors import CalibtoolError
+from calibtool.evaluation.study.definition import Study
+from calibtool.evaluation.study.runs import lost, perform
+from calibtool.evaluation.study.table import Row
+
+_TRIES = 2
+
+
+def in_processes(study: Study, indices: Sequence[int], workers: int) -> Generator[tuple[int, list[Row]], None, None]:
+    """(index, rows) of every run, in the order in which they finish, from `workers` processes.
+
+    A run whose process is killed twice gets rows that say so. Raises CalibtoolError when a process cannot even start.
+    The processes end with the iterator, and by themselves when this process is killed.
+    """
+    waiting = deque(indices)
+    tries = dict.fromkeys(indices, 0)
+    pool = [_Worker(study) for _ in range(min(workers, len(indices)))]
+    try:
+        while waiting or any(worker.index is not None for worker in pool):
+            heard = wait([worker.connection for worker in pool if worker.busy])
+            for place, worker in enumerate(pool):
+                if worker.connection not in heard:
+                    continue
+                index = worker.index
+                try:
+                    answer = worker.connection.recv()
+                except (EOFError, OSError):
+                    if not worker.ready:
+                        raise CalibtoolError("a worker process ended before it was ready") from None
+                    worker.end()
+                    pool[place] = _Worker(study)
+                    if index is None:
+                        continue
+                    if tries[index] < _TRIES:
+                        waiting.appendleft(index)
+                    else:
+                        yield index, lost(study, index, f"its worker process was killed {_TRIES} times")
+                    continue
+                worker.index, worker.ready = None, True
+                if waiting:
+                    following = waiting.popleft()
+                    tries[following] += 1
+                    worker.give(following)
+                if index is not None:
+                    yield index, answer
+    finally:
+        for worker in pool:
+            worker.end()
+
+
+class _Worker:
+    """A process that performs one run at a time."""
+
+    def __init__(self, study: Study) -> None:
+        context = multiprocessing.get_context("spawn")  # no copy of this process: nothing is shared by accident
+        self.connection, theirs = context.Pipe()
+        self.process: SpawnProcess = context.Process(target=_serve, args=(theirs, study), daemon=True)
+        self.process.start()
+        theirs.close()
+        self.ready = False
+        self.index: int | None = None
+
+    @property
+    def busy(self) -> bool:
+        return not self.ready or self.index is not None
+
+    def give(self, index: int) -> None:
+        self.index = index
+        with contextlib.suppress(OSError):  # killed a moment ago: the next reading tells
+            self.connection.send(index)
+
+    def end(self) -> None:
+        self.connection.close()
+        self.process.terminate()
+        self.process.join()
+
+
+def _serve(connection: Connection, study: Study) -> None:
+    """The life of a worker process: until the other end is closed, or gone with its process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this one
+    with contextlib.suppress(EOFError, OSError):
+        connection.send(None)
+        while True:
+            connection.send(perform(study, connection.recv()))

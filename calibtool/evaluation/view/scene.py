@@ -1,0 +1,81 @@
+"""What there is to see: the arm as a stick figure, its targets where they should be and where they are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibtool.calibration import Calibration
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.observation import measured_in_base
+from calibtool.robot.geometry import GeometricErrors
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, readonly, transform_points
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything in K_0 and m, one entry per configuration; points are not magnified.
+
+    arm      (N, 2n+2, 3) base, every joint before and after its motion, tool: origins on the nominal robot
+    nominal  (N, m, 3) target points on the nominal robot
+    found    (N, m, 3) the same, measured or predicted; NaN where a target was not seen
+    meaning  what `found` is: `measured` or `calibrated`
+    """
+
+    robot: str
+    arm: Array
+    nominal: Array
+    found: Array
+    meaning: str
+
+    def __len__(self) -> int:
+        return len(self.arm)
+
+    @property
+    def sizes(self) -> Array:
+        """Error of every configuration: length, RMS over the seen targets. (N,) m"""
+        squared = ((self.found - self.nominal) ** 2).sum(axis=-1)
+        seen = ~np.isnan(squared)
+        total: Array = np.where(seen, squared, 0.0).sum(axis=-1)
+        return np.sqrt(total / np.maximum(seen.sum(axis=-1), 1))
+
+    def magnified(self, factor: float) -> Array:
+        """`found` with the errors enlarged: (N, m, 3)."""
+        return self.nominal + factor * (self.found - self.nominal)
+
+    @property
+    def fitting_factor(self) -> float:
+        """A round factor that makes the median error about a twelfth of the scene's size."""
+        extent = float(np.ptp(self.arm.reshape(-1, 3), axis=0).max())
+        median = float(np.median(self.sizes))
+        if median <= 0 or extent <= 0:
+            return 1.0
+        wanted = extent / 12 / median
+        power = 10.0 ** np.floor(np.log10(wanted))
+        return float(max(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)), 1.0))
+
+
+def scene_of(contents: Measurements | Calibration) -> Scene:
+    """Measured targets against those of the nominal robot, or a calibration's prediction at its own configurations."""
+    robot, q = contents.robot, contents.q
+    nominal_pose = robot.mechanism.forward(q)
+    if isinstance(contents, Measurements):
+        targets, meaning = contents.setup.targets, "measured"
+        found, _ = measured_in_base(contents, contents.setup)
+    else:
+        targets, meaning = contents.nominal_setup.targets, "calibrated"
+        found = transform_points(contents.forward(q), targets)
+    return Scene(
+        robot=robot.name,
+        arm=readonly(_arm(robot, q)),
+        nominal=readonly(transform_points(nominal_pose, targets)),
+        found=readonly(found),
+        meaning=meaning,
+    )
+
+
+def _arm(robot: Robot, q: Array) -> Array:
+    """Origins of base, joints before and after their motion, and tool (N, 2n+2, 3)."""
+    frames = GeometricErrors.none(robot.n).frames(robot.chain, q)
+    joints = np.stack([frames.before, frames.after], axis=2)[..., :3, 3].reshape(len(q), 2 * robot.n, 3)
+    return np.concatenate([np.zeros((len(q), 1, 3)), joints, frames.tool[:, None, :3, 3]], axis=1)

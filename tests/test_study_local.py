@@ -1,0 +1,51 @@
+"""Runs in local processes: the same rows as in this one, also when a process is killed."""
+
+import os
+import signal
+from multiprocessing import active_children
+
+import pytest
+
+from calibtool.evaluation.study import Definition, Study, perform
+from calibtool.evaluation.study import local as module
+from calibtool.evaluation.study.local import in_processes
+
+STUDY = Study.of(Definition(robots=["fanuc-m1000ia"], runs=8, configurations=[20], fresh=10, methods=["local-poe"]))
+
+
+def kill_one() -> None:
+    os.kill(int(active_children()[0].pid or 0), signal.SIGKILL)
+
+
+def test_two_processes_give_the_rows_of_this_one_although_one_is_killed() -> None:
+    found = {}
+    for index, rows in in_processes(STUDY, range(STUDY.count), 2):
+        if not found:
+            kill_one()
+        assert index not in found
+        found[index] = rows
+    assert found == {index: perform(STUDY, index) for index in range(STUDY.count)}
+    assert not active_children()
+
+
+def test_a_run_that_always_kills_its_process_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_TRIES", 0)  # the first death counts as the last
+    results = in_processes(STUDY, range(3), 1)
+    found = dict([next(results)])
+    kill_one()
+    found |= dict(results)
+    assert set(found) == {0, 1, 2}
+    assert found[0] == perform(STUDY, 0)
+    assert "killed" in str(found[1][0])
+    assert found[2] == perform(STUDY, 2)
+
+
+def test_leaving_early_ends_the_processes() -> None:
+    results = in_processes(STUDY, range(STUDY.count), 1)
+    next(results)
+    results.close()
+    assert not active_children()
+
+
+def test_nothing_to_do_starts_nothing() -> None:
+    assert list(in_processes(STUDY, [], 2)) == []

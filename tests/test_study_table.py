@@ -1,0 +1,78 @@
+"""The table of a study as CSV and HDF5, and its summary: numbers come back exactly, what is missing stays missing."""
+
+import io
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+from calibtool.errors import InputError
+from calibtool.evaluation.study.summary import study_summary
+from calibtool.evaluation.study.table import COLUMNS, OK, StudyTable, failed, parse_csv, rounded
+from calibtool.storage.studies import read_study, study_to_bytes
+
+
+def head(run: int, method: str) -> tuple:
+    return ("abc", "scara", "bench", "geometric+gear", 1.0, 0.05, 50, 100, run, 2**52 + run, method)
+
+
+def table(runs: int = 21) -> StudyTable:
+    """Largest errors of 0 … 20 mm for one method, a run without a result for the other, no orientation."""
+    rows = []
+    for run in range(runs):
+        values = [rounded(value) for value in (run / 3, 0.1, 0.2, 0.3, float(run))]
+        rows.append((*head(run + 1, "nominal"), OK, 0, 0, *values, *[None] * 5, *[0.0] * 3, *[None] * 3))
+        rows.append(failed(head(run + 1, "complete"), 'not "observable", sorry'))
+    return StudyTable("abc", tuple(rows))
+
+
+def test_csv_comes_back_exactly() -> None:
+    written = table()
+    assert parse_csv(written.as_csv(), "t.csv") == written
+    assert written.as_csv().splitlines()[0] == ",".join(COLUMNS)
+
+
+def test_hdf5_comes_back_exactly_and_says_its_units() -> None:
+    written = table()
+    data = study_to_bytes(written, "{}")
+    assert read_study(io.BytesIO(data), "t.h5") == written
+    assert data == study_to_bytes(written, "{}")
+    with h5py.File(io.BytesIO(data)) as file:
+        assert file["table/position_max_mm"].attrs["units"] == "mm"
+        assert np.isnan(file["table/orientation_max_mrad"][0])
+        assert json.loads(file["definition"].asstr()[()]) == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a,b\n1,2\n", "not a table of calibtool study"),
+        ("", "not a table of calibtool study"),
+        (table().as_csv()[:-40], "t.csv:43"),
+        (table().as_csv().replace("abc", "xyz", 1), "2 studies"),
+        (table().as_csv().replace(",0.05,", ",much,", 1), "t.csv:2"),
+        (table().as_csv().replace(",0.05,", ",nan,", 1), "t.csv:2"),
+    ],
+)
+def test_a_damaged_csv_is_bad_data(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        parse_csv(text, "t.csv")
+
+
+@pytest.mark.parametrize("data", [b"", b"not HDF5", study_to_bytes(table(), "{}")[:3000]])
+def test_a_damaged_hdf5_is_bad_data(data: bytes) -> None:
+    with pytest.raises(InputError, match=r"t\.h5"):
+        read_study(io.BytesIO(data), "t.h5")
+
+
+def test_quantiles_over_the_runs() -> None:
+    summary = study_summary(table())
+    nominal, complete = summary["groups"]  # type: ignore[misc]
+    spread = nominal["position_mm"]["max"]
+    assert spread == {"min": 0, "q05": 1, "q25": 5, "median": 10, "q75": 15, "q95": 19, "max": 20}
+    assert nominal["orientation_mrad"]["max"] is None
+    assert (nominal["runs"], nominal["failed"]) == (21, 0)
+    assert (complete["runs"], complete["failed"], complete["position_mm"]["max"]) == (21, 21, None)
+    assert (summary["rows"], summary["failed"]) == (42, 21)
+    json.dumps(summary, allow_nan=False)

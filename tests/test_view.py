@@ -1,0 +1,110 @@
+"""The scene, its page and its server: what is shown is where the targets are."""
+
+import json
+import re
+import socket
+import sys
+import urllib.request
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibtool.calibration import Calibration
+from calibtool.errors import UsageError
+from calibtool.evaluation.view.live import serving
+from calibtool.evaluation.view.page import page_of
+from calibtool.evaluation.view.scene import Scene, scene_of
+from calibtool.measurement.measurements import Measurements
+from calibtool.robot.model import Robot
+
+
+def unseen_first(measurements: Measurements) -> Measurements:
+    points = measurements.points.copy()
+    points[0, 0] = np.nan
+    return replace(measurements, points=points)
+
+
+def test_the_arm_goes_from_the_base_to_the_tool_in_links_of_its_lengths(fanuc_measurements: Measurements) -> None:
+    scene = scene_of(fanuc_measurements)
+    assert scene.arm.shape == (100, 14, 3)
+    assert not scene.arm[:, 0].any()
+    robot = fanuc_measurements.robot
+    assert np.allclose(scene.arm[:, -1], robot.mechanism.forward(fanuc_measurements.q)[:, :3, 3], atol=1e-12)
+    links = np.linalg.norm(np.diff(scene.arm, axis=1), axis=-1)[:, ::2]
+    assert np.allclose(links, np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1), atol=1e-12)
+
+
+def test_measured_points_are_where_the_instrument_saw_them(fanuc_measurements: Measurements) -> None:
+    scene = scene_of(fanuc_measurements)
+    assert np.allclose(scene.found, fanuc_measurements.points, atol=1e-12)
+    assert np.array_equal(scene.magnified(0.0), scene.nominal)
+    assert np.allclose(scene.magnified(1.0), scene.found, atol=1e-15)
+    lengths = np.linalg.norm(scene.found - scene.nominal, axis=-1)
+    assert np.allclose(scene.sizes, np.sqrt((lengths**2).mean(axis=-1)))
+    assert 0 < scene.sizes.min() < scene.sizes.max() < 0.05
+
+
+def test_a_calibration_shows_nearly_what_was_measured(
+    fanuc_measurements: Measurements, fanuc_local_poe: Calibration
+) -> None:
+    measured, calibrated = scene_of(fanuc_measurements), scene_of(fanuc_local_poe)
+    left = np.linalg.norm(measured.found - calibrated.found, axis=-1).mean()
+    assert left < 0.2 * measured.sizes.mean()
+    assert (measured.meaning, calibrated.meaning) == ("measured", "calibrated")
+
+
+def test_the_default_magnification_is_round_and_makes_errors_visible(fanuc_measurements: Measurements) -> None:
+    scene = scene_of(fanuc_measurements)
+    extent = np.ptp(scene.arm.reshape(-1, 3), axis=0).max()
+    assert 1 / 40 < np.median(scene.sizes) * scene.fitting_factor / extent < 1 / 11
+    assert f"{scene.fitting_factor:.0e}"[0] in "125"
+    assert Scene("r", scene.arm, scene.nominal, scene.nominal, "measured").fitting_factor == 1.0
+
+
+def test_the_page_holds_the_scene_and_needs_nothing_else(fanuc_measurements: Measurements) -> None:
+    scene = scene_of(unseen_first(fanuc_measurements))
+    page = page_of(scene, 50.0)
+    assert page == page_of(scene, 50.0)
+    assert not re.findall(r"""(?:https?:|src=|href=|import\b|fetch\()""", page)
+    data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.S)[1])  # type: ignore[index]
+    assert data["error"][0][0] == [None] * 3
+    assert np.allclose(
+        np.array(data["nominal"]) + np.nan_to_num(np.array(data["error"], float)),
+        np.where(np.isnan(scene.found), scene.nominal, scene.found),
+        atol=1e-6,
+    )
+    assert np.allclose(data["size_mm"], scene.sizes * 1e3, atol=1e-4)
+    assert np.isfinite(data["size_mm"]).all()
+
+
+def test_a_name_cannot_break_the_page(fanuc: Robot, fanuc_measurements: Measurements) -> None:
+    del fanuc
+    page = page_of(replace(scene_of(fanuc_measurements), robot="<script>alert(1)</script>"), 1.0)
+    assert "<script>alert" not in page
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def test_the_server_answers_on_its_port_alone_and_stops(
+    fanuc_measurements: Measurements, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("viser")
+    scene, port = scene_of(unseen_first(fanuc_measurements)), free_port()
+    with serving(scene, 10.0, port):
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=10) as answer:
+            assert answer.status == 200
+        with pytest.raises(UsageError, match=f"--port {port}"), serving(scene, 10.0, port):
+            pass
+    assert capsys.readouterr().out == ""
+
+
+def test_without_viser_the_remedy_is_named(fanuc_measurements: Measurements, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    scene = scene_of(fanuc_measurements)
+    with pytest.raises(UsageError, match=r"calibtool\[view\]"), serving(scene, 1.0, 8080):
+        pass
