@@ -73,7 +73,8 @@ def solve_poses(
         if not len(active):
             break
         step = _bounded_step(jacobian[active], error[active], caution[active], q[active], *bounds)
-        longest = np.linalg.norm(step, axis=-1, keepdims=True)
+        slides = np.linalg.norm(jacobian[active, 3:], axis=1) < 0.5  # joints that do not turn the tool, in m
+        longest = np.linalg.norm(np.where(slides, step / length, step), axis=-1, keepdims=True)
         proposed = np.clip(q[active] + step * np.minimum(1.0, _STEP_LIMIT / np.maximum(longest, 1e-300)), *bounds)
         moved = np.abs(proposed - q[active]).max(axis=-1)
         iterations[active] += 1

@@ -15,6 +15,8 @@ from calibtool.robot.mechanism import Mechanism, at_point, singularity_distance
 from calibtool.robot.se3 import Array, readonly
 from calibtool.units import joint_and_factor, joint_values
 
+LONGEST = 10.0  # m: characteristic length of a robot with slides
+
 
 @dataclass(frozen=True, eq=False)
 class Robot:
@@ -114,10 +116,14 @@ class Robot:
 
     @cached_property
     def length(self) -> float:
-        """Characteristic length in m: half of the sum of link lengths and prismatic strokes. Weighs rad against m."""
+        """Characteristic length in m: half of the sum of link lengths and prismatic strokes. Weighs rad against m.
+
+        With slides at most LONGEST: 1 m of a slide counts 1/length, and every pose of a long crane would look singular.
+        """
         links = np.linalg.norm(self.chain.placements[1:, :3, 3], axis=-1).sum()
         strokes = (self.upper - self.lower)[self.prismatic].sum()
-        return float(max(links + strokes, 1e-3) / 2)
+        half = float(max(links + strokes, 1e-3) / 2)
+        return min(half, LONGEST) if any(self.prismatic) else half
 
     @property
     def joint_units(self) -> list[str]:
