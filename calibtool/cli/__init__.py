@@ -1,5 +1,6 @@
 """The command line: every module parses, calls one library function, and writes."""
 
+import logging
 import os
 import sys
 
@@ -19,6 +20,9 @@ def main() -> None:
     """Entry point of the console script."""
     with leaving_at_once():
         _occupy_closed_streams()
+        logging.getLogger("matplotlib").setLevel(
+            logging.ERROR
+        )  # a home without a place for its cache: no news for people
         app(prog_name="calibtool")
 
 

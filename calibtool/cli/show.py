@@ -1,10 +1,11 @@
 """Tables for people, on stderr, and JSON objects for programs, on stdout."""
 
+import contextlib
 import json
 import sys
 from collections.abc import Sequence
 
-from calibtool.cli.files import message, write_stdout
+from calibtool.cli.files import write_stdout
 from calibtool.cli.verbosity import is_quiet
 
 
@@ -30,9 +31,8 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
         table.add_column(name, justify="left" if i == 0 else "right")
     for row in rows:
         table.add_row(*row)
-    with console.capture() as text:
+    with contextlib.suppress(OSError):  # as in `message`
         console.print(table)
-    message(text.get().removesuffix("\n"))
 
 
 def lines(summary: dict[str, object], indent: str = "") -> list[str]:
