@@ -26,7 +26,9 @@ NAME = "abb-rapid"
 SUFFIXES = (".mod", ".modx", ".prg", ".sys", ".sysx")
 UNUSED = 9e9
 _LONGEST = 20_000  # characters of an instruction
-_START = re.compile(r"^\s*(?:MODULE\s+\w+|%%%)|\b(?:robtarget|jointtarget)\s+\w+\s*:=", re.MULTILINE | re.IGNORECASE)
+_START = re.compile(
+    r"^[^\S\n]*(?:MODULE\s+\w+|%%%)|\b(?:robtarget|jointtarget)\s+\w+\s*:=", re.MULTILINE | re.IGNORECASE
+)
 _DECLARED = re.compile(
     r"\b(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(?:\{[^}]{0,99}\})?\s*:=\s*(?=\[)", re.IGNORECASE
 )

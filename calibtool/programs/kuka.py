@@ -21,7 +21,7 @@ from calibtool.robot.se3 import Array
 NAME = "kuka-krl"
 SUFFIXES = (".src", ".dat", ".sub")
 _START = re.compile(
-    r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT\s+\w+|(?:FCT)?[^\r\n(]+\([^\r\n)]*\)(?!\s*:)))",
+    r"^[^\S\n]*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT\s+\w+|(?:FCT)?[^\r\n(]+\([^\r\n)]*\)(?!\s*:)))",
     re.MULTILINE | re.IGNORECASE,
 )
 _NAME = r"\$?[A-Za-z_][\w$]*(?:\[[\d,\s]+\])?"
@@ -218,7 +218,7 @@ class _Reader:
 
 def _numbered(number: str) -> str | None:
     """Name of a numbered tool or base: 0 is the flange or the robot's root, a variable is not known."""
-    return None if not number.isdigit() else "" if int(number) == 0 else str(int(number))
+    return number.lstrip("0") if number.isdecimal() else None
 
 
 def _fdat(items: str) -> tuple[str | None, str | None]:
