@@ -136,7 +136,7 @@ def draw_study(table: StudyTable, image: ImageFormat) -> bytes:
             Patch(facecolor=_COLOURS[i % len(_COLOURS)], alpha=0.55, edgecolor="black", label=method)
             for i, method in enumerate(methods)
         ]
-        figure.legend(handles=handles, loc="outside upper center", ncols=min(len(methods), 6))
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(methods), 6))
     return _save(figure, image)
 
 
