@@ -10,6 +10,7 @@ import pytest
 from calibtool.errors import InputError
 from calibtool.evaluation.study.summary import study_summary
 from calibtool.evaluation.study.table import COLUMNS, OK, StudyTable, failed, parse_csv, rounded
+from calibtool.storage import read_any
 from calibtool.storage.studies import read_study, study_to_bytes
 
 
@@ -64,6 +65,11 @@ def test_a_damaged_csv_is_bad_data(text: str, words: str) -> None:
 def test_a_damaged_hdf5_is_bad_data(data: bytes) -> None:
     with pytest.raises(InputError, match=r"t\.h5"):
         read_study(io.BytesIO(data), "t.h5")
+
+
+def test_it_is_no_measurements_file() -> None:
+    with pytest.raises(InputError, match=r"t\.h5: the table of a study"):
+        read_any(io.BytesIO(study_to_bytes(table(), "{}")), "t.h5")
 
 
 def test_quantiles_over_the_runs() -> None:

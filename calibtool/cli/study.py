@@ -124,7 +124,9 @@ def _perform(study: "Study", target: str | None, workers: int | None, cluster: s
     from calibtool.evaluation.study.journal import Journal
     from calibtool.evaluation.study.local import in_processes
 
-    path = None if target in (None, STREAM) else Path(f"{target}.journal")
+    # A stream or a device cannot be continued: no journal beside it.
+    plain = target is not None and target != STREAM and (Path(target).is_file() or not Path(target).exists())
+    path = Path(f"{target}.journal") if plain else None
     with Journal(path, study, discard=force) as journal:
         if journal.finished:
             message(f"{path}: {len(journal.finished)} of {study.count} runs are finished already")
@@ -239,7 +241,7 @@ def _show(study: "Study", summary: dict[str, object]) -> None:
     )
     names = ", ".join(dict.fromkeys(group["robot"] for group in groups))
     print_table(
-        f"{names}: {study.count} runs, judged on {judged}; median (5 %…95 %), reduction of the largest error: median (5 %)",
+        f"{names}: {study.count} runs, judged on {judged}; median (5 %…95 %)",
         header,
         rows,
     )

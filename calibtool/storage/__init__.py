@@ -16,6 +16,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.storage.calibrations import build_calibration, write_calibration
 from calibtool.storage.measurements import build_measurements, write_measurements
 from calibtool.storage.parts import write_robot
+from calibtool.storage.studies import STUDY
 from calibtool.storage.texts import put_string, string
 from calibtool.storage.untrusted import USER_BLOCK, check_bytes, check_contents, sealed
 
@@ -73,6 +74,8 @@ def _read(stream: BinaryIO, name: str, schema: str | None, build: Callable[[h5py
         with h5py.File(io.BytesIO(data), "r") as file:
             check_contents(file, len(data))
             found = _schema(file)
+            if found == STUDY:
+                raise InputError(f"{name}: the table of a study; calibtool study and any HDF5 reader open it")
             if found not in (MEASUREMENTS, CALIBRATION):
                 raise InputError(
                     f"{name}: an HDF5 file, but not one of calibtool (no schema {MEASUREMENTS} or {CALIBRATION})"

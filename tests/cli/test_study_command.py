@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from commandline import ENVIRONMENT, answer, refused, rows_of, run
 
-SMALL = ["fanuc-m1000ia", "--runs", 3, "-n", 20, "--fresh", 10, "--methods", "local-poe"]
+SMALL = ["fanuc-m1000ia", "--runs", 3, "-n", 20, "--fresh", 10, "--methods", "local-poe", "--workers", 1]
 KEYS = {
     "robot",
     "workspace",
@@ -33,7 +33,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 def test_table_on_stdout_and_medians_on_stderr(table: bytes) -> None:
-    result = run("study", *SMALL, "--workers", 1)
+    result = run("study", *SMALL)
     assert result.stdout_bytes == table
     assert "3 runs, judged on 10 fresh configurations" in result.stderr
     rows = rows_of(result.stdout)
@@ -72,7 +72,7 @@ def test_plan_file_options_before_its_keys_and_hdf5() -> None:
 
 def test_killed_and_started_again_the_table_is_the_same(table: bytes) -> None:
     """SIGKILL after the first finished run: no process stays, and the next command performs the rest."""
-    command = [sys.executable, "-m", "calibtool", "study", *map(str, SMALL), "--workers", "1", "-o", "s.csv"]
+    command = [sys.executable, "-m", "calibtool", "study", *map(str, SMALL), "-o", "s.csv"]
     journal = Path("s.csv.journal")
     with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         while not (journal.exists() and journal.read_bytes().count(b"\n") >= 2) and process.poll() is None:
@@ -83,6 +83,26 @@ def test_killed_and_started_again_the_table_is_the_same(table: bytes) -> None:
     assert "runs are finished already" in result.stderr
     assert Path("s.csv").read_bytes() == table
     assert not journal.exists()
+
+
+def test_ctrl_c_keeps_what_is_finished(table: bytes) -> None:
+    command = [sys.executable, "-m", "calibtool", "study", *map(str, SMALL), "-o", "s.csv"]
+    journal = Path("s.csv.journal")
+    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        while not (journal.exists() and journal.read_bytes().count(b"\n") >= 2) and process.poll() is None:
+            time.sleep(0.002)
+        os.kill(process.pid, signal.SIGINT)
+        _, told = process.communicate(timeout=60)
+    if not journal.exists():  # it was quicker
+        assert Path("s.csv").read_bytes() == table
+        return
+    assert process.returncode == 130
+    assert b"of 3 runs are kept; the same command goes on" in told
+
+
+def test_a_device_gets_no_journal() -> None:
+    assert "No space left" in refused(2, "study", *SMALL, "-o", "/dev/full")
+    assert not Path("/dev/full.journal").exists()
 
 
 def test_results_of_another_study_are_refused(table: bytes) -> None:

@@ -51,7 +51,7 @@ def study_figure(table: StudyTable) -> Figure:
             Patch(facecolor=COLOURS[i % len(COLOURS)], alpha=0.55, edgecolor="black", label=method)
             for i, method in enumerate(methods)
         ]
-        figure.legend(handles=handles, loc="outside upper center", ncols=min(len(methods), 6))
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(methods), 6))
     return figure
 
 
