@@ -118,6 +118,12 @@ def test_only_plots_knows_matplotlib() -> None:
     assert {path.parent.name for path, tree in modules() if "matplotlib" in tops(tree, path)} == {"plots"}
 
 
+def test_nothing_imports_scipy_stats() -> None:
+    """It takes as long to import as everything else together; scipy.special has what is needed."""
+    for path, tree in modules():
+        assert not {name for name in imported(tree, path) if name.startswith("scipy.stats")}, path
+
+
 def test_nothing_is_pickled_and_only_verbose_messages_ask_the_clock() -> None:
     for path, tree in modules():
         clock = set() if path.stem == "verbosity" else {"time", "datetime"}

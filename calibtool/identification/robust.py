@@ -3,7 +3,7 @@
 from typing import Literal
 
 import numpy as np
-from scipy.stats import chi2, hypergeom
+from scipy.special import betaln, chdtri  # scipy.stats takes as long to import as everything else together
 
 from calibtool.identification.model import Flagged
 from calibtool.identification.parameters import ErrorState
@@ -33,7 +33,7 @@ def find_flagged(measurements: Measurements, state: ErrorState, sizes: Array) ->
     """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set; nothing is changed."""
     d = (weights(measurements) > 0).sum(axis=-1)
     scale = _robust_scale(sizes, d)
-    limit = chi2.isf(_FALSE_ALARM / len(sizes), d)
+    limit = chdtri(d, _FALSE_ALARM / len(sizes))
     rows = np.flatnonzero(sizes / scale**2 > limit)
     left = residuals(
         measurements, state.setup, state.frames(measurements.robot, measurements.q, measurements.direction).tool
@@ -49,7 +49,19 @@ def find_flagged(measurements: Measurements, state: ErrorState, sizes: Array) ->
 
 def _robust_scale(sizes: Array, d: np.ndarray) -> float:
     """Noise over the stated one, from the median row: half of the rows may be bad."""
-    return float(np.sqrt(max(np.median(sizes / chi2.median(d)), 1e-30)))
+    return float(np.sqrt(max(np.median(sizes / chdtri(d, 0.5)), 1e-30)))
+
+
+def at_least(take: int, count: int, inside: int, flagged: int) -> float:
+    """Chance that `take` or more of `flagged` rows, drawn from `count`, are among `inside` special ones (hypergeometric)."""
+    k = np.arange(max(take, flagged - (count - inside)), min(inside, flagged) + 1)
+    log = _log_choose(inside, k) + _log_choose(count - inside, flagged - k) - _log_choose(count, flagged)
+    return float(np.exp(log).sum())
+
+
+def _log_choose(n: int, k: np.ndarray | int) -> Array:
+    result: Array = -np.log(n + 1.0) - betaln(n - k + 1.0, k + 1.0)
+    return result
 
 
 def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
@@ -65,7 +77,7 @@ def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
         for start in range(flagged - take + 1):
             low, high = own[start], own[start + take - 1]
             inside = int(((values >= low) & (values <= high)).sum())
-            chance = float(hypergeom.sf(take - 1, count, inside, flagged))
+            chance = at_least(take, count, inside, flagged)
             if best is None or chance < best[0]:
                 best = (chance, j, low, high, take, inside)
     assert best is not None

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm as normal
+from scipy.special import ndtr
 
 from calibtool.measurement.checks.design import repeated_groups
 from calibtool.measurement.checks.finding import Finding, Numbers, severity
@@ -114,7 +114,7 @@ def _temperature(measurements: Measurements, fit: Fit, companions: Companions) -
     order_sizes = _trends(measurements, fit, outward, np.arange(float(len(measurements))))[1]
     strongest, span = int(np.argmax(sizes)), float(np.ptp(companions.temperature_c))
     slopes[3] *= float(np.linalg.norm(outward, axis=-1).mean())
-    p, change = min(1.0, 8 * float(normal.sf(sizes[strongest]))), abs(float(slopes[strongest])) * span
+    p, change = min(1.0, 8 * float(ndtr(-sizes[strongest]))), abs(float(slopes[strongest])) * span
     numbers: Numbers = {
         "range_k": span,
         "drift_mm_per_k": [float(slope) * 1e3 for slope in slopes[:3]],
