@@ -7,7 +7,6 @@ from scipy.stats import chi2, hypergeom
 
 from calibtool.identification.robust import at_least
 
-
 CASES = [(3, 60, 10, 3), (1, 5, 5, 5), (4, 10, 8, 5), (70, 10_000, 900, 100), (6, 9, 5, 6)]
 
 
