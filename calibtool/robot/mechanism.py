@@ -43,7 +43,10 @@ class Mechanism:
         """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0, columns ∂(δy)/∂q_j = Ad(F_j) ξ_j."""
         q_model = q @ self.drive.T + self.offset
         data = self.model.createData()
-        last, spatial = data.oMi[self.model.njoints - 1], data.J.reshape(6, -1)  # live views; one joint's J comes as (6,)
+        last, spatial = (
+            data.oMi[self.model.njoints - 1],
+            data.J.reshape(6, -1),
+        )  # live views; one joint's J comes as (6,)
         poses, jacobians = np.empty((len(q), 4, 4)), np.empty((len(q), 6, self.model.nv))
         compute, model = pin.computeJointJacobians, self.model
         for k, q_k in enumerate(q_model):
