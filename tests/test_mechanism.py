@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from derivatives import assert_derivative
+from drawn import DrawnChain, DrawnJoint
 from test_poe import expm_chain, random_positions
 
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.geometry import relative_error
+from calibtool.robot.inverse import solve_poses
 from calibtool.robot.mechanism import (
     MIN_SINGULARITY_DISTANCE,
     at_point,
@@ -152,3 +154,26 @@ def test_no_configuration_gives_no_pose(fanuc: Robot) -> None:
     pose, jacobian = fanuc.mechanism.forward_and_jacobian(np.zeros((0, 6)))
     assert pose.shape == (0, 4, 4)
     assert jacobian.shape == (0, 6, 6)
+
+
+SLIDE = DrawnJoint("prismatic", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.3, 0.4, 0.0), 0.0)
+TOOL = DrawnJoint("fixed", (0.1, 0.0, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0)
+TARGETS = ((100.0, 0.0, 0.0), (-50.0, 86.6, 0.0), (-50.0, -86.6, 0.0))
+
+
+def test_a_robot_of_one_joint_has_a_jacobian_of_one_column() -> None:
+    robot = DrawnChain((SLIDE,), TOOL, TARGETS).robot()
+    _, jacobian = robot.mechanism.forward_and_jacobian(np.zeros((2, 1)))
+    np.testing.assert_allclose(jacobian[:, :, 0], np.tile([0.6, 0.8, 0, 0, 0, 0], (2, 1)))
+
+
+@pytest.mark.parametrize("count", range(2, 9))
+def test_slides_side_by_side_are_singular_and_can_be_solved_all_the_same(count: int) -> None:
+    robot = DrawnChain((SLIDE,) * count, TOOL, TARGETS).robot(scale=1e-3)  # short: large entries, much rounding
+    q = np.full((1, count), 1e-4)
+    assert robot.singularity_distance(q)[0] < 1e-3
+    pose, jacobian = robot.mechanism.forward_and_jacobian(q)
+    solved = solve_poses(robot.mechanism.forward_and_jacobian, pose, q, length=robot.length)
+    assert solved.reached.all()
+    motion, _ = damped_solution(np.concatenate([jacobian] * 6, axis=-1), np.zeros((1, 6)), robot.length)
+    assert np.isfinite(motion).all()

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibtool.calibration.model import Calibration, CrossValidation, fitting_setup
+from calibtool.errors import NoSolutionError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
 from calibtool.progress import Progress, silent
@@ -17,8 +18,13 @@ Fit = Callable[[Measurements, np.random.Generator], Calibration]
 def cross_validate(
     measurements: Measurements, fit: Fit, folds: int, rng: np.random.Generator, progress: Progress = silent
 ) -> CrossValidation:
-    """Errors on held-out configurations with and without the networks of `fit`; targets of one are never split."""
+    """Errors on held-out configurations with and without the networks of `fit`; targets of one are never split.
+
+    Raises NoSolutionError for a single configuration.
+    """
     count = len(measurements)
+    if count < 2:
+        raise NoSolutionError("cross-validation: one configuration leaves none to train on; measure more")
     folds = min(folds, count)
     without, with_networks = np.empty(count), np.empty(count)
     order = rng.permutation(count)

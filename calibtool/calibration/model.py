@@ -125,8 +125,8 @@ def check_same_robot(a: Robot, b: Robot, place_a: str, place_b: str) -> None:
     """InputError unless two descriptions have the same kinematics."""
     same = (
         a.n == b.n
-        and np.allclose(a.chain.placements, b.chain.placements, atol=1e-9)
-        and np.allclose(a.chain.twists, b.chain.twists, atol=1e-9)
+        and np.allclose(a.chain.placements, b.chain.placements, rtol=0.0, atol=1e-9)
+        and np.allclose(a.chain.twists, b.chain.twists, rtol=0.0, atol=1e-9)
     )
     if not same:
         raise InputError(f"{place_a} is for '{a.name}', but {place_b} for '{b.name}': the kinematics differ")

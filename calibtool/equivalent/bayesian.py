@@ -34,6 +34,7 @@ def train_bayesian(network: Network, loss: Loss) -> BayesianRun:
     squares = float(residual @ residual)
     count, size = len(residual), len(weights)
     alpha, beta, damping = 0.1 * size / max(float(weights @ weights), 1e-300), count / max(squares, 1e-300), 1e-3
+    perfect = max(1e-16 * squares, 1e-300)  # a fit to the last digit leaves no noise to estimate
     values = [squares / len(loss.q)]
     effective, reason = float(size), f"{_MAX_ITERATIONS} iterations"
     for _ in range(_MAX_ITERATIONS):
@@ -62,7 +63,7 @@ def train_bayesian(network: Network, loss: Loss) -> BayesianRun:
         previous = effective
         effective = float((eigenvalues / (eigenvalues + alpha)).sum())
         alpha = min(effective / max(float(weights @ weights), 1e-300), 1e12)
-        beta = max(count - effective, 1.0) / max(squares, 1e-300)
+        beta = max(count - effective, 1.0) / max(squares, perfect)
         if cost - trial_cost < _SETTLED * cost and abs(effective - previous) < 0.01 * max(effective, 1.0):
             reason = "the regularised loss has settled"
             break

@@ -10,6 +10,7 @@ from calibtool.robot.actual import ActualRobot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
+_SMALLEST_NOISE = 1e-15  # m or rad: smaller or larger than its inverse, and squares of weighted residuals overflow
 _COLLINEAR = 1e-3  # smallest extent across the line over the largest one along it
 
 
@@ -91,7 +92,9 @@ class Measurements:
             raise InputError("measurements: the directions are not -1, 0 or 1 for every joint of every row")
         if self.truth is not None and self.truth.setup.targets.shape != self.setup.targets.shape:
             raise InputError("measurements: the true targets are not as many as the measured ones")
-        if not (0 < self.noise_position < np.inf and 0 < self.noise_orientation < np.inf):
+        if not all(
+            _SMALLEST_NOISE < noise < 1 / _SMALLEST_NOISE for noise in (self.noise_position, self.noise_orientation)
+        ):
             raise InputError("measurements: the stated noise must be above zero; it is the weight of the fit")
 
     def __len__(self) -> int:

@@ -13,6 +13,7 @@ from calibtool.robot.description import Workspace
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
+SMALLEST_NOISE, NO_NOISE = 1e-9, 1e-6  # m: less is none at all, for which the weights still need a figure
 ORIENTATION_NOISE = 0.1e-3  # rad, stated for 6-D instruments unless told otherwise
 
 
@@ -73,7 +74,7 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
         points=readonly(points),
         rotations=None,
         setup=truth.setup if known else replace(truth.setup, T_instrument_base=readonly(np.eye(4))),
-        noise_position=max(simulation.noise, 1e-6),
+        noise_position=simulation.noise if simulation.noise > SMALLEST_NOISE else NO_NOISE,
         noise_orientation=ORIENTATION_NOISE,
         truth=truth,
         direction=readonly(truth.actual.directions(q)),
