@@ -49,7 +49,10 @@ def get_with_gaps(group: h5py.Group, name: str, *shape: int) -> Array:
 
 def get_indices(group: h5py.Group, name: str) -> np.ndarray:
     """Row numbers from 0, (N,)."""
-    return get(group, name, -1).astype(int)
+    values = get(group, name, -1)
+    if (np.abs(values) >= 2**53).any():
+        raise ValueError(f"{group.name}/{name} holds a value that is no row number")
+    return values.astype(int)
 
 
 def write_robot(file: h5py.File, robot: Robot) -> None:

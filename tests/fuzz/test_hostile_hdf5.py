@@ -186,6 +186,13 @@ def test_what_is_no_number_never_becomes_one(values: np.ndarray) -> None:
     refused(changed(lambda file: move(file, "measurements/joint_positions", values)), "expected numbers")
 
 
+def test_row_numbers_that_no_table_has() -> None:
+    buffer = io.BytesIO(without_digest(to_bytes(calibrations()[2])))
+    with h5py.File(buffer, "r+") as file:
+        move(file, "training/training_rows", np.array([1e300, 0.0]))
+    refused(buffer.getvalue(), "no row number")
+
+
 def test_every_file_of_calibtool_passes() -> None:
     for contents in (measurements(), *calibrations()):
         data = to_bytes(contents)

@@ -182,6 +182,20 @@ def test_entities_of_a_workbook() -> None:
             parse_workbook(with_sheet(text), "w.xlsx")
 
 
+def test_openpyxl_does_not_write_to_stdout(capsys: pytest.CaptureFixture[str]) -> None:
+    archive = zipfile.ZipFile(io.BytesIO(workbooks()[0]))
+    styles = archive.read("xl/styles.xml")
+    first, last = styles.index(b"<cellStyleXfs"), styles.index(b"</cellStyleXfs>")
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as new:
+        for name in archive.namelist():
+            lost = styles[:first] + b"<cellStyleXfs>" + styles[last:]
+            new.writestr(name, lost if name == "xl/styles.xml" else archive.read(name))
+    with pytest.raises(InputError, match="not a readable Excel workbook"):
+        parse_workbook(out.getvalue(), "w.xlsx")
+    assert capsys.readouterr() == ("", "")
+
+
 @pytest.mark.parametrize("data", [b"PK\x03\x04", b"PK\x05\x06" + bytes(18), workbooks()[0][:-30]])
 def test_what_is_no_workbook(data: bytes) -> None:
     with pytest.raises(InputError, match=r"^w\.xlsx: not a readable Excel workbook: "):

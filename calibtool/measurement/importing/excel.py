@@ -1,5 +1,6 @@
 """Sheets of Excel workbooks (.xlsx) as tables; needs openpyxl, the extra `excel`."""
 
+import contextlib
 import io
 import warnings
 from typing import Any
@@ -27,7 +28,8 @@ def parse_workbook(data: bytes, name: str, sheet: str | None = None, decimal: st
         ) from None
     try:
         _check_size(data, name)
-        with warnings.catch_warnings(action="ignore"):  # about styles and extensions, which are not looked at
+        # openpyxl warns, and prints, about styles and extensions, which are not looked at.
+        with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(io.StringIO()):
             return _read(openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True), name, sheet, decimal)
     except (CalibtoolError, MemoryError):
         raise
