@@ -15,6 +15,7 @@ DOING = {
     "export": ("exporting", ""),
     "report": ("reporting", "on"),
     "study": ("studying", ""),
+    "view": ("drawing", ""),
     "plot": ("plotting", ""),
     "demo": ("running the demo", ""),
 }

@@ -40,7 +40,7 @@ def test_hdf5_comes_back_exactly_and_says_its_units() -> None:
     assert read_study(io.BytesIO(data), "t.h5") == written
     assert data == study_to_bytes(written, "{}")
     with h5py.File(io.BytesIO(data)) as file:
-        assert file["table/position_max_mm"].attrs["units"] == "mm"
+        assert file["table/position_max_mm"].attrs["units"] == b"mm"
         assert np.isnan(file["table/orientation_max_mrad"][0])
         assert json.loads(file["definition"].asstr()[()]) == {}
 

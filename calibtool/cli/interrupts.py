@@ -35,6 +35,19 @@ def leaving_at_once() -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """In this block Ctrl-C is an exception again, for commands that have something to say when they are stopped."""
+    before = None
+    with contextlib.suppress(ValueError):  # not the main thread
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
 def unfinished(path: str) -> Iterator[None]:
     """A temporary file that disappears however the block ends, SIGKILL and power failures aside."""
     _unfinished.add(path)

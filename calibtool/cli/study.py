@@ -7,6 +7,7 @@ import typer
 
 from calibtool.cli.files import STREAM, check_output, message, read_text, shown, write_output
 from calibtool.cli.identify import report_target
+from calibtool.cli.interrupts import interruptible
 from calibtool.cli.options import Force, Json
 from calibtool.cli.progress import counted
 from calibtool.cli.show import print_json, print_table
@@ -136,8 +137,9 @@ def _perform(study: "Study", target: str | None, workers: int | None, cluster: s
         else:
             results = in_processes(study, rest, workers or len(os.sched_getaffinity(0)))
         try:
-            for index, rows in counted(results, "runs", total=len(rest)):
-                journal.add(index, rows)
+            with interruptible():
+                for index, rows in counted(results, "runs", total=len(rest)):
+                    journal.add(index, rows)
             table = StudyTable(study.key, journal.rows())
             if target is not None:
                 write_output(target, _contents(target, study, table), force)

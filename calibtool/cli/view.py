@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from calibtool.cli.files import check_output, message, read_bytes, shown, write_output
+from calibtool.cli.interrupts import interruptible
 from calibtool.cli.options import Force
 
 
@@ -48,6 +49,6 @@ def view(
 
     from calibtool.evaluation.view.live import serving
 
-    with suppress(KeyboardInterrupt), serving(scene, factor, port):
+    with suppress(KeyboardInterrupt), interruptible(), serving(scene, factor, port):
         message(f"http://127.0.0.1:{port} shows {shown(file)}, errors × {factor:g}; Ctrl-C ends it")
         Event().wait()

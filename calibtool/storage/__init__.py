@@ -18,7 +18,7 @@ from calibtool.storage.measurements import build_measurements, write_measurement
 from calibtool.storage.parts import write_robot
 from calibtool.storage.studies import STUDY
 from calibtool.storage.texts import put_string, string
-from calibtool.storage.untrusted import USER_BLOCK, check_bytes, check_contents, sealed
+from calibtool.storage.untrusted import check_bytes, check_contents, sealed
 
 MEASUREMENTS, CALIBRATION = "calibtool/measurements", "calibtool/calibration"
 SCHEMA_VERSION = 1
@@ -29,7 +29,7 @@ T = TypeVar("T")
 def to_bytes(contents: Measurements | Calibration) -> bytes:
     """The HDF5 file of measurements or of a calibration."""
     buffer = io.BytesIO()
-    with h5py.File(buffer, "w", libver=("v110", "v110"), userblock_size=USER_BLOCK) as file:
+    with h5py.File(buffer, "w", libver=("v110", "v110")) as file:
         put_string(file, "schema", MEASUREMENTS if isinstance(contents, Measurements) else CALIBRATION)
         file.attrs["schema_version"] = SCHEMA_VERSION
         put_string(file, "creator", "calibtool")

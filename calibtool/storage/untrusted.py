@@ -1,8 +1,7 @@
 """What is checked before an HDF5 file is believed: its digest, heaps that end, plain links, sizes that fit its length.
 
-The HDF5 library cannot be interrupted, and damage may send it into an endless loop. So a file of calibtool starts with a
-user block of 512 bytes, which HDF5 leaves to applications, with the SHA-256 of all bytes behind it. Files without one are
-accepted.
+The HDF5 library cannot be interrupted, and damage may send it into an endless loop. So behind the HDF5 file, where no
+reader of HDF5 looks, calibtool writes one line with the SHA-256 of all bytes before it. Files without one are accepted.
 """
 
 import hashlib
@@ -13,8 +12,9 @@ from typing import Any
 
 import h5py
 
-USER_BLOCK = 512
 _MARK = b"calibtool/sha256 "
+_SEAL = re.compile(_MARK + rb"[0-9a-f]{64}\n\Z")
+_LENGTH = len(_MARK) + 65
 _HEAP = re.compile(rb"GCOL\x01\0\0\0", re.DOTALL)  # a global heap: signature, version 1
 _ROOM = 16 << 20  # bytes that any file may hold …
 _PACKED = 20  # … and this many times its length: compressed numbers are not smaller
@@ -22,23 +22,21 @@ _TEXTS = 32  # texts of one attribute
 
 
 def sealed(data: bytes) -> bytes:
-    """The file with the digest of what stands behind its user block."""
-    return _digest(data) + data[USER_BLOCK:]
+    """The file and, behind it, a line of text with its digest."""
+    return data + _digest(memoryview(data))
 
 
-def _digest(data: bytes) -> bytes:
-    """The user block: a line of text, `calibtool/sha256` and the digest, then zeros."""
-    line = _MARK + hashlib.sha256(memoryview(data)[USER_BLOCK:]).hexdigest().encode() + b"\n"
-    return line.ljust(USER_BLOCK, b"\0")
+def _digest(data: memoryview) -> bytes:
+    return _MARK + hashlib.sha256(data).hexdigest().encode() + b"\n"
 
 
 def check_bytes(data: bytes) -> None:
     """ValueError for bytes that differ from what was written, or a global heap that HDF5 would read for ever."""
-    if data.startswith(_MARK):
-        if data[:USER_BLOCK] != _digest(data):
+    if _SEAL.search(data, max(0, len(data) - _LENGTH)):
+        if data[-_LENGTH:] != _digest(memoryview(data)[:-_LENGTH]):
             raise ValueError(
-                "its bytes do not match its SHA-256: cut off or changed since it was written; get it again (if it was "
-                f"edited on purpose: tail -c +{USER_BLOCK + 1} FILE is the same without the digest)"
+                "its bytes do not match its SHA-256: changed since it was written; get it again (if it was edited on "
+                f"purpose: head -c -{_LENGTH} FILE is the same without the digest)"
             )
         return
     for heap in _HEAP.finditer(data):

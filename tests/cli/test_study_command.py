@@ -128,7 +128,7 @@ def test_results_of_another_study_are_refused(table: bytes) -> None:
         (["study", "scara", "--errors", "rust"], "--errors"),
         (["study", "scara", "--workers", 2, "--cluster", "tcp://a:1"], "exclude each other"),
         (["study", "scara", "--plan", "none.toml"], "none.toml"),
-        (["study", "scara", "--box-plot", "s.pdf"], ".png or .svg"),
+        (["study", "scara", "--box-plot", "s.eps"], ".png, .svg or .pdf"),
         (["study", "scara", "-o", "none/s.csv"], "none"),
         (["study", "scara", "-o", "-", "--json"], "stdout"),
     ],

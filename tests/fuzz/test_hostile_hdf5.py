@@ -31,14 +31,14 @@ def refused(data: bytes, reason: str) -> None:
 # --- the digest ------------------------------------------------------------------------------------------------------
 
 
-def test_the_digest_is_that_of_what_stands_behind_the_user_block() -> None:
+def test_the_digest_is_that_of_what_stands_before_it() -> None:
     data = to_bytes(measurements())
-    assert data[:512].rstrip(b"\0") == b"calibtool/sha256 " + hashlib.sha256(data[512:]).hexdigest().encode() + b"\n"
+    assert data[-82:] == b"calibtool/sha256 " + hashlib.sha256(data[:-82]).hexdigest().encode() + b"\n"
 
 
-def test_hdf5_reads_the_file_with_its_user_block_and_without_it() -> None:
+def test_hdf5_reads_the_file_with_its_digest_and_without_it() -> None:
     data = to_bytes(measurements())
-    for part in (data, data[512:]):
+    for part in (data, data[:-82]):
         with h5py.File(io.BytesIO(part), "r") as file:
             assert np.array_equal(file["measurements/joint_positions"][()], measurements().q)
         assert to_bytes(read_any(io.BytesIO(part), "x.h5")) == data
@@ -47,15 +47,15 @@ def test_hdf5_reads_the_file_with_its_user_block_and_without_it() -> None:
 @pytest.mark.parametrize("contents", [measurements(), calibrations()[2]], ids=["measurements", "calibration"])
 def test_a_zeroed_sector_anywhere_is_refused(contents: object) -> None:
     data = to_bytes(contents)  # type: ignore[arg-type]
-    for start in range(512, len(data), 512):
-        damaged = data[:start] + bytes(min(512, len(data) - start)) + data[start + 512 :]
+    for start in range(0, len(data) - 82 - 512, 512):  # the digest itself stays
+        damaged = data[:start] + bytes(512) + data[start + 512 :]
         if damaged != data:
             refused(damaged, "SHA-256")
 
 
 def test_a_changed_bit_anywhere_is_refused() -> None:
     data = to_bytes(measurements())
-    for position in range(512, len(data), 97):
+    for position in range(0, len(data) - 82, 97):
         changed = bytearray(data)
         changed[position] ^= 1
         refused(bytes(changed), "SHA-256")

@@ -95,7 +95,7 @@ def motion(robot: Robot, rng: np.random.Generator, orders: int = 2) -> JointMoti
     turning = ~np.array(robot.prismatic)
     compliance = np.where(load_carrying(robot), 1e-6 * rng.normal(size=robot.n), 0.0)
     harmonics = 3e-4 * rng.normal(size=(robot.n, 2 * orders)) * turning[:, None]
-    return JointMotion(readonly(harmonics), readonly(compliance))
+    return JointMotion(readonly(harmonics), readonly(compliance), readonly(np.zeros(len(compliance))))
 
 
 def network(robot: Robot, outputs: int, q: Array, rng: np.random.Generator) -> Network:

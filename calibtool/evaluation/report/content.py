@@ -47,10 +47,12 @@ class Change:
 
     @property
     def before(self) -> str:
+        """The value before, with its unit."""
         return number(self.before_value, self.unit)
 
     @property
     def after(self) -> str:
+        """The value after, with its unit."""
         return number(self.after_value, self.unit)
 
 
