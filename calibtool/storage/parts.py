@@ -40,7 +40,7 @@ def get(group: h5py.Group, name: str, *shape: int) -> Array:
 
 
 def get_with_gaps(group: h5py.Group, name: str, *shape: int) -> Array:
-    """A dataset of the given shape, -1 for any length, where NaN has a meaning. KeyError or ValueError otherwise."""
+    """A dataset (…,) of the given shape, -1 for any length, where NaN has a meaning. KeyError or ValueError otherwise."""
     dataset = group[name]
     if dataset.dtype.kind not in "iuf":  # numpy would read numbers from text
         raise ValueError(f"{dataset.name} holds {dataset.dtype}; expected numbers")
