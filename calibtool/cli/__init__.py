@@ -1,6 +1,5 @@
 """The command line: every module parses, calls one library function, and writes."""
 
-import logging
 import os
 import sys
 
@@ -19,6 +18,8 @@ __all__ = ["app", "main"]
 def main() -> None:
     """Entry point of the console script."""
     with leaving_at_once():
+        import logging
+
         _occupy_closed_streams()
         logging.getLogger("matplotlib").setLevel(
             logging.ERROR

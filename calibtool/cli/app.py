@@ -55,9 +55,7 @@ class _Group(TyperGroup):
                 self._give_up(f"{error.format_message()} (see calibtool --help)", 2)
             if self.debug:
                 raise
-            if (
-                isinstance(error, OSError) and error.strerror is not None
-            ):  # the system's fault: a full disk behind --help
+            if isinstance(error, OSError) and error.strerror is not None:  # the system's: a full disk behind --help
                 self._give_up(f"{error.filename or 'standard streams'}: {error.strerror}", 1)
             text = " ".join(str(error).split())
             self._give_up(f"unexpected {type(error).__name__}: {text}; please report it with the output of --debug", 1)

@@ -129,15 +129,15 @@ def check_output(path: str, force: bool, *, binary: bool = False) -> None:
     if target is not None and not force:
         raise _exists(path)
     folder = destination(path).parent
-    if not folder.is_dir():
-        raise UsageError(f"{path}: there is no folder {folder if os.path.islink(path) else Path(path).parent}")
+    if not os.path.isdir(folder):
+        raise UsageError(f"{path}: there is no folder {folder}")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise UsageError(f"{path}: the folder {Path(path).parent} is not writable")
+        raise UsageError(f"{path}: the folder {folder} is not writable")
 
 
 def destination(path: str) -> Path:
     """The file that is written: a link's target, so that the link stays."""
-    return Path(os.path.realpath(path))
+    return Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
 
 
 def same_file(a: str, b: str) -> bool:

@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from calibtool.errors import InputError, near_names
+from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.description import Source
 from calibtool.robot.se3 import Array, readonly
 
@@ -115,20 +115,26 @@ def _parse_urdf(urdf_text: str, name: str) -> pin.Model:
     if re.search(r"<!(?:DOCTYPE|ENTITY)", urdf_text, re.IGNORECASE):
         raise InputError(f"{name}: the URDF holds a document type or entities (<!DOCTYPE …>); expected plain XML")
     # From a file: urdfdom refuses some encodings in a string.
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "robot.urdf"
-        path.write_text(urdf_text, encoding="utf-8")
-        said = Path(folder) / "said"
-        try:
-            with _redirected_stderr(said):
-                model = pin.buildModelFromUrdf(str(path))
-        except (ValueError, RuntimeError):
-            reason = _reason(said.read_text(errors="replace"))
-            raise InputError(f"{name}: the URDF cannot be read{reason}; check it with a URDF checker") from None
+    try:
+        with tempfile.TemporaryDirectory(prefix="calibtool-") as folder:
+            model = _parse_urdf_in(Path(folder), urdf_text, name)
+    except OSError as error:
+        raise UsageError(f"temporary folder: {error.strerror or error}; make room, or set TMPDIR") from None
     if model.njoints < 2:
         raise InputError(f"{name}: the URDF has no movable joint")
     _tell_joints_from_links(model)
     return model
+
+
+def _parse_urdf_in(folder: Path, urdf_text: str, name: str) -> pin.Model:
+    path, said = folder / "robot.urdf", folder / "said"
+    path.write_text(urdf_text, encoding="utf-8")
+    try:
+        with _redirected_stderr(said):
+            return pin.buildModelFromUrdf(str(path))
+    except (ValueError, RuntimeError):
+        reason = _reason(said.read_text(errors="replace"))
+        raise InputError(f"{name}: the URDF cannot be read{reason}; check it with a URDF checker") from None
 
 
 def _tell_joints_from_links(model: pin.Model) -> None:
