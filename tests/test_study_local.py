@@ -6,6 +6,7 @@ from multiprocessing import active_children
 
 import pytest
 
+from calibtool.errors import CalibtoolError
 from calibtool.evaluation.study import Definition, Study, perform
 from calibtool.evaluation.study import local as module
 from calibtool.evaluation.study.local import in_processes
@@ -38,6 +39,28 @@ def test_a_run_that_always_kills_its_process_is_reported(monkeypatch: pytest.Mon
     assert found[0] == perform(STUDY, 0)
     assert "killed" in str(found[1][0])
     assert found[2] == perform(STUDY, 2)
+
+
+@pytest.mark.parametrize("killed", [1, 99])
+def test_processes_that_are_killed_before_they_work(monkeypatch: pytest.MonkeyPatch, killed: int) -> None:
+    """One is replaced; when all end so, the study ends with an error instead of starting processes for ever."""
+
+    class Stillborn(module._Worker):
+        started = 0
+
+        def __init__(self, study: Study) -> None:
+            super().__init__(study)
+            Stillborn.started += 1
+            if Stillborn.started <= killed:
+                self.process.kill()
+
+    monkeypatch.setattr(module, "_Worker", Stillborn)
+    if killed == 1:
+        assert dict(in_processes(STUDY, [0], 1)) == {0: perform(STUDY, 0)}
+        return
+    with pytest.raises(CalibtoolError, match="before they are ready"):
+        dict(in_processes(STUDY, range(STUDY.count), 2))
+    assert not active_children()
 
 
 def test_leaving_early_ends_the_processes() -> None:

@@ -39,7 +39,7 @@ def interruptible() -> Iterator[None]:
     """In this block Ctrl-C is an exception again, for commands that have something to say when they are stopped."""
     before = None
     with contextlib.suppress(ValueError):  # not the main thread
-        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        before = signal.signal(signal.SIGINT, _raise)
     try:
         yield
     finally:
@@ -68,7 +68,17 @@ def held() -> Iterator[None]:
     finally:
         _held.remove(0)
         if 0 not in _held and _held:
-            _leave(_held.pop(), None)
+            number = _held.pop()
+            handler = signal.getsignal(number)
+            assert callable(handler)  # it was one that put the signal there
+            handler(number, None)
+
+
+def _raise(number: int, frame: FrameType | None) -> None:
+    if 0 in _held:
+        _held.append(number)
+        return
+    raise KeyboardInterrupt
 
 
 def _leave(number: int, frame: FrameType | None) -> None:

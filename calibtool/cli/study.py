@@ -7,7 +7,7 @@ import typer
 
 from calibtool.cli.files import STREAM, check_output, message, read_text, shown, write_output
 from calibtool.cli.identify import report_target
-from calibtool.cli.interrupts import interruptible
+from calibtool.cli.interrupts import held, interruptible
 from calibtool.cli.options import Force, Json
 from calibtool.cli.progress import counted
 from calibtool.cli.show import print_json, print_table
@@ -139,10 +139,13 @@ def _perform(study: "Study", target: str | None, workers: int | None, cluster: s
         try:
             with interruptible():
                 for index, rows in counted(results, "runs", total=len(rest)):
-                    journal.add(index, rows)
-            table = StudyTable(study.key, journal.rows())
-            if target is not None:
-                write_output(target, _contents(target, study, table), force)
+                    with held():
+                        journal.add(index, rows)
+                table = StudyTable(study.key, journal.rows())
+                with held():  # the table takes the journal's place
+                    if target is not None:
+                        write_output(target, _contents(target, study, table), force)
+                    journal.remove()
         except (CalibtoolError, KeyboardInterrupt) as error:
             results.close()
             if path is None or not journal.finished:
@@ -152,7 +155,6 @@ def _perform(study: "Study", target: str | None, workers: int | None, cluster: s
                 message(kept)
                 raise
             raise type(error)(f"{error} ({kept})") from None
-        journal.remove()
     return table
 
 

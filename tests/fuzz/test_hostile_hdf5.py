@@ -44,6 +44,12 @@ def test_hdf5_reads_the_file_with_its_digest_and_without_it() -> None:
         assert to_bytes(read_any(io.BytesIO(part), "x.h5")) == data
 
 
+def test_a_file_that_ends_inside_its_digest_is_refused() -> None:
+    data = to_bytes(measurements())
+    for missing in range(1, 82):
+        refused(data[:-missing], "cut off")
+
+
 @pytest.mark.parametrize("contents", [measurements(), calibrations()[2]], ids=["measurements", "calibration"])
 def test_a_zeroed_sector_anywhere_is_refused(contents: object) -> None:
     data = to_bytes(contents)  # type: ignore[arg-type]

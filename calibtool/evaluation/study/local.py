@@ -19,11 +19,12 @@ _TRIES = 2
 def in_processes(study: Study, indices: Sequence[int], workers: int) -> Generator[tuple[int, list[Row]], None, None]:
     """(index, rows) of every run, in the order in which they finish, from `workers` processes.
 
-    A run whose process is killed twice gets rows that say so. Raises CalibtoolError when a process cannot even start.
+    A run whose process is killed twice gets rows that say so. Raises CalibtoolError when processes cannot even start.
     The processes end with the iterator, and by themselves when this process is killed.
     """
     waiting = deque(indices)
     tries = dict.fromkeys(indices, 0)
+    stillborn = 0  # processes in a row that ended before they could work
     pool = [_Worker(study) for _ in range(min(workers, len(indices)))]
     try:
         while waiting or any(worker.index is not None for worker in pool):
@@ -35,8 +36,9 @@ def in_processes(study: Study, indices: Sequence[int], workers: int) -> Generato
                 try:
                     answer = worker.connection.recv()
                 except (EOFError, OSError):
-                    if not worker.ready:
-                        raise CalibtoolError("a worker process ended before it was ready") from None
+                    stillborn = 0 if worker.ready else stillborn + 1
+                    if stillborn > _TRIES * len(pool):
+                        raise CalibtoolError("the worker processes end before they are ready") from None
                     worker.end()
                     pool[place] = _Worker(study)
                     if index is None:
@@ -46,7 +48,7 @@ def in_processes(study: Study, indices: Sequence[int], workers: int) -> Generato
                     else:
                         yield index, lost(study, index, f"its worker process was killed {_TRIES} times")
                     continue
-                worker.index, worker.ready = None, True
+                worker.index, worker.ready, stillborn = None, True, 0
                 if waiting:
                     following = waiting.popleft()
                     tries[following] += 1
