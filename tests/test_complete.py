@@ -47,9 +47,10 @@ def test_evidence_finds_the_joint_motion_functions_that_are_there(fanuc: Robot) 
         assert (posterior.parameters.harmonics, posterior.parameters.gravity) == (harmonics, gravity)
 
 
-def test_fine_structure_of_the_joint_motions_is_found(fanuc: Robot) -> None:
-    """Twenty waves per turn, as of a gear's teeth: what a held-out row shows of them is worth the many parameters."""
-    first, fresh = measured(fanuc, 200)
+@pytest.mark.parametrize("kinds", [("geometric",), ("geometric", "gear")])
+def test_fine_structure_of_the_joint_motions_is_found(fanuc: Robot, kinds: tuple[str, ...]) -> None:
+    """Twenty waves per turn, as of a gear's teeth, also beside a gear's large first orders."""
+    first, fresh = measured(fanuc, 200, scales=ErrorScales(kinds))
     assert first.truth is not None
 
     def with_waves(measurements: Measurements) -> np.ndarray:

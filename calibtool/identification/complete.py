@@ -5,6 +5,7 @@ prior, and the posterior says so. Noise level, number of harmonics and, on reque
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,13 +13,14 @@ from calibtool.errors import InputError, NoSolutionError
 from calibtool.identification.equations import held_out_sizes, normal_equations, row_sizes
 from calibtool.identification.evidence import inverse, most_probable, posterior_step
 from calibtool.identification.model import Flagged, Identification, Posterior, split_rms
-from calibtool.identification.parameters import ErrorState, Parameters, Tolerances
+from calibtool.identification.parameters import LOW_ORDERS, ErrorState, Parameters, Tolerances
 from calibtool.identification.robust import LossFunction, find_flagged, row_weights
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
+from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array, readonly
 
-FEW_HARMONICS = (0, 1, 2, 3)
+FEW_HARMONICS = tuple(range(LOW_ORDERS + 1))
 MANY_HARMONICS = (*FEW_HARMONICS, 6, 9, 12, 16, 20, 24, 28, 32)
 _UNEXPLAINED = 1.2  # times the stated noise: more than this left over, and more harmonics are tried
 _JUDGED = 500  # configurations on which many harmonics are judged
@@ -65,9 +67,13 @@ class _Fit:
     effective: float
     iterations: int
 
+    @cached_property
+    def covariance(self) -> Array:
+        return inverse(self.information / self.noise_factor**2 + np.diag(self.prior_std**-2.0))
+
     @property
-    def precision(self) -> Array:
-        return self.information / self.noise_factor**2 + np.diag(self.prior_std**-2.0)
+    def theta(self) -> Array:
+        return self.state.vector(self.parameters)
 
 
 def identify_complete(measurements: Measurements, options: CompleteOptions | None = None) -> Identification:
@@ -85,14 +91,13 @@ def identify_complete(measurements: Measurements, options: CompleteOptions | Non
         )
     robot, setup = measurements.robot, measurements.setup
     fit = _most_probable_fit(measurements, options, FEW_HARMONICS, ErrorState.nominal(robot, setup), None)
-    unexplained = fit.parameters.harmonics == FEW_HARMONICS[-1] or fit.noise_factor > _UNEXPLAINED
-    if options.harmonics is None and unexplained:
+    if options.harmonics is None and _may_leave_structure(fit, measurements.equations):
         many = _most_probable_fit(measurements, options, MANY_HARMONICS, fit.state, fit)
         if _predicts_better(measurements, many, fit):
             fit = many
     if options.backlash is None and fit.parameters.backlash:
         smaller = replace(fit.parameters, backlash=())
-        without = _fit(measurements, smaller, options, _restricted(fit.state, fit.parameters, smaller), fit)
+        without = _fit(measurements, smaller, options, _reduced(fit, smaller), fit)
         if not _predicts_better(measurements, fit, without):
             fit = without
     flagged = find_flagged(measurements, fit.state, fit.row_sizes)
@@ -120,15 +125,21 @@ def _most_probable_fit(
         for backlash in ([False, True] if free else [bool(options.backlash)])
     ]
     fit = _fit(measurements, candidates[-1], options, state, start)
-    theta = fit.state.vector(fit.parameters)
-    chosen = most_probable(fit.parameters, theta, inverse(fit.precision), fit.prior_std, candidates)
+    chosen = most_probable(fit.parameters, fit.theta, fit.covariance, fit.prior_std, candidates)
     if chosen == fit.parameters:
         return fit
-    return _fit(measurements, chosen, options, _restricted(fit.state, fit.parameters, chosen), fit)
+    return _fit(measurements, chosen, options, _reduced(fit, chosen), fit)
+
+
+def _may_leave_structure(fit: _Fit, equations: int) -> bool:
+    """Whether the noise may exceed the stated one for want of harmonics: within its own two standard errors."""
+    freedom = max(equations - fit.effective, 1.0)
+    most = fit.noise_factor * (1.0 + 2.0 / np.sqrt(2.0 * freedom))
+    return fit.parameters.harmonics == LOW_ORDERS or bool(most > _UNEXPLAINED)
 
 
 def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) -> bool:
-    """Whether held-out configurations are predicted better, by more than the standard error of the gain.
+    """Whether held-out configurations are predicted better.
 
     The evidence alone takes joints that repeat badly for fine structure, or for backlash where the order of the rows is not
     that of the motion: its noise has no such thing.
@@ -136,11 +147,9 @@ def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) ->
     rows = np.unique(np.linspace(0, len(measurements) - 1, min(len(measurements), _JUDGED)).astype(int))
     part = measurements.rows(rows)
     before, after = (
-        held_out_sizes(part, fit.parameters, fit.state, inverse(fit.precision), fit.noise_factor)
-        for fit in (smaller, larger)
+        held_out_sizes(part, fit.parameters, fit.state, fit.covariance, fit.noise_factor) for fit in (smaller, larger)
     )
-    gain = before - after
-    return bool(gain.mean() > gain.std(ddof=1) / np.sqrt(len(rows)))
+    return bool(after.mean() < before.mean())
 
 
 def _fit(
@@ -188,30 +197,33 @@ def _fit(
     return _Fit(parameters, state, prior_std, equations.information, sizes, noise_factor, solution.effective, iteration)
 
 
-def _restricted(state: ErrorState, old: Parameters, new: Parameters) -> ErrorState:
-    """The state without the parameters that a smaller model does not have."""
-    geometry, motion = state.geometry, state.motion
-    if old.twists and not new.twists:
-        geometry = replace(geometry, twists=readonly(np.zeros_like(geometry.twists)))
+def _reduced(fit: _Fit, smaller: Parameters) -> ErrorState:
+    """The most probable state without the parameters that `smaller` does not have, by the fit's own quadratic model."""
+    larger, covariance = fit.parameters, fit.covariance
+    dropped = larger.missing_in(smaller)
+    step = -covariance[:, dropped] @ np.linalg.solve(covariance[np.ix_(dropped, dropped)], fit.theta[dropped])
+    state = fit.state.moved(larger, step)
+    geometry, motion = state.geometry, state.motion  # of the dropped ones, rounding errors are left
     compliance = motion.compliance.copy()
-    compliance[[j for j in old.gravity if j not in new.gravity]] = 0.0
-    motion = replace(
-        motion,
-        harmonics=readonly(motion.harmonics[:, : 2 * new.harmonics]),
-        compliance=readonly(compliance),
-        backlash=motion.backlash if new.backlash else readonly(np.zeros(new.n)),
+    compliance[[j for j in larger.gravity if j not in smaller.gravity]] = 0.0
+    return replace(
+        state,
+        geometry=geometry if smaller.twists else replace(geometry, twists=readonly(np.zeros_like(geometry.twists))),
+        motion=JointMotion(
+            harmonics=readonly(motion.harmonics[:, : 2 * smaller.harmonics]),
+            compliance=readonly(compliance),
+            backlash=motion.backlash if smaller.backlash else readonly(np.zeros(smaller.n)),
+        ),
     )
-    return replace(state, geometry=geometry, motion=motion)
 
 
 def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> Identification:
     robot, parameters = measurements.robot, fit.parameters
-    covariance = inverse(fit.precision)
+    covariance = fit.covariance
     prior_scaled = fit.prior_std[:, None] * fit.information * fit.prior_std / fit.noise_factor**2
     eigenvalues = np.clip(np.linalg.eigvalsh(prior_scaled), 0.0, None)[::-1]
-    theta = fit.state.vector(parameters)
     count = measurements.equations
-    squares = float(fit.row_sizes.sum()) / fit.noise_factor**2 + float(((theta / fit.prior_std) ** 2).sum())
+    squares = float(fit.row_sizes.sum()) / fit.noise_factor**2 + float(((fit.theta / fit.prior_std) ** 2).sum())
     log_evidence = -0.5 * (squares + float(np.log1p(eigenvalues).sum())) - count * np.log(fit.noise_factor)
     tool = fit.state.frames(robot, measurements.q, measurements.direction).tool
     left = residuals(measurements, fit.state.setup, tool)

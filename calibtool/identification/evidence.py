@@ -64,10 +64,9 @@ def most_probable(
 
     The Gaussian N(θ, covariance) over `parameters` is that of the largest candidate.
     """
-    names = np.array(parameters.names)
 
     def log_evidence(candidate: Parameters) -> float:
-        dropped = np.flatnonzero(~np.isin(names, candidate.names))
+        dropped = parameters.missing_in(candidate)
         return _log_density_ratio(theta[dropped], covariance[np.ix_(dropped, dropped)], prior_std[dropped])
 
     evidence = [log_evidence(candidate) for candidate in candidates]

@@ -15,6 +15,7 @@ from calibtool.robot.motion import JointMotion, gravity_torque, harmonic_functio
 from calibtool.robot.poe import Frames
 from calibtool.robot.se3 import Array, readonly
 
+LOW_ORDERS = 3  # harmonics of a joint that eccentric gears have
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -112,15 +113,20 @@ class Parameters:
 
     @cached_property
     def families(self) -> list[np.ndarray]:
-        """Indices that share a tolerance: lengths and angles of δζ, of δξ, offsets, harmonics, gravity, backlash."""
+        """Indices that share a tolerance: lengths and angles of δζ, of δξ; offsets, gravity, backlash; harmonics.
+
+        A gear's first orders are often large, and say nothing about how fine the rest is.
+        """
         result = []
         for name in ("placements", "twists"):
             index = np.arange(self.blocks[name].start, self.blocks[name].stop).reshape(-1, 6)
             result += [index[:, :3].ravel(), index[:, 3:].ravel()]
         result += [
-            np.arange(self.blocks[name].start, self.blocks[name].stop)
-            for name in ("offsets", "harmonics", "gravity", "backlash")
+            np.arange(self.blocks[name].start, self.blocks[name].stop) for name in ("offsets", "gravity", "backlash")
         ]
+        harmonics = np.arange(self.blocks["harmonics"].start, self.blocks["harmonics"].stop)
+        low = np.arange(len(harmonics)) // 2 % max(self.harmonics, 1) < LOW_ORDERS
+        result += [harmonics[low], harmonics[~low]]
         return [family for family in result if len(family)]
 
     @property
@@ -144,6 +150,11 @@ class Parameters:
         points = self.targets // 3
         names += [f"target{i + 1}.{c}" for i in range(points) for c in COMPONENTS[:3]]
         return names
+
+    def missing_in(self, other: Self) -> np.ndarray:
+        """Indices of the parameters that `other` does not have."""
+        kept = set(other.names)
+        return np.array([i for i, name in enumerate(self.names) if name not in kept], dtype=int)
 
     def prior_std(self, robot: Robot, tolerances: Tolerances) -> Array:
         """Prior standard deviation of every parameter (p,), SI; gravity as compliance in rad per N m."""
