@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from calibtool.robot.se3 import Array, cross, readonly
 
-_TOGETHER = 2048  # rows: their lanes stay in the processor's cache
+_TOGETHER = 1024  # rows: their lanes stay in the processor's cache
 
 
 def parts(count: int) -> Iterator[slice]:
