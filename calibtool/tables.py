@@ -338,7 +338,7 @@ def poses_from_header(table: Table) -> tuple[Array, list[str]] | None:
     found = pose_columns_of(table)
     if found is None:
         return None
-    from scipy.spatial.transform import Rotation  # takes as long to import as everything else
+    from scipy.spatial.transform import Rotation
 
     position, orientation = found
     T = np.zeros((len(table), 4, 4))
