@@ -12,9 +12,9 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.decimals import decimal_rows
 from calibtool.compensation.program import OutsidePolicy, guarded, no_targets
 from calibtool.compensation.solve import OK, OUTSIDE, UNREACHABLE, Compensation, Method
-from calibtool.decimals import decimal_rows
 from calibtool.errors import InputError
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array

@@ -22,8 +22,8 @@ def parts(count: int) -> Iterator[slice]:
 
 
 def lanes(values: Array) -> Array:
-    """Rows first to rows last: (N, …) → (…, N), contiguous."""
-    return np.ascontiguousarray(np.moveaxis(values, 0, -1))
+    """Rows first to rows last: (N, …) → (…, N), a contiguous copy."""
+    return np.moveaxis(values, 0, -1).copy()
 
 
 @dataclass(frozen=True, eq=False)

@@ -98,8 +98,7 @@ def damped_solution(jacobian: Array, error: Array, length: float) -> tuple[Array
     `length`: x = Jᵀ (J Jᵀ + λ² I)⁻¹ e, λ = max(0, d₀ − d) and d₀ = MIN_SINGULARITY_DISTANCE: undamped where d ≥ d₀, and
     never longer than |e| / (2 λ).
     """
-    solved, distance = _solved(jacobian, error, length)
-    return solved, distance
+    return _solved(jacobian, error, length)
 
 
 def _solved(jacobian: Array, error: Array | None, length: float) -> tuple[Array, Array]:
@@ -123,9 +122,9 @@ def _solved(jacobian: Array, error: Array | None, length: float) -> tuple[Array,
     distance[again] = _distance(gram)
     if error is not None:
         damping = np.maximum(0.0, MIN_SINGULARITY_DISTANCE - distance[again]) ** 2
-        right = scale_rows(error[again, :, None], length)
-        solved = np.linalg.solve(gram + damping[:, None, None] * np.eye(6), right)
-        motion[again] = (np.swapaxes(scale_rows(jacobian[again], length), -1, -2) @ solved)[..., 0]
+        scaled_error = scale_rows(error[again, :, None], length)
+        solution = np.linalg.solve(gram + damping[:, None, None] * np.eye(6), scaled_error)
+        motion[again] = (np.swapaxes(scale_rows(jacobian[again], length), -1, -2) @ solution)[..., 0]
     return motion, distance
 
 

@@ -8,16 +8,13 @@ DECIMALS = 12
 _LARGEST = 1000.0  # beyond it the integer of all digits would not be an exact double
 
 _CELL = np.dtype([("whole", "<u4"), ("point", "u1"), ("parts", "<u4", 3), ("end", "u1")])
-_FOURS = [b"%04d" % k for k in range(10_000)]
-
-
-def _table(texts: list[bytes]) -> np.ndarray:
-    return np.frombuffer(b"".join(texts), "<u4")
-
-
+_FOURS = (np.arange(10_000)[:, None] // [1000, 100, 10, 1] % 10 + ord("0")).astype("u1")
+_TRAILING = np.logical_and.accumulate(_FOURS[:, ::-1] == ord("0"), axis=1)[:, ::-1]
 # Behind the 10,000 groups of four digits the same without zeros at their end; NUL is taken out of the text.
-_GROUPS = _table([*_FOURS, *(four.rstrip(b"0").ljust(4, b"\0") for four in _FOURS)])
-_WHOLE = _table([sign + (b"%d" % k).rjust(3, b"\0") for sign in (b"\0", b"-") for k in range(1000)])
+_GROUPS = np.concatenate([_FOURS, np.where(_TRAILING, 0, _FOURS)]).view("<u4")[:, 0]
+_WHOLE = np.frombuffer(
+    b"".join(sign + (b"%d" % k).rjust(3, b"\0") for sign in (b"\0", b"-") for k in range(1000)), "<u4"
+)
 
 
 def decimal_rows(values: Array) -> list[str]:
@@ -25,7 +22,7 @@ def decimal_rows(values: Array) -> list[str]:
 
     12 decimals (in degrees 1e-14 rad); rows with a number of 1000 or more have 14 digits, rows with a NaN empty cells.
     """
-    plain = (np.abs(values) < _LARGEST - 1e-9).all(axis=-1)
+    plain = np.all(np.abs(values) < _LARGEST - 1e-9, axis=-1)
     integers = np.rint(np.abs(np.where(plain[:, None], values, 0.0)) * 10.0**DECIMALS).astype(np.int64)
     upper = integers // 10**8
     lower = integers - upper * 10**8
