@@ -9,7 +9,6 @@ from itertools import islice
 from typing import overload
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError, near_names
 from calibtool.robot.model import Robot
@@ -339,6 +338,8 @@ def poses_from_header(table: Table) -> tuple[Array, list[str]] | None:
     found = pose_columns_of(table)
     if found is None:
         return None
+    from scipy.spatial.transform import Rotation
+
     position, orientation = found
     T = np.zeros((len(table), 4, 4))
     T[:, 3, 3] = 1.0

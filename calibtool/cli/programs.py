@@ -43,8 +43,6 @@ FramesFile = Annotated[
 
 def recognised(path: str, head: bytes) -> str:
     """The format of the input from its name and first bytes: `csv`, `ndjson` or a controller program's."""
-    from calibtool.programs.formats import detected
-
     text = head.decode("latin-1").removeprefix("\xef\xbb\xbf")
     first = next((line for line in text.splitlines() if line.strip()), "")
     suffix = "" if path == STREAM else Path(path).suffix.lower()
@@ -52,6 +50,8 @@ def recognised(path: str, head: bytes) -> str:
         return "ndjson"
     if suffix in (".csv", ".tsv") or _HEADER.search(first):
         return "csv"
+    from calibtool.programs.formats import detected
+
     return detected(text, "" if path == STREAM else path) or "csv"
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.decimals import decimal_rows
 from calibtool.compensation.program import OutsidePolicy, guarded, no_targets
 from calibtool.compensation.solve import OK, OUTSIDE, UNREACHABLE, Compensation, Method
 from calibtool.errors import InputError
@@ -210,13 +211,8 @@ class _Corrector:
 
 
 def _csv_text(corrected: _Corrected, with_header: bool) -> str:
-    """Numbers with 14 digits (a fifteenth costs as much as four) by one template per row; other cells through csv."""
     table, kept = corrected.table, corrected.kept
-    template = ",".join(["%.14g"] * len(corrected.joint_names))
-    numbers = [template % tuple(row) for row in corrected.values.tolist()]
-    empty = "," * (len(corrected.joint_names) - 1)
-    for k in np.flatnonzero(np.isnan(corrected.values).any(axis=-1)):
-        numbers[k] = empty
+    numbers = decimal_rows(corrected.values)
     rest: list[str] = [",".join(cells) for cells in zip(*corrected.added.values(), strict=True)]
     if kept:
         others = _written([[row[i] for i in kept] for row in table.rows])

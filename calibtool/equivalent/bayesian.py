@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
 
 from calibtool.equivalent.loss import Loss
 from calibtool.equivalent.network import Network
@@ -29,6 +28,8 @@ def train_bayesian(network: Network, loss: Loss) -> BayesianRun:
 
     H = β JᵀJ + α I is the Gauss–Newton Hessian; its eigenvalues serve the step, γ and every damping at once.
     """
+    from scipy.linalg import eigh
+
     weights = network.weights
     residual, J = loss.residual_and_jacobian(network)
     squares = float(residual @ residual)

@@ -6,6 +6,7 @@ from typing import Self
 
 import numpy as np
 
+from calibtool.robot.lanes import lanes
 from calibtool.robot.se3 import Array, readonly
 
 
@@ -28,8 +29,8 @@ class Network:
 
     def __call__(self, q: Array) -> Array:
         """Joint motion errors δρ (N, p) in rad or m for joint positions q (N, n)."""
-        hidden = np.tanh(self.scaled_input(q) @ self.hidden_weights.T + self.hidden_bias)
-        return (hidden @ self.output_weights.T + self.output_bias) * self.output_scale
+        hidden = np.tanh(_affine(self.hidden_weights, lanes(self.scaled_input(q)), self.hidden_bias))
+        return _affine(self.output_weights, hidden, self.output_bias).T * self.output_scale
 
     def scaled_input(self, q: Array) -> Array:
         """s (N, n), within [−1, 1] inside the training range."""
@@ -58,6 +59,14 @@ class Network:
             output_weights=readonly(w2.reshape(p, h)),
             output_bias=readonly(b2),
         )
+
+
+def _affine(weights: Array, inputs: Array, bias: Array) -> Array:
+    """W x + b for every row, without a library whose sums depend on the number of rows: (k, N) → (h, N)."""
+    result = np.repeat(bias[:, None], inputs.shape[-1], axis=1)
+    for column, values in zip(weights.T, inputs, strict=True):
+        result += column[:, None] * values
+    return result
 
 
 def averaged(networks: Sequence[Network]) -> Network:

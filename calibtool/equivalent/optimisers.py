@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
 
 from calibtool.equivalent.loss import Loss
 from calibtool.equivalent.network import Network
@@ -134,6 +133,8 @@ def run(
 
 
 def _damped_step(gram: Array, damping: float, gradient: Array) -> Array:
+    from scipy.linalg.lapack import dpotrf, dpotrs
+
     damped = gram.copy()
     damped.flat[:: len(gram) + 1] += damping
     factor, info = dpotrf(damped, lower=True, overwrite_a=True)

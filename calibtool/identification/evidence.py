@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.linalg.lapack import dpotrf, dpotri
 
 from calibtool.identification.equations import NormalEquations
 from calibtool.identification.parameters import Parameters
@@ -76,6 +74,8 @@ def most_probable(
 
 def inverse(matrix: Array) -> Array:
     """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first: m and rad mix."""
+    from scipy.linalg.lapack import dpotrf, dpotri
+
     scale = 1.0 / np.sqrt(np.diag(matrix))
     factor, _ = dpotrf(matrix * np.outer(scale, scale), lower=True, clean=True)
     half, _ = dpotri(factor, lower=True)
@@ -87,6 +87,8 @@ def _log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> flo
     """ln N(0; θ, C) − ln N(0; 0, S): the evidence for the model without these parameters against the one with them."""
     if not len(theta):
         return 0.0
+    from scipy.linalg import cho_factor, cho_solve
+
     factor = cho_factor(covariance, lower=True)
     log_det = 2.0 * np.log(np.diag(factor[0])).sum()
     return float(-0.5 * (log_det + theta @ cho_solve(factor, theta)) + np.log(prior_std).sum())

@@ -3,7 +3,6 @@
 from typing import Literal
 
 import numpy as np
-from scipy.special import betaln, chdtri  # scipy.stats takes as long to import as everything else together
 
 from calibtool.identification.model import Flagged
 from calibtool.identification.parameters import ErrorState
@@ -31,6 +30,8 @@ def row_weights(sizes: Array, d: np.ndarray, loss_function: LossFunction) -> Arr
 
 def find_flagged(measurements: Measurements, state: ErrorState, sizes: Array) -> Flagged:
     """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set; nothing is changed."""
+    from scipy.special import chdtri  # scipy.stats takes as long to import as everything else together
+
     d = (weights(measurements) > 0).sum(axis=-1)
     scale = _robust_scale(sizes, d)
     limit = chdtri(d, _FALSE_ALARM / len(sizes))
@@ -49,6 +50,8 @@ def find_flagged(measurements: Measurements, state: ErrorState, sizes: Array) ->
 
 def _robust_scale(sizes: Array, d: np.ndarray) -> float:
     """Noise over the stated one, from the median row: half of the rows may be bad."""
+    from scipy.special import chdtri
+
     return float(np.sqrt(max(np.median(sizes / chdtri(d, 0.5)), 1e-30)))
 
 
@@ -60,6 +63,8 @@ def at_least(take: int, count: int, inside: int, flagged: int) -> float:
 
 
 def _log_choose(n: int, k: np.ndarray | int) -> Array:
+    from scipy.special import betaln
+
     result: Array = -np.log(n + 1.0) - betaln(n - k + 1.0, k + 1.0)
     return result
 

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from calibtool.robot.se3 import Array, skew
 
@@ -45,6 +44,8 @@ class RotationForm:
 
         Newton on SO(3) with the exact Hessian, its eigenvalues made positive, steps halved until they descend.
         """
+        from scipy.spatial.transform import Rotation
+
         C, value, reach = starts.copy(), self.value(starts), np.ones(len(starts))
         rounding = 1e-13 * (
             np.abs(self.M).max() + np.abs(self.g).max()
@@ -81,6 +82,8 @@ class RotationForm:
 
 def rotation_grid() -> Array:
     """The 24 rotations of a cube, no rotation is further than 63 deg from one of them: (24, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.create_group("O").as_matrix()
 
 

@@ -1,14 +1,17 @@
-"""Forward kinematics and Jacobians in batches, by Pinocchio."""
+"""Forward kinematics and Jacobians of a Pinocchio model, in batches."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
-from calibtool.robot.se3 import Array, skew
+from calibtool.robot.lanes import Links, eliminated, lanes, parts
+from calibtool.robot.se3 import Array
 
 # Nearer to a singularity than this (see `singularity_distance`) 1 mrad of pose error costs up to 50 mrad of joint motion.
 MIN_SINGULARITY_DISTANCE = 0.02
+_REGULAR = 0.05  # farther than this the elimination without pivoting keeps its digits, and nothing is damped
 GRAM_REGULARISATION = 1e-14  # keeps J Jᵀ invertible at a singularity
 
 
@@ -29,39 +32,53 @@ class Mechanism:
 
     def forward(self, q: Array) -> Array:
         """T_base_tool for q (N, n) in rad or m: (N, 4, 4)."""
-        q_model = q @ self.drive.T + self.offset
-        data = self.model.createData()
-        last = data.oMi[self.model.njoints - 1]  # a live view
         poses = np.empty((len(q), 4, 4))
-        forward_kinematics, model = pin.forwardKinematics, self.model
-        for k, q_k in enumerate(q_model):
-            forward_kinematics(model, data, q_k)
-            poses[k] = last.homogeneous
-        return poses @ self.tool
+        for rows in parts(len(q)):
+            _fill_poses(poses[rows], self._frames(q[rows]))
+        return poses
 
     def forward_and_jacobian(self, q: Array) -> tuple[Array, Array]:
         """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0, columns ∂(δy)/∂q_j = Ad(F_j) ξ_j."""
-        q_model = q @ self.drive.T + self.offset
-        data = self.model.createData()
-        last, spatial = (
-            data.oMi[self.model.njoints - 1],
-            data.J.reshape(6, -1),
-        )  # live views; one joint's J comes as (6,)
-        poses, jacobians = np.empty((len(q), 4, 4)), np.empty((len(q), 6, self.model.nv))
-        compute, model = pin.computeJointJacobians, self.model
-        for k, q_k in enumerate(q_model):
-            compute(model, data, q_k)
-            jacobians[k] = spatial
-            poses[k] = last.homogeneous
-        if self.drive.shape[0] != self.drive.shape[1] or not np.array_equal(self.drive, np.eye(len(self.drive))):
-            jacobians = jacobians @ self.drive
-        return poses @ self.tool, jacobians
+        poses, jacobians = np.empty((len(q), 4, 4)), np.empty((len(q), 6, q.shape[1]))
+        for rows in parts(len(q)):
+            frames = self._frames(q[rows])
+            _fill_poses(poses[rows], frames)
+            columns = self.links.columns(frames)
+            if not self._direct:
+                driven = np.zeros((6, q.shape[1], columns.shape[-1]))
+                for k, j in np.argwhere(self.drive):
+                    driven[:, j] += self.drive[k, j] * columns[:, k]
+                columns = driven
+            jacobians[rows] = np.moveaxis(columns, -1, 0)
+        return poses, jacobians
+
+    @cached_property
+    def links(self) -> Links:
+        """The model's joints, for batches."""
+        return Links.of(self.model, self.tool)
+
+    @cached_property
+    def _direct(self) -> bool:
+        """Whether the model's coordinates are the joint positions, but for offsets."""
+        return np.array_equal(self.drive, np.eye(*self.drive.shape))
+
+    def _frames(self, q: Array) -> Array:
+        moved = q if self._direct else q @ self.drive.T
+        return self.links.frames(lanes(moved + self.offset))
+
+
+def _fill_poses(poses: Array, frames: Array) -> None:
+    poses[:, :3] = frames[-1].transpose(2, 1, 0)
+    poses[:, 3] = (0.0, 0.0, 0.0, 1.0)
 
 
 def at_point(twists: Array, points: Array) -> Array:
     """Twists of K_0 seen at a point: v becomes the velocity of that point, v + ω × p. (N, 6, c), (N, 3) → (N, 6, c)."""
     result = twists.copy()
-    result[..., :3, :] -= skew(points) @ twists[..., 3:, :]
+    turning, (x, y, z) = twists[..., 3:, :], np.moveaxis(points, -1, 0)[..., None]
+    result[..., 0, :] += turning[..., 1, :] * z - turning[..., 2, :] * y
+    result[..., 1, :] += turning[..., 2, :] * x - turning[..., 0, :] * z
+    result[..., 2, :] += turning[..., 0, :] * y - turning[..., 1, :] * x
     return result
 
 
@@ -71,7 +88,54 @@ def singularity_distance(jacobian: Array, length: float) -> Array:
     jacobian (N, 6, c) at the tool point, its translational rows are divided by `length` (m). Unlike σ_min it is smooth
     in q and needs no SVD, so that exported code can evaluate it. (N,)
     """
-    return _distance(regularised_gram(jacobian, length))
+    return _solved(jacobian, None, length)[1]
+
+
+def damped_solution(jacobian: Array, error: Array, length: float) -> tuple[Array, Array]:
+    """Joint motions x with J x ≈ e, of minimum norm, damped near singularities; and the singularity distance d.
+
+    jacobian (N, 6, c ≥ 6) and error (N, 6) at the tool point, translations in m → x (N, c), d (N,). With rows scaled by
+    `length`: x = Jᵀ (J Jᵀ + λ² I)⁻¹ e, λ = max(0, d₀ − d) and d₀ = MIN_SINGULARITY_DISTANCE: undamped where d ≥ d₀, and
+    never longer than |e| / (2 λ).
+    """
+    return _solved(jacobian, error, length)
+
+
+def _solved(jacobian: Array, error: Array | None, length: float) -> tuple[Array, Array]:
+    """`damped_solution`, of an error if there is one, and the distances: regular rows together, the others by LAPACK."""
+    count, _, c = jacobian.shape
+    motion, distance = np.zeros((count if error is not None else 0, c)), np.empty(count)
+    for rows in parts(count):
+        scaled = lanes(jacobian[rows])
+        scaled[:3] /= length
+        right = None
+        if error is not None:
+            right = lanes(error[rows])
+            right[:3] /= length
+        with np.errstate(all="ignore"):  # singular rows are looked at again
+            trace, solved = eliminated(_gram_lanes(scaled), right)
+            distance[rows] = 1.0 / np.sqrt(trace)
+            if solved is not None:
+                motion[rows] = sum(scaled[i] * solved[i] for i in range(6)).T  # Jᵀ x
+    again = np.flatnonzero(~(distance > _REGULAR))
+    gram = regularised_gram(jacobian[again], length)
+    distance[again] = _distance(gram)
+    if error is not None:
+        damping = np.maximum(0.0, MIN_SINGULARITY_DISTANCE - distance[again]) ** 2
+        scaled_error = scale_rows(error[again, :, None], length)
+        solution = np.linalg.solve(gram + damping[:, None, None] * np.eye(6), scaled_error)
+        motion[again] = (np.swapaxes(scale_rows(jacobian[again], length), -1, -2) @ solution)[..., 0]
+    return motion, distance
+
+
+def _gram_lanes(scaled: Array) -> Array:
+    """`regularised_gram` of scaled rows (6, c, N), as lanes: (k, k, N)."""
+    short, long = (scaled, scaled.swapaxes(0, 1)) if scaled.shape[1] >= 6 else (scaled.swapaxes(0, 1), scaled)
+    gram = np.zeros((len(short), len(short), scaled.shape[-1]))
+    for column in long:
+        gram += column[:, None] * column[None, :]
+    gram[np.arange(len(gram)), np.arange(len(gram))] += GRAM_REGULARISATION
+    return gram
 
 
 def _distance(gram: Array) -> Array:
@@ -92,19 +156,3 @@ def scale_rows(jacobian: Array, length: float) -> Array:
     scaled = jacobian.copy()
     scaled[..., :3, :] /= length
     return scaled
-
-
-def damped_solution(jacobian: Array, error: Array, length: float) -> tuple[Array, Array]:
-    """Joint motions x with J x ≈ e, of minimum norm, damped near singularities; and the singularity distance d.
-
-    jacobian (N, 6, c ≥ 6) and error (N, 6) at the tool point, translations in m → x (N, c), d (N,). With rows scaled by
-    `length`: x = Jᵀ (J Jᵀ + λ² I)⁻¹ e, λ = max(0, d₀ − d) and d₀ = MIN_SINGULARITY_DISTANCE: undamped where d ≥ d₀, and
-    never longer than |e| / (2 λ).
-    """
-    scaled = scale_rows(jacobian, length)
-    gram = regularised_gram(jacobian, length)
-    distance = _distance(gram)
-    damping = np.maximum(0.0, MIN_SINGULARITY_DISTANCE - distance) ** 2
-    right = scale_rows(error[..., None], length)
-    solved = np.linalg.solve(gram + damping[:, None, None] * np.eye(6), right)
-    return (np.swapaxes(scaled, -1, -2) @ solved)[..., 0], distance

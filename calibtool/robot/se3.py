@@ -4,11 +4,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform, Rotation
 
 Array = NDArray[np.float64]
 
-_SWAP = [3, 4, 5, 0, 1, 2]  # scipy writes exponential coordinates as (ω, v)
+_SMALL = 1e-5  # rad: below it the first terms of the series are exact, and quotients of small numbers are not
 
 
 def readonly(values: Any, shape: tuple[int, ...] | None = None) -> Array:
@@ -29,24 +28,73 @@ def skew(vector: Array) -> Array:
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
 
 
+def cross(a: Array, b: Array) -> Array:
+    """a × b of vectors (3, …), components first."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
 def exp6(twist: Array) -> Array:
     """Pose reached by following a twist for unit time (paper, Eq. 3): (…, 6) → (…, 4, 4)."""
     twist = np.asarray(twist, dtype=float)
-    flat = np.ascontiguousarray(twist.reshape(-1, 6)[:, _SWAP])
-    return RigidTransform.from_exp_coords(flat).as_matrix().reshape(*twist.shape[:-1], 4, 4)
+    v, w = np.ascontiguousarray(np.moveaxis(twist, -1, 0)).reshape(2, 3, -1)
+    x, y, z = w
+    turn = np.sqrt(x * x + y * y + z * z)
+    t = np.maximum(turn, _SMALL)
+    sine, half = np.sin(t) / t, np.sin(t / 2) / t
+    a = np.where(turn < _SMALL, 1.0 - turn**2 / 6, sine)
+    b = np.where(turn < _SMALL, 0.5, 2 * half**2)
+    c = np.where(turn < _SMALL, 1 / 6, (1.0 - sine) / t**2)
+    result = np.zeros((v.shape[-1], 4, 4))
+    xy, xz, yz = b * x * y, b * x * z, b * y * z
+    result[:, 0, 0] = 1.0 - b * (y * y + z * z)
+    result[:, 1, 1] = 1.0 - b * (x * x + z * z)
+    result[:, 2, 2] = 1.0 - b * (x * x + y * y)
+    result[:, 0, 1], result[:, 1, 0] = xy - a * z, xy + a * z
+    result[:, 0, 2], result[:, 2, 0] = xz + a * y, xz - a * y
+    result[:, 1, 2], result[:, 2, 1] = yz - a * x, yz + a * x
+    across = cross(w, v)
+    result[:, :3, 3] = (v + b * across + c * cross(w, across)).T
+    result[:, 3, 3] = 1.0
+    return result.reshape(*twist.shape[:-1], 4, 4)
 
 
 def log6(pose: Array) -> Array:
     """Inverse of `exp6`, rotation angle in [0, π]: (…, 4, 4) → (…, 6)."""
     pose = np.asarray(pose, dtype=float)
-    flat = RigidTransform.from_matrix(pose.reshape(-1, 4, 4)).as_exp_coords()
-    return flat[:, _SWAP].reshape(*pose.shape[:-2], 6)
+    w = _rotation_vector(pose[..., :3, :3])
+    p = np.moveaxis(pose[..., :3, 3], -1, 0).reshape(3, -1)
+    turn = np.sqrt((w * w).sum(axis=0))
+    t = np.maximum(turn, _SMALL)
+    k = np.where(turn < _SMALL, 1 / 12, (1.0 - t / 2 / np.tan(t / 2)) / t**2)
+    across = cross(w, p)
+    v = p - 0.5 * across + k * cross(w, across)
+    return np.concatenate([v, w]).T.reshape(*pose.shape[:-2], 6)
 
 
 def log3(rotation: Array) -> Array:
     """Rotation vector in rad: (…, 3, 3) → (…, 3)."""
     rotation = np.asarray(rotation, dtype=float)
-    return Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec().reshape(*rotation.shape[:-2], 3)
+    return _rotation_vector(rotation).T.reshape(*rotation.shape[:-2], 3)
+
+
+def _rotation_vector(rotation: Array) -> Array:
+    """(…, 3, 3) → (3, N), through the unit quaternion, by its largest component (Shepperd 1978)."""
+    r = np.ascontiguousarray(np.moveaxis(rotation, (-2, -1), (0, 1))).reshape(3, 3, -1)
+    trace = r[0, 0] + r[1, 1] + r[2, 2]
+    products = np.empty((4, 4, r.shape[-1]))  # 4 q qᵀ, q = (x, y, z, w)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        products[i, i] = 1.0 - trace + 2.0 * r[i, i]
+        products[i, j] = products[j, i] = r[i, j] + r[j, i]
+        products[i, 3] = products[3, i] = r[k, j] - r[j, k]
+    products[3, 3] = 1.0 + trace
+    largest = np.argmax([r[0, 0], r[1, 1], r[2, 2], trace], axis=0)
+    q = np.take_along_axis(products, largest[None, None], axis=0)[0]
+    q = np.where(q[3] < 0, -q, q)
+    sine = np.sqrt((q[:3] * q[:3]).sum(axis=0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = np.where(sine > 0, 2.0 * np.arctan2(sine, q[3]) / sine, 0.0)
+    return factor * q[:3]
 
 
 def inverse(pose: Array) -> Array:

@@ -16,11 +16,10 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.storage.calibrations import build_calibration, write_calibration
 from calibtool.storage.measurements import build_measurements, write_measurements
 from calibtool.storage.parts import write_robot
-from calibtool.storage.studies import STUDY
 from calibtool.storage.texts import put_string, string
 from calibtool.storage.untrusted import check_bytes, check_contents, sealed
 
-MEASUREMENTS, CALIBRATION = "calibtool/measurements", "calibtool/calibration"
+MEASUREMENTS, CALIBRATION, STUDY = "calibtool/measurements", "calibtool/calibration", "calibtool/study"
 SCHEMA_VERSION = 1
 
 T = TypeVar("T")

@@ -9,9 +9,9 @@ import numpy as np
 from calibtool import __version__
 from calibtool.errors import InputError
 from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, Cell, StudyTable, table_of
+from calibtool.storage import STUDY
 from calibtool.storage.parts import put, put_text
 
-STUDY = "calibtool/study"
 SCHEMA_VERSION = 1
 
 

@@ -1,0 +1,44 @@
+"""Many numbers to decimal text at once, four digits at a time from a table."""
+
+import numpy as np
+
+from calibtool.robot.se3 import Array
+
+DECIMALS = 12
+_LARGEST = 1000.0  # beyond it the integer of all digits would not be an exact double
+
+_CELL = np.dtype([("whole", "<u4"), ("point", "u1"), ("parts", "<u4", 3), ("end", "u1")])
+_FOURS = (np.arange(10_000)[:, None] // [1000, 100, 10, 1] % 10 + ord("0")).astype("u1")
+_TRAILING = np.logical_and.accumulate(_FOURS[:, ::-1] == ord("0"), axis=1)[:, ::-1]
+# Behind the 10,000 groups of four digits the same without zeros at their end; NUL is taken out of the text.
+_GROUPS = np.concatenate([_FOURS, np.where(_TRAILING, 0, _FOURS)]).view("<u4")[:, 0]
+_WHOLE = np.frombuffer(
+    b"".join(sign + (b"%d" % k).rjust(3, b"\0") for sign in (b"\0", b"-") for k in range(1000)), "<u4"
+)
+
+
+def decimal_rows(values: Array) -> list[str]:
+    """Comma separated numbers of every row of (N, n), without zeros at their ends.
+
+    12 decimals (in degrees 1e-14 rad); rows with a number of 1000 or more have 14 digits, rows with a NaN empty cells.
+    """
+    plain = np.all(np.abs(values) < _LARGEST - 1e-9, axis=-1)
+    integers = np.rint(np.abs(np.where(plain[:, None], values, 0.0)) * 10.0**DECIMALS).astype(np.int64)
+    upper = integers // 10**8
+    lower = integers - upper * 10**8
+    cells = np.empty(values.shape, _CELL)
+    whole, first, second = upper // 10**4, upper % 10**4, lower // 10**4
+    third = lower - second * 10**4
+    cells["whole"] = _WHOLE[whole + 1000 * ((values < 0) & (integers > 0))]
+    ends = np.ones(values.shape, dtype=bool)  # only zeros follow
+    for position, group in ((2, third), (1, second), (0, first)):
+        cells["parts"][..., position] = _GROUPS[group + 10_000 * ends]
+        ends &= group == 0
+    cells["point"] = np.where(ends, 0, ord("."))
+    cells["end"] = ord(",")
+    cells["end"][:, -1] = ord("\n")
+    rows = cells.tobytes().translate(None, b"\0").decode("ascii").splitlines()
+    for k in np.flatnonzero(~plain):
+        given = values[k].tolist()
+        rows[k] = ",".join("" for _ in given) if np.isnan(given).any() else ",".join(f"{value:.14g}" for value in given)
+    return rows
