@@ -33,20 +33,22 @@ def exp6(twist: Array) -> Array:
     """Pose reached by following a twist for unit time (paper, Eq. 3): (…, 6) → (…, 4, 4)."""
     twist = np.asarray(twist, dtype=float)
     flat = np.ascontiguousarray(twist.reshape(-1, 6)[:, _SWAP])
-    return RigidTransform.from_exp_coords(flat).as_matrix().reshape(*twist.shape[:-1], 4, 4)
+    pose: Array = RigidTransform.from_exp_coords(flat).as_matrix()
+    return pose.reshape(*twist.shape[:-1], 4, 4)
 
 
 def log6(pose: Array) -> Array:
     """Inverse of `exp6`, rotation angle in [0, π]: (…, 4, 4) → (…, 6)."""
     pose = np.asarray(pose, dtype=float)
-    flat = RigidTransform.from_matrix(pose.reshape(-1, 4, 4)).as_exp_coords()
+    flat: Array = RigidTransform.from_matrix(pose.reshape(-1, 4, 4)).as_exp_coords()
     return flat[:, _SWAP].reshape(*pose.shape[:-2], 6)
 
 
 def log3(rotation: Array) -> Array:
     """Rotation vector in rad: (…, 3, 3) → (…, 3)."""
     rotation = np.asarray(rotation, dtype=float)
-    return Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec().reshape(*rotation.shape[:-2], 3)
+    flat: Array = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
+    return flat.reshape(*rotation.shape[:-2], 3)
 
 
 def inverse(pose: Array) -> Array:
@@ -81,7 +83,8 @@ def left_jacobian(twists: Array, q: Array) -> Array:
     powers = np.stack([np.broadcast_to(np.eye(6), ad.shape), ad, squared, squared @ ad, squared @ squared], axis=1)
     theta = np.linalg.norm(twists[:, 3:], axis=-1) * np.abs(q)
     scaled = _left_jacobian_coefficients(theta) * q[..., None] ** np.arange(5)
-    return np.einsum("Njk,jkab->Njab", scaled, powers, optimize=True)
+    jacobian: Array = np.einsum("Njk,jkab->Njab", scaled, powers, optimize=True)
+    return jacobian
 
 
 def _left_jacobian_coefficients(theta: Array) -> Array:

@@ -9,7 +9,8 @@ import numpy as np
 from calibtool import __version__
 from calibtool.errors import InputError
 from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, Cell, StudyTable, table_of
-from calibtool.storage.parts import put, put_text
+from calibtool.storage.parts import put
+from calibtool.storage.texts import put_text
 
 STUDY = "calibtool/study"
 SCHEMA_VERSION = 1
