@@ -4,13 +4,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUTPUT ?= demo
 
-.PHONY: demo test docs lint clean
+.PHONY: demo test coverage docs lint clean
 
 demo: $(VENV)/.installed
 	$(BIN)/calibtool demo -o $(OUTPUT) --force
 
 test: $(VENV)/.tests-installed lint
 	$(BIN)/python -m pytest -n auto
+
+coverage: $(VENV)/.tests-installed
+	$(BIN)/python -m pytest -n auto --cov --cov-report=term-missing:skip-covered
 
 docs: $(VENV)/.installed
 	$(BIN)/python docs/generate.py

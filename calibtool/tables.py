@@ -289,7 +289,7 @@ def joint_positions(table: Table, robot: Robot, columns: Sequence[str], units: S
 
     Raises InputError for radian columns whose values can only be degrees.
     """
-    q = table.numbers(columns) * np.array([TO_SI[unit] for unit in units])
+    q: Array = table.numbers(columns) * np.array([TO_SI[unit] for unit in units])
     for j, unit in enumerate(units):
         bound = 2 * max(np.pi, abs(robot.lower[j]), abs(robot.upper[j]))
         if unit == "rad" and np.abs(q[:, j]).max() > bound:

@@ -1,6 +1,7 @@
 """Fixtures that several test files share: small simulated data, made once."""
 
 import os
+from collections.abc import Generator
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # tiny matrices: threads only cost
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -16,12 +17,30 @@ from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.model import Robot
 
-# The same cases every time; `pytest tests/laws --hypothesis-profile=thorough` draws twenty times as many, new ones.
+# The same cases every time; HYPOTHESIS_PROFILE=thorough draws twenty times as many, new ones every time.
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.register_profile("thorough", max_examples=2000, deadline=None, print_blob=True)
-settings.load_profile("fixed")
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
 ROBOTS = robot_names()
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Tests run in random order; `-q` hides the header that would tell which."""
+    seed = session.config.getoption("randomly_seed", None)
+    reporter = session.config.pluginmanager.getplugin("terminalreporter")
+    if isinstance(seed, int) and reporter is not None:
+        reporter.write_line(f"random order; --randomly-seed={seed} repeats it")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call() -> Generator[None, object, object]:
+    """Randomness is an argument: nothing draws from numpy's global generator, which pytest-randomly seeds."""
+    before = np.random.get_state()[1:]  # noqa: NPY002
+    result = yield
+    after = np.random.get_state()[1:]  # noqa: NPY002
+    assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True)), "drew from the global generator"
+    return result
 
 
 @pytest.fixture(params=ROBOTS)

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from cases import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -418,7 +419,7 @@ def positions_of(part: Measurements) -> list[int]:
 
 
 @given(first=st.integers(1, N), last=st.integers(1, N), sample=st.none() | st.integers(1, N), seed=st.integers(0, 99))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_chosen_rows_and_the_rest_are_a_partition(first: int, last: int, sample: int | None, seed: int) -> None:
     first, last = min(first, last), max(first, last)
     if sample is not None:

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from cases import examples
 from derivatives import assert_derivative
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from calibtool.equivalent.loss import Loss, joint_loss, task_loss
@@ -32,7 +33,7 @@ def weighted_task_error(q: Array, G: Array, y: Array, network: Network) -> float
 
 
 @given(seed=st.integers(0, 10_000), n=st.integers(3, 7), d=st.sampled_from([3, 6, 9]))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_the_task_loss_and_a_constant_are_the_weighted_error_of_the_targets(seed: int, n: int, d: int) -> None:
     rng = np.random.default_rng(seed)
     q, G, y, network = problem(rng, n, d)
@@ -58,7 +59,7 @@ def test_with_one_target_nothing_is_left_unexplained(rng: np.random.Generator) -
 
 
 @given(seed=st.integers(0, 10_000), n=st.integers(3, 7), d=st.sampled_from([3, 6, 9]))
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_the_joint_loss_is_the_distance_from_the_pseudo_inverse_solution(seed: int, n: int, d: int) -> None:
     rng = np.random.default_rng(seed)
     q, G, y, network = problem(rng, n, d)

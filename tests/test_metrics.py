@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from cases import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from calibtool.evaluation.metrics import STATISTICS, MethodErrors, error_rows, statistics, summary
@@ -15,7 +16,7 @@ def method(name: str, position: list[list[list[float]]], turn: list[list[float]]
 
 
 @given(values=st.lists(st.floats(1e-9, 1e3), min_size=1, max_size=30))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_statistics_are_those_of_a_hand_calculation(values: list[float]) -> None:
     found = statistics(np.array(values), 1e-3)
     scaled = sorted(v * 1e3 for v in values)

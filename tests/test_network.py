@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from cases import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from calibtool.equivalent.network import initial_network, rule_of_thumb
 
 
 @given(seed=st.integers(0, 10_000), n=st.integers(1, 7), hidden=st.integers(1, 8))
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_the_output_is_the_sum_over_nodes_written_out(seed: int, n: int, hidden: int) -> None:
     rng = np.random.default_rng(seed)
     p = max(n, 6)
@@ -29,7 +30,7 @@ def test_the_output_is_the_sum_over_nodes_written_out(seed: int, n: int, hidden:
 
 
 @given(seed=st.integers(0, 10_000), n=st.integers(1, 7), hidden=st.integers(1, 8))
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_weights_make_a_round_trip_and_each_one_matters(seed: int, n: int, hidden: int) -> None:
     rng = np.random.default_rng(seed)
     p = max(n, 6)

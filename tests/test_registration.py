@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from cases import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -177,7 +178,7 @@ def test_thirty_random_starts_end_in_one_answer(name: str, kind: str) -> None:
 
 
 @given(seed=st.integers(0, 10_000), count=st.integers(3, 6))
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_rigid_fit_recovers_a_motion(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     source = rng.normal(size=(4, count, 3))
@@ -189,7 +190,7 @@ def test_rigid_fit_recovers_a_motion(seed: int, count: int) -> None:
 
 
 @given(seed=st.integers(0, 10_000), count=st.integers(3, 6))
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_rigid_fit_is_never_a_reflection(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     source = rng.normal(size=(count, 3))

@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from cases import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.linalg import expm
@@ -22,7 +23,7 @@ from calibtool.robot.se3 import (
     translation,
 )
 
-laws = settings(max_examples=40, deadline=None, derandomize=True)
+laws = examples(40)
 
 vectors = arrays(float, 3, elements=st.floats(-2, 2))
 

@@ -5,7 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from cases import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -24,7 +25,7 @@ from calibtool.robot.se3 import Array
 SIX_OR_MORE = ("fanuc-m1000ia", "panda", "ur5")
 FEWER = ("gantry", "planar-3r", "scara")
 BASES = ("nominal", "local-poe")
-FEW = settings(max_examples=8, deadline=None)
+FEW = examples(8)
 
 
 @cache

@@ -8,7 +8,8 @@ from functools import cache
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from cases import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from calibtool.calibration import Calibration, identify, train
@@ -341,7 +342,7 @@ def test_an_empty_stream_is_refused() -> None:
 
 
 @given(cut=st.floats(0.0001, 0.9999))
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_a_file_that_was_cut_off_is_refused(cut: float) -> None:
     data = to_bytes(measurements("registered"))
     with pytest.raises(InputError, match=r"^cut\.h5: "):
@@ -349,7 +350,7 @@ def test_a_file_that_was_cut_off_is_refused(cut: float) -> None:
 
 
 @given(data=st.binary(min_size=1, max_size=200))
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_any_other_bytes_are_refused(data: bytes) -> None:
     for start in (b"", b"\x89HDF\r\n\x1a\n"):
         with pytest.raises(InputError, match=r"^junk: "):

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from cases import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -80,7 +81,7 @@ def test_lines_are_counted_as_an_editor_counts_them() -> None:
 @given(
     rows=st.lists(st.lists(st.floats(-1e9, 1e9, allow_subnormal=False), min_size=2, max_size=2), min_size=1, max_size=5)
 )
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_a_written_table_is_read_back_to_fifteen_digits(rows: list[list[float]]) -> None:
     text = format_table(["a", "b"], [[number(v) for v in row] for row in rows])
     assert np.allclose(parse_table(text, "t.csv").numbers(["a", "b"]), rows, rtol=1e-14, atol=0)
@@ -95,7 +96,7 @@ def test_a_written_table_is_read_back_to_fifteen_digits(rows: list[list[float]])
         max_size=4,
     )
 )
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_text_cells_survive_writing_and_reading(cells: list[str]) -> None:
     header = [f"c{i}" for i in range(len(cells))]
     table = parse_table(format_table(header, [cells]), "t.csv", delimiter=",")
@@ -171,7 +172,7 @@ def test_broken_quotes_are_bad_input_and_not_a_crash(text: str) -> None:
 
 
 @given(text=st.text(alphabet="ab01.,;\t \"\n\r-e'", max_size=60))
-@settings(max_examples=150, deadline=None)
+@examples(150)
 def test_any_text_is_a_table_or_bad_input(text: str) -> None:
     try:
         table = parse_table(text, "t.csv")
@@ -272,7 +273,7 @@ def test_a_bad_joint_cell_is_named() -> None:
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_the_three_ways_to_write_an_orientation_give_the_same_pose(seed: int) -> None:
     rng = np.random.default_rng(seed)
     rotation = Rotation.random(rng=rng)

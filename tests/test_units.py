@@ -3,13 +3,14 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from cases import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from calibtool.errors import InputError
 from calibtool.units import TO_SI, joint_and_factor, joint_column, joint_values
 
-laws = settings(max_examples=40, deadline=None, derandomize=True)
+laws = examples(40)
 
 
 def test_factors_are_those_of_the_si() -> None:

@@ -45,4 +45,5 @@ def squared_errors(calibration: Calibration, measurements: Measurements) -> Arra
     """Weighted squared residuals of each configuration, in the calibration's own set-up: (N,)."""
     pose = calibration.forward(measurements.q, measurements.direction)
     left = residuals(measurements, fitting_setup(calibration, measurements), pose)
-    return ((left * weights(measurements)) ** 2).sum(axis=-1)
+    squared: Array = ((left * weights(measurements)) ** 2).sum(axis=-1)
+    return squared

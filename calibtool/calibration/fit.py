@@ -7,6 +7,7 @@ import numpy as np
 from calibtool.calibration.cross_validation import cross_validate
 from calibtool.calibration.model import Calibration, check_same_robot, fitting_setup
 from calibtool.equivalent.joints import equivalent_robot
+from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions, TrainingReport, train_networks
 from calibtool.identification.complete import CompleteOptions, identify_complete
 from calibtool.identification.local_poe import identify_local_poe
@@ -105,7 +106,7 @@ def _networks(
     options: TrainingOptions,
     rng: np.random.Generator,
     progress: Progress,
-) -> tuple[tuple, TrainingReport]:
+) -> tuple[tuple[Network, ...], TrainingReport]:
     setup = fitting_setup(base, measurements)
     pose, jacobian = base.base_forward_and_jacobian(measurements.q, measurements.direction)
     weight = weights(measurements)

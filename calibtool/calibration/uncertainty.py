@@ -24,12 +24,14 @@ class PoseUncertainty:
     @property
     def position(self) -> Array:
         """Standard deviation of the tool point, root of the sum over x, y, z: (N,) m."""
-        return np.sqrt(np.trace(self.covariance[:, :3, :3], axis1=1, axis2=2))
+        variance: Array = np.trace(self.covariance[:, :3, :3], axis1=1, axis2=2)
+        return np.sqrt(variance)
 
     @property
     def orientation(self) -> Array:
         """Standard deviation of the rotation, root of the sum over its axes: (N,) rad."""
-        return np.sqrt(np.trace(self.covariance[:, 3:, 3:], axis1=1, axis2=2))
+        variance: Array = np.trace(self.covariance[:, 3:, 3:], axis1=1, axis2=2)
+        return np.sqrt(variance)
 
 
 def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty:
@@ -62,4 +64,5 @@ def _spread(calibration: Calibration, q: Array) -> Array:
     jacobian = at_point(jacobian, pose[:, :3, 3])
     members = np.stack([(jacobian @ network(q)[..., None])[..., 0] for network in calibration.networks])
     apart = members - members.mean(axis=0)
-    return np.einsum("mki,mkj->kij", apart, apart) / (len(members) - 1)
+    scatter: Array = np.einsum("mki,mkj->kij", apart, apart)
+    return scatter / (len(members) - 1)

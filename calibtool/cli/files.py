@@ -7,7 +7,7 @@ import stat
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TextIO
 
 from calibtool.cli.interrupts import held
 from calibtool.cli.staging import Part, staged
@@ -268,5 +268,5 @@ def _give_up_stdout() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _binary(stream: object) -> BinaryIO:
-    return stream.buffer  # type: ignore[attr-defined]
+def _binary(stream: TextIO) -> BinaryIO:
+    return stream.buffer

@@ -135,9 +135,10 @@ def _solved(calibration: Calibration, target: Array, q: Array, stepped: Array) -
         )
         near = np.linalg.norm((solved.q - q[rows]) / span, axis=-1) <= LARGEST_CORRECTION
         found = near & (solved.converged if descend or robot.n < 6 else solved.reached)
-        corrected[rows[found]] = solved.q[found]
-        left[:, rows[found]] = solved.position[found], solved.orientation[found]
-        return rows[found]
+        answered: np.ndarray = rows[found]
+        corrected[answered] = solved.q[found]
+        left[:, answered] = solved.position[found], solved.orientation[found]
+        return answered
 
     for start in (stepped, q):
         rows = np.flatnonzero(lost)

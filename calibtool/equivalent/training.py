@@ -145,4 +145,5 @@ def _output_scale(G: Array, y: Array) -> Array:
     gram = transposed @ G
     size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None] / gram.shape[-1]
     damped = np.linalg.solve(gram + 1e-2 * size * np.eye(gram.shape[-1]), transposed @ y[..., None])[..., 0]
-    return np.maximum(np.sqrt(np.mean(damped**2, axis=0)), 1e-9)
+    typical: Array = np.sqrt(np.mean(damped**2, axis=0))
+    return np.maximum(typical, 1e-9)

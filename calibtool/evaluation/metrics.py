@@ -24,7 +24,8 @@ class MethodErrors:
     @property
     def position_size(self) -> Array:
         """Position error of each configuration: length, RMS over its points. (N,) m"""
-        return np.sqrt((self.position**2).sum(axis=-1).mean(axis=-1))
+        squared: Array = (self.position**2).sum(axis=-1).mean(axis=-1)
+        return np.sqrt(squared)
 
     @property
     def orientation_size(self) -> Array | None:

@@ -117,7 +117,8 @@ def _shortest_rotation(a: Array, b: Array) -> Array:
     sine = float(np.linalg.norm(normal))
     if sine == 0.0:
         return np.eye(3)
-    return Rotation.from_rotvec(normal / sine * np.arctan2(sine, a @ b)).as_matrix()
+    rotation: Array = Rotation.from_rotvec(normal / sine * np.arctan2(sine, a @ b)).as_matrix()
+    return rotation
 
 
 def _shift_link(link: str, pose: Array, joints: dict[str, ET.Element], links: dict[str, ET.Element]) -> None:

@@ -32,7 +32,8 @@ def row_sizes(measurements: Measurements, state: ErrorState) -> Array:
     """Squared residuals of every configuration over the stated noise, (N,)."""
     frames = state.frames(measurements.robot, measurements.q, measurements.direction)
     left = residuals(measurements, state.setup, frames.tool) * weights(measurements)
-    return (left**2).sum(axis=-1)
+    squared: Array = (left**2).sum(axis=-1)
+    return squared
 
 
 def normal_equations(

@@ -132,7 +132,7 @@ class Parameters:
     @property
     def count(self) -> int:
         """Number of parameters."""
-        return self.blocks["targets"].stop
+        return int(self.blocks["targets"].stop)
 
     @cached_property
     def names(self) -> list[str]:

@@ -20,7 +20,7 @@ _CLUSTER_SIGNIFICANCE = 0.01
 
 def row_weights(sizes: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
     """Weight of each row's squared residuals (N,), 1 for rows that fit; sizes (N,) squared, of d (N,) coordinates."""
-    relative = np.sqrt(sizes / d) / _robust_scale(sizes, d)
+    relative: Array = np.sqrt(sizes / d) / _robust_scale(sizes, d)
     if loss_function == "huber":
         return np.minimum(1.0, _HUBER / np.maximum(relative, 1e-12))
     if loss_function == "cauchy":

@@ -174,7 +174,8 @@ def _mean_targets(poses: Array, T_instrument_base: Array, points: Array) -> Arra
     """Targets in the tool frame, averaged over the configurations: (m, 3)."""
     T_tool_instrument = inverse(T_instrument_base @ poses)
     seen = points @ np.swapaxes(T_tool_instrument[:, :3, :3], -1, -2) + T_tool_instrument[:, None, :3, 3]
-    return np.nanmean(seen, axis=0)
+    mean: Array = np.nanmean(seen, axis=0)
+    return mean
 
 
 def rigid_fit(source: Array, target: Array) -> Array:

@@ -77,14 +77,16 @@ class RotationForm:
         values, vectors = np.linalg.eigh(hessian)
         largest = np.maximum(np.abs(values).max(axis=-1, keepdims=True), 1e-300)
         scaled = np.einsum("kij,ki->kj", vectors, gradient) / np.maximum(np.abs(values), 1e-9 * largest)
-        return -np.einsum("kij,kj->ki", vectors, scaled)
+        uphill: Array = np.einsum("kij,kj->ki", vectors, scaled)
+        return -uphill
 
 
 def rotation_grid() -> Array:
     """The 24 rotations of a cube, no rotation is further than 63 deg from one of them: (24, 3, 3)."""
     from scipy.spatial.transform import Rotation
 
-    return Rotation.create_group("O").as_matrix()
+    grid: Array = Rotation.create_group("O").as_matrix()
+    return grid
 
 
 def nearest_rotation(matrix: Array) -> Array:
@@ -92,4 +94,5 @@ def nearest_rotation(matrix: Array) -> Array:
     u, _, vt = np.linalg.svd(matrix)
     sign = np.ones(matrix.shape[:-1])
     sign[..., 2] = np.linalg.det(u @ vt)
-    return (u * sign[..., None, :]) @ vt
+    nearest: Array = (u * sign[..., None, :]) @ vt
+    return nearest

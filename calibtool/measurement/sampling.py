@@ -70,10 +70,13 @@ def _in_workspace(robot: Robot, workspace: Workspace, count: int, rng: np.random
         upper=robot.upper,
         tolerance=1e-8,
     )
+    q: Array
     if robot.n >= 6:
-        return solved.q[solved.reached]
+        q = solved.q[solved.reached]
+        return q
     # At a joint limit the nearest pose is the end of the arm's range, not the shadow of the drawn one.
     q = solved.q[solved.converged]
     q = q[((q > robot.lower + 1e-6) & (q < robot.upper - 1e-6)).all(axis=-1)]
     inside = np.abs(robot.mechanism.forward(q)[:, :3, 3] - centre) <= box / 2 + 1e-9
-    return q[inside.all(axis=-1)]
+    q = q[inside.all(axis=-1)]
+    return q

@@ -69,7 +69,8 @@ class Constraints:
 
     def kept(self, robot: Robot, targets: Array, q: Array) -> np.ndarray:
         """Whether q (N, n) keeps all of them: (N,) bool."""
-        return np.logical_and.reduce([kept for _, kept in self.checks(robot, targets, q)])
+        kept: np.ndarray = np.logical_and.reduce([kept for _, kept in self.checks(robot, targets, q)])
+        return kept
 
     def _seen(self, robot: Robot, targets: Array, q: Array) -> np.ndarray:
         sight = self.sight
@@ -177,4 +178,5 @@ def inside(robot: Robot, workspace: Workspace | None, q: Array) -> np.ndarray:
     tilt, turn = 2 * np.arctan2(np.hypot(x, y), np.hypot(z, w)), 2 * np.arctan2(z, w)  # swing, then twist about z
     turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
     roll = workspace.cone_deg if workspace.roll_deg is None else workspace.roll_deg
-    return result & (tilt <= np.deg2rad(workspace.cone_deg) + 1e-9) & (turn <= np.deg2rad(roll) + 1e-9)
+    result &= (tilt <= np.deg2rad(workspace.cone_deg) + 1e-9) & (turn <= np.deg2rad(roll) + 1e-9)
+    return result

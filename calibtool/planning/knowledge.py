@@ -104,7 +104,8 @@ class Knowledge:
         columns = seen @ poses if targets is None else np.concatenate([seen @ poses, targets], axis=-1)
         points = len(self.state.setup.targets)
         columns = columns[:, : 3 * points] * self.prior_std
-        return np.sqrt(((columns @ self.covariance) * columns).sum(axis=(1, 2)) / points)
+        variance: Array = ((columns @ self.covariance) * columns).sum(axis=(1, 2))
+        return np.sqrt(variance / points)
 
     def _columns(self, q: Array) -> tuple[Array, Array, Array | None]:
         """∂(observation)/∂δy (N, d, 6), ∂δy/∂θ (N, 6, ·) and, of unknown targets, ∂(observation)/∂(targets) (N, d, d)."""

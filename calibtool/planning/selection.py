@@ -40,8 +40,9 @@ def select(
         chosen.append(design.best(chosen))
         design.move(chosen[-1], +1)
     useful = np.argsort(-design.gains(), kind="stable")[:_EXCHANGED]
-    kept = np.concatenate([chosen, np.setdiff1d(useful, chosen)])
-    return kept[_exchanged(rows[kept], information, moments, count)]
+    kept: np.ndarray = np.concatenate([chosen, np.setdiff1d(useful, chosen)])
+    chosen_best: np.ndarray = kept[_exchanged(rows[kept], information, moments, count)]
+    return chosen_best
 
 
 def improve(
@@ -93,9 +94,12 @@ class _Design:
 
     def gains(self) -> Array:
         """What every candidate would add: ln det(C)/det(C'), or tr M(C − C')."""
+        gains: Array
         if self.moments is None:
-            return np.linalg.slogdet(self.identity + self.G)[1]
-        return np.trace(np.linalg.solve(self.identity + self.G, self.H), axis1=1, axis2=2)
+            gains = np.linalg.slogdet(self.identity + self.G)[1]
+        else:
+            gains = np.trace(np.linalg.solve(self.identity + self.G, self.H), axis1=1, axis2=2)
+        return gains
 
     def best(self, taken: list[int]) -> int:
         """The most useful candidate that is not taken."""

@@ -65,7 +65,8 @@ def solve_pose(
     if not solved.reached[0]:
         return f"the pose is unreachable ({solved.position[0] * 1e3:.3g} mm are missing)"
     if configuration is None:
-        return solved.q[0]
+        nearest: Array = solved.q[0]
+        return nearest
     if not has_postures(robot):
         return f"the configuration {configuration.text} is that of a six-joint arm, and {robot.name} is none"
 

@@ -2,12 +2,31 @@
 
 from collections.abc import Callable
 from pathlib import PurePath
+from typing import Protocol
 
 from calibtool.programs import abb, fanuc, kuka, ros2, ur
 from calibtool.programs.targets import Program
 from calibtool.robot.model import Robot
 
-_MODULES = {module.NAME: module for module in (fanuc, kuka, abb, ur, ros2)}
+
+class Format(Protocol):
+    """What the module of a format offers."""
+
+    NAME: str
+
+    @property
+    def SUFFIXES(self) -> tuple[str, ...]:
+        """Ends of file names, lower case."""
+
+    def matches(self, text: str) -> bool:
+        """Whether a text, or its first part, is of this format."""
+
+    def read(self, text: str, robot: Robot) -> Program:
+        """The targets of a program."""
+
+
+_FORMATS: tuple[Format, ...] = (fanuc, kuka, abb, ur, ros2)
+_MODULES = {module.NAME: module for module in _FORMATS}
 PROGRAM_FORMATS = tuple(_MODULES)
 _HEAD = 65536  # characters that tell a format
 

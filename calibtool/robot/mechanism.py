@@ -140,7 +140,9 @@ def _gram_lanes(scaled: Array) -> Array:
 
 def _distance(gram: Array) -> Array:
     """(Σ 1/σ²)^(−1/2) from J Jᵀ. Rounding of large entries can undo the regularisation, and an inverse would fail."""
-    return 1.0 / np.sqrt((1.0 / np.maximum(np.linalg.eigvalsh(gram), GRAM_REGULARISATION)).sum(axis=-1))
+    squares: Array = np.maximum(np.linalg.eigvalsh(gram), GRAM_REGULARISATION)
+    total: Array = (1.0 / squares).sum(axis=-1)
+    return 1.0 / np.sqrt(total)
 
 
 def regularised_gram(jacobian: Array, length: float) -> Array:

@@ -156,7 +156,8 @@ class Robot:
 
     def within_limits(self, q: Array) -> np.ndarray:
         """Per row of q (N, n): all joints inside their limits (a rounding error of 1e-9 is forgiven). (N,) bool"""
-        return np.all((q >= self.lower - 1e-9) & (q <= self.upper + 1e-9), axis=-1)
+        inside: np.ndarray = np.all((q >= self.lower - 1e-9) & (q <= self.upper + 1e-9), axis=-1)
+        return inside
 
     def singularity_distance(self, q: Array) -> Array:
         """Smooth lower bound of σ_min of the actuated Jacobian at the tool, see `mechanism.singularity_distance`. (N,)"""

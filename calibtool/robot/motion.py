@@ -125,7 +125,9 @@ def load_carrying(robot: Robot) -> np.ndarray:
     """Revolute joints whose static torque matters, at least 2 % of the largest joint's: (n,) bool."""
     largest = largest_torque(robot)
     revolute = ~np.array(robot.prismatic)
-    return revolute & (largest > _CARRIES_LOAD * largest[revolute].max(initial=0.0)) & (largest > 1e-9)
+    heavy = (largest > _CARRIES_LOAD * largest[revolute].max(initial=0.0)) & (largest > 1e-9)
+    carrying: np.ndarray = revolute & heavy
+    return carrying
 
 
 @lru_cache

@@ -10,7 +10,8 @@ from calibtool import __version__
 from calibtool.errors import InputError
 from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, Cell, StudyTable, table_of
 from calibtool.storage import STUDY
-from calibtool.storage.parts import put, put_text
+from calibtool.storage.parts import put
+from calibtool.storage.texts import put_text
 
 SCHEMA_VERSION = 1
 

@@ -100,7 +100,7 @@ def _check_dataset(path: str, dataset: h5py.Dataset) -> int:
         raise ValueError(f"{path}: its data stand in another file")
     if dataset.dtype.kind not in "iufb" and h5py.check_string_dtype(dataset.dtype) is None:
         raise ValueError(f"{path} holds {dataset.dtype}; expected numbers or text")
-    return math.prod(dataset.shape or ()) * dataset.dtype.itemsize
+    return int(math.prod(dataset.shape or ()) * dataset.dtype.itemsize)
 
 
 def _check_attributes(path: str, item: Any) -> None:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from drawn import DrawnChain, DrawnJoint
-from hypothesis import assume, settings
+from hypothesis import assume
 from hypothesis import strategies as st
 from plain import PlainChain, read_urdf
 
@@ -20,11 +20,6 @@ from calibtool.robot.motion import JointMotion, load_carrying
 from calibtool.robot.se3 import Array, exp6, readonly, transform_points
 
 seeds = st.integers(0, 2**32 - 1)
-
-
-def examples(count: int) -> settings:
-    """So many cases of a law; twenty times as many under the profile `thorough`."""
-    return settings(max_examples=count * settings.default.max_examples // 100)
 
 
 SIMPLE_AXES = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, -1), (-1, 0, 0)]

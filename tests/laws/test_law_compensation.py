@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from plain import Array, adjoint, exponential, logarithm, poses_along
@@ -18,7 +19,6 @@ from strategies import (
     carried,
     configurations,
     drawn_chains,
-    examples,
     robots,
     seeds,
 )

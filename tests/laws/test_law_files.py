@@ -4,9 +4,10 @@ import io
 from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
+from cases import examples
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import calibrated, configurations, examples, robots, seeds, simulated
+from strategies import calibrated, configurations, robots, seeds, simulated
 
 from calibtool.calibration import Calibration
 from calibtool.calibration.model import CrossValidation

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2, norm
@@ -12,7 +13,6 @@ from strategies import (
     assume_regular,
     configurations,
     drawn_chains,
-    examples,
     measured,
     perfect,
     robots,

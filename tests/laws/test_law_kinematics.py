@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from cases import examples
 from derivatives import assert_derivative
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +13,6 @@ from strategies import (
     calibrated,
     configurations,
     drawn_chains,
-    examples,
     geometric,
     measured,
     motion,

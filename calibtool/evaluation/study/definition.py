@@ -79,7 +79,7 @@ class Definition(BaseModel):
     @field_validator("errors")
     @classmethod
     def _known_errors(cls, errors: list[str]) -> list[str]:
-        return _as_list([",".join(_kinds(text)) for text in errors])
+        return list(dict.fromkeys(",".join(_kinds(text)) for text in errors))
 
     def scales(self, kinds: str, factor: float) -> ErrorScales:
         """Sizes of the errors of one combination, in SI."""

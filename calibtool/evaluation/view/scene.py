@@ -36,8 +36,8 @@ class Scene:
         """Error of every configuration: length, RMS over the seen targets. (N,) m"""
         squared = ((self.found - self.nominal) ** 2).sum(axis=-1)
         seen = ~np.isnan(squared)
-        total: Array = np.where(seen, squared, 0.0).sum(axis=-1)
-        return np.sqrt(total / np.maximum(seen.sum(axis=-1), 1))
+        mean: Array = np.where(seen, squared, 0.0).sum(axis=-1) / np.maximum(seen.sum(axis=-1), 1)
+        return np.sqrt(mean)
 
     def magnified(self, factor: float) -> Array:
         """`found` with the errors enlarged: (N, m, 3)."""

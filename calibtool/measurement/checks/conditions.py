@@ -154,7 +154,7 @@ def without_geometry(measurements: Measurements, setup: Setup, series: Array) ->
     blocks = adjoint(np.concatenate([frames.before, frames.tool[:, None]], axis=1))
     P = observation_matrix(setup, frames.tool)
     seen = measurements.seen.repeat(3, axis=-1)
-    columns = (P[:, None] @ blocks * seen[:, None, :, None]).transpose(0, 2, 1, 3).reshape(seen.size, -1)
+    columns: Array = (P[:, None] @ blocks * seen[:, None, :, None]).transpose(0, 2, 1, 3).reshape(seen.size, -1)
     size = _TOLERANCE / measurements.noise_position
     normal_matrix = columns.T @ columns * size**2 + np.eye(columns.shape[1])
     errors = np.linalg.solve(normal_matrix, columns.T @ series.ravel() * size**2)

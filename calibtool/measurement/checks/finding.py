@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 Severity = Literal["note", "warning"]
-Numbers = dict[str, float | int | list]
+Numbers = dict[str, float | int | list[float]]
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ def read_rotations(table: Table, pose: PoseColumns) -> Array:
         if (np.abs(lengths - 1) > 1e-3).any():
             row = int(np.argmax(np.abs(lengths - 1) > 1e-3))
             raise InputError(f"{table.place(row)}: quaternion of length {lengths[row]:.4g}; expected 1")
-        return Rotation.from_quat(values, scalar_first=pose.convention.endswith("wxyz")).as_matrix()
+        return _matrices(Rotation.from_quat(values, scalar_first=pose.convention.endswith("wxyz")))
     if pose.orientation_unit == "rad" and np.abs(values).max() > 4 * np.pi:
         row, column = (int(i) for i in np.argwhere(np.abs(values) > 4 * np.pi)[0])
         raise InputError(
@@ -61,9 +61,14 @@ def read_rotations(table: Table, pose: PoseColumns) -> Array:
         )
     values = values * TO_SI[pose.orientation_unit or "rad"]
     if pose.convention == "rotation-vector":
-        return Rotation.from_rotvec(values).as_matrix()
+        return _matrices(Rotation.from_rotvec(values))
     kind, axes = ("intrinsic", "zyx") if pose.convention == "zyx" else pose.convention.split("-")
-    return Rotation.from_euler(axes.upper() if kind == "intrinsic" else axes, values).as_matrix()
+    return _matrices(Rotation.from_euler(axes.upper() if kind == "intrinsic" else axes, values))
+
+
+def _matrices(rotations: Rotation) -> Array:
+    matrices: Array = rotations.as_matrix()
+    return matrices
 
 
 def read_companions(table: Table, joints_table: Table, robot: Robot, columns: ColumnMap, q: Array) -> Companions:
