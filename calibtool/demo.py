@@ -43,8 +43,9 @@ def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callab
         robot,
         Simulation(seed=seed, workspace=workspace, configurations=FRESH_CONFIGURATIONS, same_robot=measurements.truth),
     )
+    fresh = replace(fresh, provenance=provenance)
     write("measurements.h5", to_bytes(measurements))
-    write("fresh.h5", to_bytes(replace(fresh, provenance=provenance)))
+    write("fresh.h5", to_bytes(fresh))
 
     report("identify   local POE formula (Eq. 11)")
     report("train      network on the nominal robot (the paper); complete model, network where it helps")
