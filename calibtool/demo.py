@@ -12,6 +12,7 @@ from calibtool.equivalent.training import TrainingOptions
 from calibtool.evaluation.compare import evaluate
 from calibtool.evaluation.metrics import error_rows
 from calibtool.evaluation.plots import Subject, draw
+from calibtool.evaluation.report import html_report
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.measurement.simulate import Simulation, simulate
@@ -22,12 +23,13 @@ from calibtool.tables import format_table
 
 ROBOT = "fanuc-m1000ia"
 FRESH_CONFIGURATIONS = 1000
+REPORT = "report.html"
 
 Write = Callable[[str, bytes | str], None]
 
 
 def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callable[[str], None]) -> dict[str, object]:
-    """Simulate, identify, train, evaluate on fresh configurations, compensate a line, export; returns the evaluation.
+    """Simulate, identify, train, evaluate and report on fresh configurations, compensate a line, export; the evaluation.
 
     `write` receives every file by name, `report` a line before every step.
     """
@@ -41,8 +43,9 @@ def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callab
         robot,
         Simulation(seed=seed, workspace=workspace, configurations=FRESH_CONFIGURATIONS, same_robot=measurements.truth),
     )
+    fresh = replace(fresh, provenance=provenance)
     write("measurements.h5", to_bytes(measurements))
-    write("fresh.h5", to_bytes(replace(fresh, provenance=provenance)))
+    write("fresh.h5", to_bytes(fresh))
 
     report("identify   local POE formula (Eq. 11)")
     report("train      network on the nominal robot (the paper); complete model, network where it helps")
@@ -64,6 +67,7 @@ def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callab
     for image in ("png", "svg"):
         write(f"training.{image}", draw("training", paper, image))
         write(f"errors.{image}", draw("errors", every, image))
+    write(REPORT, html_report(Subject(calibrations, fresh, evaluation), provenance))
 
     report("compensate a straight line of 100 poses")
     line = _straight_line(robot)

@@ -3,6 +3,7 @@
 import os
 import signal
 from multiprocessing import active_children
+from pathlib import Path
 
 import pytest
 
@@ -72,3 +73,17 @@ def test_leaving_early_ends_the_processes() -> None:
 
 def test_nothing_to_do_starts_nothing() -> None:
     assert list(in_processes(STUDY, [], 2)) == []
+
+
+def test_processes_get_one_blas_thread_and_this_one_keeps_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    results = in_processes(STUDY, [0], 1)
+    next(results)
+    (worker,) = active_children()
+    given = Path(f"/proc/{worker.pid}/environ")
+    if not given.exists():
+        pytest.skip("needs /proc to see the environment of a process")
+    assert {b"OMP_NUM_THREADS=1", b"OPENBLAS_NUM_THREADS=1"} <= set(given.read_bytes().split(b"\0"))
+    results.close()
+    assert (os.environ["OMP_NUM_THREADS"], "OPENBLAS_NUM_THREADS" in os.environ) == ("7", False)

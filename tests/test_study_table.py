@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from calibtool.errors import InputError
-from calibtool.evaluation.study.summary import study_summary
+from calibtool.evaluation.study.summary import study_contents, study_summary
 from calibtool.evaluation.study.table import COLUMNS, OK, StudyTable, failed, parse_csv, rounded
-from calibtool.storage import read_any
-from calibtool.storage.studies import read_study, study_to_bytes
+from calibtool.storage import read_any, read_study
+from calibtool.storage.studies import StudyFile, study_to_bytes
 
 
 def head(run: int, method: str) -> tuple:
@@ -36,13 +36,13 @@ def test_csv_comes_back_exactly() -> None:
 
 def test_hdf5_comes_back_exactly_and_says_its_units() -> None:
     written = table()
-    data = study_to_bytes(written, "{}")
-    assert read_study(io.BytesIO(data), "t.h5") == written
-    assert data == study_to_bytes(written, "{}")
+    data = study_to_bytes(written, '{"runs": 2}')
+    assert read_study(io.BytesIO(data), "t.h5") == StudyFile(written, {"runs": 2})
+    assert data == study_to_bytes(written, '{"runs": 2}')
     with h5py.File(io.BytesIO(data)) as file:
         assert file["table/position_max_mm"].attrs["units"] == b"mm"
         assert np.isnan(file["table/orientation_max_mrad"][0])
-        assert json.loads(file["definition"].asstr()[()]) == {}
+        assert json.loads(file["definition"].asstr()[()]) == {"runs": 2}
 
 
 @pytest.mark.parametrize(
@@ -70,6 +70,31 @@ def test_a_damaged_hdf5_is_bad_data(data: bytes) -> None:
 def test_it_is_no_measurements_file() -> None:
     with pytest.raises(InputError, match=r"t\.h5: the table of a study"):
         read_any(io.BytesIO(study_to_bytes(table(), "{}")), "t.h5")
+
+
+def test_columns_of_different_lengths_are_bad_data() -> None:
+    buffer = io.BytesIO(study_to_bytes(table(), "{}").split(b"calibtool/sha256 ")[0])
+    with h5py.File(buffer, "r+") as file:
+        del file["table/position_max_mm"]
+        file["table/position_max_mm"] = [1.0, 2.0]
+    with pytest.raises(InputError, match="differ in length"):
+        read_study(io.BytesIO(buffer.getvalue()), "t.h5")
+
+
+def test_what_a_table_holds() -> None:
+    contents = study_contents(table(), {"runs": 21})
+    assert (contents["robots"], contents["methods"], contents["noise_mm"]) == (
+        ["scara"],
+        ["nominal", "complete"],
+        [0.05],
+    )
+    assert (contents["runs"], contents["rows"], contents["finished"], contents["failed"]) == (21, 42, 21, 21)
+    assert contents["reasons"] == {'not "observable", sorry': 21}
+    nominal, complete = contents["medians"]  # type: ignore[misc]
+    assert (nominal["method"], nominal["position_max_mm"], nominal["orientation_max_mrad"]) == ("nominal", 10.0, None)
+    assert complete["position_max_mm"] is None
+    assert contents["definition"] == {"runs": 21}
+    assert "definition" not in study_contents(table(), None)
 
 
 def test_quantiles_over_the_runs() -> None:

@@ -14,8 +14,10 @@ from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
 from calibtool.evaluation.view.live import serving
 from calibtool.evaluation.view.page import page_of
-from calibtool.evaluation.view.scene import Scene, scene_of
+from calibtool.evaluation.view.scene import scene_of
+from calibtool.evaluation.view.shape import simple_shape
 from calibtool.measurement.measurements import Measurements
+from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
 
 
@@ -59,7 +61,7 @@ def test_the_default_magnification_is_round_and_makes_errors_visible(fanuc_measu
     extent = np.ptp(scene.arm.reshape(-1, 3), axis=0).max()
     assert 1 / 40 < np.median(scene.sizes) * scene.fitting_factor / extent < 1 / 11
     assert f"{scene.fitting_factor:.0e}"[0] in "125"
-    assert Scene("r", scene.arm, scene.nominal, scene.nominal, "measured").fitting_factor == 1.0
+    assert replace(scene, found=scene.nominal).fitting_factor == 1.0
 
 
 def test_the_page_holds_the_scene_and_needs_nothing_else(fanuc_measurements: Measurements) -> None:
@@ -79,8 +81,10 @@ def test_the_page_holds_the_scene_and_needs_nothing_else(fanuc_measurements: Mea
 
 
 def test_a_name_cannot_break_the_page(fanuc: Robot, fanuc_measurements: Measurements) -> None:
-    del fanuc
-    page = page_of(replace(scene_of(fanuc_measurements), robot="<script>alert(1)</script>"), 1.0)
+    named = fanuc.source.description.model_copy(update={"name": "<script>alert(1)</script>"})
+    robot = replace(fanuc, source=replace(fanuc.source, description=named))
+    page = page_of(replace(scene_of(fanuc_measurements), robot=robot), 1.0)
+    assert "&lt;script&gt;alert" in page
     assert "<script>alert" not in page
 
 
@@ -91,20 +95,40 @@ def free_port() -> int:
 
 
 def test_the_server_answers_on_its_port_alone_and_stops(
-    fanuc_measurements: Measurements, capsys: pytest.CaptureFixture[str]
+    fanuc: Robot, fanuc_measurements: Measurements, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("viser")
-    scene, port = scene_of(unseen_first(fanuc_measurements)), free_port()
-    with serving(scene, 10.0, port):
+    scene, shape, port = scene_of(unseen_first(fanuc_measurements)), simple_shape(fanuc), free_port()
+    with serving(scene, shape, 10.0, port):
         with urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=10) as answer:
             assert answer.status == 200
-        with pytest.raises(UsageError, match=f"--port {port}"), serving(scene, 10.0, port):
+        with pytest.raises(UsageError, match=f"--port {port}"), serving(scene, shape, 10.0, port):
             pass
     assert capsys.readouterr().out == ""
 
 
-def test_without_viser_the_remedy_is_named(fanuc_measurements: Measurements, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_live_scene_has_the_arm_the_targets_and_the_magnified_errors(
+    fanuc: Robot, fanuc_measurements: Measurements
+) -> None:
+    pytest.importorskip("viser")
+    scene = scene_of(unseen_first(fanuc_measurements))
+    with serving(scene, simple_shape(fanuc), 10.0, free_port()) as visualizer:
+        handles = visualizer.viewer.scene._handle_from_node_name
+        joints = GeometricErrors.none(6).frames(fanuc.chain, scene.q[:1]).after[0, :, :3, 3]
+        for j, joint in enumerate(joints):
+            assert np.allclose(visualizer.frames[f"arm/visual/joint{j + 1}"].position, joint, atol=1e-9)
+        assert np.allclose(handles["/nominal/now"].points, scene.nominal[0, 1:], atol=1e-6)  # the first was not seen
+        assert np.allclose(handles["/found/all"].points, scene.magnified(10.0)[1:].reshape(-1, 3), atol=1e-6)
+        vectors = handles["/errors/all"].points
+        assert np.allclose(
+            vectors[:, 1] - vectors[:, 0], 10 * (scene.found - scene.nominal)[1:].reshape(-1, 3), atol=1e-5
+        )
+
+
+def test_without_viser_the_remedy_is_named(
+    fanuc: Robot, fanuc_measurements: Measurements, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
     scene = scene_of(fanuc_measurements)
-    with pytest.raises(UsageError, match=r"calibtool\[view\]"), serving(scene, 1.0, 8080):
+    with pytest.raises(UsageError, match=r"calibtool\[view\]"), serving(scene, simple_shape(fanuc), 1.0, 8080):
         pass

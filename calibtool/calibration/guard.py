@@ -87,4 +87,5 @@ def _nearest(known: Array, points: Array, others: bool = False) -> Array:
         if others:
             score[np.arange(len(score)), np.arange(start, start + len(score))] = np.inf
         nearest[rows] = score.argmin(axis=-1)
-    return np.linalg.norm(points - known[nearest], axis=-1)
+    distance: Array = np.linalg.norm(points - known[nearest], axis=-1)
+    return distance

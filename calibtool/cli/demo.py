@@ -21,8 +21,8 @@ def demo(
 ) -> None:
     """Run the paper's experiment from end to end.
 
-    On the FANUC M-1000iA: files, table, plots and C code in one folder. --sample copies a tracker's files, targets and a
-    program to try the commands on.
+    On the FANUC M-1000iA: files, table, report, plots and C code in one folder. --sample copies a tracker's files,
+    targets and a program to try the commands on.
 
     Example: calibtool demo -o demo
     """
@@ -53,10 +53,14 @@ def demo(
                 write(path.name, path.read_text(encoding="utf-8"))
                 message(f"  {folder / path.name}")
         return
-    from calibtool.demo import run_demo
+    from calibtool.demo import REPORT, run_demo
 
     result = run_demo(seed, provenance(seed), write, message)
     show_evaluation(result)
     message(f"Everything is in {folder}:")
-    for path in sorted(folder.iterdir()):
+    seen = [folder / REPORT, *sorted(path for path in folder.iterdir() if path.suffix in (".png", ".svg"))]
+    for path in sorted(path for path in folder.iterdir() if path not in seen):
+        message(f"  {path}")
+    message("To look at:")  # last, where the eye is
+    for path in seen:
         message(f"  {path}")

@@ -204,9 +204,9 @@ def _read_table(path: str) -> "StudyTable":
 
     if not _is_hdf5(path):
         return parse_csv(read_text(path), path)
-    from calibtool.storage.studies import read_study
+    from calibtool.storage import read_study
 
-    return read_study(io.BytesIO(read_bytes(path)), path)
+    return read_study(io.BytesIO(read_bytes(path)), path).table
 
 
 def _report(study: "Study", table: "StudyTable", json: bool) -> None:

@@ -1,12 +1,18 @@
 """calibtool view: the arm and its errors in a browser."""
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calibtool.cli.files import check_output, message, read_bytes, shown, write_output
 from calibtool.cli.interrupts import interruptible
 from calibtool.cli.options import Force
+
+if TYPE_CHECKING:
+    import pinocchio as pin
+
+    from calibtool.robot.model import Robot
 
 
 def view(
@@ -17,6 +23,13 @@ def view(
     magnify: Annotated[
         float | None, typer.Option(min=0, help="Factor on the errors (default: a round one that shows them).")
     ] = None,
+    meshes: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Where meshes of the robot's URDF lie (live view); nothing outside is read. Repeatable.",
+        ),
+    ] = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the live view on this machine.")] = 8080,
     force: Force = False,
 ) -> None:
@@ -24,11 +37,13 @@ def view(
 
     Measurements: targets of the nominal robot and the measured ones. A calibration: those of the nominal robot and where
     the calibration says they are. The live view needs the extra 'view' and ends on Ctrl-C; a page of --html needs nothing.
+    The live arm has the meshes of its URDF where they are found (those of example-robot-data are), simple solids otherwise.
 
     Example: calibtool view measurements.h5 --html view.html
     """
     if html is not None:
         check_output(html, force)
+    folders = [Path(folder) for folder in meshes or []]
     import io
     from math import isfinite
 
@@ -37,6 +52,11 @@ def view(
     from calibtool.evaluation.view.scene import scene_of
     from calibtool.storage import read_any
 
+    if folders and html is not None:
+        raise UsageError("--meshes is for the live view; a page of --html shows links as lines")
+    for folder in folders:
+        if not folder.is_dir():
+            raise UsageError(f"--meshes: {folder}: no such folder")
     if magnify is not None and not isfinite(magnify):
         raise UsageError(f"--magnify: {magnify} is no finite number")
     scene = scene_of(read_any(io.BytesIO(read_bytes(file)), shown(file)))
@@ -49,6 +69,20 @@ def view(
 
     from calibtool.evaluation.view.live import serving
 
-    with suppress(KeyboardInterrupt), interruptible(), serving(scene, factor, port):
+    shape = _shape(scene.robot, folders)
+    with suppress(KeyboardInterrupt), interruptible(), serving(scene, shape, factor, port):
         message(f"http://127.0.0.1:{port} shows {shown(file)}, errors × {factor:g}; Ctrl-C ends it")
         Event().wait()
+
+
+def _shape(robot: "Robot", folders: list[Path]) -> "pin.GeometryModel":
+    """What the URDF shows; simple solids, with the reason, where that cannot be had."""
+    from calibtool.errors import InputError
+    from calibtool.evaluation.view.shape import described_shape, mesh_folders, simple_shape
+
+    try:
+        described = described_shape(robot, mesh_folders(robot, folders))
+    except InputError as error:
+        message(f"{error}; the arm is shown as simple solids")
+        return simple_shape(robot)
+    return described if described.ngeoms else simple_shape(robot)

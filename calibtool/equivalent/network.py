@@ -51,13 +51,15 @@ class Network:
         """The same network with another weight vector (W,), in the order of `weights`."""
         h, n = self.hidden_weights.shape
         p = len(self.output_bias)
-        w1, b1, w2, b2 = np.split(weights, np.cumsum([h * n, h, p * h]))
-        return replace(
-            self,
-            hidden_weights=readonly(w1.reshape(h, n)),
-            hidden_bias=readonly(b1),
-            output_weights=readonly(w2.reshape(p, h)),
-            output_bias=readonly(b2),
+        w = readonly(weights)  # once: training does this at every step
+        return type(self)(
+            input_centre=self.input_centre,
+            input_scale=self.input_scale,
+            hidden_weights=w[: h * n].reshape(h, n),
+            hidden_bias=w[h * n : h * n + h],
+            output_weights=w[h * n + h : -p].reshape(p, h),
+            output_bias=w[-p:],
+            output_scale=self.output_scale,
         )
 
 

@@ -23,12 +23,15 @@ def sample_configurations(robot: Robot, workspace: Workspace | None, count: int,
     found = tried = 0
     while found < count:
         batch = max(2 * (count - found), 50)
-        q = _uniform(robot, batch, rng) if workspace is None else _in_workspace(robot, workspace, batch, rng)
-        q = q[robot.within_limits(q)]
-        q = q[robot.singularity_distance(q) >= MIN_SINGULARITY_DISTANCE]
-        accepted.append(q)
-        found += len(q)
+        drawn = _uniform(robot, batch, rng) if workspace is None else _poses(robot, workspace, batch, rng)
         tried += batch
+        while len(drawn) and found < count:  # no more of them are solved than are needed
+            part, drawn = np.split(drawn, [min(max(count - found, 50), len(drawn))])
+            q = part if workspace is None else _solved(robot, workspace, part)
+            q = q[robot.within_limits(q)]
+            q = q[robot.singularity_distance(q) >= MIN_SINGULARITY_DISTANCE]
+            accepted.append(q)
+            found += len(q)
         if tried > 2000 and found < 0.01 * tried:
             raise NoSolutionError(
                 f"{robot.name}: only {found} of {tried} poses of the workspace can be reached inside the joint limits; "
@@ -41,8 +44,8 @@ def _uniform(robot: Robot, count: int, rng: np.random.Generator) -> Array:
     return robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
 
 
-def _in_workspace(robot: Robot, workspace: Workspace, count: int, rng: np.random.Generator) -> Array:
-    """Solved poses of the box and cone; rows that are not reached, or left the box, are dropped."""
+def _poses(robot: Robot, workspace: Workspace, count: int, rng: np.random.Generator) -> Array:
+    """T_base_tool (count, 4, 4), uniform in the box and cone round the home."""
     home = robot.home(workspace)
     T_base_home = robot.mechanism.forward(home[None])[0]
     box = np.array(workspace.box_m)
@@ -57,14 +60,18 @@ def _in_workspace(robot: Robot, workspace: Workspace, count: int, rng: np.random
     tilts[:, 3], tilts[:, 4] = tilt * np.cos(direction), tilt * np.sin(direction)
     turns = np.zeros((count, 6))
     turns[:, 5] = turn
-    target = T_base_home @ exp6(tilts) @ exp6(turns)
-    centre = T_base_home[:3, 3]
-    target[:, :3, 3] = centre + box * rng.uniform(-0.5, 0.5, (count, 3))
+    target: Array = T_base_home @ exp6(tilts) @ exp6(turns)
+    target[:, :3, 3] = T_base_home[:3, 3] + box * rng.uniform(-0.5, 0.5, (count, 3))
+    return target
 
+
+def _solved(robot: Robot, workspace: Workspace, target: Array) -> Array:
+    """Joint positions for poses of the box and cone (N, 4, 4); rows that are not reached, or left the box, are dropped."""
+    home = robot.home(workspace)
     solved = solve_poses(
         robot.mechanism.forward_and_jacobian,
         target,
-        np.tile(home, (count, 1)),
+        np.tile(home, (len(target), 1)),
         length=robot.length,
         lower=robot.lower,
         upper=robot.upper,
@@ -77,6 +84,7 @@ def _in_workspace(robot: Robot, workspace: Workspace, count: int, rng: np.random
     # At a joint limit the nearest pose is the end of the arm's range, not the shadow of the drawn one.
     q = solved.q[solved.converged]
     q = q[((q > robot.lower + 1e-6) & (q < robot.upper - 1e-6)).all(axis=-1)]
-    inside = np.abs(robot.mechanism.forward(q)[:, :3, 3] - centre) <= box / 2 + 1e-9
+    centre = robot.mechanism.forward(home[None])[0, :3, 3]
+    inside = np.abs(robot.mechanism.forward(q)[:, :3, 3] - centre) <= np.array(workspace.box_m) / 2 + 1e-9
     q = q[inside.all(axis=-1)]
     return q

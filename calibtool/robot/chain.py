@@ -4,10 +4,10 @@ import contextlib
 import os
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -17,6 +17,7 @@ from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.description import Source
 from calibtool.robot.se3 import Array, readonly
 
+T = TypeVar("T")
 LimitSource = Literal["urdf", "continuous", "missing"]
 
 _OF_JOINT = " (joint)"  # behind the name of a joint that a link shares
@@ -111,30 +112,51 @@ def end_links(urdf_text: str, joint: str, name: str) -> list[str]:
     ]
 
 
+def visual_geometry(source: Source, urdf_text: str) -> pin.GeometryModel:
+    """What the links look like, on the joints of `build_chain(source)`: placements in their frames, and in K_0 before them.
+
+    urdf_text: the source's URDF with meshes named by absolute paths. InputError for a mesh that cannot be read.
+    """
+    name, kinematics = source.place, source.description.kinematics
+    full = _parse_urdf(urdf_text, name)
+    every = _read_urdf(urdf_text, name, lambda path: pin.buildGeomFromUrdf(full, path, pin.GeometryType.VISUAL))
+    reduced, geometry = pin.buildReducedModel(full, every, *_locked(full, kinematics.locked_joints, name))
+    tool = reduced.frames[_frame_id(reduced, kinematics.tool_frame, name)]
+    way = [0, *_joints_to(reduced, tool.parentJoint, name)]
+    base = _base_placement(reduced, kinematics.base_frame, name)
+    result = pin.GeometryModel()
+    for piece in geometry.geometryObjects:
+        piece.parentJoint, piece.parentFrame = way.index(piece.parentJoint), 0
+        if piece.parentJoint == 0:
+            piece.placement = base.actInv(piece.placement)
+        result.addGeometryObject(piece)
+    return result
+
+
 def _parse_urdf(urdf_text: str, name: str) -> pin.Model:
     if re.search(r"<!(?:DOCTYPE|ENTITY)", urdf_text, re.IGNORECASE):
         raise InputError(f"{name}: the URDF holds a document type or entities (<!DOCTYPE …>); expected plain XML")
-    # From a file: urdfdom refuses some encodings in a string.
-    try:
-        with tempfile.TemporaryDirectory(prefix="calibtool-") as folder:
-            model = _parse_urdf_in(Path(folder), urdf_text, name)
-    except OSError as error:
-        raise UsageError(f"temporary folder: {error.strerror or error}; make room, or set TMPDIR") from None
+    model = _read_urdf(urdf_text, name, pin.buildModelFromUrdf)
     if model.njoints < 2:
         raise InputError(f"{name}: the URDF has no movable joint")
     _tell_joints_from_links(model)
     return model
 
 
-def _parse_urdf_in(folder: Path, urdf_text: str, name: str) -> pin.Model:
-    path, said = folder / "robot.urdf", folder / "said"
-    path.write_text(urdf_text, encoding="utf-8")
+def _read_urdf(urdf_text: str, name: str, read: Callable[[str], T]) -> T:
+    """What `read` makes of a file with this text: urdfdom refuses some encodings in a string."""
     try:
-        with _redirected_stderr(said):
-            return pin.buildModelFromUrdf(str(path))
-    except (ValueError, RuntimeError):
-        reason = _reason(said.read_text(errors="replace"))
-        raise InputError(f"{name}: the URDF cannot be read{reason}; check it with a URDF checker") from None
+        with tempfile.TemporaryDirectory(prefix="calibtool-") as folder:
+            path, said = Path(folder) / "robot.urdf", Path(folder) / "said"
+            path.write_text(urdf_text, encoding="utf-8")
+            try:
+                with _redirected_stderr(said):
+                    return read(str(path))
+            except (ValueError, RuntimeError):
+                reason = _reason(said.read_text(errors="replace"))
+                raise InputError(f"{name}: the URDF cannot be read{reason}; check it with a URDF checker") from None
+    except OSError as error:
+        raise UsageError(f"temporary folder: {error.strerror or error}; make room, or set TMPDIR") from None
 
 
 def _tell_joints_from_links(model: pin.Model) -> None:
@@ -170,6 +192,11 @@ def _reason(said: str) -> str:
 
 
 def _lock(model: pin.Model, locked: dict[str, float], name: str) -> pin.Model:
+    return pin.buildReducedModel(model, *_locked(model, locked, name)) if locked else model
+
+
+def _locked(model: pin.Model, locked: dict[str, float], name: str) -> tuple[list[int], Array]:
+    """Ids of the locked joints, and a configuration of the model in which they stand where they are locked."""
     q = pin.neutral(model)
     ids = []
     names = [joint.removesuffix(_OF_JOINT) for joint in model.names]
@@ -183,7 +210,7 @@ def _lock(model: pin.Model, locked: dict[str, float], name: str) -> pin.Model:
             q[model.joints[j].idx_q] = value
         else:  # continuous: (cos, sin)
             q[model.joints[j].idx_q : model.joints[j].idx_q + 2] = np.cos(value), np.sin(value)
-    return pin.buildReducedModel(model, ids, q) if ids else model
+    return ids, q
 
 
 def _frame_id(model: pin.Model, frame: str, name: str) -> int:

@@ -144,10 +144,10 @@ def read_source(path: Path) -> Source:
     description = _parse_description(text, str(path))
     kinematics = description.kinematics
     if kinematics.urdf is not None:
-        urdf_path = _inside(path.parent, kinematics.urdf, f"{path}: kinematics.urdf")
+        urdf_path = inside(path.parent, kinematics.urdf, f"{path}: kinematics.urdf")
     else:
         name = str(kinematics.example_robot_data)
-        urdf_path = _inside(example_robot_data(), name, f"{path}: kinematics.example_robot_data")
+        urdf_path = inside(example_robot_data(), name, f"{path}: kinematics.example_robot_data")
     return Source(description, text, _read_text(urdf_path), str(path))
 
 
@@ -225,8 +225,8 @@ def _models_in(annotation: object) -> list[type[BaseModel]]:
     return [model for argument in get_args(annotation) for model in _models_in(argument)]
 
 
-def _inside(folder: Path, name: str, place: str) -> Path:
-    """A file of a folder or below it, links followed: a description from elsewhere reads nothing else."""
+def inside(folder: Path, name: str, place: str) -> Path:
+    """A file of a folder or below it, links followed: a description from elsewhere reads nothing else (InputError)."""
     try:
         path = (folder / name).resolve()
         if not path.is_relative_to(folder.resolve()):

@@ -94,7 +94,8 @@ def _rotation_vector(rotation: Array) -> Array:
     sine = np.sqrt((q[:3] * q[:3]).sum(axis=0))
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.where(sine > 0, 2.0 * np.arctan2(sine, q[3]) / sine, 0.0)
-    return factor * q[:3]
+    result: Array = factor * q[:3]
+    return result
 
 
 def inverse(pose: Array) -> Array:
@@ -129,7 +130,8 @@ def left_jacobian(twists: Array, q: Array) -> Array:
     powers = np.stack([np.broadcast_to(np.eye(6), ad.shape), ad, squared, squared @ ad, squared @ squared], axis=1)
     theta = np.linalg.norm(twists[:, 3:], axis=-1) * np.abs(q)
     scaled = _left_jacobian_coefficients(theta) * q[..., None] ** np.arange(5)
-    return np.einsum("Njk,jkab->Njab", scaled, powers, optimize=True)
+    result: Array = np.einsum("Njk,jkab->Njab", scaled, powers, optimize=True)
+    return result
 
 
 def _left_jacobian_coefficients(theta: Array) -> Array:

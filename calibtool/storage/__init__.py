@@ -1,11 +1,12 @@
-"""The only room that knows HDF5: measurements and calibrations to bytes and back. Formats: docs/file-formats.md.
+"""The only room that knows HDF5: measurements, calibrations and tables of studies to bytes and back.
 
-The same contents give the same bytes: no time stamps, no pickles, groups and datasets in a fixed order.
+Formats: docs/file-formats.md. The same contents give the same bytes: no time stamps, no pickles, groups and datasets in
+a fixed order.
 """
 
 import io
-from collections.abc import Callable
-from typing import BinaryIO, TypeVar
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, BinaryIO, TypeVar
 
 import h5py
 
@@ -19,10 +20,14 @@ from calibtool.storage.parts import write_robot
 from calibtool.storage.texts import put_string, string
 from calibtool.storage.untrusted import check_bytes, check_contents, sealed
 
+if TYPE_CHECKING:
+    from calibtool.storage.studies import StudyFile
+
 MEASUREMENTS, CALIBRATION, STUDY = "calibtool/measurements", "calibtool/calibration", "calibtool/study"
 SCHEMA_VERSION = 1
 
 T = TypeVar("T")
+Builders = Mapping[str, Callable[[h5py.File], T]]
 
 
 def to_bytes(contents: Measurements | Calibration) -> bytes:
@@ -46,25 +51,43 @@ def to_bytes(contents: Measurements | Calibration) -> bytes:
 
 def read_measurements(stream: BinaryIO, name: str) -> Measurements:
     """Measurements from a binary stream; `name` stands in messages. Raises InputError for anything else."""
-    return _read(stream, name, MEASUREMENTS, build_measurements)
+    return _read(stream, name, {MEASUREMENTS: build_measurements})
 
 
 def read_calibration(stream: BinaryIO, name: str) -> Calibration:
     """A calibration from a binary stream; `name` stands in messages. Raises InputError for anything else."""
-    return _read(stream, name, CALIBRATION, build_calibration)
+    return _read(stream, name, {CALIBRATION: build_calibration})
+
+
+def read_study(stream: BinaryIO, name: str) -> "StudyFile":
+    """The table of a study from a binary stream; `name` stands in messages. Raises InputError for anything else."""
+    return _read(stream, name, {STUDY: _build_study})
 
 
 def read_any(stream: BinaryIO, name: str) -> Measurements | Calibration:
     """Whichever of the two kinds the stream holds."""
-    return _read(
-        stream,
-        name,
-        None,
-        lambda file: (build_measurements if _schema(file) == MEASUREMENTS else build_calibration)(file),
-    )
+    build: Builders[Measurements | Calibration] = {MEASUREMENTS: build_measurements, CALIBRATION: build_calibration}
+    return _read(stream, name, build)
 
 
-def _read(stream: BinaryIO, name: str, schema: str | None, build: Callable[[h5py.File], T]) -> T:
+def read_every(stream: BinaryIO, name: str) -> "Measurements | Calibration | StudyFile":
+    """Whichever kind of file of calibtool the stream holds."""
+    build: Builders[Measurements | Calibration | StudyFile] = {
+        MEASUREMENTS: build_measurements,
+        CALIBRATION: build_calibration,
+        STUDY: _build_study,
+    }
+    return _read(stream, name, build)
+
+
+def _build_study(file: h5py.File) -> "StudyFile":
+    from calibtool.storage.studies import build_study  # the definition of a study is slow to import
+
+    return build_study(file)
+
+
+def _read(stream: BinaryIO, name: str, builders: Builders[T]) -> T:
+    """What the builder of the file's schema makes of it."""
     data = stream.read()
     if not data:
         raise InputError(f"{name}: empty; expected a calibtool HDF5 file (did the command before fail?)")
@@ -73,9 +96,9 @@ def _read(stream: BinaryIO, name: str, schema: str | None, build: Callable[[h5py
         with h5py.File(io.BytesIO(data), "r") as file:
             check_contents(file, len(data))
             found = _schema(file)
-            if found == STUDY:
-                raise InputError(f"{name}: the table of a study; calibtool study and any HDF5 reader open it")
-            if found not in (MEASUREMENTS, CALIBRATION):
+            if found == STUDY and STUDY not in builders:
+                raise InputError(f"{name}: the table of a study; calibtool info and any HDF5 reader open it")
+            if found not in (MEASUREMENTS, CALIBRATION, STUDY):
                 raise InputError(
                     f"{name}: an HDF5 file, but not one of calibtool (no schema {MEASUREMENTS} or {CALIBRATION})"
                 )
@@ -85,9 +108,9 @@ def _read(stream: BinaryIO, name: str, schema: str | None, build: Callable[[h5py
                     f"{name}: written in format version {version}, this calibtool reads up to {SCHEMA_VERSION}; "
                     "install a newer calibtool"
                 )
-            if schema is not None and found != schema:
-                raise InputError(f"{name}: holds {found}, expected {schema}")
-            return build(file)
+            if found not in builders:
+                raise InputError(f"{name}: holds {found}, expected {' or '.join(builders)}")
+            return builders[found](file)
     except InputError as error:
         raise error if str(error).startswith(name) else InputError(f"{name}: {error}") from None
     except CalibtoolError:

@@ -1,6 +1,7 @@
 """calibtool demo: the whole way in one folder."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ FITTED = ["paper", "local-poe", "complete"]
 TABLES = ["evaluation.csv", "line.csv", "corrected.csv"]
 FIGURES = [f"{name}.{image}" for name in ("training", "errors") for image in ("png", "svg")]
 EXPORTED = [f"compensator.{suffix}" for suffix in ("json", "c", "h")]
-NAMES = [*(f"{name}.h5" for name in ("measurements", "fresh", *FITTED)), *TABLES, *FIGURES, *EXPORTED]
+NAMES = [*(f"{name}.h5" for name in ("measurements", "fresh", *FITTED)), *TABLES, *FIGURES, *EXPORTED, "report.html"]
 
 
 def test_every_file_is_there_and_named(demo_run: Demo) -> None:
@@ -22,6 +23,19 @@ def test_every_file_is_there_and_named(demo_run: Demo) -> None:
     for name in NAMES:
         assert (folder / name).stat().st_size > 100
         assert f"demo/{name}" in result.stderr
+
+
+def test_it_ends_with_what_there_is_to_look_at(demo_run: Demo) -> None:
+    last = [Path(line.strip()).name for line in demo_run[1].stderr.splitlines()[-5:]]
+    assert last == ["report.html", *sorted(FIGURES)]
+
+
+def test_the_report_is_that_of_the_evaluation(demo_run: Demo) -> None:
+    page = (demo_run[0] / "report.html").read_text(encoding="utf-8")
+    found = json.loads(re.search(r'id="evaluation"[^>]*>(.*?)</script>', page, re.DOTALL)[1])  # type: ignore[index]
+    files = [demo_run[0] / f"{name}.h5" for name in FITTED]
+    assert found == answer("evaluate", *files, "--on", demo_run[0] / "fresh.h5")
+    assert len(page.encode()) < 5e6
 
 
 def test_stdout_stays_empty(demo_run: Demo) -> None:
@@ -100,5 +114,5 @@ def test_outputs_that_are_no_folder(output: str) -> None:
 
 
 def test_an_empty_name_is_no_folder() -> None:
-    """Not the working folder either: fifteen files there would be a surprise."""
+    """Not the working folder either: sixteen files there would be a surprise."""
     refused(2, "demo", "-o", "")

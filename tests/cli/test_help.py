@@ -28,7 +28,7 @@ CONTRACT = {
     "export": "--format --precision -o --output --force",
     "plot": "--on --width-mm --require -o --output --force",
     "report": "--on --require -o --output --force",
-    "view": "--html --magnify --port --force",
+    "view": "--html --magnify --meshes --port --force",
     "study": "--plan --runs --seed --methods -n --configurations --noise-mm --errors --error-scale --workspace --fresh "
     "--workers --cluster --box-plot --json -o --output --force",
     "info": "--json",

@@ -59,3 +59,34 @@ def test_from_stdin(files: Files, name: str) -> None:
     data = Path(path).read_bytes()
     assert run("info", "-", stdin=data).stdout == run("info", path).stdout
     assert answer("info", "-", stdin=data) == answer("info", path)
+
+
+@pytest.mark.parametrize("name", ["s.csv", "s.h5"])
+def test_the_table_of_a_study(name: str) -> None:
+    run(
+        "study",
+        "planar-3r",
+        "--runs",
+        2,
+        "-n",
+        "10,20",
+        "--fresh",
+        10,
+        "--methods",
+        "local-poe",
+        "--workers",
+        1,
+        "-o",
+        name,
+    )
+    value = answer("info", name)
+    assert (value["schema"], value["kind"], value["robots"]) == ("calibtool/info", "study", ["planar-3r"])
+    assert (value["methods"], value["configurations"]) == (["nominal", "local-poe"], [10, 20])
+    assert (value["runs"], value["rows"], value["finished"], value["failed"]) == (4, 8, 8, 0)
+    assert [(m["method"], m["configurations"]) for m in value["medians"]] == [
+        (method, count) for count in (10, 20) for method in ("nominal", "local-poe")
+    ]
+    assert ("definition" in value) == name.endswith(".h5")
+    text = run("info", "-", stdin=Path(name).read_bytes()).stdout
+    assert f"study: {value['study']}\n" in text
+    assert "  - method local-poe, configurations 20, " in text

@@ -179,7 +179,7 @@ def observability(calibrations: Named, width_mm: float) -> Figure:
         panel.set(xlabel="direction", ylabel="singular value")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.grid(axis="y")
-        panel.legend(loc="lower left")
+        panel.legend(loc="upper right")
     return figure
 
 

@@ -36,6 +36,7 @@ def errors_section(subject: Subject, judged: Measurements) -> Section:
         f"{e['name']}: mean {number(e['position_mm']['mean'])}, largest {number(e['position_mm']['max'])}"
         for e in entries
     )
+    limits = "; black, dotted: limits" if subject.limits else ""
     return Section(
         "errors",
         "Errors",
@@ -48,7 +49,7 @@ def errors_section(subject: Subject, judged: Measurements) -> Section:
             ),
             Drawing(
                 "distribution",
-                "Which part of the configurations has at most which error; dotted: limits.",
+                f"Which part of the configurations has at most which error{limits}.",
                 f"Cumulative distribution of the errors. {spread}.",
             ),
         ],

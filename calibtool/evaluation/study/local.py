@@ -2,9 +2,10 @@
 
 import contextlib
 import multiprocessing
+import os
 import signal
 from collections import deque
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
@@ -14,6 +15,7 @@ from calibtool.evaluation.study.runs import lost, perform
 from calibtool.evaluation.study.table import Row
 
 _TRIES = 2
+_BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def in_processes(study: Study, indices: Sequence[int], workers: int) -> Generator[tuple[int, list[Row]], None, None]:
@@ -67,7 +69,8 @@ class _Worker:
         context = multiprocessing.get_context("spawn")  # no copy of this process: nothing is shared by accident
         self.connection, theirs = context.Pipe()
         self.process: SpawnProcess = context.Process(target=_serve, args=(theirs, study), daemon=True)
-        self.process.start()
+        with _one_blas_thread():
+            self.process.start()
         theirs.close()
         self.ready = False
         self.index: int | None = None
@@ -85,6 +88,21 @@ class _Worker:
         self.connection.close()
         self.process.terminate()
         self.process.join()
+
+
+@contextlib.contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """What is started inside gets one BLAS thread: workers that have several each wait for one another."""
+    before = {name: os.environ.get(name) for name in _BLAS_THREADS}
+    os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _serve(connection: Connection, study: Study) -> None:

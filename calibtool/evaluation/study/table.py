@@ -55,6 +55,11 @@ def failed(head: Iterable[Cell], status: str) -> Row:
     return (*cells, *[None] * (len(COLUMNS) - len(cells)))
 
 
+def is_table(data: bytes) -> bool:
+    """Whether a file's bytes begin like a table that `as_csv` wrote."""
+    return data.startswith(",".join(COLUMNS).encode())
+
+
 def parse_csv(text: str, name: str) -> StudyTable:
     """A table that `as_csv` wrote. Raises InputError for anything else."""
     reader = csv.reader(io.StringIO(text))

@@ -1,4 +1,4 @@
-"""The scene live in a browser, by viser."""
+"""The scene live in a browser: the arm by Pinocchio's ViserVisualizer, targets and errors beside it by viser."""
 
 import contextlib
 import io
@@ -7,65 +7,111 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pinocchio as pin
 
 from calibtool.errors import UsageError
 from calibtool.evaluation.view.scene import Scene
 from calibtool.robot.se3 import Array
 
 if TYPE_CHECKING:
+    from pinocchio.visualize import ViserVisualizer
     from viser import ViserServer
 
-_ARM, _NOMINAL, _FOUND = (119, 119, 119), (0, 114, 178), (213, 94, 0)
+_NOMINAL, _FOUND = (0, 114, 178), (213, 94, 0)
+_SMALL = 1e-3  # m: no scene is drawn smaller
 
 
 @contextlib.contextmanager
-def serving(scene: Scene, magnify: float, port: int, host: str = "127.0.0.1") -> Iterator["ViserServer"]:
+def serving(
+    scene: Scene, shape: pin.GeometryModel, magnify: float, port: int, host: str = "127.0.0.1"
+) -> Iterator["ViserVisualizer"]:
     """A server that shows the scene inside the block, with a slider for the configuration and the magnification.
 
-    UsageError without viser, or when the port is taken.
+    shape: what the arm looks like, on the joints of the robot's chain. Its `viewer` is the server.
+    UsageError without viser or a Pinocchio that knows it, or when the port is taken.
     """
-    try:
-        import viser
-    except ImportError:
-        raise UsageError("view needs viser; run: pip install 'calibtool[view]' (or write a page with --html)") from None
+    visualizer = _visualizer(scene, shape)
     _check_free(host, port)
+    size = max(scene.extent, _SMALL)
     with contextlib.redirect_stdout(io.StringIO()):  # viser greets and says goodbye where data belong
-        server = viser.ViserServer(host=host, port=port, label=f"calibtool: {scene.robot}", verbose=False)
+        server = _server(host, port, f"calibtool: {scene.robot.name}")
+        visualizer.initViewer(viewer=server)
+        visualizer.loadViewerModel("arm", frame_axis_length=size / 20, frame_axis_radius=size / 600)
     server.scene.set_up_direction("+z")
-    server.scene.add_frame("/base", axes_length=_size(scene) / 12, axes_radius=_size(scene) / 400)
+    server.scene.add_frame("/base", axes_length=size / 12, axes_radius=size / 400)
+    server.scene.add_grid("/floor", width=2 * size, height=2 * size, cell_size=size / 10)
+    _look_at(server, scene)
     chosen = server.gui.add_slider("configuration", 1, max(len(scene), 2), 1, 1)
     factor = server.gui.add_number("errors ×", magnify, min=0.0)
+    everywhere = server.gui.add_checkbox("all configurations", True)
     told = server.gui.add_markdown("")
 
     def draw(_: Any = None) -> None:
         now = min(int(chosen.value), len(scene)) - 1
-        found, width = scene.magnified(float(factor.value)), _size(scene) / 300
-        seen = ~np.isnan(found[..., 0])
-        arm = scene.arm[now]
-        tool = np.broadcast_to(arm[-1], scene.nominal[now].shape)
-        _lines(server, "/arm", np.stack([arm[:-1], arm[1:]], axis=1), _ARM, 3 * width)
-        _lines(server, "/flange", np.stack([tool, scene.nominal[now]], axis=1), _ARM, width)
-        _lines(server, "/errors", np.stack([scene.nominal[seen], found[seen]], axis=1), _FOUND, width)
-        for name, points, colour in (("/nominal", scene.nominal[seen], _NOMINAL), ("/found", found[seen], _FOUND)):
-            server.scene.add_point_cloud(name, points.astype(np.float32), colour, point_size=2 * width)
-        told.content = f"{scene.meaning}: error {scene.sizes[now] * 1e3:.3f} mm"
+        visualizer.display(np.array(scene.q[now]))
+        found = scene.magnified(float(factor.value))
+        flange = np.broadcast_to(scene.arm[now, -1], scene.nominal[now].shape)
+        _lines(server, "/tool", np.stack([flange, scene.nominal[now]], axis=1), _NOMINAL, 2.0)
+        _pairs(server, "now", scene.nominal[now], found[now], size / 120)
+        rest = np.arange(len(scene)) != now if everywhere.value else np.zeros(len(scene), dtype=bool)
+        _pairs(server, "all", scene.nominal[rest], found[rest], size / 300)
+        told.content = (
+            f"**{scene.sizes[now] * 1e3:.3f} mm** off here, {np.median(scene.sizes) * 1e3:.3f} mm in the median; "
+            f"blue: nominal, orange: {scene.meaning}"
+        )
 
-    chosen.on_update(draw)
-    factor.on_update(draw)
+    for control in (chosen, factor, everywhere):
+        control.on_update(draw)
     draw()
     try:
-        yield server
+        yield visualizer
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
 
 
-def _size(scene: Scene) -> float:
-    return float(max(np.ptp(scene.arm.reshape(-1, 3), axis=0).max(), 1e-3))
+def _visualizer(scene: Scene, shape: pin.GeometryModel) -> "ViserVisualizer":
+    try:
+        import viser  # noqa: F401  (Pinocchio's message names another remedy)
+        from pinocchio.visualize import ViserVisualizer
+    except ImportError:
+        raise UsageError("view needs viser; run: pip install 'calibtool[view]' (or write a page with --html)") from None
+    return ViserVisualizer(scene.robot.chain.model, pin.GeometryModel(), shape)
+
+
+def _server(host: str, port: int, label: str) -> "ViserServer":
+    import viser
+
+    return viser.ViserServer(host=host, port=port, label=label, verbose=False)
+
+
+def _look_at(server: "ViserServer", scene: Scene) -> None:
+    """From the front and above, at the middle of where the targets are."""
+    points = scene.arm.reshape(-1, 3)
+    middle, far = (points.min(axis=0) + points.max(axis=0)) / 2, 1.1 * max(scene.extent, _SMALL)
+    server.initial_camera.look_at = tuple(middle)
+    server.initial_camera.position = tuple(middle + far * np.array([0.75, -0.75, 0.45]))
+
+
+def _pairs(server: "ViserServer", name: str, nominal: Array, found: Array, width: float) -> None:
+    """Nominal and found targets and the lines between them; targets that were not seen stay away."""
+    seen = ~np.isnan(found[..., 0])
+    _lines(server, f"/errors/{name}", np.stack([nominal[seen], found[seen]], axis=1), _FOUND, 3.0)
+    for kind, points, colour in (("nominal", nominal[seen], _NOMINAL), ("found", found[seen], _FOUND)):
+        server.scene.add_point_cloud(
+            f"/{kind}/{name}",
+            points.astype(np.float32),
+            colour,
+            point_size=width,
+            point_shape="circle",
+            precision="float32",
+        )
 
 
 def _lines(server: "ViserServer", name: str, segments: Array, colour: tuple[int, int, int], width: float) -> None:
-    server.scene.add_line_segments(name, segments.astype(np.float32), colour, thickness=width)
+    """Segments (k, 2, 3), `width` pixels wide."""
+    segments = segments.astype(np.float32)
+    server.scene.add_line_segments(name, segments, colour, thickness=width, thickness_units="screen")
 
 
 def _check_free(host: str, port: int) -> None:

@@ -26,7 +26,7 @@ def page_of(scene: Scene, magnify: float) -> str:
     }
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return environment.get_template("scene.html.j2").render(
-        robot=scene.robot, meaning=scene.meaning, count=len(scene), magnify=f"{magnify:g}", data=text
+        robot=scene.robot.name, meaning=scene.meaning, count=len(scene), magnify=f"{magnify:g}", data=text
     )
 
 

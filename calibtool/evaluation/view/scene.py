@@ -1,4 +1,4 @@
-"""What there is to see: the arm as a stick figure, its targets where they should be and where they are."""
+"""What there is to see: the arm at every configuration, its targets where they should be and where they are."""
 
 from dataclasses import dataclass
 
@@ -16,13 +16,15 @@ from calibtool.robot.se3 import Array, readonly, transform_points
 class Scene:
     """Everything in K_0 and m, one entry per configuration; points are not magnified.
 
+    q        (N, n) joint positions, rad or m
     arm      (N, 2n+2, 3) base, every joint before and after its motion, tool: origins on the nominal robot
     nominal  (N, m, 3) target points on the nominal robot
     found    (N, m, 3) the same, measured or predicted; NaN where a target was not seen
     meaning  what `found` is: `measured` or `calibrated`
     """
 
-    robot: str
+    robot: Robot
+    q: Array
     arm: Array
     nominal: Array
     found: Array
@@ -30,6 +32,11 @@ class Scene:
 
     def __len__(self) -> int:
         return len(self.arm)
+
+    @property
+    def extent(self) -> float:
+        """Longest edge, along an axis of K_0, of the box round all positions of the arm, m."""
+        return float(np.ptp(self.arm.reshape(-1, 3), axis=0).max())
 
     @property
     def sizes(self) -> Array:
@@ -46,11 +53,10 @@ class Scene:
     @property
     def fitting_factor(self) -> float:
         """A round factor that makes the median error about a twelfth of the scene's size."""
-        extent = float(np.ptp(self.arm.reshape(-1, 3), axis=0).max())
         median = float(np.median(self.sizes))
-        if median <= 0 or extent <= 0:
+        if median <= 0 or self.extent <= 0:
             return 1.0
-        wanted = extent / 12 / median
+        wanted = self.extent / 12 / median
         power = 10.0 ** np.floor(np.log10(wanted))
         return float(max(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)), 1.0))
 
@@ -66,7 +72,8 @@ def scene_of(contents: Measurements | Calibration) -> Scene:
         targets, meaning = contents.nominal_setup.targets, "calibrated"
         found = transform_points(contents.forward(q), targets)
     return Scene(
-        robot=robot.name,
+        robot=robot,
+        q=q,
         arm=readonly(_arm(robot, q)),
         nominal=readonly(transform_points(nominal_pose, targets)),
         found=readonly(found),
