@@ -25,8 +25,9 @@ MANY_HARMONICS = (*FEW_HARMONICS, 6, 9, 12, 16, 20, 24, 28, 32)
 _UNEXPLAINED = 1.2  # times the stated noise: more than this left over, and more harmonics are tried
 _JUDGED = 500  # configurations on which many harmonics are judged
 _MAX_ITERATIONS = 30
-_PRIOR_STEPS = 3  # Gauss–Newton steps in which tolerances are re-estimated
+_PRIOR_STEPS = 3  # Gauss–Newton steps in which tolerances are re-estimated; one where a fit before has done so
 _CONVERGED = 1e-3  # a step this small against the posterior's standard deviations changes nothing
+_ROUGHLY = 0.1  # and this small a one not the choice of a model
 
 
 @dataclass(frozen=True)
@@ -124,11 +125,9 @@ def _most_probable_fit(
         for gravity in ([False, True] if options.gravity is None else [options.gravity])
         for backlash in ([False, True] if free else [bool(options.backlash)])
     ]
-    fit = _fit(measurements, candidates[-1], options, state, start)
-    chosen = most_probable(fit.parameters, fit.theta, fit.covariance, fit.prior_std, candidates)
-    if chosen == fit.parameters:
-        return fit
-    return _fit(measurements, chosen, options, _reduced(fit, chosen), fit)
+    rough = _fit(measurements, candidates[-1], options, state, start, _ROUGHLY)
+    chosen = most_probable(rough.parameters, rough.theta, rough.covariance, rough.prior_std, candidates)
+    return _fit(measurements, chosen, options, _reduced(rough, chosen), rough)
 
 
 def _may_leave_structure(fit: _Fit, equations: int) -> bool:
@@ -158,6 +157,7 @@ def _fit(
     options: CompleteOptions,
     state: ErrorState,
     start: "_Fit | None" = None,
+    converged: float = _CONVERGED,
 ) -> _Fit:
     """Gauss–Newton to the maximum a posteriori; noise and tolerances are re-estimated at every step.
 
@@ -169,6 +169,7 @@ def _fit(
         known = dict(zip(start.parameters.names, start.prior_std, strict=True))
         prior_std = np.array([known.get(name, s) for name, s in zip(parameters.names, tolerances, strict=True)])
         noise_factor = start.noise_factor
+    prior_steps = 1 if start is not None and start.parameters.harmonics >= parameters.harmonics else _PRIOR_STEPS
     largest = np.full(parameters.count, np.inf)
     for name in ("harmonics", "gravity"):
         largest[parameters.blocks[name]] = tolerances[parameters.blocks[name]]
@@ -179,13 +180,13 @@ def _fit(
         equations = normal_equations(measurements, parameters, state, row_weight)
         theta = state.vector(parameters)
         previous = noise_factor
-        priors = options.estimate_priors and iteration <= _PRIOR_STEPS  # then they rest, so that the steps can converge
+        priors = options.estimate_priors and iteration <= prior_steps  # then they rest, so that the steps can converge
         solution = posterior_step(parameters, equations, theta, prior_std, noise_factor, largest if priors else None)
         prior_std, noise_factor = solution.prior_std, solution.noise_factor
         state = state.moved(parameters, solution.step)
         if options.loss_function != "squared":
             row_weight = row_weights(equations.row_sizes, d, options.loss_function)
-        settled = np.abs(solution.step / np.sqrt(np.diag(solution.covariance))).max() < _CONVERGED
+        settled = np.abs(solution.step / np.sqrt(np.diag(solution.covariance))).max() < converged
         if settled and abs(noise_factor / previous - 1.0) < 0.01:
             break
     else:
