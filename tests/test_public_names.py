@@ -1,5 +1,6 @@
 """What the package promises to scripts: names that come when they are asked for, and docstrings that state shapes."""
 
+import dataclasses
 import importlib
 import inspect
 import pkgutil
@@ -74,6 +75,17 @@ def documented(name: str) -> str:
 def test_every_public_function_says_what_it_is() -> None:
     assert len(FUNCTIONS) > 300
     assert [name for name in FUNCTIONS if len(documented(name)) < 4] == []
+
+
+def test_fields_of_public_classes_are_explained() -> None:
+    """Every field but the robot stands in the docstring."""
+    missing = []
+    for name in calibtool.__all__:
+        value = getattr(calibtool, name)
+        if dataclasses.is_dataclass(value):
+            text = inspect.getdoc(value) or ""
+            missing += [f"{name}.{f.name}" for f in dataclasses.fields(value) if not re.search(rf"\b{f.name}\b", text)]
+    assert missing == []
 
 
 def test_arrays_have_shapes() -> None:

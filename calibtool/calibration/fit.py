@@ -29,7 +29,10 @@ class BaseOptions:
 
 
 def identify(measurements: Measurements, base: BaseOptions | str = "complete") -> Calibration:
-    """A calibration that is a base model alone: `complete`, `local-poe` or `nominal`."""
+    """A calibration that is a base model alone: `complete`, `local-poe` (Eqs. 8–11) or `nominal`.
+
+    Raises NoSolutionError when the configurations are too few for the model or the iteration does not settle.
+    """
     options = BaseOptions(base) if isinstance(base, str) else base
     if options.model == "complete":
         identification = identify_complete(measurements, options.complete)
@@ -64,6 +67,8 @@ def train(
     With Bayesian regularisation the networks are kept only if cross-validation, which identifies the base again in every
     fold, says that they help. With early stopping (the paper) the validation part decides; the base model is identified
     from all configurations either way.
+
+    Raises InputError when `base` is a calibration of another robot, NoSolutionError where `identify` does.
     """
     if isinstance(base, Calibration):
         check_same_robot(base.robot, measurements.robot, "the base calibration", "the measurements")

@@ -41,12 +41,14 @@ class Calibration:
     """T_calibrated(q) = exp6(J_ρ(q) N(q)) · T_base-model(q), N = 0 without a network.
 
     base            identified base model, with the set-up fitted in it
+    equivalent      the equivalent robot, whose Jacobian is J_ρ
     networks        members whose mean is N; none when a base model stands alone or networks do not help
     training        how the networks came about; None when a base model stands alone
     validation      what they gain in cross-validation; None where that was not asked
     nominal_setup   the set-up as it was known, or registered with the nominal robot
     noise_position, noise_orientation   stated noise of the measurements used, m and rad
     q               (N, n) the configurations used, rad or m
+    provenance      command line, seed, input checksums, versions: text by name
     """
 
     robot: Robot

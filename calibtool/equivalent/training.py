@@ -30,12 +30,15 @@ Regularisation = Literal["bayes", "early-stopping"]
 class TrainingOptions:
     """How a network is trained.
 
+    loss            `task`: error of the target points (Eq. 20); `joint`: joint motions, all alike (Eq. 21)
+    optimiser       `lm`: Levenberg and Marquardt; `gd`: gradient descent (Eq. 22)
     regularisation  `bayes`: all rows train, every restart is a member of an ensemble that is averaged;
                     `early-stopping` (the paper): a validation part stops the training and chooses the best restart
     hidden          nodes, √(6n) unless given
     validation      part of the configurations for early stopping
     restarts        networks trained
     folds           of the cross-validation that decides whether the networks are used (bayes)
+    seed            of splits and starting weights
     """
 
     loss: LossName = "task"

@@ -76,7 +76,7 @@ def evaluate(
     refit_setup: bool = False,
     outside: OutsidePolicy = "mark",
 ) -> Evaluation:
-    """Errors of the nominal robot and of every calibration at the configurations of `measurements`.
+    """Errors of the nominal robot and of every one of `calibrations`, named, at the configurations of `measurements`.
 
     outside: what to do at configurations unlike those of the training: count them, predict them by the base model alone,
     or refuse.

@@ -152,7 +152,7 @@ class Parameters:
         return names
 
     def missing_in(self, other: Self) -> np.ndarray:
-        """Indices of the parameters that `other` does not have."""
+        """Indices (k,) of the parameters that `other` does not have."""
         kept = set(other.names)
         return np.array([i for i, name in enumerate(self.names) if name not in kept], dtype=int)
 

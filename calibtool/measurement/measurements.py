@@ -52,7 +52,9 @@ class Measurements:
     q            (N, n) commanded joint positions, rad or m
     points       (N, m, 3) measured target points in the instrument's frame, m; NaN for a target that was not seen
     rotations    (N, 3, 3) measured R_instrument_sensor of a 6-D instrument, or None
+    setup        where instrument and targets are, known or estimated
     noise_position, noise_orientation   stated standard deviations per coordinate, m and rad
+    truth        the actual robot and set-up of a simulation; None for real measurements
     direction    (N, n) −1, 0, +1: direction of each joint's last motion before the row, 0 where unknown; None: all unknown
     provenance   command line, seed, input checksums, versions: text by name
     """

@@ -21,11 +21,13 @@ ORIENTATION_NOISE = 0.1e-3  # rad, stated for 6-D instruments unless told otherw
 class Simulation:
     """What is to be simulated.
 
+    seed            of everything random
     configurations  number to sample in `workspace` (None: the whole joint range)
-    at              (N, n) joint positions to measure at instead of sampled ones
-    actual          the robot and set-up of an earlier simulation, measured again
-    unregistered    instrument and targets at random places that the estimators do not know
+    scales          kinds and sizes of the actual robot's errors
     noise           standard deviation per coordinate, m
+    unregistered    instrument and targets at random places that the estimators do not know
+    at              (N, n) joint positions to measure at instead of sampled ones, rad or m
+    same_robot      the robot and set-up of an earlier simulation (`Measurements.truth`), measured again
     """
 
     seed: int = 0
@@ -43,6 +45,10 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
 
     The robot, the configurations, the noise and the set-up have streams of their own, spawned from the seed. A robot
     measured again takes other streams than its first measurement, so that the same seed gives fresh configurations.
+    Points (N, m, 3) are in the instrument's frame, which is K_0 unless `unregistered`; units in `Measurements`.
+
+    Raises NoSolutionError when hardly any pose of the workspace can be reached, InputError for configurations (`at`) or
+    targets that do not fit the robot.
     """
     again = simulation.same_robot is not None
     entropy = np.random.SeedSequence([simulation.seed, 1] if again else simulation.seed)

@@ -42,7 +42,15 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """q (N, n) in the order of travel; predictions before, with the plan, and with as many random candidates instead."""
+    """Chosen configurations and what they are worth.
+
+    knowledge     what is known before, and the instrument
+    criterion     `d`: every direction of the errors counts; `i`: the mean variance of the target points
+    candidates    what was chosen from
+    q             (N, n) chosen joint positions in the order of travel, rad or m
+    before, selected, random   predictions before, with the plan, and with as many random candidates instead
+    observability, observability_random   indices O1 … O5 of the two designs
+    """
 
     knowledge: Knowledge
     criterion: Criterion

@@ -76,7 +76,8 @@ def compensate_program(
 
     A joint target gets the joints that bring the calibrated robot where the nominal one would be; a pose target, solved
     on the branch of its configuration data, gets the pose that the nominal robot takes at the corrected joints, in its own
-    frame and with its own tool.
+    frame and with its own tool. program_format: one of docs/programs; name stands in messages; options: exact, stop at the
+    first failure, unless given.
 
     Raises InputError for bad data and NoSolutionError for targets without an answer, both with the line; with on_error
     `skip` such targets stay as they are and are listed.

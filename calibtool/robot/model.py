@@ -20,7 +20,12 @@ LONGEST = 10.0  # m: characteristic length of a robot with slides
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """The nominal robot. Joint positions q are (N, n), in rad, or m for a prismatic joint."""
+    """The nominal robot. Joint positions q are (N, n), in rad, or m for a prismatic joint.
+
+    source   description and texts that it was built from
+    chain    placements and twists of its joints, from K_0 to the tool
+    lower, upper   (n,) joint limits, rad or m
+    """
 
     source: Source
     chain: SerialChain

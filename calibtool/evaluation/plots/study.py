@@ -4,9 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter
 
-from calibtool.evaluation.plots.style import COLOURS, MARKERS, ImageFormat, styled, to_bytes
+from calibtool.evaluation.plots.style import COLOURS, MARKERS, WIDTH_MM, ImageFormat, log_scale, sheet, styled, to_bytes
 from calibtool.evaluation.study.summary import GROUP, groups, numbers
 from calibtool.evaluation.study.table import Cell, StudyTable
 
@@ -29,19 +28,19 @@ def study_figure(table: StudyTable) -> Figure:
     blocks = list(dict.fromkeys(cells[:-1] for cells in rows))
     oriented = any(cell is not None for cell in table.column("orientation_max_mrad"))
     quantities = [("position", "mm"), ("orientation", "mrad")] if oriented else [("position", "mm")]
-    width = min(max(5.0, 1.6 + 0.55 * len(methods) * len(blocks)), 16.0)
-    figure = Figure(figsize=(min(2 * width, 16.0), 3.4 * len(quantities)), layout="constrained")
+    figure = sheet(float(np.clip(35 + 14 * len(methods) * len(blocks), WIDTH_MM, 400)), 65.0 * len(quantities))
     panels = figure.subplots(len(quantities), 2, squeeze=False, sharex=True, sharey="row")
     for row, (quantity, unit) in zip(panels, quantities, strict=True):
+        shown = [np.array(numbers(table.rows, f"{quantity}_{statistic}_{unit}")) for statistic in ("mean", "max")]
         for panel, statistic in zip(row, ("mean", "max"), strict=True):
             column = f"{quantity}_{statistic}_{unit}"
             for i, method in enumerate(methods):
                 values = [numbers(rows[*block, method], column) for block in blocks]
                 _boxes(panel, values, i, len(methods))
-            panel.set(yscale="log", title=f"{'largest' if statistic == 'max' else 'mean'} {quantity} error of a run")
-            panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            panel.set_title(f"{'largest' if statistic == 'max' else 'mean'} {quantity} error of a run")
+            log_scale(panel, "y", shown)
             panel.tick_params(labelleft=True)
-            panel.grid(axis="y", alpha=0.3, which="both", linewidth=0.4)
+            panel.grid(axis="y")
         row[0].set_ylabel(unit)
     _name_blocks(panels[-1], blocks, methods)
     names = ", ".join(dict.fromkeys(map(str, table.column("robot"))))

@@ -12,7 +12,7 @@ __all__ = ["Finding", "check_measurements", "design_findings"]
 
 
 def check_measurements(measurements: Measurements, companions: Companions | None = None) -> list[Finding]:
-    """Every finding about measurements and what was recorded beside them, warnings first.
+    """Every finding about measurements and what was recorded beside them (companions), warnings first.
 
     Nothing is changed and nothing raised: a check whose data are missing says nothing. Row numbers count from 1.
     """

@@ -97,7 +97,7 @@ def import_table(
     robot_targets: bool = False,
     joint_values: JointValues | None = None,
 ) -> Imported:
-    """Measurements from a table, registered to all of its rows: `read_table(…).registered()`."""
+    """Measurements from a table, registered to all of its rows: `read_table(…).registered()`, which see."""
     return read_table(
         data, name, robot, columns, frame=frame, robot_targets=robot_targets, joint_values=joint_values
     ).registered()

@@ -32,7 +32,12 @@ _ANGLES = (("rx", "ry", "rz"), ("a", "b", "c"), ("roll", "pitch", "yaw"))
 
 @dataclass(frozen=True)
 class Stated:
-    """What the user says where a header is silent: units of lengths and angles, the convention of an orientation."""
+    """What the user says where a header is silent: all None where nothing is said.
+
+    unit         of lengths: mm, m or in
+    angle_unit   deg or rad
+    convention   of three angles: `intrinsic-…`, `extrinsic-…`, `zyx`, `rotation-vector` (docs/file-formats.md)
+    """
 
     unit: LengthUnit | None = None
     angle_unit: AngleUnit | None = None
