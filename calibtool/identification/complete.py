@@ -23,6 +23,7 @@ from calibtool.robot.se3 import Array, readonly
 FEW_HARMONICS = tuple(range(LOW_ORDERS + 1))
 MANY_HARMONICS = (*FEW_HARMONICS, 6, 9, 12, 16, 20, 24, 28, 32)
 _UNEXPLAINED = 1.2  # times the stated noise: more than this left over, and more harmonics are tried
+_PARSIMONY = 3.0  # nats by which a larger model with few harmonics must be more probable
 _JUDGED = 500  # configurations on which many harmonics are judged
 _MAX_ITERATIONS = 30
 _PRIOR_STEPS = 3  # Gauss–Newton steps in which tolerances are re-estimated; one where a fit before has done so
@@ -116,7 +117,10 @@ def _most_probable_fit(
     state: ErrorState,
     start: "_Fit | None",
 ) -> _Fit:
-    """The fit of everything that the options leave open, reduced to its most probable part."""
+    """The fit of everything that the options leave open, reduced to its most probable part.
+
+    With few harmonics it names causes, and a doubtful one is left out; with many it is there to predict.
+    """
     free = options.backlash is None and measurements.direction is not None
     candidates = [
         Parameters.of(measurements.robot, measurements.setup, twists, harmonics, gravity, backlash)
@@ -126,7 +130,8 @@ def _most_probable_fit(
         for backlash in ([False, True] if free else [bool(options.backlash)])
     ]
     rough = _fit(measurements, candidates[-1], options, state, start, _ROUGHLY)
-    chosen = most_probable(rough.parameters, rough.theta, rough.covariance, rough.prior_std, candidates)
+    parsimony = _PARSIMONY if orders == FEW_HARMONICS else 0.0
+    chosen = most_probable(rough.parameters, rough.theta, rough.covariance, rough.prior_std, candidates, parsimony)
     return _fit(measurements, chosen, options, _reduced(rough, chosen), rough)
 
 

@@ -11,7 +11,6 @@ from calibtool.robot.se3 import Array
 _PSEUDO_OBSERVATIONS = 10.0  # the stated noise counts as so many residuals
 _SETTLED = 0.03
 _ROUNDS = 10  # per Gauss–Newton step
-_OCCAM = 3.0  # nats by which a larger model must be more probable
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +55,16 @@ def posterior_step(
 
 
 def most_probable(
-    parameters: Parameters, theta: Array, covariance: Array, prior_std: Array, candidates: list[Parameters]
+    parameters: Parameters,
+    theta: Array,
+    covariance: Array,
+    prior_std: Array,
+    candidates: list[Parameters],
+    parsimony: float,
 ) -> Parameters:
     """The smallest candidate whose p(θ_dropped = 0 | data) / p(θ_dropped = 0) is near the largest (Savage and Dickey).
 
-    The Gaussian N(θ, covariance) over `parameters` is that of the largest candidate.
+    Near: by at most `parsimony` nats. The Gaussian N(θ, covariance) over `parameters` is that of the largest candidate.
     """
 
     def log_evidence(candidate: Parameters) -> float:
@@ -68,7 +72,7 @@ def most_probable(
         return _log_density_ratio(theta[dropped], covariance[np.ix_(dropped, dropped)], prior_std[dropped])
 
     evidence = [log_evidence(candidate) for candidate in candidates]
-    good = [c for c, e in zip(candidates, evidence, strict=True) if e > max(evidence) - _OCCAM]
+    good = [c for c, e in zip(candidates, evidence, strict=True) if e >= max(evidence) - parsimony]
     return min(good, key=lambda candidate: candidate.count)
 
 
