@@ -159,7 +159,7 @@ class _Corrector:
         )
 
     def _added(self, result: Compensation) -> dict[str, list[str]]:
-        added = {"status": [str(status) for status in result.status]}
+        added: dict[str, list[str]] = {"status": result.status.tolist()}
         if self.calibration.robot.n < 6 or self.options.verify:
             for column, left in (("left_mm", result.position), ("left_mrad", result.orientation)):
                 added[column] = ["" if np.isnan(value) else f"{value * 1e3:.6g}" for value in left]
@@ -213,7 +213,8 @@ class _Corrector:
 def _csv_text(corrected: _Corrected, with_header: bool) -> str:
     table, kept = corrected.table, corrected.kept
     numbers = decimal_rows(corrected.values)
-    rest: list[str] = [",".join(cells) for cells in zip(*corrected.added.values(), strict=True)]
+    columns = list(corrected.added.values())
+    rest = columns[0] if len(columns) == 1 else [",".join(cells) for cells in zip(*columns, strict=True)]
     if kept:
         others = _written([[row[i] for i in kept] for row in table.rows])
         rest = [f"{other},{added}" for other, added in zip(others, rest, strict=True)]
