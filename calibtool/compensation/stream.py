@@ -23,6 +23,8 @@ from calibtool.units import TO_SI
 
 RowFormat = Literal["csv", "ndjson"]
 BATCH = 4096
+# Numbers, 31 MiB: the C library keeps freed memory for the next batch up to the largest block that it ever got back.
+_LARGEST_KEPT = 31 * 2**17
 _JUMP = np.deg2rad(60.0)  # between neighbours of a path: another branch, or a singularity on the way
 _ADDED = ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad")
 
@@ -97,6 +99,7 @@ def compensate_stream(
     starts from the row before, and jumps of the joints are reported. Backlash is taken up along the rows, which must be in
     the order of motion then (`StreamOptions.backlash`). Raises InputError for the first bad row.
     """
+    np.empty(_LARGEST_KEPT)  # given back at once
     corrector = _Corrector(calibration, options, report)
     if row_format == "ndjson":
         for table, objects in _read_objects(lines, name, options.batch):
