@@ -157,3 +157,10 @@ def test_heavy_libraries_wait_until_they_are_needed(module: str) -> None:
     code = f"import sys, {module}; print([name for name in {heavy!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_compensation_starts_without_scipy() -> None:
+    """Importing it takes longer than correcting 10,000 rows: the functions that need it import it."""
+    code = "import sys, calibtool.storage, calibtool.compensation.stream; print('scipy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

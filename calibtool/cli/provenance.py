@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 
 from calibtool.cli.verbosity import SWITCHES
 
@@ -27,6 +26,8 @@ def remember_command(arguments: Sequence[str]) -> None:
 
 def provenance(seed: int | None = None, **inputs: bytes) -> dict[str, str]:
     """The provenance group of a file: command, seed, SHA-256 of every input by its role, versions."""
+    from importlib.metadata import PackageNotFoundError, version
+
     result = {"command": " ".join(["calibtool", *_command])}
     if seed is not None:
         result["seed"] = str(seed)

@@ -23,6 +23,8 @@ from calibtool.units import TO_SI
 
 RowFormat = Literal["csv", "ndjson"]
 BATCH = 4096
+# Numbers, 31 MiB: the C library keeps freed memory for the next batch up to the largest block that it ever got back.
+_LARGEST_KEPT = 31 * 2**17
 _JUMP = np.deg2rad(60.0)  # between neighbours of a path: another branch, or a singularity on the way
 _ADDED = ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad")
 
@@ -97,6 +99,7 @@ def compensate_stream(
     starts from the row before, and jumps of the joints are reported. Backlash is taken up along the rows, which must be in
     the order of motion then (`StreamOptions.backlash`). Raises InputError for the first bad row.
     """
+    np.empty(_LARGEST_KEPT)  # given back at once
     corrector = _Corrector(calibration, options, report)
     if row_format == "ndjson":
         for table, objects in _read_objects(lines, name, options.batch):
@@ -159,7 +162,7 @@ class _Corrector:
         )
 
     def _added(self, result: Compensation) -> dict[str, list[str]]:
-        added = {"status": [str(status) for status in result.status]}
+        added: dict[str, list[str]] = {"status": result.status.tolist()}
         if self.calibration.robot.n < 6 or self.options.verify:
             for column, left in (("left_mm", result.position), ("left_mrad", result.orientation)):
                 added[column] = ["" if np.isnan(value) else f"{value * 1e3:.6g}" for value in left]
@@ -213,7 +216,8 @@ class _Corrector:
 def _csv_text(corrected: _Corrected, with_header: bool) -> str:
     table, kept = corrected.table, corrected.kept
     numbers = decimal_rows(corrected.values)
-    rest: list[str] = [",".join(cells) for cells in zip(*corrected.added.values(), strict=True)]
+    columns = list(corrected.added.values())
+    rest = columns[0] if len(columns) == 1 else [",".join(cells) for cells in zip(*columns, strict=True)]
     if kept:
         others = _written([[row[i] for i in kept] for row in table.rows])
         rest = [f"{other},{added}" for other, added in zip(others, rest, strict=True)]

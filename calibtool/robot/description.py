@@ -2,7 +2,6 @@
 
 import tomllib
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -167,6 +166,8 @@ def source_from_urdf(urdf_text: str, name: str) -> Source:
 
 def example_robot_data() -> Path:
     """Where the installed example-robot-data keeps its robots (its wheel has no Python module)."""
+    from importlib.metadata import PackageNotFoundError, distribution
+
     try:
         located = distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots")
     except PackageNotFoundError:
