@@ -300,3 +300,27 @@ def test_the_checks_change_nothing_and_survive_anything(fanuc: Robot) -> None:
     assert warned(check_measurements(replace(clean, points=readonly(holes)))) == []
     points, _ = measured_in_base(clean, clean.setup)
     assert np.isfinite(points).all()
+
+
+def test_reference_points_seen_a_few_times_say_nothing_of_drift(fanuc: Robot) -> None:
+    fixed = np.full((40, 1, 3), np.nan)
+    fixed[::8] = np.linspace(0, 1, 5)[:, None, None]
+    assert "reference_drift" not in names(check_measurements(measured(fanuc), Companions(reference_points=fixed)))
+
+
+def test_a_drift_in_time_is_not_taken_for_the_temperature(fanuc: Robot) -> None:
+    """Points that drift with the rows while a thermometer follows roughly: the order of the rows explains more."""
+    clean, rng = measured(fanuc, 100), np.random.default_rng(5)
+    time = np.linspace(0, 1, 100)
+    points = clean.points + time[:, None, None] * [0.0, 0.0, 1e-3]
+    temperature = 20 + 5 * time + rng.normal(size=100)
+    found = check_measurements(replace(clean, points=readonly(points)), Companions(temperature_c=temperature))
+    assert "something drifts with time" in named(found, "temperature_trend").message
+
+
+def test_read_positions_are_compared_with_the_file_s_where_no_commanded_ones_are_given(fanuc: Robot) -> None:
+    rng = np.random.default_rng(4)
+    measurements = measured(fanuc, 60)
+    others = Companions(q_read=measurements.q + rng.normal(size=measurements.q.shape) * 0.5e-3)
+    share = named(check_measurements(measurements, others), "commanded_or_read", "note").numbers["share_of_read"]
+    assert abs(share) < 0.3  # type: ignore[arg-type]

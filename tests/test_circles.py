@@ -88,3 +88,15 @@ def test_no_frame_from_sliding_or_parallel_axes(name: str) -> None:
 
 def test_no_frame_without_such_rows(fanuc_measurements: Measurements) -> None:
     assert circle_start(fanuc_measurements) is None
+
+
+def test_a_target_seen_fewer_than_four_times_does_not_count() -> None:
+    angles = np.linspace(0.0, 1.0, 8)
+    points = np.stack([np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1)] * 2, axis=1)
+    points[3:, 1] = np.nan
+    points[:3, 1] = 7.0  # nonsense
+    both, one = circle_axis(angles, points), circle_axis(angles, points[:, :1])
+    assert both is not None
+    assert one is not None
+    np.testing.assert_array_equal(both.direction, one.direction)
+    np.testing.assert_array_equal(both.point, one.point)

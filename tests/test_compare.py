@@ -9,8 +9,11 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from calibtool.calibration import Calibration, identify
-from calibtool.errors import InputError
+from calibtool.calibration import Calibration, identify, train
+from calibtool.calibration.guard import coverage
+from calibtool.compensation.program import OutsidePolicy
+from calibtool.equivalent.training import TrainingOptions
+from calibtool.errors import InputError, NoSolutionError
 from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
@@ -287,3 +290,28 @@ def test_a_calibration_for_another_robot_is_refused() -> None:
     other = identify(simulated("fanuc-m1000ia")[0], "local-poe")
     with pytest.raises(InputError, match="calibration 'other' is for 'fanuc-m1000ia', but the measurements for 'ur5'"):
         evaluate([("other", other)], fresh)
+
+
+def test_rows_unlike_the_training_are_predicted_by_the_base_on_request() -> None:
+    """Where a network never was it is left out, and only there; or the whole judgement is refused."""
+    first, fresh = simulated("planar-3r")
+    trained = train(first, "local-poe", TrainingOptions(restarts=1, hidden=2))
+    assert trained.networks
+    everywhere = simulate(first.robot, Simulation(seed=1, configurations=15, same_robot=first.truth)).q
+    both = Simulation(at=np.concatenate([fresh.q, everywhere]), same_robot=first.truth)
+    real = replace(simulate(first.robot, both), truth=None)
+    unlike = coverage(trained, real.q).outside
+    assert 0 < unlike.sum() < len(unlike)
+
+    def errors(calibration: Calibration, outside: OutsidePolicy) -> np.ndarray:
+        return evaluate([("a", calibration)], real, outside=outside).methods[1].position
+
+    alone, marked, base = (
+        errors(replace(trained, networks=()), "mark"),
+        errors(trained, "mark"),
+        errors(trained, "base"),
+    )
+    np.testing.assert_array_equal(base[unlike], alone[unlike])
+    np.testing.assert_array_equal(base[~unlike], marked[~unlike])
+    with pytest.raises(NoSolutionError, match=f"a: {unlike.sum()} configurations are outside"):
+        errors(trained, "refuse")

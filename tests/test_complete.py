@@ -8,8 +8,11 @@ import pytest
 from calibtool.calibration import identify
 from calibtool.calibration.fit import BaseOptions
 from calibtool.calibration.uncertainty import predicted_uncertainty
+from calibtool.errors import NoSolutionError
 from calibtool.identification.complete import CompleteOptions, identify_complete
+from calibtool.identification.parameters import Tolerances
 from calibtool.identification.report import parameter_rows
+from calibtool.identification.robust import row_weights
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, observe, simulate
 from calibtool.robot.actual import ErrorScales
@@ -185,3 +188,25 @@ def test_unregistered_measurements_are_predicted_in_their_frame(fanuc: Robot) ->
     measurements, _ = measured(fanuc, 60, unregistered=True)
     base = identify_complete(measurements)
     assert base.residual_rms[0] < 0.06e-3
+
+
+def test_too_few_iterations_are_no_answer(fanuc: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("calibtool.identification.complete._MAX_ITERATIONS", 1)
+    with pytest.raises(NoSolutionError, match="no convergence in 1 iterations"):
+        identify_complete(measured(fanuc)[0])
+
+
+def test_a_joint_may_have_tolerances_of_its_own(fanuc: Robot) -> None:
+    tolerances = Tolerances(joints=((2, 5e-3, 7e-3),))
+    measurements = measured(fanuc)[0]
+    options = CompleteOptions(tolerances=tolerances, estimate_priors=False)
+    rows = {row.name: row.tolerance for row in parameter_rows(fanuc, identify_complete(measurements, options))}
+    assert [rows[f"ζ{j}.x"] for j in (2, 3, 4)] == pytest.approx([1.0, 5.0, 1.0])
+    assert [rows[f"ζ{j}.rx"] for j in (2, 3, 4)] == pytest.approx([1.0, 7.0, 1.0])
+
+
+def test_squared_residuals_weigh_every_row_alike() -> None:
+    sizes = np.array([1.0, 4.0, 900.0])
+    assert row_weights(sizes, np.array([9, 9, 9]), "squared").tolist() == [1.0, 1.0, 1.0]
+    for name in ("huber", "cauchy"):
+        assert (np.diff(row_weights(sizes, np.array([9, 9, 9]), name)) <= 0).all()

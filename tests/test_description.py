@@ -1,12 +1,13 @@
 """robot.toml: what is wrong in it is said in one line, with its place, before anything is computed."""
 
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from calibtool.errors import InputError
+from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import Source, example_robot_data, parse_source, read_source, source_from_urdf
 from calibtool.robot.model import Robot
@@ -251,3 +252,29 @@ def test_a_joint_and_a_link_may_share_a_name(tmp_path: Path) -> None:
     assert list(robot.chain.model.names)[1:] == ["shoulder", "lift"]
     q = [[0.3, 0.1]]
     assert (robot.mechanism.forward(np.array(q)) == plain.mechanism.forward(np.array(q))).all()
+
+
+def test_without_example_robot_data_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("calibtool.robot.description.distribution", missing)
+    with pytest.raises(InputError, match="pip install example-robot-data"):
+        example_robot_data()
+
+
+def test_a_tolerance_of_a_joint_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    def described(joint: int) -> Robot:
+        tolerance = f"[tolerances.joints.j{joint}]\nlength_mm = 2\nangle_mrad = 2\n"
+        return load_robot(str(crane(tmp_path, TOML + tolerance)))
+
+    assert described(3).n == 2  # j3 is the tool
+    with pytest.raises(InputError, match=r"tolerances\.joints\.j4: the robot has 2 joints \(j3 is the tool\)"):
+        described(4)
+
+
+def test_without_a_temporary_folder_the_remedy_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = crane(tmp_path)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    with pytest.raises(UsageError, match=r"temporary folder: No such file or directory; make room, or set TMPDIR"):
+        load_robot(str(folder))

@@ -15,12 +15,12 @@ from calibtool.equivalent.bayesian import train_bayesian
 from calibtool.equivalent.loss import task_loss
 from calibtool.equivalent.network import averaged, initial_network
 from calibtool.equivalent.training import TrainingOptions
-from calibtool.errors import UsageError
+from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.actual import ActualRobot
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import readonly
+from calibtool.robot.se3 import exp6, inverse, readonly, transform_points
 
 BAYES = TrainingOptions(regularisation="bayes", restarts=2)
 
@@ -106,6 +106,42 @@ def test_more_configurations_are_predicted_to_be_better(fanuc_measurements: Meas
     assert curve.error[-1] < curve.error[0]
     assert curve.predicted(1000) <= curve.predicted(100)
     assert curve.error[-1] > 0.045e-3  # the noise of the held-out rows is in it
+
+
+def test_without_two_sizes_that_can_be_fitted_there_is_no_learning_curve(fanuc_measurements: Measurements) -> None:
+    def fit(rows: Measurements, rng: np.random.Generator) -> Calibration:
+        if len(rows) < 90:
+            raise NoSolutionError("too few")
+        return identify(rows, "local-poe")
+
+    with pytest.raises(NoSolutionError, match="100 configurations are too few"):
+        learning_curve(fanuc_measurements, fit, 10, np.random.default_rng(0))
+
+
+def test_uncertainty_needs_a_posterior(fanuc_local_poe: Calibration) -> None:
+    with pytest.raises(InputError, match="'local-poe' base has no posterior"):
+        predicted_uncertainty(fanuc_local_poe, fanuc_local_poe.q)
+
+
+def test_a_calibration_moves_to_a_tool_with_one_target_and_to_another_instrument(fanuc: Robot) -> None:
+    """Of a known set-up a shift of the only target is found; of an unknown one, the set-up itself is."""
+    first = simulate(fanuc, Simulation(configurations=60))
+    old = identify(first, "complete")
+    again = replace(simulate(fanuc, Simulation(seed=3, configurations=12, same_robot=first.truth)), truth=None)
+    setup, shift = again.setup, np.array([0.02, -0.01, 0.03])
+    one = replace(again, points=again.points[:, :1], setup=replace(setup, targets=setup.targets[:1] - shift))
+    moved, verdict = refit(old, one, ("tool",))
+    assert verdict.still_helps
+    between = inverse(old.forward(one.q)) @ moved.forward(one.q)
+    np.testing.assert_allclose(between[:, :3, 3], shift[None].repeat(12, 0), atol=1e-4)
+
+    elsewhere = setup.T_instrument_base @ exp6(np.array([1.0, 2.0, -0.5, 0.3, 0.2, 0.1]))
+    points = transform_points(elsewhere @ inverse(setup.T_instrument_base), again.points.reshape(-1, 3))
+    unknown = replace(again, points=points.reshape(again.points.shape), setup=replace(setup, frame_known=False))
+    placed, verdict = refit(old, unknown, ("base",))
+    assert verdict.still_helps
+    np.testing.assert_allclose(placed.base.setup.T_instrument_base, elsewhere, atol=1e-3)
+    assert not placed.base.setup.frame_known
 
 
 def test_a_calibration_moves_to_another_cell(fanuc: Robot) -> None:

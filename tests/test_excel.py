@@ -87,3 +87,27 @@ def test_without_openpyxl_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) ->
         UsageError, match=r"^w\.xlsx: reading Excel files needs openpyxl; pip install 'calibtool\[excel\]'"
     ):
         parse_workbook(data, "w.xlsx")
+
+
+def test_a_workbook_of_charts_only_has_no_table() -> None:
+    from openpyxl.chart import BarChart
+
+    book = openpyxl.Workbook()
+    book.create_chartsheet("picture").add_chart(BarChart())
+    book.remove(book.active)
+    out = io.BytesIO()
+    book.save(out)
+    with pytest.raises(InputError, match="a workbook without a sheet of cells"):
+        parse_workbook(out.getvalue(), "w.xlsx")
+
+
+def test_a_stated_decimal_sign_is_taken() -> None:
+    data = workbook(one=[["a"], ["1,5"]])
+    assert parse_workbook(data, "w.xlsx", decimal=",").numbers(["a"]).tolist() == [[1.5]]
+    with pytest.raises(InputError, match="holds '1,5'"):
+        parse_workbook(data, "w.xlsx", decimal=".").numbers(["a"])
+
+
+def test_a_workbook_read_as_text_is_wrong_usage() -> None:
+    with pytest.raises(UsageError, match="a workbook is bytes"):
+        read_source("a,b\n1,2\n", "w.xlsx", format="excel")

@@ -153,3 +153,15 @@ def test_bodies_stay_in_place_when_an_axis_moves() -> None:
     nominal = calibration.robot.source.urdf_text
     assert np.abs(centre_of_mass(text, 0.0) - centre_of_mass(nominal, 0.0)).max() < 1e-9
     assert np.abs(centre_of_mass(text, 0.5) - centre_of_mass(nominal, 0.5)).max() > 1e-6
+
+
+def test_a_calibration_without_errors_is_the_robot_s_own_urdf(tmp_path: Path) -> None:
+    """Nothing to correct at the tool: no link is added, and every pose is the nominal one."""
+    calibration = geometric("ur10", "none")
+    nothing = replace(calibration, base=replace(calibration.base, geometry=GeometricErrors.none(calibration.robot.n)))
+    text, _ = calibration_as_urdf(nothing)
+    assert text.count("<link") == calibration.robot.source.urdf_text.count("<link")
+    q = np.random.default_rng(0).uniform(-1, 1, (5, 6))
+    np.testing.assert_allclose(
+        tool_poses(text, nothing, q, tmp_path), calibration.robot.mechanism.forward(q), atol=1e-12
+    )

@@ -92,3 +92,17 @@ def test_iso_stamps_count_seconds() -> None:
     for bad in ("yesterday", "2024-05-31T14:07:09+02:00", "NaT", "2024-13-01T00:00:00", "2024"):
         with pytest.raises(InputError, match=r"^a\.csv:2: column 'time_iso' holds .*ISO 8601"):
             times(table("a.csv", "time_iso", [bad]), column)
+
+
+def test_rows_without_a_name_are_nobody_s_partner() -> None:
+    a, b = table("a.csv", "name,id", ["p1,1"]), table("b.csv", "name,id", [",x", "p1,y", ",z"])
+    measured, joints, _ = join_rows(a, b, "name")
+    assert pairs(measured, joints) == [("1", "y")]
+
+
+def test_a_log_without_a_single_stamp_and_one_with_a_single_one() -> None:
+    a = table("a.csv", "time_s,id", ["1,1", "2,2"])
+    with pytest.raises(InputError, match=r"^b\.csv: no row has a time stamp"):
+        join_rows(a, table("b.csv", "time_s,id", [",x", ",y"]), "time")
+    measured, joints, _ = join_rows(a, table("b.csv", "time_s,id", ["2.05,x"]), "time")
+    assert pairs(measured, joints) == [("2", "x")]

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from calibtool.equivalent.bayesian import train_bayesian
 from calibtool.equivalent.loss import Loss, task_loss
 from calibtool.equivalent.network import Network, initial_network
 from calibtool.equivalent.optimisers import (
@@ -15,6 +16,7 @@ from calibtool.equivalent.optimisers import (
     levenberg_marquardt,
     run,
 )
+from calibtool.robot.se3 import Array
 
 OPTIMISERS = {"lm": levenberg_marquardt, "gd": gradient_descent}
 
@@ -173,3 +175,39 @@ def test_without_validation_rows_the_lowest_training_loss_is_kept() -> None:
     best, history = run(levenberg_marquardt, network, loss, None, LM_STOPPING)
     assert np.isnan(history.validation).all()
     assert np.isclose(loss.value(best), history.training.min(), rtol=1e-9)
+
+
+def test_without_a_finite_loss_levenberg_marquardt_takes_no_step() -> None:
+    loss, network, _ = taught(0)
+    endless = Loss(loss.q, loss.R, np.full_like(loss.t, 1e200))
+    with np.errstate(over="ignore", invalid="ignore"):
+        assert list(levenberg_marquardt(network, endless)) == []
+
+
+class Uphill(Loss):
+    """A loss whose derivative has the wrong sign."""
+
+    def residual_and_jacobian(self, network: Network) -> tuple[Array, Array]:
+        residual, J = super().residual_and_jacobian(network)
+        return residual, -J
+
+
+@pytest.mark.parametrize("name", OPTIMISERS)
+def test_an_optimiser_gives_up_where_every_step_goes_uphill(name: str) -> None:
+    loss, network, _ = taught(0)
+    assert list(OPTIMISERS[name](network, Uphill(loss.q, loss.R, loss.t))) == []
+
+
+def test_bayesian_training_gives_up_where_every_step_goes_uphill() -> None:
+    loss, network, _ = taught(0)
+    found = train_bayesian(network, Uphill(loss.q, loss.R, loss.t))
+    assert found.network is network
+    assert found.history.reason == "the regularised loss cannot be lowered further"
+
+
+def test_bayesian_training_has_a_largest_number_of_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+    loss, network, _ = taught(0)
+    monkeypatch.setattr("calibtool.equivalent.bayesian._MAX_ITERATIONS", 2)
+    found = train_bayesian(network, loss)
+    assert found.history.reason == "2 iterations"
+    assert loss.value(found.network) == found.history.training[2] < loss.value(network)

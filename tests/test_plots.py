@@ -9,6 +9,7 @@ import pytest
 from matplotlib.image import imread
 
 from calibtool.calibration import Calibration, identify
+from calibtool.calibration.fit import BaseOptions
 from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.acceptance import parse_limit
 from calibtool.evaluation.compare import Evaluation
@@ -18,7 +19,11 @@ from calibtool.evaluation.plots import FIGURES, ImageFormat, Subject, draw, imag
 from calibtool.evaluation.plots.calibrations import joint_motions
 from calibtool.evaluation.plots.errors import magnification
 from calibtool.evaluation.plots.style import COLOURS
+from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.simulate import Simulation, simulate
+from calibtool.robot.actual import ErrorScales
+from calibtool.robot.model import Robot
 
 WIDTH = 120.0
 
@@ -167,6 +172,18 @@ def test_every_family_of_parameters_is_drawn(fanuc_measurements: Measurements) -
     found = written("parameters", Subject([("complete", complete)]))
     for word in ("δζ, mm", "δζ, mrad", "δq, mrad", "ζ1.x", "q6"):
         assert word in found
+
+
+def test_everything_that_moves_a_joint_is_drawn_with_its_own_name(fanuc: Robot) -> None:
+    """Harmonics, wind-up and backlash of one arm: a panel each, and the harmonics as a curve over their joint."""
+    scales = ErrorScales(("geometric", "gear", "gravity", "backlash"))
+    measurements = simulate(fanuc, Simulation(configurations=60, scales=scales))
+    options = CompleteOptions(harmonics=2, gravity=True, backlash=True, twists=True)
+    complete = identify(measurements, BaseOptions("complete", options))
+    found = written("parameters", Subject([("complete", complete)]))
+    for word in ("δζ, mm", "δξ, mm", "δξ, mrad", "harmonics, mrad", "wind-up, mrad", "backlash, mrad"):
+        assert word in found
+    assert "δρ2, mrad" in written("motions", Subject([("complete", complete)]))
 
 
 def test_coverage_counts_one_set_of_the_training_once(

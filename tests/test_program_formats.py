@@ -372,3 +372,40 @@ def test_ros2_json() -> None:
 )
 def test_ros2_errors(before: str, after: str, why: str) -> None:
     assert why in bad("ros2-trajectory", text_of("path.yaml").replace(before, after, 1), "ur5")[4]
+
+
+@pytest.mark.parametrize("value", ["[]", "[ ]"])
+def test_ros2_an_empty_list_is_not_a_target(value: str) -> None:
+    text = text_of("path.yaml")
+    first = text.index("[", text.index("positions:"))
+    changed = text[:first] + value + text[text.index("]", first) + 1 :]
+    program = reader("ros2-trajectory")(changed, robot("ur5"))
+    assert [list(target.values) for target in program.targets] == EXPECTED[1:]
+    assert not any(remark.bad for remark in program.remarks)
+
+
+def test_ur_a_variable_moved_to_with_several_tools_is_left_alone() -> None:
+    text = "a = p[0.4, 0.2, 0.3, 0, 3.1, 0]\nset_tcp(p[0,0,0.1,0,0,0])\nmovel(a)\nset_tcp(p[0,0,0.2,0,0,0])\nmovel(a)\n"
+    program = reader("ur-script")(text, robot("ur5"))
+    assert program.targets == ()
+    assert "used with several tools" in {remark.why for remark in program.remarks}
+
+
+def test_abb_an_instruction_that_does_not_end_or_close_is_said() -> None:
+    def whys(move: str) -> set[str]:
+        text = f"MODULE A\nPROC m()\n {move}\nENDPROC\nENDMODULE\n"
+        return {remark.why for remark in reader("abb-rapid")(text, robot("fanuc-m1000ia")).remarks}
+
+    assert any(why.startswith("no ; within") for why in whys("MoveL p10,v10,fine,tool0"))
+    assert "a bracket is not closed" in whys("MoveL [[1,2,3],v10,fine,tool0;")
+    assert whys("MoveExtJ p10,v10,fine;") == set()
+
+
+def test_kuka_an_external_tool_makes_both_frames_unknown() -> None:
+    def frames(fdat: str) -> tuple[str | None, str | None]:
+        text = f"DEFDAT a\nDECL E6POS XP1={{X 900,Y 0,Z 900,A 0,B 90,C 0}}\nDECL FDAT FP1={{{fdat}}}\nENDDAT\n"
+        (target,) = reader("kuka-krl")(text, robot("fanuc-m1000ia")).targets
+        return target.frame, target.tool
+
+    assert frames("TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE") == ("2", "1")
+    assert frames("TOOL_NO 1,BASE_NO 2,IPO_FRAME #TCP") == (None, None)

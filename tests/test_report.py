@@ -241,3 +241,30 @@ def test_repeated_and_flagged_rows_are_listed(named: list[tuple[str, Calibration
     test = subject.evaluation.pose_test
     assert test is not None
     assert number(float(test.repeatability[0]) * 1e3) in page.cells
+
+
+def test_the_headline_names_who_keeps_the_limits_and_who_does_not(subject: Subject) -> None:
+    def said(*limits: str) -> str:
+        judged = replace(subject, limits=tuple(parse_limit(limit) for limit in limits))
+        return headline(judged, verdicts(judged)).text
+
+    assert said("position_max_mm=1e-6").startswith(f"Not met: {EVIL} and complete miss the limit. complete brings ")
+    assert said("position_max_mm=100", "position_mean_mm=100").startswith(
+        f"Met: {EVIL} and complete keep the 2 limits. "
+    )
+    assert subject.evaluation is not None
+    nominal, paper, complete = subject.evaluation.methods
+    between = 0.5e3 * float(paper.position_size.max() + complete.position_size.max())
+    assert said(f"position_max_mm={between!r}").startswith(f"Met: complete keeps the limit; {EVIL} does not. ")
+    worse = replace(subject, limits=(), evaluation=replace(subject.evaluation, methods=[complete, nominal, paper]))
+    found = headline(worse, verdicts(worse))
+    assert found.good is False
+    assert found.text.startswith("No calibration lowers the mean position error: ")
+
+
+def test_doubtful_corrections_and_unlike_rows_are_cautions(subject: Subject, fresh: Measurements) -> None:
+    assert subject.evaluation is not None
+    doubtful = replace(subject, evaluation=replace(subject.evaluation, marked=[0, 0, 3], outside=[0, 2, 0]))
+    found = cautions(doubtful, fresh.q)
+    assert f"2 judged configurations are unlike those of the training of {EVIL}." in found
+    assert "3 corrections by complete are near a singularity or out of the joint limits." in found

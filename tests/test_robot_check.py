@@ -106,3 +106,12 @@ def test_json_holds_the_findings_in_people_s_units(tmp_path) -> None:
     assert value["workspaces"][0]["home_singular"] is False
     assert value["reach_mm"]["from_base"] == pytest.approx(1100, abs=50)
     assert {entry["model"] for entry in value["identifiable"]} == {"local-poe", "complete"}
+
+
+def test_virtual_joints_named_in_the_description_are_said_to_be(tmp_path) -> None:
+    free = planar(tmp_path)
+    assert free.virtual_reason.startswith("3 joints need 3;")
+    names = ", ".join(f'"{name}"' for name in free.virtual_joints)
+    named = planar(tmp_path, "[targets]", f"[equivalent]\nvirtual_joints = [{names}]\n\n[targets]")
+    assert named.virtual_reason == "named in [equivalent]"
+    assert named.virtual_joints == free.virtual_joints

@@ -1,5 +1,6 @@
 """read and write: the command line's files by their paths, whole or not at all."""
 
+import errno
 from pathlib import Path
 
 import pytest
@@ -42,3 +43,13 @@ def test_what_cannot_be_written_or_read_is_said(tmp_path: Path) -> None:
         calibtool.read(tmp_path / "t.csv")
     with pytest.raises(InputError, match="directory"):
         calibtool.read(tmp_path)
+
+
+def test_a_failure_while_writing_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("calibtool.storage.paths.os.replace", full)
+    with pytest.raises(UsageError, match=r"m\.h5: cannot be written: No space left on device"):
+        calibtool.write(MEASUREMENTS, tmp_path / "m.h5")
+    assert list(tmp_path.iterdir()) == []

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from calibtool.errors import UsageError
-from calibtool.evaluation.study import Definition, Study, perform
+from calibtool.errors import CalibtoolError, UsageError
+from calibtool.evaluation.study import Definition, Study, cluster, perform
 from calibtool.evaluation.study.cluster import on_cluster
 
 STUDY = Study.of(Definition(robots=["fanuc-m1000ia"], runs=10, configurations=[20], fresh=10, methods=["local-poe"]))
@@ -44,3 +44,21 @@ def test_without_dask_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UsageError, match=r"calibtool\[cluster\]"):
         next(on_cluster(STUDY, [0], "tcp://127.0.0.1:8786"))
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (None, "the cluster is lost: it has dropped the runs"),
+        (CalibtoolError("install the same calibtool"), "install the same calibtool"),
+        (
+            ImportError("No module named 'calibtool'"),
+            "a worker cannot perform runs: No module named 'calibtool'; install",
+        ),
+        (ZeroDivisionError("a\nb"), "a worker failed: ZeroDivisionError: a b"),
+    ],
+)
+def test_what_stops_a_cluster_is_one_line(error: Exception | None, words: str) -> None:
+    line = cluster._reason("tcp://a:8786", error)
+    assert line.startswith(f"tcp://a:8786: {words}")
+    assert "\n" not in line

@@ -4,6 +4,7 @@ import pytest
 
 from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.study import Definition, Study, parse_definition
+from calibtool.robot.actual import ERROR_KINDS
 
 PLAN = """
 robots = ["planar-3r", "scara"]
@@ -86,3 +87,11 @@ def test_a_wrong_option_is_named() -> None:
         study(workspace="moon")
     with pytest.raises(UsageError, match="at most"):
         study(runs=2_000_000)
+
+
+def test_all_errors_are_every_kind_in_its_order() -> None:
+    assert Definition(errors=["all"]).errors == [",".join(ERROR_KINDS)]
+    assert Definition(errors=["gear,geometric", "geometric, gear", "all"]).errors == [
+        "geometric,gear",
+        ",".join(ERROR_KINDS),
+    ]

@@ -66,6 +66,14 @@ def test_what_is_no_journal_is_refused_and_kept(path: Path, data: bytes) -> None
     assert path.read_bytes() == data
 
 
+def test_a_damaged_line_is_named(path: Path) -> None:
+    keep(path, 0, 1)
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join([*lines[:2], b"?" + lines[2][1:]]))
+    with pytest.raises(UsageError, match=f"{path}:3: damaged"):
+        Journal(path, STUDY)
+
+
 def test_two_commands_cannot_share_one(path: Path) -> None:
     with Journal(path, STUDY), pytest.raises(UsageError, match="another calibtool"):
         Journal(path, STUDY)

@@ -79,3 +79,11 @@ def test_methods_with_networks(method: str) -> None:
     row = as_dicts(perform(Study.of(definition), 0))[1]
     assert (row["method"], row["status"]) == (method, "ok")
     assert row["position_mean_reduction_percent"] > 50
+
+
+def test_a_run_that_cannot_be_judged_leaves_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise NoSolutionError("not reachable")
+
+    monkeypatch.setattr(module, "evaluate", fail)
+    assert [row["status"] for row in as_dicts(perform(Study.of(SMALL), 0))] == ["not reachable"] * 3

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from calibtool.errors import InputError
+from calibtool.evaluation.plots.study import study_figure
 from calibtool.evaluation.study.summary import study_contents, study_summary
-from calibtool.evaluation.study.table import COLUMNS, OK, StudyTable, failed, parse_csv, rounded
+from calibtool.evaluation.study.table import COLUMNS, OK, Cell, StudyTable, failed, parse_csv, rounded
 from calibtool.storage import read_any, read_study
 from calibtool.storage.studies import StudyFile, study_to_bytes
 
@@ -107,3 +108,30 @@ def test_quantiles_over_the_runs() -> None:
     assert (complete["runs"], complete["failed"], complete["position_mm"]["max"]) == (21, 21, None)
     assert (summary["rows"], summary["failed"]) == (42, 21)
     json.dumps(summary, allow_nan=False)
+
+
+def test_boxes_are_named_after_what_tells_them_apart() -> None:
+    """Ticks are the methods of one combination; of several, what differs between them, the methods being a legend."""
+
+    def ticks(*changes: dict[str, Cell]) -> list[str]:
+        rows = [dict(zip(COLUMNS, row, strict=True)) | change for change in changes for row in table(3).rows]
+        figure = study_figure(StudyTable("abc", tuple(tuple(row.values()) for row in rows)))
+        assert bool(figure.legends) == (len(changes) > 1)
+        return [tick.get_text() for tick in figure.axes[-1].get_xticklabels()]
+
+    assert ticks({}) == ["nominal", "complete"]
+    assert ticks({}, {"robot": "ur5"}) == ["scara", "ur5"]
+    assert ticks({}, {"noise_mm": 0.1, "configurations": 20}) == [
+        "noise 0.05 mm\n50 configurations",
+        "noise 0.1 mm\n20 configurations",
+    ]
+    assert ticks({}, {"error_scale": 2.0}) == ["errors × 1", "errors × 2"]
+
+
+def test_a_file_of_another_kind_or_a_newer_format_is_refused() -> None:
+    for name, value, words in (("schema", "other", "not one of calibtool"), ("schema_version", 99, "newer calibtool")):
+        buffer = io.BytesIO(study_to_bytes(table(), "{}").split(b"calibtool/sha256 ")[0])
+        with h5py.File(buffer, "r+") as file:
+            file.attrs[name] = value
+        with pytest.raises(InputError, match=words):
+            read_study(io.BytesIO(buffer.getvalue()), "t.h5")

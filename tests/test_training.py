@@ -218,3 +218,12 @@ def test_a_network_on_local_poe_learns_what_local_poe_cannot_represent() -> None
     both = train(measurements, base, TrainingOptions())
     errors = [np.linalg.norm(c.forward(fresh.q)[:, :3, 3] - real, axis=-1).mean() for c in (base, both)]
     assert errors[1] < 0.7 * errors[0]
+
+
+def test_the_paper_stops_early_and_everything_else_is_regularised() -> None:
+    robot = load_robot("planar-3r")
+    measurements = simulate(robot, Simulation(configurations=16, workspace=robot.workspace(None)[1]))
+    for base, expected in (("nominal", "early-stopping"), (identify(measurements, "local-poe"), "bayes")):
+        training = train(measurements, base).training
+        assert training is not None
+        assert training.regularisation == expected

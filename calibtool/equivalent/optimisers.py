@@ -55,7 +55,7 @@ def levenberg_marquardt(network: Network, loss: Loss) -> Iterator[tuple[Network,
     value = float(residual @ residual)
     damping, growth = 1e-2 * float((J * J).sum() / J.shape[1]), 2.0
     weights = network.weights
-    while np.isfinite(damping):
+    while True:
         gram, gradient = J.T @ J, J.T @ residual
         while np.isfinite(damping):
             step = _damped_step(gram, damping, gradient)

@@ -135,6 +135,10 @@ class _Reader:
         words = [self.code[a:b].strip() for a, b in spans]
         while words and re.fullmatch(r"\\Conc", words[0], re.IGNORECASE):
             words, spans = words[1:], spans[1:]
+        for word, span in zip(words, spans, strict=True):
+            if word.startswith("[") and closing(self.code, self.code.index("[", span[0])) is None:
+                self._bad(move.start(), move[1], "a bracket is not closed")
+                return
         instruction = move[1].lower()
         if len(words) < 2 or instruction == "moveextj":
             return
@@ -155,9 +159,7 @@ class _Reader:
         if word.startswith("["):
             first = self.code.index("[", span[0])
             end = closing(self.code, first)
-            if end is None:
-                self._bad(first, instruction, "a bracket is not closed")
-                return
+            assert end is not None  # seen before the instruction was split
             value = item(self.code, first, end + 1)
             self._add("jointtarget" if joint else "robtarget", f"{instruction} […]", value, [use])
         elif modified := _MODIFIED.match(word):

@@ -5,7 +5,18 @@ from shutil import copy
 
 import numpy as np
 import pytest
-from commandline import Files, answer, contents, measured_table, only_line, refused, rows_of, run, stored
+from commandline import (
+    Files,
+    answer,
+    contents,
+    measured_table,
+    only_line,
+    refused,
+    rows_of,
+    run,
+    stored,
+    write_table,
+)
 
 STATISTICS = {"mean", "std", "rms", "p95", "max"}
 REDUCTIONS = {f"{quantity}_{s}" for quantity in ("position", "orientation") for s in ("mean", "max", "std")}
@@ -324,3 +335,28 @@ def test_it_changes_no_input(files: Files) -> None:
     before = contents(files.folder)
     run("evaluate", files.network, files.paper, "--on", files.fresh)
     assert contents(files.folder) == before
+
+
+# --- what is not like the training, or not measured -------------------------------------------------------------------
+
+
+def test_rows_unlike_the_training_are_counted(files: Files) -> None:
+    run("simulate", "planar-3r", "-n", 40, "--workspace", "full", "--same-robot", files.measurements, "-o", "far.h5")
+    warning = "network: {} of 40 configurations are unlike the training's"
+    shown = run("evaluate", files.network, "--on", "far.h5").stderr
+    assert any(warning.format(count) in shown for count in range(1, 41))
+    message = refused(4, "evaluate", files.network, "--on", "far.h5", "--outside", "refuse")
+    assert message.startswith("network: ")
+
+
+def test_positions_alone_are_shown_without_orientation(files: Files) -> None:
+    """One target three times at every configuration: no turn in the table, nor in the test after ISO 9283."""
+    q, points = stored(files.ten, "measurements/joint_positions"), stored(files.ten, "measurements/points")
+    header = [*(f"j{k}_rad" for k in range(1, 7)), "x_m", "y_m", "z_m"]
+    write_table("t.csv", header, np.repeat(np.hstack([q, points[:, 0]]), 3, axis=0).tolist())
+    run("import", "t.csv", "--robot", "ur10", "-o", "m.h5")
+    run("identify", "m.h5", "--model", "local-poe", "-o", "c.h5")
+    lines = [line.strip() for line in run("evaluate", "c.h5", "--on", "m.h5").stderr.splitlines()]
+    assert next(line for line in lines if line.startswith("nominal")).split()[-5:] == ["-"] * 5
+    assert any("measured minus predicted, mm," in line for line in lines)
+    assert next(line for line in lines if line.startswith("RP")).split()[1:] == ["0.000"] * 8

@@ -115,3 +115,25 @@ def test_files_describe_themselves(files: Files) -> None:
 
             file.visititems(look)
         assert missing == []
+
+
+def test_refit_moves_a_calibration_and_says_whether_it_still_helps(files: Files) -> None:
+    """The same arm measured again, and another one: the calibration of the first is right for itself alone."""
+    run("identify", files.six_measurements, "-o", "old.h5")
+    refit = ["--refit", "base,tool", "--from", "old.h5"]
+    verdict = answer("identify", files.six_fresh, *refit, "-o", "new.h5")["transfer"]
+    assert verdict["still_helps"]
+    assert verdict["calibrated_rms_mm"] < 0.2 * verdict["nominal_rms_mm"]
+    assert (
+        answer("info", "new.h5")["provenance"]["sha256_from"] == hashlib.sha256(Path("old.h5").read_bytes()).hexdigest()
+    )
+    run("simulate", "fanuc-m1000ia", "-n", 12, "--seed", 77, "-o", "other.h5")
+    assert "no longer helps" in run("identify", "other.h5", *refit, "-o", "not.h5").stderr
+    assert "--from" in refused(2, "identify", files.six_fresh, "--refit", "base")
+
+
+def test_tolerances_are_those_asked_for(files: Files) -> None:
+    options = ["--tolerance-mm", 2, "--tolerance-mrad", 3, "--fixed-tolerances"]
+    rows = answer("identify", files.six_measurements, *options)["base"]["parameter_table"]
+    assert {row["tolerance"] for row in rows if row["name"].startswith("ζ") and row["unit"] == "mm"} == {2.0}
+    assert {row["tolerance"] for row in rows if row["name"].startswith("ζ") and row["unit"] == "mrad"} == {3.0}

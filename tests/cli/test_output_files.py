@@ -2,12 +2,15 @@
 
 import errno
 import os
+import pty
 import stat
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from commandline import Files, contents, measured_table, refused, run, write_table
+from commandline import ENVIRONMENT, Files, contents, measured_table, only_line, refused, run, write_table
 
 # Per command: arguments without the output, and the output's name. `m`, `c` and `t` are made by `inputs`.
 WRITERS: dict[str, tuple[list[str], str]] = {
@@ -200,3 +203,34 @@ def test_what_is_no_regular_file_is_never_replaced(force: list[str]) -> None:
         assert stat.S_ISFIFO(Path("pipe").stat().st_mode)
     finally:
         os.close(held)
+
+
+# --- a terminal at either end ---------------------------------------------------------------------------------------
+
+
+def on_a_terminal(stream: str, *arguments: str) -> str:
+    """What a command that must be refused says when its stdin or stdout is a terminal."""
+    parent, child = pty.openpty()
+    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, stream: child}
+    command = [sys.executable, "-m", "calibtool", *arguments]
+    try:
+        done = subprocess.run(command, env=ENVIRONMENT, **streams)  # type: ignore[call-overload]
+        assert done.returncode == 2
+        return only_line(done.stderr.decode())
+    finally:
+        os.close(child)
+        os.close(parent)
+
+
+def test_nothing_binary_is_written_to_a_terminal() -> None:
+    assert "stdout is a terminal; give -o FILE, or a pipe" in on_a_terminal(
+        "stdout", "simulate", "planar-3r", "-n", "3"
+    )
+
+
+def test_nobody_types_a_file() -> None:
+    assert on_a_terminal("stdin", "info", "-") == "stdin is a terminal; give a file, or pipe one in"
+
+
+def test_rows_are_not_typed_either(files: Files) -> None:
+    assert on_a_terminal("stdin", "compensate", files.paper, "-").startswith("stdin is a terminal")

@@ -139,3 +139,22 @@ def test_a_loss_is_called_validation_only_where_something_was_held_back(files: F
     without = run("train", files.measurements, "--restarts", 1, *EARLY, "--validation", 0, "-o", "b.h5").stderr
     assert "network: 4 hidden nodes" in without
     assert "validation loss" not in without
+
+
+def test_the_learning_curve_falls_and_says_what_more_would_give(files: Files) -> None:
+    paper = ["--base", "nominal", "--folds", 2, "--learning-curve"]
+    curve = trained(files, *paper)["learning_curve"]
+    sizes, errors = curve["configurations"], curve["position_rms_mm"]
+    assert sizes == sorted(set(sizes))
+    assert errors[-1] < errors[0]
+    assert [row["configurations"] for row in curve["predicted"]] == [2 * sizes[-1], 4 * sizes[-1]]
+    predicted = [row["position_rms_mm"] for row in curve["predicted"]]
+    assert curve["floor_mm"] <= predicted[1] <= predicted[0]
+    shown = run("train", files.measurements, "--restarts", 1, *paper, "-o", "c.h5").stderr
+    assert f"no number of them less than {curve['floor_mm']:.3g} mm" in shown
+    assert f"{sizes[-1]}: {errors[-1]:.3g} mm" in shown
+
+
+def test_bayes_needs_second_derivatives(files: Files) -> None:
+    message = refused(2, "train", files.measurements, "--optimizer", "gd", "--regularisation", "bayes", "-o", "c.h5")
+    assert "early-stopping" in message

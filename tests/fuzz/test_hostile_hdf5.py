@@ -209,3 +209,10 @@ def test_every_file_of_calibtool_passes() -> None:
         data = to_bytes(contents)
         with h5py.File(io.BytesIO(data), "r") as file:
             check_contents(file, len(data))
+
+
+def test_a_named_type_is_neither_a_group_nor_a_dataset() -> None:
+    def name_a_type(file: h5py.File) -> None:
+        file["measurements/kind"] = np.dtype("f8")
+
+    refused(changed(name_a_type), "neither a group nor a dataset")

@@ -155,9 +155,10 @@ def _family(row: ParameterRow) -> str:
         return "set-up"
     if dot:
         return "δζ" if head.startswith("ζ") else "δξ"
-    if head.startswith("gravity"):
-        return "wind-up"
-    return "δq" if head.startswith("q") else "harmonics"
+    for start, family in (("gravity", "wind-up"), ("backlash", "backlash"), ("q", "δq")):
+        if head.startswith(start):
+            return family
+    return "harmonics"
 
 
 def observability(calibrations: Named, width_mm: float) -> Figure:
