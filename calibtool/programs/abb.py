@@ -83,8 +83,10 @@ class _Reader:
         for kind, name, value in declared:
             if kind in ("tooldata", "wobjdata"):
                 self._frame(kind, name, value)
-        for move in _MOVE.finditer(self.code):
-            self._move(move)
+        moves = list(_MOVE.finditer(self.code))
+        following = [move.start() for move in moves[1:]] + [len(self.code)]
+        for move, limit in zip(moves, following, strict=False):
+            self._move(move, limit)
         for kind, name, value in declared:
             if kind in ("robtarget", "jointtarget"):
                 self._declared(kind, name, value)
@@ -126,10 +128,11 @@ class _Reader:
     def _number(self, part: Item, unit: str) -> Number | None:
         return number_at(self.text, part.start, part.end, unit)
 
-    def _move(self, move: re.Match[str]) -> None:
-        end = self.code.find(";", move.end(), move.end() + _LONGEST)
+    def _move(self, move: re.Match[str], limit: int) -> None:
+        """An instruction, which ends before `limit`: the next one begins there, whether or not this one was ended."""
+        end = self.code.find(";", move.end(), min(limit, move.end() + _LONGEST))
         if end < 0:
-            self.remarks.append(Remark(self.lines(move.start()), move[1], f"no ; within {_LONGEST} characters"))
+            self.remarks.append(Remark(self.lines(move.start()), move[1], "no ; at its end"))
             return
         spans = split(self.code, move.end(), end)
         words = [self.code[a:b].strip() for a, b in spans]
