@@ -302,6 +302,7 @@ def main() -> None:
     options = parser.parse_args()
     if not options.json:
         print("| fault | command | tries | law held | seen |\n|---|---|---|---|---|")
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a run in the background may have been told to ignore it
     wrong = 0
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)

@@ -65,7 +65,7 @@ def staged(target: Path) -> Iterator[Part]:
 
 
 def _close(stream: BinaryIO) -> None:
-    """`publish` has flushed what counts; what is still held here is of a part that failed, and may not fit the disk again."""
+    """`publish` has flushed what counts; what is still held here is of a part that failed, and may not fit again."""
     with contextlib.suppress(OSError):
         stream.close()
 

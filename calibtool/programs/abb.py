@@ -30,7 +30,7 @@ _START = re.compile(
     r"^[^\S\n]*(?:MODULE\s+\w+|%%%)|\b(?:robtarget|jointtarget)\s+\w+\s*:=", re.MULTILINE | re.IGNORECASE
 )
 _DECLARED = re.compile(
-    r"\b(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(?:\{[^}]{0,99}\})?\s*:=\s*(?=\[)", re.IGNORECASE
+    r"\b(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*+(?:\{[^}]{0,99}\}\s*+)?:=\s*(?=\[)", re.IGNORECASE
 )
 _MOVE = re.compile(
     r"\b(MoveAbsJ|MoveExtJ|Move[JLC]\w*|Trigg[JLC]|Search[LC]|Arc[LC]\w*|Paint[LC]|Spot[LJ])\b", re.IGNORECASE
@@ -144,7 +144,7 @@ class _Reader:
         joint = instruction == "moveabsj"
         configured = ("confj" if instruction.endswith("j") else "confl") not in self.unconfigured
         last = re.match(r"(\w+)", words[-1])
-        frame = re.search(r"\\WObj\s*:=\s*(\w+)", words[-1], re.IGNORECASE)
+        frame = re.search(r"\\WObj\s*+:=\s*+(\w+)", words[-1], re.IGNORECASE)
         use = _Use(
             None if last is None else _named(last[1], "tool0"),
             _named(frame[1], "wobj0") if frame else "",
@@ -166,7 +166,7 @@ class _Reader:
         elif modified := _MODIFIED.match(word):
             self.uses.setdefault(modified[2].lower(), []).append(use)
             self.remarks.append(Remark(line, word, "a relative motion; the point it starts from is treated by itself"))
-        elif name := re.match(r"(\w+)\s*(?:\{[^}]*\})?\s*(?:\\.*)?$", word):
+        elif name := re.match(r"(\w++)\s*+(?:\{[^}]*\}\s*+)?(?:\\.*)?$", word):
             self.uses.setdefault(name[1].lower(), []).append(use)
             if name[1].lower() not in self.positions:
                 self.remarks.append(Remark(line, name[1], "a variable that this file gives no position"))

@@ -7,6 +7,7 @@ import contextlib
 import importlib.util
 import os
 import resource
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -111,6 +112,9 @@ def start(words: list[str], folder: Path, before: Callable[[], object] = lambda:
         for number in (0, 1, 2):
             os.dup2(null, number)
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(i, mode) for i, mode in ((0, "r"), (1, "w"), (2, "w")))
+        signal.signal(
+            signal.SIGINT, signal.default_int_handler
+        )  # a process in the background may have been told to ignore it
         sys.argv = ["calibtool", *words]
         before()
         main()

@@ -78,6 +78,6 @@ def run(words: list[str], folder: Path, surroundings: Surroundings, locales: Pat
         for number in surroundings.closed:
             os.close(number)
 
-    streams = {name: subprocess.DEVNULL for name in ("stdin", "stdout", "stderr")}
+    streams = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     command = [sys.executable, "-c", surroundings.before + _RUN, *words]
     return subprocess.call(command, cwd=folder, env=environment, preexec_fn=close, **streams)  # type: ignore[call-overload]

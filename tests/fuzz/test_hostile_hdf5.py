@@ -8,10 +8,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from readers import calibrations, measurements, without_digest
+from readers import calibrations, measurements, studied, without_digest
 
 from calibtool.errors import InputError
 from calibtool.storage import read_any, to_bytes
+from calibtool.storage.studies import read_study, study_to_bytes
 from calibtool.storage.untrusted import check_contents
 
 
@@ -209,3 +210,29 @@ def test_every_file_of_calibtool_passes() -> None:
         data = to_bytes(contents)
         with h5py.File(io.BytesIO(data), "r") as file:
             check_contents(file, len(data))
+
+
+# --- studies ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_file_of_a_study_is_checked_like_the_others(tmp_path: Path) -> None:
+    data = study_to_bytes(studied(), "{}")
+    assert read_study(io.BytesIO(data), "s.h5").rows == studied().rows
+
+    def refused_study(data: bytes, why: str) -> None:
+        with pytest.raises(InputError, match=why):
+            read_study(io.BytesIO(data), "s.h5")
+
+    refused_study(data[:500] + b"\x01" + data[501:], "SHA-256")
+    for name, values, why in (
+        ("noise_mm", h5py.ExternalLink(str(tmp_path / "other.h5"), "/x"), "link to another place"),
+        ("noise_mm", np.zeros(7), "damaged"),
+        ("noise_mm", np.full(3, np.inf), "noise_mm"),
+        ("run", np.array([1.0, 2.0, 1e300]), "whole numbers"),
+        ("noise_mm", np.zeros(3, complex), "expected numbers"),
+    ):
+        buffer = io.BytesIO(without_digest(data))
+        with h5py.File(buffer, "r+") as file:
+            del file["table"][name]
+            file["table"][name] = values
+        refused_study(buffer.getvalue(), why)
