@@ -1,6 +1,9 @@
-"""What commands leave when they are ended, starved or run twice at once. Run: python benchmarks/faults.py [TRIES]
+"""What commands leave when they are ended, starved or run twice at once, in whatever surroundings.
 
-Prints the table of docs/reliability-faults.md. TRIES (100) moments of every writing command, drawn at random.
+Run: python benchmarks/faults.py [--tries 100] [--command NAME]... [--json]
+
+TRIES kills of every writing command at random moments, half as many at random steps of the writing, a quarter of the other
+faults that chance decides, the rest once. A row per fault and command goes to stdout.
 """
 
 import os
@@ -8,73 +11,104 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import argparse
+import json
 import random
+import re
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "faults"))
 
 import ended
-from ended import WRITERS, Writer, broken, everything, finished, parts, snapshot, start
+from ended import WRITERS, Writer, available, broken, everything, finished, parts, snapshot, start
+from surroundings import SURROUNDINGS, german_locale, placed, run
+
+PAGE = 4096  # a tmpfs gives room in these
+GENERAL = "several processes"  # what is not about one command
 
 
-class Table:
-    """Rows of the table, one per fault: tries, how often the law held, and what was worst."""
+@dataclass(frozen=True)
+class Row:
+    """One fault on one command: tries, how often the law held, what was seen, and what broke it."""
 
-    def __init__(self) -> None:
-        self.wrong: list[str] = []
-        print("| fault | command | tries | law held | worst case |\n|---|---|---|---|---|")
+    fault: str
+    command: str
+    tries: int
+    held: int
+    seen: str
+    broken: tuple[str, ...]
 
-    def add(self, fault: str, command: str, outcomes: list[str], worst: str) -> None:
+    @classmethod
+    def of(cls, fault: str, command: str, outcomes: list[str], seen: str) -> "Row":
+        """outcomes: '' where the law held, else what broke it."""
         bad = [outcome for outcome in outcomes if outcome]
-        self.wrong += [f"{fault}, {command}: {outcome}" for outcome in bad]
-        print(f"| {fault} | {command} | {len(outcomes)} | {len(outcomes) - len(bad)} | {worst} |", flush=True)
+        return cls(fault, command, len(outcomes), len(outcomes) - len(bad), seen, tuple(sorted(set(bad))))
 
 
 class Bench:
     """A working folder with the inputs, and what every command makes there."""
 
     def __init__(self, folder: Path, tries: int) -> None:
-        self.folder, self.tries, self.random, self.table = folder, tries, random.Random(0), Table()
-        ended.make_inputs(folder)
-        self.others = everything(folder)
+        self.tries, self.random = tries, random.Random(0)
+        self.inputs, self.folder, self.locales = folder / "inputs", folder / "work", folder / "locales"
+        for made in (self.inputs, self.folder, self.locales):
+            made.mkdir()
+        ended.make_inputs(self.inputs)
+        ended.make_inputs(self.folder)
+        self.others = everything(self.folder)
+        self.german = german_locale(self.locales)
 
-    def killed(self, name: str, writer: Writer) -> None:
-        """SIGKILL at a random moment of the run, then at a random step of the writing."""
+    def command(self, name: str) -> Iterator[Row]:
+        """All faults of one writing command."""
+        writer = WRITERS[name]
         began = time.perf_counter()
         assert finished(start(writer.words, self.folder)) == 0
-        duration = time.perf_counter() - began
-        new, steps = snapshot(self.folder, writer), ended.count_steps(writer.words, self.folder)
-        for fault in ("SIGKILL at a random moment", "SIGKILL at a random step of the writing"):
-            outcomes, seen = [], Counter[str]()
-            for i in range(self.tries):
-                old = self.prepare(writer, i % 2 == 1)
-                if "moment" in fault:
-                    process = start(writer.words, self.folder)
-                    ended.signal_after(process, self.random.uniform(0, duration), signal.SIGKILL)
-                else:
-                    step = self.random.randint(1, steps)
-                    finished(start(writer.words, self.folder, ended.signal_at_step(step, signal.SIGKILL)))
-                outcomes.append(broken(self.folder, writer, old, new, self.others))
-                seen.update(self.state(writer, old, new))
-            left = len(parts(self.folder))
-            finished(start(writer.words, self.folder))
-            if snapshot(self.folder, writer) != new or parts(self.folder):
-                outcomes.append("the next run did not put it in order")
-            worst = ", ".join(f"{number} {state}" for state, number in sorted(seen.items()))
-            self.table.add(fault, name, outcomes, f"{worst}; {left} temporary files, gone after the next run")
-        self.asked_to_end(name, writer, new, steps)
-        if name != "demo":
-            self.full_disk(name, writer, new)
+        duration, new = time.perf_counter() - began, snapshot(self.folder, writer)
+        ended.remove_outputs(self.folder, writer)  # a finished study would not write again
+        steps = ended.count_steps(writer.words, self.folder)
+        for fault in ("kill -9 at a random moment", "kill -9 at a random step of the writing"):
+            yield self.killed(fault, name, new, duration, steps)
+        yield from self.asked_to_end(name, new, steps)
+        if name != "demo":  # of sixteen files, some are written before the disk is full
+            yield self.large_file(name, new)
+            with small_disk() as disk:
+                if disk is not None:
+                    yield self.full_disk(name, disk)
+        yield self.read_only(name)
         ended.remove_outputs(self.folder, writer)
+        yield from self.surroundings(name, new)
 
-    def asked_to_end(self, name: str, writer: Writer, new: dict[str, bytes], steps: int) -> None:
+    def killed(self, fault: str, name: str, new: dict[str, bytes], duration: float, steps: int) -> Row:
+        writer, outcomes, seen = WRITERS[name], [], Counter[str]()
+        for i in range(self.tries if "moment" in fault else max(self.tries // 2, 1)):
+            old = self.prepare(writer, i % 2 == 1)
+            if "moment" in fault:
+                process = start(writer.words, self.folder)
+                ended.signal_after(process, self.random.uniform(0, duration), signal.SIGKILL)
+            else:
+                step = self.random.randint(1, steps)
+                finished(start(writer.words, self.folder, ended.signal_at_step(step, signal.SIGKILL)))
+            outcomes.append(broken(self.folder, writer, old, new, self.others))
+            seen.update(self.state(writer, old, new))
+        left = len(parts(self.folder))
+        finished(start(writer.words, self.folder))
+        if snapshot(self.folder, writer) != new or parts(self.folder):
+            outcomes.append("the next run did not put it in order")
+        counts = ", ".join(f"{number} {state}" for state, number in sorted(seen.items()))
+        return Row.of(fault, name, outcomes, f"{counts}; {left} temporary files, gone after the next run")
+
+    def asked_to_end(self, name: str, new: dict[str, bytes], steps: int) -> Iterator[Row]:
         """SIGINT and SIGTERM at a random step: as above, nothing is left over, and the exit code says so."""
+        writer = WRITERS[name]
         for number, code in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
             outcomes, codes = [], Counter[int]()
             for i in range(max(self.tries // 4, 1)):
@@ -86,12 +120,12 @@ class Bench:
                 mixed = len(set(self.state(writer, old, new))) > 1 and name != "demo"
                 wrong = f"exit code {found}" if found not in (0, code) else "old and new mixed" if mixed else ""
                 outcomes.append(problem or wrong or ", ".join(parts(self.folder)))
-            worst = ", ".join(f"exit code {code}: {number}" for code, number in sorted(codes.items()))
-            self.table.add(f"{signal.Signals(number).name} at a random step", name, outcomes, worst)
+            seen = ", ".join(f"exit code {code}: {number}" for code, number in sorted(codes.items()))
+            yield Row.of(f"{signal.Signals(number).name} at a random step of the writing", name, outcomes, seen)
 
-    def full_disk(self, name: str, writer: Writer, new: dict[str, bytes]) -> None:
+    def large_file(self, name: str, new: dict[str, bytes]) -> Row:
         """Files cannot become larger than a part of the output."""
-        outcomes = []
+        writer, outcomes = WRITERS[name], []
         for i in range(max(self.tries // 4, 1)):
             old = self.prepare(writer, i % 2 == 1)
             size = self.random.randrange(max(map(len, new.values())))
@@ -99,14 +133,67 @@ class Bench:
             problem = broken(self.folder, writer, old, new, self.others) or ", ".join(parts(self.folder))
             kept = "" if snapshot(self.folder, writer) == old else "not as before"
             outcomes.append(problem or kept or ("" if code == 2 else f"exit code {code}"))
-        self.table.add("disk full", name, outcomes, "as before, exit code 2")
+        return Row.of("no room for the whole file", name, outcomes, "as before, exit code 2")
+
+    def full_disk(self, name: str, disk: Path) -> Row:
+        """The output stands on a file system of 1 MiB, of which a part of the output is free."""
+        words, outcomes = WRITERS[name].arguments, []
+        for output in WRITERS[name].outputs:
+            words = re.sub(rf"(?<= ){re.escape(output)}\b", str(disk / output), words)
+        writer = replace(WRITERS[name], arguments=words)
+        assert finished(start(writer.words, self.folder)) == 0
+        pages = -(-max(map(len, snapshot(disk, writer).values())) // PAGE)
+        for i in range(max(self.tries // 4, 1)):
+            for path in disk.iterdir():
+                path.unlink()
+            if i % 2 == 1:
+                for output in writer.outputs:
+                    (disk / output).write_bytes(b"old")
+            old = snapshot(disk, writer)
+            fill(disk / "filler", self.random.randrange(pages))
+            code = finished(start(writer.words, self.folder))
+            kept = "" if snapshot(disk, writer) == old else "not as before"
+            more = everything(disk) - {"filler", *writer.outputs, *writer.kept}
+            outcomes.append(kept or ", ".join(more) or ("" if code == 2 else f"exit code {code}"))
+        return Row.of("a full disk (tmpfs)", name, outcomes, "as before, exit code 2")
+
+    def read_only(self, name: str) -> Row:
+        """A folder in which nothing can be written: exit code 2, and nothing changes."""
+        writer, outcomes = WRITERS[name], []
+        for existing in (False, True):
+            old = self.prepare(writer, existing)
+            before, modes = everything(self.folder), {}
+            for folder in (self.folder, self.folder / "demo"):
+                if folder.is_dir():
+                    modes[folder] = folder.stat().st_mode
+                    folder.chmod(0o555)
+            try:
+                code = finished(start(writer.words, self.folder, becoming_nobody))
+            finally:
+                for folder, mode in modes.items():
+                    folder.chmod(mode)
+            same = snapshot(self.folder, writer) == old and everything(self.folder) == before
+            outcomes.append("something changed" if not same else "" if code == 2 else f"exit code {code}")
+        return Row.of("a read-only folder", name, outcomes, "as before, exit code 2")
+
+    def surroundings(self, name: str, new: dict[str, bytes]) -> Iterator[Row]:
+        """The bytes are those of a plain process."""
+        writer = WRITERS[name]
+        for fault, chosen in SURROUNDINGS.items():
+            german = "de_DE" in fault
+            if german and not self.german:
+                continue
+            with placed(self.inputs, self.folder.parent, chosen) as folder:
+                code = run(writer.words, folder, chosen, self.locales if german else None)
+                same = "" if snapshot(folder, writer) == new else "other bytes"
+            yield Row.of(fault, name, [same or ("" if code == 0 else f"exit code {code}")], "the same bytes")
 
     def prepare(self, writer: Writer, existing: bool) -> dict[str, bytes]:
         """Old outputs, or none; returns them. Temporary files stay where they are."""
-        for name in writer.outputs:
+        for name in (*writer.outputs, *writer.kept):
             (self.folder / name).unlink(missing_ok=True)
-            if existing:
-                (self.folder / name).write_bytes(b"old " * 20_000)
+        for name in writer.outputs if existing else ():
+            (self.folder / name).write_bytes(b"old " * 20_000)
         return snapshot(self.folder, writer)
 
     def state(self, writer: Writer, old: dict[str, bytes], new: dict[str, bytes]) -> list[str]:
@@ -117,7 +204,7 @@ class Bench:
             for name in writer.outputs
         ]
 
-    def two_at_once(self) -> None:
+    def two_at_once(self) -> Iterator[Row]:
         """Two processes write one file: it is one of theirs, and without --force only one may."""
         seeds = [f"simulate planar-3r -n 20 --seed {seed} -o out.h5".split() for seed in (1, 2)]
         made = []
@@ -133,10 +220,28 @@ class Bench:
                 whole = (self.folder / "out.h5").read_bytes() in made and not parts(self.folder)
                 outcomes.append("" if whole and codes in expected else f"whole {whole}, exit codes {codes}")
             how = "both write, the last one stays" if force else "one writes, the other: exit code 2"
-            self.table.add("two processes, one output", "simulate " + " ".join(force), outcomes, how)
+            yield Row.of("two processes, one output", " ".join(["simulate", *force]), outcomes, how)
         (self.folder / "out.h5").unlink()
 
-    def interrupted_at_the_start(self) -> None:
+    def stdout_that_takes_nothing(self) -> Iterator[Row]:
+        """Closed, full, or with a reader that goes away: an exit code, and no traceback."""
+        commands = ("simulate planar-3r -n 20 -o -", "compensate c.h5 targets.csv", "export c.h5 --format json -o -")
+        for name, shell in (
+            ("closed", ">&-"),
+            ("full", "> /dev/full"),
+            ("its reader gone", "| head -c 10 > /dev/null"),
+        ):
+            for words in commands:
+                line = f"{sys.executable} -m calibtool {words} {shell}; exit ${{PIPESTATUS[0]}}"
+                done = subprocess.run(["bash", "-c", line], cwd=self.folder, capture_output=True, text=True)
+                said = done.stderr.splitlines()
+                expected = (0, 1) if "reader" in name else (2,)  # 0: it came too late to be noticed
+                wrong = "" if done.returncode in expected else f"exit code {done.returncode}"
+                noisy = "a traceback" if "Traceback" in done.stderr else ""
+                quiet = f"exit code {done.returncode}, {len(said)} lines on stderr"
+                yield Row.of(f"stdout: {name}", words.split()[0], [noisy or wrong], quiet)
+
+    def interrupted_at_the_start(self) -> Iterator[Row]:
         """Ctrl-C while a real process starts. The first moments belong to the interpreter itself."""
         command = [sys.executable, "-m", "calibtool", "simulate", "planar-3r", "-n", "20", "-o", "out.h5", "--force"]
         for span in (0.1, 2.0):
@@ -149,19 +254,67 @@ class Bench:
                 own = "calibtool/" in said
                 codes[f"{process.returncode}{' with a traceback of the interpreter' if said else ''}"] += 1
                 outcomes.append(said.splitlines()[-1] if own else ", ".join(parts(self.folder)))
-            worst = ", ".join(f"exit code {code}: {number}" for code, number in sorted(codes.items()))
-            self.table.add(f"SIGINT in the first {span} s", "simulate, a new process", outcomes, worst)
+            seen = ", ".join(f"exit code {code}: {number}" for code, number in sorted(codes.items()))
+            yield Row.of(f"SIGINT in the first {span} s of a process", "simulate", outcomes, seen)
+
+    def general(self) -> Iterator[Row]:
+        yield from self.two_at_once()
+        yield from self.stdout_that_takes_nothing()
+        yield from self.interrupted_at_the_start()
+
+
+def becoming_nobody() -> None:
+    """Root may write everywhere."""
+    if os.geteuid() == 0:
+        os.setresuid(65534, 65534, 65534)
+
+
+@contextmanager
+def small_disk() -> Iterator[Path | None]:
+    """A file system of 1 MiB; None without the right to mount one."""
+    with tempfile.TemporaryDirectory() as folder:
+        if os.geteuid() != 0 or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "none", folder]).returncode:
+            yield None
+            return
+        try:
+            yield Path(folder)
+        finally:
+            subprocess.run(["umount", folder], check=True)
+
+
+def fill(path: Path, pages: int) -> None:
+    """Leave so many pages free."""
+    with open(path, "wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(bytes(PAGE))
+        except OSError:
+            pass
+        file.truncate(max(0, file.tell() - pages * PAGE))
 
 
 def main() -> None:
-    tries = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    parser = argparse.ArgumentParser(description="Commands ended, starved, run twice at once, in strange surroundings.")
+    names = [*filter(available, WRITERS), GENERAL]
+    parser.add_argument("--tries", type=int, default=100)
+    parser.add_argument("--command", choices=names, action="append")
+    parser.add_argument("--json", action="store_true", help="One object per row.")
+    options = parser.parse_args()
+    if not options.json:
+        print("| fault | command | tries | law held | seen |\n|---|---|---|---|---|")
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a run in the background may have been told to ignore it
+    wrong = 0
     with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(Path(folder), tries)
-        for name, writer in WRITERS.items():
-            bench.killed(name, writer)
-        bench.two_at_once()
-        bench.interrupted_at_the_start()
-    print("\n".join(bench.table.wrong) or "\nThe law held everywhere.")
+        Path(folder).chmod(0o755)
+        bench = Bench(Path(folder), options.tries)
+        for name in options.command or names:
+            for row in bench.general() if name == GENERAL else bench.command(name):
+                cells = (row.fault, row.command, row.tries, row.held, row.seen)
+                print(json.dumps(asdict(row)) if options.json else f"| {' | '.join(map(str, cells))} |", flush=True)
+                for line in row.broken:
+                    print(f"{row.fault}, {row.command}: {line}", file=sys.stderr, flush=True)
+                wrong += len(row.broken)
+    sys.exit(1 if wrong and not options.json else 0)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
 import contextlib
+import json
 import multiprocessing as mp
 import resource
 import signal
@@ -94,8 +95,8 @@ def work(name: str, seed: int, first: int, end: int, state: Any, found: Connecti
     state[0] = end
 
 
-def fuzz(name: str, inputs: int, seed: int, first: int, folder: Path | None) -> str:
-    """All inputs of one reader; the row of the table."""
+def fuzz(name: str, inputs: int, seed: int, first: int, folder: Path | None) -> dict[str, Any]:
+    """All inputs of one reader: how many were valid, the worst seconds, the most memory, what was found."""
     context = mp.get_context("fork")
     state = context.Array("d", 6, lock=False)
     findings: dict[str, list[Any]] = {}
@@ -144,17 +145,15 @@ def fuzz(name: str, inputs: int, seed: int, first: int, folder: Path | None) -> 
         start = last + 1
     taken = time.perf_counter() - started
     count = sum(finding[0] for finding in findings.values())
-    cells = [
-        name,
-        f"{inputs:,}",
-        f"{int(state[5]):,}",
-        f"{state[1] * 1e3:.0f} ms",
-        f"{(peak - base) / 1024:.0f} MiB",
-        f"{count}",
-    ]
-    row = f"| {' | '.join(cells)} |"
+    found: dict[str, Any] = {
+        "reader": name,
+        "inputs": inputs,
+        "valid": int(state[5]),
+        "worst_ms": round(state[1] * 1e3),
+    }
+    found |= {"memory_mib": round((peak - base) / 1024), "findings": count, "places": sorted(findings)}
     print(f"{name}: {taken:.0f} s, worst input {int(state[2])}, findings {findings}", file=sys.stderr, flush=True)
-    return row
+    return found
 
 
 def main() -> None:
@@ -164,13 +163,15 @@ def main() -> None:
     parser.add_argument("--reader", choices=READERS, action="append")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--findings", type=Path)
+    parser.add_argument("--json", action="store_true", help="One object per reader.")
     options = parser.parse_args()
-    print(
-        "| reader | inputs | of them valid | worst time | more memory | findings |\n|---|---|---|---|---|---|",
-        flush=True,
-    )
+    if not options.json:
+        print("| reader | inputs | of them valid | worst time | more memory | findings |\n|---|---|---|---|---|---|")
     for name in options.reader or READERS:
-        print(fuzz(name, options.inputs, options.seed, options.first, options.findings), flush=True)
+        row = fuzz(name, options.inputs, options.seed, options.first, options.findings)
+        told = [f"{row['inputs']:,}", f"{row['valid']:,}", f"{row['worst_ms']} ms", f"{row['memory_mib']} MiB"]
+        line = f"| {' | '.join([name, *told, str(row['findings'])])} |"
+        print(json.dumps(row) if options.json else line, flush=True)
 
 
 if __name__ == "__main__":

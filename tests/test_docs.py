@@ -3,8 +3,10 @@
 import contextlib
 import importlib.util
 import io
+import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -51,12 +53,37 @@ def test_every_page_is_reached_from_the_index() -> None:
     assert {page for page in PAGES if page.is_relative_to(ROOT / "docs")} <= reached
 
 
-def test_the_command_reference_is_fresh() -> None:
-    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
+def script(path: Path) -> Any:
+    """A program that stands outside of the package, as a module."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
-    generate = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(generate)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_pages_of_reliability_show_the_kept_figures() -> None:
+    made = script(ROOT / "benchmarks" / "reliability.py")
+    figures = json.loads(made.FIGURES.read_text("utf-8"))
+    for page, text in made.pages(figures).items():
+        assert page.read_text("utf-8") == text, f"{page.name} is stale: python benchmarks/reliability.py --page"
+
+
+def test_the_figures_of_reliability_say_that_the_laws_held() -> None:
+    figures = json.loads((ROOT / "benchmarks" / "pages" / "figures.json").read_text("utf-8"))
+    rows = {name: rows for name, rows in figures.items() if name.startswith(("fuzz ", "faults "))}
+    assert rows
+    for name, found in rows.items():
+        for row in found:
+            assert row.get("findings", 0) == 0, name
+            assert row.get("worst_ms", 0) < 5000, name
+            assert row.get("memory_mib", 0) < 1024, name
+            assert row.get("held", 0) == row.get("tries", 0), f"{name}: {row}"
+
+
+def test_the_command_reference_is_fresh() -> None:
+    generate = script(ROOT / "docs" / "generate.py")
     assert generate.PAGE.read_text("utf-8") == generate.page(), "docs/commands.md is stale: make docs"
 
 

@@ -1,6 +1,7 @@
 """Bounds at the edges of floating point and of good sense: singularities, sizes, turns, targets, noise, few rows.
 
-docs/numerics.md lists them. Every figure here is checked within a factor of about two of what was measured.
+docs/numerics.md lists them, by benchmarks/numerics.py. Every figure here is checked within a factor of about two of what was
+measured.
 """
 
 from dataclasses import replace

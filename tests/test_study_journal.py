@@ -9,10 +9,14 @@ import pytest
 from calibtool.errors import UsageError
 from calibtool.evaluation.study import Definition, Study
 from calibtool.evaluation.study.journal import Journal
+from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS
 
 STUDY = Study.of(Definition(robots=["planar-3r"], runs=5))
 OTHER = Study.of(Definition(robots=["planar-3r"], runs=6))
-ROWS = [("a", 0.1, None), ("b", 2**52, 1e-300)]
+ROWS = [
+    tuple(text if column in TEXTS else count if column in COUNTS else value for column in COLUMNS)
+    for text, count, value in (("a", 3, 0.1), ("b", 2**52, 1e-300))
+]
 
 
 @pytest.fixture

@@ -55,12 +55,19 @@ def staged(target: Path) -> Iterator[Part]:
             with held():  # no signal between the file and the note to remove it
                 descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=mark, suffix=SUFFIX)
                 stack.enter_context(unfinished(temporary))
-            stream = stack.enter_context(os.fdopen(descriptor, "wb"))
+            stream = os.fdopen(descriptor, "wb")
+            stack.callback(_close, stream)
             with contextlib.suppress(OSError):  # no locks on this file system: nobody removes anything either
                 fcntl.flock(descriptor, fcntl.LOCK_EX)
             if os.path.exists(temporary):  # else taken for abandoned by another process, just before it was locked
                 break
         yield Part(stream, temporary, target)
+
+
+def _close(stream: BinaryIO) -> None:
+    """`publish` has flushed what counts; what is still held here is of a part that failed, and may not fit again."""
+    with contextlib.suppress(OSError):
+        stream.close()
 
 
 def remove_abandoned(folder: Path, mark: str) -> None:

@@ -30,7 +30,7 @@ _START = re.compile(
     r"^[^\S\n]*(?:MODULE\s+\w+|%%%)|\b(?:robtarget|jointtarget)\s+\w+\s*:=", re.MULTILINE | re.IGNORECASE
 )
 _DECLARED = re.compile(
-    r"\b(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(?:\{[^}]{0,99}\})?\s*:=\s*(?=\[)", re.IGNORECASE
+    r"\b(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*+(?:\{[^}]{0,99}\}\s*+)?:=\s*(?=\[)", re.IGNORECASE
 )
 _MOVE = re.compile(
     r"\b(MoveAbsJ|MoveExtJ|Move[JLC]\w*|Trigg[JLC]|Search[LC]|Arc[LC]\w*|Paint[LC]|Spot[LJ])\b", re.IGNORECASE
@@ -83,8 +83,10 @@ class _Reader:
         for kind, name, value in declared:
             if kind in ("tooldata", "wobjdata"):
                 self._frame(kind, name, value)
-        for move in _MOVE.finditer(self.code):
-            self._move(move)
+        moves = list(_MOVE.finditer(self.code))
+        following = [move.start() for move in moves[1:]] + [len(self.code)]
+        for move, limit in zip(moves, following, strict=False):
+            self._move(move, limit)
         for kind, name, value in declared:
             if kind in ("robtarget", "jointtarget"):
                 self._declared(kind, name, value)
@@ -126,10 +128,11 @@ class _Reader:
     def _number(self, part: Item, unit: str) -> Number | None:
         return number_at(self.text, part.start, part.end, unit)
 
-    def _move(self, move: re.Match[str]) -> None:
-        end = self.code.find(";", move.end(), move.end() + _LONGEST)
+    def _move(self, move: re.Match[str], limit: int) -> None:
+        """An instruction, which ends before `limit`: the next one begins there, whether or not this one was ended."""
+        end = self.code.find(";", move.end(), min(limit, move.end() + _LONGEST))
         if end < 0:
-            self.remarks.append(Remark(self.lines(move.start()), move[1], f"no ; within {_LONGEST} characters"))
+            self.remarks.append(Remark(self.lines(move.start()), move[1], "no ; at its end"))
             return
         spans = split(self.code, move.end(), end)
         words = [self.code[a:b].strip() for a, b in spans]
@@ -145,7 +148,7 @@ class _Reader:
         joint = instruction == "moveabsj"
         configured = ("confj" if instruction.endswith("j") else "confl") not in self.unconfigured
         last = re.match(r"(\w+)", words[-1])
-        frame = re.search(r"\\WObj\s*:=\s*(\w+)", words[-1], re.IGNORECASE)
+        frame = re.search(r"\\WObj\s*+:=\s*+(\w+)", words[-1], re.IGNORECASE)
         use = _Use(
             None if last is None else _named(last[1], "tool0"),
             _named(frame[1], "wobj0") if frame else "",
@@ -165,7 +168,7 @@ class _Reader:
         elif modified := _MODIFIED.match(word):
             self.uses.setdefault(modified[2].lower(), []).append(use)
             self.remarks.append(Remark(line, word, "a relative motion; the point it starts from is treated by itself"))
-        elif name := re.match(r"(\w+)\s*(?:\{[^}]*\})?\s*(?:\\.*)?$", word):
+        elif name := re.match(r"(\w++)\s*+(?:\{[^}]*\}\s*+)?(?:\\.*)?$", word):
             self.uses.setdefault(name[1].lower(), []).append(use)
             if name[1].lower() not in self.positions:
                 self.remarks.append(Remark(line, name[1], "a variable that this file gives no position"))

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from calibtool import __version__
-from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, Cell, StudyTable
+from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, Cell, StudyTable, checked_row
 from calibtool.storage import STUDY
 from calibtool.storage.parts import get_with_gaps, put
 from calibtool.storage.texts import put_string, put_text, string, text
@@ -56,11 +56,16 @@ def build_study(file: h5py.File) -> StudyFile:
     columns = [_column(group, name) for name in COLUMNS[1:]]
     if len({len(column) for column in columns}) != 1:
         raise ValueError("its columns differ in length")
-    definition = json.loads(text(file, "definition"))
+    try:
+        definition = json.loads(text(file, "definition"))
+    except RecursionError:
+        raise ValueError("its definition is nested too deeply") from None
     if not isinstance(definition, dict):
         raise ValueError("its definition is none")
     key = string(file, "study")
-    return StudyFile(StudyTable(key, tuple((key, *cells) for cells in zip(*columns, strict=True))), definition)
+    return StudyFile(
+        StudyTable(key, tuple(checked_row((key, *cells)) for cells in zip(*columns, strict=True))), definition
+    )
 
 
 def _column(group: h5py.Group, name: str) -> list[Cell]:
@@ -70,6 +75,8 @@ def _column(group: h5py.Group, name: str) -> list[Cell]:
     if np.isinf(values).any():
         raise ValueError(f"{group.name}/{name} holds a value that is not finite")
     if name in COUNTS:
+        if group[name].dtype.kind not in "iu":
+            raise ValueError(f"{group.name}/{name} holds {group[name].dtype}; expected whole numbers")
         return [None if value == -1 else int(value) for value in group[name][()]]  # seeds of 53 bits stay exact
     return [None if np.isnan(value) else float(value) for value in values]
 

@@ -4,8 +4,10 @@ A command runs in a fork of this process: what is timed is its work, not the imp
 """
 
 import contextlib
+import importlib.util
 import os
 import resource
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -27,10 +29,11 @@ WATCHED = ("files.py", "staging.py", "interrupts.py")  # modules of the command 
 
 @dataclass(frozen=True)
 class Writer:
-    """A command that writes: its arguments, and its outputs, in the working folder."""
+    """A command that writes: its arguments, its outputs, and what it may keep when it is ended, in the working folder."""
 
     arguments: str
     outputs: tuple[str, ...]
+    kept: tuple[str, ...] = ()
 
     @property
     def words(self) -> list[str]:
@@ -45,6 +48,7 @@ DEMO = tuple(
         *("evaluation.csv", "line.csv", "corrected.csv", "compensator.json", "compensator.h", "compensator.c"),
     )
 )
+STUDY = "study planar-3r --runs 2 --fresh 10 --methods local-poe --workers 1"
 WRITERS = {
     "simulate": Writer("simulate planar-3r -n 20 -o out.h5", ("out.h5",)),
     "import": Writer("import t.csv --robot planar-3r -o out.h5", ("out.h5",)),
@@ -58,10 +62,23 @@ WRITERS = {
     "compensate, program": Writer("compensate six.h5 weld.ls -o out.ls", ("out.ls",)),
     "export, JSON": Writer("export c.h5 --format json -o out.json", ("out.json",)),
     "export, C": Writer("export c.h5 --format c -o out.c", ("out.h", "out.c")),
+    "export, Structured Text": Writer("export c.h5 --format st -o out.st", ("out.st",)),
+    "export, ONNX": Writer("export c.h5 --format onnx -o out.onnx", ("out.onnx",)),
+    "export, URDF": Writer("export c.h5 --format urdf -o out.urdf", ("out.urdf",)),
+    "report": Writer("report c.h5 --on m.h5 -o out.html", ("out.html",)),
+    "view": Writer("view m.h5 --html out.html", ("out.html",)),
+    "robots": Writer("robots planar-3r --picture out.svg", ("out.svg",)),
+    "study, CSV": Writer(f"{STUDY} -o out.csv", ("out.csv",), ("out.csv.journal",)),
+    "study, HDF5": Writer(f"{STUDY} -o out.h5", ("out.h5",), ("out.h5.journal",)),
     "plot": Writer("plot training c.h5 -o out.svg", ("out.svg",)),
     "plan": Writer("plan planar-3r -n 5 --candidates 100 -o out.csv", ("out.csv",)),
     "demo": Writer("demo -o demo", DEMO),
 }
+
+
+def available(name: str) -> bool:
+    """Whether this machine has what the command needs: ONNX is an extra."""
+    return name != "export, ONNX" or importlib.util.find_spec("onnx") is not None
 
 
 def make_inputs(folder: Path) -> None:
@@ -95,6 +112,9 @@ def start(words: list[str], folder: Path, before: Callable[[], object] = lambda:
         for number in (0, 1, 2):
             os.dup2(null, number)
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(i, mode) for i, mode in ((0, "r"), (1, "w"), (2, "w")))
+        signal.signal(
+            signal.SIGINT, signal.default_int_handler
+        )  # a process in the background may have been told to ignore it
         sys.argv = ["calibtool", *words]
         before()
         main()
@@ -172,7 +192,7 @@ def parts(folder: Path) -> list[str]:
 
 
 def remove_outputs(folder: Path, writer: Writer) -> None:
-    for name in writer.outputs:
+    for name in (*writer.outputs, *writer.kept):
         (folder / name).unlink(missing_ok=True)
     for name in parts(folder):
         (folder / name).unlink()
@@ -184,7 +204,7 @@ def broken(folder: Path, writer: Writer, old: dict[str, bytes], new: dict[str, b
     for name in writer.outputs:
         if now.get(name) not in (old.get(name), new[name]):
             return f"{name} is neither old nor new"
-    strange = everything(folder) - others - set(writer.outputs) - set(parts(folder))
+    strange = everything(folder) - others - {*writer.outputs, *writer.kept, *parts(folder)}
     return f"left behind: {', '.join(sorted(strange))}" if strange else ""
 
 

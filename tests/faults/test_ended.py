@@ -3,6 +3,7 @@
 `python benchmarks/faults.py` tries every command at a hundred moments; here a handful of them, the same laws.
 """
 
+import contextlib
 import os
 import random
 import signal
@@ -15,12 +16,15 @@ from pathlib import Path
 import ended
 import pytest
 from ended import WRITERS, Writer, broken, everything, finished, parts, snapshot, start
+from surroundings import SURROUNDINGS, german_locale, placed, run
 
 from calibtool.cli.staging import SUFFIX
 
 QUICK = [
-    name for name in WRITERS if name not in ("demo", "plan", "evaluate", "identify")
-]  # those write as the others do
+    "simulate",
+    *("import", "import, two files", "train", "compensate, rows", "compensate, program", "export, JSON", "export, C"),
+    "plot",
+]  # the rest write as these do
 each = pytest.mark.parametrize("name", QUICK)
 SIMULATE = ["simulate", "planar-3r", "-n", "5", "-o", "out.h5"]
 
@@ -99,6 +103,41 @@ def test_a_full_disk(name: str, clean: Path) -> None:
         assert everything(clean) == inputs
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="mounting needs root")
+def test_a_disk_that_is_really_full(clean: Path) -> None:
+    """A tmpfs with no page left, and with one for an output of four."""
+    disk = clean / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "none", str(disk)], capture_output=True).returncode:
+        pytest.skip("mounting is not allowed here")
+    try:
+        for free in (0, 4096):
+            (disk / "filler").unlink(missing_ok=True)
+            (disk / "out.h5").unlink(missing_ok=True)
+            (disk / "out.h5").write_bytes(b"old")
+            with open(disk / "filler", "wb", buffering=0) as filler, contextlib.suppress(OSError):
+                while True:
+                    filler.write(bytes(4096))
+            os.truncate(disk / "filler", (disk / "filler").stat().st_size - free)
+            words = ["simulate", "planar-3r", "-n", "5", "-o", "disk/out.h5", "--force"]
+            assert finished(start(words, clean)) == 2
+            assert (disk / "out.h5").read_bytes() == b"old"
+            assert everything(disk) == {"filler", "out.h5"}
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+        disk.rmdir()
+
+
+def test_no_room_for_the_end_of_the_second_of_two_files(clean: Path) -> None:
+    """What is left in the buffer when the first write failed does not fit either: exit code 2 all the same."""
+    writer = WRITERS["export, C"]
+    assert finished(start(writer.words, clean)) == 0
+    sizes = [len(data) for data in snapshot(clean, writer).values()]
+    ended.remove_outputs(clean, writer)
+    assert finished(start(writer.words, clean, ended.limit_file_size(max(sizes) - 1))) == 2
+    assert not snapshot(clean, writer)
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
 def test_a_folder_of_somebody_else(clean: Path) -> None:
     inputs = everything(clean)
@@ -171,6 +210,18 @@ def test_closed_streams_end_up_in_no_file(closed: tuple[int, ...], clean: Path) 
     )
     assert code == 0
     assert (clean / "out.h5").read_bytes() == expected
+
+
+@pytest.mark.parametrize("fault", [name for name in SURROUNDINGS if "HOME" not in name and "closed" not in name])
+def test_surroundings_change_no_byte(fault: str, clean: Path, tmp_path: Path) -> None:
+    words = WRITERS["compensate, rows"].words
+    chosen, german = SURROUNDINGS[fault], "de_DE" in fault
+    if german and not german_locale(tmp_path):
+        pytest.skip("this system cannot make a German locale")
+    assert finished(start(words, clean)) == 0
+    with placed(clean, tmp_path, chosen) as folder:
+        assert run(words, folder, chosen, tmp_path if german else None) == 0
+        assert (folder / "out.csv").read_bytes() == (clean / "out.csv").read_bytes()
 
 
 def test_a_hostile_environment_changes_nothing(clean: Path) -> None:

@@ -1,7 +1,9 @@
 """Every reader of files as a function of bytes, its seeds, and how they are mutated. Answers have to be finite."""
 
 import io
+import json
 import random
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -15,6 +17,10 @@ from calibtool.calibration import Calibration, identify, train
 from calibtool.compensation.stream import StreamOptions, StreamReport, compensate_stream
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError
+from calibtool.evaluation.study import Definition, Study, StudyTable, parse_definition
+from calibtool.evaluation.study.journal import SCHEMA as JOURNAL
+from calibtool.evaluation.study.journal import Journal
+from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, failed, parse_csv
 from calibtool.measurement.importing import ColumnMap, JointFile, Stated, parse_column_map, read_table
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
@@ -24,7 +30,8 @@ from calibtool.programs.targets import rewritten
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source, source_from_urdf
 from calibtool.robot.model import Robot
-from calibtool.storage import read_any, to_bytes
+from calibtool.storage import read_any, read_study, to_bytes
+from calibtool.storage.studies import study_to_bytes
 from calibtool.tables import joints_from_header, poses_from_header, read_tables
 
 HERE = Path(__file__).resolve().parent
@@ -239,6 +246,37 @@ def _urdf(data: bytes) -> None:
     _check_robot(Robot.from_source(source_from_urdf(text_of(data), "robot.urdf")))
 
 
+# --- studies ---------------------------------------------------------------------------------------------------------
+
+
+@cache
+def study() -> Study:
+    return Study.of(Definition(robots=["planar-3r"], runs=3))
+
+
+def studied() -> StudyTable:
+    """Made-up results of three runs, one of them failed."""
+    rows = [
+        tuple("planar-3r" if c in TEXTS else run + 1 if c in COUNTS else 0.125 * run for c in COLUMNS) for run in (1, 2)
+    ]
+    return StudyTable("planar-3r", (*rows, failed(rows[0][: COLUMNS.index("status")], "no solution")))
+
+
+def _journal(data: bytes) -> None:
+    """The journal of a study, as it is continued; what cannot be believed is refused, the rest makes a table."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "s.csv.journal"
+        path.write_bytes(data)
+        with Journal(path, study()) as journal:
+            StudyTable(study().key, journal.rows()).as_csv()
+
+
+def journals() -> Sequence[bytes]:
+    start = json.dumps({"schema": JOURNAL, "study": study().key})
+    rows = studied().rows
+    return ["\n".join([start, *(json.dumps({"run": k, "rows": [row]}) for k, row in enumerate(rows)), ""]).encode()]
+
+
 # --- programs --------------------------------------------------------------------------------------------------------
 
 
@@ -262,6 +300,18 @@ READERS: dict[str, Reader] = {
     "spatial-analyzer": Reader(lambda: corpus("spatial-analyzer"), _text, _points),
     "xlsx": Reader(workbooks, mutated_archive, _workbook),
     "column-map": Reader(lambda: corpus("column-map"), _text, _mapped),
+    "study-definition": Reader(
+        lambda: corpus("study-definition"), _text, lambda data: parse_definition(text_of(data), "study.toml")
+    ),
+    "study-csv": Reader(
+        lambda: [studied().as_csv().encode()], _text, lambda data: parse_csv(text_of(data), "s.csv").as_csv()
+    ),
+    "study-journal": Reader(journals, _text, _journal),
+    "hdf5-study": Reader(
+        lambda: [without_digest(study_to_bytes(studied(), "{}"))],
+        _hdf5,
+        lambda data: read_study(io.BytesIO(data), "s.h5").table.as_csv(),
+    ),
     "robot-toml": Reader(lambda: corpus("robot-toml"), _text, _description),
     "urdf": Reader(lambda: corpus("urdf"), _text, _urdf),
     "frames-toml": Reader(lambda: corpus("frames-toml"), _text, lambda data: read_frames(text_of(data), "frames.toml")),

@@ -1,6 +1,6 @@
 """A few hundred mutated inputs per reader: an answer with finite numbers, or one line that says what is wrong.
 
-The long version, with limits of time and memory: benchmarks/fuzz.py. Findings: docs/reliability-fuzzing.md.
+The long version, with limits of time and memory: benchmarks/fuzz.py. Findings: docs/reliability.md.
 """
 
 import pytest
@@ -8,7 +8,7 @@ from readers import READERS, case
 
 from calibtool.errors import CalibtoolError
 
-SLOW = {"hdf5-measurements", "hdf5-calibration", "urdf", "robot-toml", "xlsx"}
+SLOW = {"hdf5-measurements", "hdf5-calibration", "urdf", "robot-toml", "xlsx", "hdf5-study", "study-journal"}
 
 
 @pytest.mark.parametrize("name", READERS)

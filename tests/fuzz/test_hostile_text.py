@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from readers import READERS, arm, six, workbooks
+from readers import READERS, arm, journals, six, studied, study, workbooks
 
 from calibtool.compensation.stream import StreamOptions, StreamReport, compensate_stream
-from calibtool.errors import CalibtoolError, InputError
+from calibtool.errors import CalibtoolError, InputError, UsageError
+from calibtool.evaluation.study import parse_definition
+from calibtool.evaluation.study.journal import Journal
+from calibtool.evaluation.study.table import parse_csv
 from calibtool.measurement.importing import parse_column_map
 from calibtool.measurement.importing.excel import parse_workbook
 from calibtool.programs.formats import reader
@@ -244,3 +247,61 @@ def test_a_program_of_numbers_without_end() -> None:
         assert len(program.remarks) == 1
     program = reader("ros2-trajectory")("points:\n- positions: [1, 2, 3, 4, 5, 6]\n", six())
     assert [remark.bad for remark in program.remarks] == [True]
+
+
+@pytest.mark.parametrize("word", ["robtarget a", "robtarget a{1}", "MoveL a", "CONST jointtarget b :="])
+@pytest.mark.parametrize("blank", [" ", "\n", "x"])
+def test_a_name_and_endless_blanks(word: str, blank: str) -> None:
+    """The time grows with the length here too."""
+    assert reader("abb-rapid")(word + blank * 100_000 + ";", six()).targets == ()
+
+
+def test_instructions_that_are_never_ended() -> None:
+    """Each of them would reach to the semicolon at the end."""
+    program = reader("abb-rapid")("MoveL p, " * 10_000 + ";", six())
+    assert {remark.why for remark in program.remarks[:-1]} == {"no ; at its end"}
+
+
+# --- studies ---------------------------------------------------------------------------------------------------------
+
+TABLE = studied().as_csv()
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("0.125", "1e999"), ("0.125", "0.1_2"), ("0.125", "٣"), (",2,", f",{2**63},"), (",2,", "," + "9" * 5000 + ",")],
+    ids=["infinite", "underscore", "another script", "64 bits", "5000 digits"],
+)
+def test_cells_of_a_study_that_are_no_number(old: str, new: str) -> None:
+    assert old in TABLE
+    with pytest.raises(InputError, match=r"^s\.csv:\d+: a cell is not the number"):
+        parse_csv(TABLE.replace(old, new, 1), "s.csv")
+
+
+def test_a_cell_of_a_study_without_end() -> None:
+    with pytest.raises(InputError, match=r"^s\.csv:\d+: "):
+        parse_csv(TABLE.replace("planar-3r", "x" * 140_000), "s.csv")
+
+
+@pytest.mark.parametrize("text", ["runs = [" + "[" * 5000, "runs = " + "9" * 5000, "a." * 30_000 + "b = 1"])
+def test_definitions_that_python_cannot_follow(text: str) -> None:
+    with pytest.raises(InputError, match=r"^s\.toml: "):
+        parse_definition(text, "s.toml")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        '{"run": 1e999, "rows": []}',
+        '{"run": 3, "rows": []}',
+        '{"run": 0, "rows": [["a"]]}',
+        "[" * 100_000,
+        '{"run": true}',
+    ],
+    ids=["infinite", "beyond the study", "another table", "nesting", "no number"],
+)
+def test_lines_of_a_journal_that_are_no_run(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "s.csv.journal"
+    path.write_text(journals()[0].decode().splitlines()[0] + "\n" + line + "\n", encoding="utf-8")
+    with pytest.raises(UsageError, match=r"journal:2: damaged"):
+        Journal(path, study())

@@ -1,7 +1,6 @@
 """What a study varies: the definition (a TOML file or options), and the runs that follow from it."""
 
 import hashlib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +14,7 @@ from calibtool import __version__
 from calibtool.errors import CalibtoolError, InputError, UsageError, near_names
 from calibtool.robot.actual import ERROR_KINDS, ErrorScales
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import validation_message
+from calibtool.robot.description import parse_toml, validation_message
 
 NOMINAL = "nominal"
 METHODS = (NOMINAL, "local-poe", "complete", "network", "network-local-poe", "default")
@@ -118,9 +117,7 @@ def _kinds(text: str) -> list[str]:
 def parse_definition(text: str, name: str) -> Definition:
     """A definition from TOML text. Raises InputError with the key that is wrong."""
     try:
-        return Definition.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{name}: not valid TOML: {error}") from None
+        return Definition.model_validate(parse_toml(text, name))
     except ValidationError as error:
         raise InputError(f"{name}: {validation_message(error, Definition)}") from None
 

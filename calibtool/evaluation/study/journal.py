@@ -8,7 +8,7 @@ from types import TracebackType
 
 from calibtool.errors import UsageError
 from calibtool.evaluation.study.definition import Study
-from calibtool.evaluation.study.table import Row
+from calibtool.evaluation.study.table import Row, checked_row
 
 SCHEMA = "calibtool/study-journal"
 _START = json.dumps({"schema": SCHEMA})[:-1].encode()
@@ -95,7 +95,7 @@ class Journal:
             return
         try:
             key = str(json.loads(lines[0])["study"])
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise UsageError(f"{path}:1: damaged; {_REMEDY}") from None
         if key != self.study.key:
             raise UsageError(
@@ -105,8 +105,10 @@ class Journal:
         for number, line in enumerate(lines[1:], start=2):
             try:
                 entry = json.loads(line)
-                self.finished[int(entry["run"])] = [tuple(row) for row in entry["rows"]]
-            except (ValueError, KeyError, TypeError):
+                if type(entry["run"]) is not int or not 0 <= entry["run"] < self.study.count:
+                    raise ValueError("no run of this study")
+                self.finished[entry["run"]] = [checked_row(row) for row in entry["rows"]]
+            except (ValueError, KeyError, TypeError, RecursionError):
                 raise UsageError(f"{path}:{number}: damaged; {_REMEDY}") from None
 
     def _write(self, line: str) -> None:

@@ -63,17 +63,46 @@ def is_table(data: bytes) -> bool:
 def parse_csv(text: str, name: str) -> StudyTable:
     """A table that `as_csv` wrote. Raises InputError for anything else."""
     reader = csv.reader(io.StringIO(text))
-    if tuple(next(reader, ())) != COLUMNS:
+    if text.partition("\n")[0].rstrip("\r") != ",".join(COLUMNS):
         raise InputError(f"{name}: not a table of calibtool study; choose another name, or overwrite it with --force")
+    next(reader)
     rows = []
-    for cells in reader:
-        if len(cells) != len(COLUMNS):
-            raise InputError(f"{name}:{reader.line_num}: {len(cells)} cells; expected {len(COLUMNS)}")
-        try:
-            rows.append(tuple(_parsed(column, cell) for column, cell in zip(COLUMNS, cells, strict=True)))
-        except ValueError:
-            raise InputError(f"{name}:{reader.line_num}: a cell is not the number that its column needs") from None
+    try:
+        for cells in reader:
+            if len(cells) != len(COLUMNS):
+                raise InputError(f"{name}:{reader.line_num}: {len(cells)} cells; expected {len(COLUMNS)}")
+            parsed = [_parsed(column, cell) for column, cell in zip(COLUMNS, cells, strict=True)]
+            rows.append(checked_row(parsed))
+    except ValueError:
+        raise InputError(f"{name}:{reader.line_num}: a cell is not the number that its column needs") from None
+    except csv.Error as error:
+        raise InputError(f"{name}:{reader.line_num}: {error}; check the quotes") from None
     return table_of(rows, name)
+
+
+def checked_row(cells: object) -> Row:
+    """Cells from a file as a row: text, whole numbers that fit 64 bits and finite numbers where the columns want them.
+
+    None stands in columns of results only. Raises ValueError.
+    """
+    if not isinstance(cells, list | tuple) or len(cells) != len(COLUMNS):
+        raise ValueError("no row")
+    for k, (column, cell) in enumerate(zip(COLUMNS, cells, strict=True)):
+        if column in TEXTS:
+            sound = isinstance(cell, str)
+        elif cell is None:
+            sound = k >= _FIRST_RESULT
+        elif column in COUNTS:
+            sound = _fits(cell)
+        else:
+            sound = _fits(cell) or (isinstance(cell, float) and math.isfinite(cell))
+        if not sound:
+            raise ValueError(f"{column} cannot be that")
+    return tuple(cells)
+
+
+def _fits(cell: object) -> bool:
+    return type(cell) is int and -(2**63) <= cell < 2**63
 
 
 def table_of(rows: list[Row], name: str) -> StudyTable:
@@ -89,10 +118,9 @@ def _parsed(column: str, cell: str) -> Cell:
         return cell
     if cell == "" and COLUMNS.index(column) >= _FIRST_RESULT:
         return None
-    value = int(cell) if column in COUNTS else float(cell)
-    if not math.isfinite(value):
+    if "_" in cell or not cell.isascii():  # Python would take 1_0 and digits of any script for numbers
         raise ValueError(cell)
-    return value
+    return int(cell) if column in COUNTS else float(cell)
 
 
 def _text(cell: Cell) -> str:

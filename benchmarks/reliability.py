@@ -1,0 +1,167 @@
+"""Everything that is tried to break calibtool, and the pages that say so: docs/reliability.md and docs/numerics.md.
+
+Run: python benchmarks/reliability.py [--workers N] [--resume] [--peers PYTHON]   hours of one CPU; goes on with --resume
+     python benchmarks/reliability.py --quick                                      minutes; the pages go to stdout
+     python benchmarks/reliability.py --page                                       the pages again, nothing is run
+
+Every part (a reader, a writing command, the laws, the numerics) is a process of its own; its figures are kept in
+benchmarks/pages/figures.json as soon as it ends. The side-by-side tables are those of docs/peers.md, measured again with
+--peers PYTHON (see benchmarks/peers/README.md).
+"""
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+FIGURES = HERE / "pages" / "figures.json"
+PEERS = ROOT / "docs" / "peers.md"
+PAGES = {ROOT / "docs" / f"{name}.md": HERE / "pages" / f"{name}.md.jinja" for name in ("reliability", "numerics")}
+PACKAGES = ("calibtool", "numpy", "scipy", "pin", "h5py", "hypothesis")
+
+Figures = dict[str, Any]  # of a part, by its name: what its program printed as JSON, line by line
+
+
+def parts(quick: bool) -> dict[str, list[str]]:
+    """The command of every part, the longest first."""
+    sys.path[:0] = [str(ROOT / "tests" / "fuzz"), str(ROOT / "tests" / "faults")]
+    from ended import WRITERS, available
+    from readers import READERS
+
+    inputs, tries = ("1000", "4") if quick else ("100000", "100")
+    commands = [*filter(available, WRITERS), "several processes"]
+    return {
+        "laws": ["laws.py", *(["--quick"] if quick else [])],
+        **{f"faults {name}": ["faults.py", "--tries", tries, "--command", name] for name in reversed(commands)},
+        **{f"fuzz {name}": ["fuzz.py", "--inputs", inputs, "--reader", name] for name in READERS},
+        "numerics": ["numerics.py"],
+    }
+
+
+def performed(command: list[str]) -> list[Any]:
+    """What a part printed. CalledProcessError if it failed by itself, which findings do not make it do."""
+    words = [sys.executable, str(HERE / command[0]), *command[1:], "--json"]
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True, env=environment)
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def setting() -> list[str]:
+    """What it was run with."""
+    return [
+        f"Python {platform.python_version()}",
+        *(f"{name} {version(name)}" for name in PACKAGES),
+        platform.machine(),
+    ]
+
+
+def kept(figures: Figures) -> None:
+    """Write the figures, whole or not at all."""
+    order = ["setting", "missing", "laws", "numerics", *sorted(name for name in figures if " " in name)]
+    figures = {name: figures[name] for name in order if name in figures}
+    part = FIGURES.with_suffix(".part")
+    part.write_text(json.dumps(figures, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    part.replace(FIGURES)
+
+
+def table(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
+    """A Markdown table."""
+    lines = [list(header), *map(list, rows)]
+    lines.insert(1, ["---"] * len(lines[0]))
+    return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
+
+
+def by_fault(figures: Figures) -> list[dict[str, Any]]:
+    """The faults of all commands together, in the order in which they were first met."""
+    found: dict[str, dict[str, Any]] = {}
+    for name in sorted(figures, key=lambda name: name == "faults several processes"):
+        for row in figures[name] if name.startswith("faults ") else ():
+            new = {"fault": row["fault"], "commands": set(), "tries": 0, "held": 0, "broken": []}
+            total = found.setdefault(row["fault"], new)
+            total["commands"].add(row["command"])
+            total["tries"] += row["tries"]
+            total["held"] += row["held"]
+            total["broken"] += [f"{row['command']}: {text}" for text in row["broken"]]
+    return list(found.values())
+
+
+def pages(figures: Figures) -> dict[Path, str]:
+    """The pages, from figures alone."""
+    environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.globals["table"] = table
+    peers = PEERS.read_text(encoding="utf-8").partition("\n")[2].strip()
+    fuzz = [row for name in sorted(figures) if name.startswith("fuzz ") for row in figures[name]]
+    faults, laws = by_fault(figures), figures["laws"][0]
+    found = {
+        "setting": figures["setting"],
+        "numerics": figures["numerics"][0],
+        "laws": laws,
+        "law_rows": [[subject, row["laws"], f"{row['cases']:,}", row["failures"]] for subject, row in laws.items()],
+        "missing": figures["missing"],
+        "fuzz": fuzz,
+        "fuzz_rows": [
+            [
+                *(row["reader"], f"{row['inputs']:,}", f"{row['valid']:,}"),
+                *(f"{row['worst_ms']} ms", f"{row['memory_mib']} MiB", row["findings"]),
+            ]
+            for row in fuzz
+        ],
+        "faults": faults,
+        "fault_rows": [[row["fault"], len(row["commands"]), row["tries"], row["held"]] for row in faults],
+        "commands": [name.removeprefix("faults ") for name in sorted(figures) if name.startswith("faults ")],
+        "peers": peers.replace("\n## ", "\n### "),
+    }
+    return {
+        page: environment.from_string(template.read_text(encoding="utf-8")).render(found).rstrip() + "\n"
+        for page, template in PAGES.items()
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Everything that is tried to break calibtool.")
+    parser.add_argument("--quick", action="store_true", help="Few inputs and tries; the pages go to stdout.")
+    parser.add_argument("--resume", action="store_true", help="Only the parts that have no figures yet.")
+    parser.add_argument("--page", action="store_true", help="Only write the pages.")
+    parser.add_argument("--workers", type=int, default=1, help="Parts at a time.")
+    parser.add_argument("--peers", metavar="PYTHON", help="Measure the peers again, with this interpreter.")
+    options = parser.parse_args()
+    wanted = parts(options.quick)
+    old = json.loads(FIGURES.read_text(encoding="utf-8")) if (options.resume or options.page) else {}
+    figures: Figures = {
+        "setting": old.get("setting") or setting(),
+        **{name: old[name] for name in wanted if name in old},
+    }
+    if not options.page:
+        with ThreadPoolExecutor(options.workers) as pool:
+            waiting = {pool.submit(performed, wanted[name]): name for name in wanted if name not in figures}
+            for future in as_completed(waiting):
+                figures[waiting[future]] = future.result()
+                print(f"{waiting[future]}: done", file=sys.stderr, flush=True)
+                if not options.quick:
+                    kept(figures)
+    if options.peers:
+        run = [options.peers, str(HERE / "peers" / "run.py"), "--seeds", "5"]
+        subprocess.run(run, check=True)  # writes docs/peers.md
+    figures["missing"] = [name for name in wanted if name not in figures]
+    if not options.quick:
+        kept(figures)
+    for page, text in pages(figures).items():
+        if options.quick:
+            print(text)
+        else:
+            page.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
