@@ -258,7 +258,7 @@ def test_without_example_robot_data_the_remedy_is_said(monkeypatch: pytest.Monke
     def missing(name: str) -> None:
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr("calibtool.robot.description.distribution", missing)
+    monkeypatch.setattr("importlib.metadata.distribution", missing)
     with pytest.raises(InputError, match="pip install example-robot-data"):
         example_robot_data()
 

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from exported import CASES, REGULAR, anywhere, calibrated
-from scipy.linalg import expm, logm
+from scipy.linalg import expm
+from scipy.spatial.transform import RigidTransform
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.solve import one_step
@@ -40,7 +41,7 @@ GOLDEN = Path(__file__).parent / "golden"
 
 
 def correct_from_json(c: dict, q: Array) -> Array:
-    """What a stranger makes of the file: `formula` in numpy and scipy.linalg, without calibtool."""
+    """What a stranger makes of the file: `formula` in numpy and scipy, without calibtool."""
     n, base = len(c["joints"]), c["base_model"]
 
     def hat(w: Array) -> Array:
@@ -50,8 +51,8 @@ def correct_from_json(c: dict, q: Array) -> Array:
         return expm(np.block([[hat(twist[3:]), twist[:3, None]], [np.zeros((1, 4))]]))
 
     def log6(T: Array) -> Array:
-        X = logm(T).real
-        return np.array([*X[:3, 3], X[2, 1], X[0, 2], X[1, 0]])
+        w_v = RigidTransform.from_matrix(T).as_exp_coords()
+        return np.array([*w_v[3:], *w_v[:3]])
 
     def adjoint(T: Array) -> Array:
         return np.block([[T[:3, :3], hat(T[:3, 3]) @ T[:3, :3]], [np.zeros((3, 3)), T[:3, :3]]])

@@ -396,7 +396,7 @@ def test_abb_an_instruction_that_does_not_end_or_close_is_said() -> None:
         text = f"MODULE A\nPROC m()\n {move}\nENDPROC\nENDMODULE\n"
         return {remark.why for remark in reader("abb-rapid")(text, robot("fanuc-m1000ia")).remarks}
 
-    assert any(why.startswith("no ; within") for why in whys("MoveL p10,v10,fine,tool0"))
+    assert "no ; at its end" in whys("MoveL p10,v10,fine,tool0")
     assert "a bracket is not closed" in whys("MoveL [[1,2,3],v10,fine,tool0;")
     assert whys("MoveExtJ p10,v10,fine;") == set()
 

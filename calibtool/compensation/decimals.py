@@ -4,10 +4,9 @@ import numpy as np
 
 from calibtool.robot.se3 import Array
 
-DECIMALS = 12
-_LARGEST = 1000.0  # beyond it the integer of all digits would not be an exact double
+DECIMALS = {"deg": 12, "mm": 12, "rad": 16, "m": 16}  # 1e-14 rad and less
+_LARGEST = {12: 1000.0, 16: 10.0}  # beyond it the integer of all digits would lose its last ones
 
-_CELL = np.dtype([("whole", "<u4"), ("point", "u1"), ("parts", "<u4", 3), ("end", "u1")])
 _FOURS = (np.arange(10_000)[:, None] // [1000, 100, 10, 1] % 10 + ord("0")).astype("u1")
 _TRAILING = np.logical_and.accumulate(_FOURS[:, ::-1] == ord("0"), axis=1)[:, ::-1]
 # Behind the 10,000 groups of four digits the same without zeros at their end; NUL is taken out of the text.
@@ -17,23 +16,24 @@ _WHOLE = np.frombuffer(
 )
 
 
-def decimal_rows(values: Array) -> list[str]:
+def decimal_rows(values: Array, decimals: int) -> list[str]:
     """Comma separated numbers of every row of (N, n), without zeros at their ends.
 
-    12 decimals (in degrees 1e-14 rad); rows with a number of 1000 or more have 14 digits, rows with a NaN empty cells.
+    decimals: 12 or 16. Rows with a number too large for them have 14 digits, rows with a NaN empty cells.
     """
-    plain = np.all(np.abs(values) < _LARGEST - 1e-9, axis=-1)
-    integers = np.rint(np.abs(np.where(plain[:, None], values, 0.0)) * 10.0**DECIMALS).astype(np.int64)
-    upper = integers // 10**8
-    lower = integers - upper * 10**8
-    cells = np.empty(values.shape, _CELL)
-    whole, first, second = upper // 10**4, upper % 10**4, lower // 10**4
-    third = lower - second * 10**4
-    cells["whole"] = _WHOLE[whole + 1000 * ((values < 0) & (integers > 0))]
+    groups = decimals // 4
+    plain = np.all(np.abs(values) < _LARGEST[decimals] - 1e-9, axis=-1)
+    integers = np.rint(np.abs(np.where(plain[:, None], values, 0.0)) * 10.0**decimals).astype(np.int64)
+    negative = (values < 0) & (integers > 0)
+    cells = np.empty(values.shape, [("whole", "<u4"), ("point", "u1"), ("parts", "<u4", groups), ("end", "u1")])
     ends = np.ones(values.shape, dtype=bool)  # only zeros follow
-    for position, group in ((2, third), (1, second), (0, first)):
+    for position in reversed(range(groups)):
+        upper = integers // 10**4
+        group = integers - upper * 10**4
         cells["parts"][..., position] = _GROUPS[group + 10_000 * ends]
         ends &= group == 0
+        integers = upper
+    cells["whole"] = _WHOLE[integers + 1000 * negative]
     cells["point"] = np.where(ends, 0, ord("."))
     cells["end"] = ord(",")
     cells["end"][:, -1] = ord("\n")

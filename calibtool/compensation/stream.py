@@ -12,7 +12,7 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.backlash import BacklashPath
-from calibtool.compensation.decimals import decimal_rows
+from calibtool.compensation.decimals import DECIMALS, decimal_rows
 from calibtool.compensation.program import OutsidePolicy, guarded, no_targets
 from calibtool.compensation.solve import OK, OUTSIDE, UNREACHABLE, Compensation, Method
 from calibtool.errors import InputError
@@ -215,7 +215,8 @@ class _Corrector:
 
 def _csv_text(corrected: _Corrected, with_header: bool) -> str:
     table, kept = corrected.table, corrected.kept
-    numbers = decimal_rows(corrected.values)
+    units = [name.rsplit("_", 1)[1] for name in corrected.joint_names]
+    numbers = decimal_rows(corrected.values, max(DECIMALS[unit] for unit in units))
     columns = list(corrected.added.values())
     rest = columns[0] if len(columns) == 1 else [",".join(cells) for cells in zip(*columns, strict=True)]
     if kept:

@@ -42,6 +42,8 @@ class Stopping:
     change: float
 
 
+_ROUNDING = 1e-16  # of the loss: a smaller decrease is none
+
 LM_STOPPING = Stopping(max_iterations=200, patience=10, change=1e-7)
 GD_STOPPING = Stopping(max_iterations=20_000, patience=500, change=1e-7)
 
@@ -62,6 +64,8 @@ def levenberg_marquardt(network: Network, loss: Loss) -> Iterator[tuple[Network,
             trial = network.with_weights(weights + step)
             trial_value = loss.value(trial) * len(loss.q)
             predicted = float(step @ (damping * step + gradient))
+            if predicted < _ROUNDING * value:
+                return
             if trial_value < value:
                 break
             damping *= growth

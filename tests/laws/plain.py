@@ -8,7 +8,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm, logm
+from scipy.linalg import expm
+from scipy.spatial.transform import RigidTransform
 
 Array = NDArray[np.float64]
 
@@ -97,8 +98,8 @@ def origin_of(joint: ElementTree.Element) -> Array:
 
 def logarithm(pose: Array) -> Array:
     """Twist (v, ω) whose exponential is `pose`, |ω| < π."""
-    L = np.real(logm(pose))
-    return np.array([*L[:3, 3], L[2, 1], L[0, 2], L[1, 0]])
+    w_v = RigidTransform.from_matrix(pose).as_exp_coords()
+    return np.array([*w_v[3:], *w_v[:3]])
 
 
 def adjoint(pose: Array) -> Array:
