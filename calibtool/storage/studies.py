@@ -63,7 +63,9 @@ def build_study(file: h5py.File) -> StudyFile:
     if not isinstance(definition, dict):
         raise ValueError("its definition is none")
     key = string(file, "study")
-    return StudyFile(StudyTable(key, tuple(checked_row((key, *cells)) for cells in zip(*columns, strict=True))), definition)
+    return StudyFile(
+        StudyTable(key, tuple(checked_row((key, *cells)) for cells in zip(*columns, strict=True))), definition
+    )
 
 
 def _column(group: h5py.Group, name: str) -> list[Cell]:

@@ -30,8 +30,8 @@ from calibtool.programs.targets import rewritten
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source, source_from_urdf
 from calibtool.robot.model import Robot
-from calibtool.storage import read_any, to_bytes
-from calibtool.storage.studies import read_study, study_to_bytes
+from calibtool.storage import read_any, read_study, to_bytes
+from calibtool.storage.studies import study_to_bytes
 from calibtool.tables import joints_from_header, poses_from_header, read_tables
 
 HERE = Path(__file__).resolve().parent
@@ -310,7 +310,7 @@ READERS: dict[str, Reader] = {
     "hdf5-study": Reader(
         lambda: [without_digest(study_to_bytes(studied(), "{}"))],
         _hdf5,
-        lambda data: read_study(io.BytesIO(data), "s.h5").as_csv(),
+        lambda data: read_study(io.BytesIO(data), "s.h5").table.as_csv(),
     ),
     "robot-toml": Reader(lambda: corpus("robot-toml"), _text, _description),
     "urdf": Reader(lambda: corpus("urdf"), _text, _urdf),
