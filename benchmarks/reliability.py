@@ -1,6 +1,7 @@
 """Everything that is tried to break calibtool, and the pages that say so: docs/reliability.md and docs/numerics.md.
 
 Run: python benchmarks/reliability.py [--workers N] [--resume] [--peers PYTHON]   hours of one CPU; goes on with --resume
+     python benchmarks/reliability.py --inputs 5000 --tries 10                     less of everything; --resume makes it more
      python benchmarks/reliability.py --quick                                      minutes; the pages go to stdout
      python benchmarks/reliability.py --page                                       the pages again, nothing is run
 
@@ -17,6 +18,7 @@ import subprocess
 import sys
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -30,31 +32,38 @@ PEERS = ROOT / "docs" / "peers.md"
 PAGES = {ROOT / "docs" / f"{name}.md": HERE / "pages" / f"{name}.md.jinja" for name in ("reliability", "numerics")}
 PACKAGES = ("calibtool", "numpy", "scipy", "pin", "h5py", "hypothesis")
 
-Figures = dict[str, Any]  # of a part, by its name: what its program printed as JSON, line by line
+Figures = dict[str, Any]  # by the name of a part: {"amount": how much was tried, "rows": what its program printed}
 
 
-def parts(quick: bool) -> dict[str, list[str]]:
-    """The command of every part, the longest first."""
+@dataclass(frozen=True)
+class Part:
+    """A process of its own: its command, and how much it tries, to know whether it was done already."""
+
+    command: list[str]
+    amount: int
+
+
+def parts(inputs: int, tries: int, thorough: bool) -> dict[str, Part]:
+    """Every part, the longest first."""
     sys.path[:0] = [str(ROOT / "tests" / "fuzz"), str(ROOT / "tests" / "faults")]
     from ended import WRITERS, available
     from readers import READERS
 
-    inputs, tries = ("1000", "4") if quick else ("100000", "100")
-    commands = [*filter(available, WRITERS), "several processes"]
-    return {
-        "laws": ["laws.py", *(["--quick"] if quick else [])],
-        **{f"faults {name}": ["faults.py", "--tries", tries, "--command", name] for name in reversed(commands)},
-        **{f"fuzz {name}": ["fuzz.py", "--inputs", inputs, "--reader", name] for name in READERS},
-        "numerics": ["numerics.py"],
-    }
+    found = {"laws": Part(["laws.py"], 20) if thorough else Part(["laws.py", "--quick"], 1)}
+    for name in reversed([*filter(available, WRITERS), "several processes"]):
+        found[f"faults {name}"] = Part(["faults.py", "--tries", str(tries), "--command", name], tries)
+    for name in READERS:
+        found[f"fuzz {name}"] = Part(["fuzz.py", "--inputs", str(inputs), "--reader", name], inputs)
+    found["numerics"] = Part(["numerics.py"], 1)
+    return found
 
 
-def performed(command: list[str]) -> list[Any]:
-    """What a part printed. CalledProcessError if it failed by itself, which findings do not make it do."""
-    words = [sys.executable, str(HERE / command[0]), *command[1:], "--json"]
+def performed(part: Part) -> dict[str, Any]:
+    """The figures of a part. CalledProcessError if it failed by itself, which findings do not make it do."""
+    words = [sys.executable, str(HERE / part.command[0]), *part.command[1:], "--json"]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True, env=environment)
-    return [json.loads(line) for line in done.stdout.splitlines()]
+    return {"amount": part.amount, "rows": [json.loads(line) for line in done.stdout.splitlines()]}
 
 
 def setting() -> list[str]:
@@ -86,7 +95,7 @@ def by_fault(figures: Figures) -> list[dict[str, Any]]:
     """The faults of all commands together, in the order in which they were first met."""
     found: dict[str, dict[str, Any]] = {}
     for name in sorted(figures, key=lambda name: name == "faults several processes"):
-        for row in figures[name] if name.startswith("faults ") else ():
+        for row in figures[name]["rows"] if name.startswith("faults ") else ():
             new = {"fault": row["fault"], "commands": set(), "tries": 0, "held": 0, "broken": []}
             total = found.setdefault(row["fault"], new)
             total["commands"].add(row["command"])
@@ -101,11 +110,11 @@ def pages(figures: Figures) -> dict[Path, str]:
     environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.globals["table"] = table
     peers = PEERS.read_text(encoding="utf-8").partition("\n")[2].strip()
-    fuzz = [row for name in sorted(figures) if name.startswith("fuzz ") for row in figures[name]]
-    faults, laws = by_fault(figures), figures["laws"][0]
+    fuzz = [row for name in sorted(figures) if name.startswith("fuzz ") for row in figures[name]["rows"]]
+    faults, laws = by_fault(figures), figures["laws"]["rows"][0]
     found = {
         "setting": figures["setting"],
-        "numerics": figures["numerics"][0],
+        "numerics": figures["numerics"]["rows"][0],
         "laws": laws,
         "law_rows": [[subject, row["laws"], f"{row['cases']:,}", row["failures"]] for subject, row in laws.items()],
         "missing": figures["missing"],
@@ -131,20 +140,26 @@ def pages(figures: Figures) -> dict[Path, str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description="Everything that is tried to break calibtool.")
     parser.add_argument("--quick", action="store_true", help="Few inputs and tries; the pages go to stdout.")
-    parser.add_argument("--resume", action="store_true", help="Only the parts that have no figures yet.")
+    parser.add_argument("--inputs", type=int, default=100_000, help="Mutated files per reader.")
+    parser.add_argument("--tries", type=int, default=100, help="Kills per writing command.")
+    parser.add_argument("--resume", action="store_true", help="Only the parts of which less was tried before.")
     parser.add_argument("--page", action="store_true", help="Only write the pages.")
     parser.add_argument("--workers", type=int, default=1, help="Parts at a time.")
     parser.add_argument("--peers", metavar="PYTHON", help="Measure the peers again, with this interpreter.")
     options = parser.parse_args()
-    wanted = parts(options.quick)
+    wanted = parts(1000, 4, False) if options.quick else parts(options.inputs, options.tries, options.inputs >= 100_000)
     old = json.loads(FIGURES.read_text(encoding="utf-8")) if (options.resume or options.page) else {}
     figures: Figures = {
         "setting": old.get("setting") or setting(),
         **{name: old[name] for name in wanted if name in old},
     }
+
+    def missing(name: str) -> bool:
+        return name not in figures or figures[name]["amount"] < wanted[name].amount
+
     if not options.page:
         with ThreadPoolExecutor(options.workers) as pool:
-            waiting = {pool.submit(performed, wanted[name]): name for name in wanted if name not in figures}
+            waiting = {pool.submit(performed, wanted[name]): name for name in wanted if missing(name)}
             for future in as_completed(waiting):
                 figures[waiting[future]] = future.result()
                 print(f"{waiting[future]}: done", file=sys.stderr, flush=True)
