@@ -30,8 +30,8 @@ OTHERS = 500
 
 def clik(robot: Robot, targets: Array, seed: Array) -> tuple[np.ndarray, float]:
     """The closed loop of Pinocchio's documentation (gain 0.1, damping 1e-12, 1,000 steps), as it stands there."""
-    model, data = robot.mechanism.model, robot.mechanism.model.createData()
-    tool = robot.mechanism.tool
+    model, data = robot.chain.model, robot.chain.model.createData()
+    tool = robot.chain.placements[-1]
     reached = np.zeros(len(targets), dtype=bool)
     start = time.process_time()
     for k, target in enumerate(targets):

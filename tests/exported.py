@@ -26,6 +26,8 @@ CASES = [
     ("fanuc-m1000ia", "everything", True),
     ("scara", "local-poe", True),
     ("gantry", "local-poe", True),
+    ("scara", "everything", True),
+    ("gantry", "everything", True),
     ("panda", "everything", True),
     ("panda", "nominal", True),
 ]

@@ -3,11 +3,12 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from helical import PinocchioChain
 
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.geometry import GeometricErrors, mechanism
 from calibtool.robot.lanes import eliminated, lanes
-from calibtool.robot.mechanism import GRAM_REGULARISATION, Mechanism, damped_solution, singularity_distance
+from calibtool.robot.mechanism import GRAM_REGULARISATION, damped_solution, singularity_distance
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import gravity_model, gravity_torque
 from calibtool.robot.se3 import Array, exp6, log3, log6
@@ -19,30 +20,23 @@ def drawn(robot: Robot, count: int, rng: np.random.Generator) -> Array:
     return robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
 
 
-def perturbed(robot: Robot, rng: np.random.Generator) -> Mechanism:
-    """A mechanism with helical joints, and of several joints in a row where a slide turns."""
+def drawn_errors(robot: Robot, rng: np.random.Generator) -> GeometricErrors:
+    """Errors that make screws of turning joints and let slides turn a little."""
     n = robot.n
-    errors = GeometricErrors(*(rng.normal(size=s) * 1e-3 for s in ((n + 1, 6), (n, 6), (n,))))
-    return mechanism(robot.chain, errors)
-
-
-def by_pinocchio(found: Mechanism, q: Array) -> tuple[Array, Array]:
-    data = found.model.createData()
-    J = pin.computeJointJacobians(found.model, data, found.drive @ q + found.offset)
-    return data.oMi[found.model.njoints - 1].homogeneous @ found.tool, J.reshape(6, -1) @ found.drive
+    return GeometricErrors(*(rng.normal(size=s) * 1e-3 for s in ((n + 1, 6), (n, 6), (n,))))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_poses_and_jacobians_are_those_of_pinocchio(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
     q = drawn(robot, 20, rng)
-    for found in (robot.mechanism, perturbed(robot, rng)):
+    for errors in (GeometricErrors.none(robot.n), drawn_errors(robot, rng)):
+        found, peer = mechanism(robot.chain, errors), PinocchioChain(robot.chain, errors)
         poses, jacobians = found.forward_and_jacobian(q)
         np.testing.assert_array_equal(found.forward(q), poses)
-        far = max(np.abs(placement.translation).max() for placement in found.model.jointPlacements)  # of screw axes
         for row, pose, jacobian in zip(q, poses, jacobians, strict=True):
-            expected_pose, expected_jacobian = by_pinocchio(found, row)
-            size = 1.0 + far + np.abs(expected_jacobian).max()
+            expected_pose, expected_jacobian = peer.forward_and_jacobian(row)
+            size = 1.0 + peer.farthest + np.abs(expected_jacobian).max()
             np.testing.assert_allclose(pose, expected_pose, atol=2e-15 * size, rtol=0)
             np.testing.assert_allclose(jacobian, expected_jacobian, atol=4e-15 * size, rtol=0)
 
@@ -92,7 +86,7 @@ def test_damped_solutions_are_the_formula_near_singularities_and_far(c: int, rng
 
 def test_a_row_does_not_depend_on_the_rows_beside_it(rng: np.random.Generator) -> None:
     robot = load_robot("ur5")
-    found, q = perturbed(robot, rng), drawn(robot, 2500, rng)
+    found, q = mechanism(robot.chain, drawn_errors(robot, rng)), drawn(robot, 2500, rng)
     error = rng.normal(size=(len(q), 6)) * 1e-3
 
     def everything(rows: slice) -> list[Array]:

@@ -75,7 +75,7 @@ class Calibration:
 
     @cached_property
     def base_mechanism(self) -> Mechanism:
-        """Pinocchio mechanism of the base model's geometry."""
+        """Mechanism of the base model's geometry."""
         return mechanism(self.robot.chain, self.base.geometry)
 
     def base_forward_and_jacobian(self, q: Array, direction: Array | None = None) -> tuple[Array, Array]:

@@ -56,7 +56,7 @@ class ActualRobot:
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The Pinocchio model with edited placements and helical joints."""
+        """The chain of grown links with the geometric errors."""
         chain = self.robot.chain
         grown = chain.placements.copy()
         grown[:, :3, 3] *= 1.0 + self.expansion

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import pinocchio as pin
 
-from calibtool.robot.se3 import Array, cross, readonly
+from calibtool.robot.se3 import Array, cross, inverse, readonly
 
 _TOGETHER = 1024  # rows: their lanes stay in the processor's cache
 
@@ -28,45 +27,53 @@ def lanes(values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """A serial chain of one-coordinate joints, each described in a frame whose z axis is the joint's own (Eq. 7).
+    """A serial chain of screws exp(ξ_j q_j) (Eq. 7), each described in a frame whose z axis is parallel to its own.
 
-    placements   (m+1, 4, 4) pose of joint frame j, not yet moved, in joint frame j−1, moved; the last one is the tool's
-    turned       (m, 3, 3) orientation of joint frame j in that of the Pinocchio model's joint
-    turns        (m,) whether the joint turns about z
-    slides       (m,) travel along z, m per unit of its coordinate: 1 for a slide, the pitch of a screw, 0
+    There a screw turns about z by θ = `turns` q while its origin drifts along x and y and slides along z. The axis itself
+    is taken for z where it passes near: no origin drifts then. The axis of a slide that turns a little is a kilometre away,
+    and a frame there would cost three digits.
+
+    placements   (n+1, 4, 4) pose of joint frame j, not yet moved, in joint frame j−1, moved; the last one is the tool's
+    turned       (n, 3, 3) orientation of joint frame j in that of the chain's joint
+    turns        (n,) rad per unit of the joint position, not negative: 1 for a nominal revolute joint, 0 for a slide
+    drifts       (n, 2) velocity of the origin along x and y at q = 0, m per unit: 0 where z is the joint's axis
+    slides       (n,) velocity along z, m per unit: 1 for a nominal slide
     """
 
     placements: Array
     turned: Array
-    turns: np.ndarray
+    turns: Array
+    drifts: Array
     slides: Array
 
     @classmethod
-    def of(cls, model: pin.Model, tool: Array) -> Self:
-        """The chain of a Pinocchio model with joints 1 … m in a row; tool (4, 4) in the last one's frame."""
-        placements, turned, turns, slides = [], [], [], []
-        before = np.eye(4)
-        for joint, placement in zip(list(model.joints)[1:], list(model.jointPlacements)[1:], strict=True):
-            data = joint.createData()
-            joint.calc(data, np.zeros(1))
-            linear, angular = np.split(np.array(data.S, dtype=float).reshape(6), 2)
-            turning = bool(np.linalg.norm(angular) > 0.5)
-            axis = angular if turning else linear
+    def of(cls, placements: Array, twists: Array) -> Self:
+        """The chain Π M_j exp(ξ_j q_j) · M_{n+1}: placements (n+1, 4, 4) and twists (n, 6) of any pitch and size."""
+        changed, turned, turns, velocities = [], [], [], []
+        before = np.eye(4)  # the joint frame of the chain in that of this description
+        for placement, (linear, angular) in zip(placements, twists.reshape(-1, 2, 3), strict=False):
+            turn, speed = float(np.linalg.norm(angular)), float(np.linalg.norm(linear))
             after = np.eye(4)
-            after[:3, :3] = _frame_about(axis)
-            placements.append(before.T @ placement.homogeneous @ after)
+            after[:3, :3] = _frame_about(angular / turn if turn > 0.0 else linear / speed)
+            velocity = after[:3, :3].T @ linear if turn > 0.0 else np.array([0.0, 0.0, speed])
+            if np.hypot(velocity[0], velocity[1]) < turn:  # nearer than 1 m
+                after[:3, 3] = np.cross(angular, linear) / turn**2
+                velocity[:2] = 0.0
+            changed.append(before @ placement @ after)
             turned.append(after[:3, :3])
-            turns.append(turning)
-            slides.append(float(linear @ axis))
-            before = after
-        placements.append(before.T @ tool)
-        return cls(readonly(placements), readonly(turned), np.array(turns), readonly(slides))
+            turns.append(turn)
+            velocities.append(velocity)
+            before = inverse(after)
+        changed.append(before @ placements[-1])
+        velocity = readonly(velocities, (-1, 3))
+        return cls(readonly(changed), readonly(turned), readonly(turns), velocity[:, :2], velocity[:, 2])
 
-    def frames(self, coordinates: Array) -> Array:
-        """Columns x, y, z, p of every joint frame, moved, and of the tool's, in K_0: (m, N) → (m+1, 4, 3, N)."""
-        m, count = coordinates.shape
-        sine, cosine = np.sin(coordinates), np.cos(coordinates)
-        result = np.empty((m + 1, 4, 3, count))
+    def frames(self, q: Array) -> Array:
+        """Columns x, y, z, p of every joint frame, moved, and of the tool's, in K_0: (n, N) → (n+1, 4, 3, N)."""
+        n, count = q.shape
+        angles = self.turns[:, None] * q
+        sine, cosine = np.sin(angles), np.cos(angles)
+        result = np.empty((n + 1, 4, 3, count))
         for j, placement in enumerate(self.placements):
             x, y, z, p = frame = result[j]
             if j == 0:
@@ -77,27 +84,42 @@ class Links:
                 frame += factors[1] * before[1]
                 frame += factors[2] * before[2]
                 p += before[3]
-            if j < m and self.turns[j]:
+            if j == n:
+                break
+            if self.drifts[j].any():
+                ahead, aside = self._drift(j, q[j], angles[j], sine[j])
+                p += x * ahead
+                p += y * aside
+            if self.slides[j]:
+                p += z * (self.slides[j] * q[j])
+            if self.turns[j]:
                 along, across = x * sine[j], y * sine[j]
                 x *= cosine[j]
                 x += across
                 y *= cosine[j]
                 y -= along
-            if j < m and self.slides[j]:
-                p += z * (self.slides[j] * coordinates[j])
         return result
 
+    def _drift(self, j: int, q: Array, angle: Array, sine: Array) -> tuple[Array, Array]:
+        """Way of the origin along x and y, before the turn: the integral of the drift turned by 0 … θ."""
+        u, v = self.drifts[j]
+        if not self.turns[j]:
+            return u * q, v * q
+        straight, bent = sine / self.turns[j], 2.0 * np.sin(angle / 2.0) ** 2 / self.turns[j]
+        return u * straight - v * bent, u * bent + v * straight
+
     def columns(self, frames: Array) -> Array:
-        """Spatial Jacobian in K_0, one column per coordinate, from `frames`: (m+1, 4, 3, N) → (6, m, N)."""
+        """Spatial Jacobian in K_0, one column per joint, from `frames`: (n+1, 4, 3, N) → (6, n, N)."""
         axes, origins = np.swapaxes(frames[:-1, 2], 0, 1), np.swapaxes(frames[:-1, 3], 0, 1)
         result = np.empty((6, *axes.shape[1:]))
-        turns, slides = self.turns[:, None], self.slides[:, None]
         result[:3] = cross(origins, axes)
         result[3:] = axes
-        if not self.turns.all():
-            result *= turns
+        if (self.turns != 1.0).any():
+            result *= self.turns[:, None]
         if self.slides.any():
-            result[:3] += slides * axes
+            result[:3] += self.slides[:, None] * axes
+        for j in np.flatnonzero(self.drifts.any(axis=1)):
+            result[:3, j] += self.drifts[j, 0] * frames[j, 0] + self.drifts[j, 1] * frames[j, 1]
         return result
 
 

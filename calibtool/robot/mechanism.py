@@ -1,10 +1,9 @@
-"""Forward kinematics and Jacobians of a Pinocchio model, in batches."""
+"""Forward kinematics and Jacobians of a serial chain, in batches."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from calibtool.robot.lanes import Links, eliminated, lanes, parts
 from calibtool.robot.se3 import Array
@@ -17,18 +16,16 @@ GRAM_REGULARISATION = 1e-14  # keeps J Jᵀ invertible at a singularity
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """A Pinocchio model driven by the n joint positions of the robot: model coordinates = drive @ q + offset.
+    """A serial chain T(q) = Π_j M_j exp(ξ_j (q_j + δq_j)) · M_{n+1} (Eq. 7), nominal or with errors.
 
-    model   Pinocchio model, a serial chain of one-coordinate joints
-    tool    (4, 4) pose of the tool in the last joint's frame
-    drive   (model.nq, n) and offset (model.nq,): identity and zero for a nominal robot; a perturbed joint is a
-            helical one that needs a factor, or several joints that share one position
+    placements  (n+1, 4, 4) M_j, the last one the tool's
+    twists      (n, 6) ξ_j in the joints' frames, of any pitch, per rad or m of joint position
+    offsets     (n,) δq_j in rad or m
     """
 
-    model: pin.Model
-    tool: Array
-    drive: Array
-    offset: Array
+    placements: Array
+    twists: Array
+    offsets: Array
 
     def forward(self, q: Array) -> Array:
         """T_base_tool for q (N, n) in rad or m: (N, 4, 4)."""
@@ -43,28 +40,16 @@ class Mechanism:
         for rows in parts(len(q)):
             frames = self._frames(q[rows])
             _fill_poses(poses[rows], frames)
-            columns = self.links.columns(frames)
-            if not self._direct:
-                driven = np.zeros((6, q.shape[1], columns.shape[-1]))
-                for k, j in np.argwhere(self.drive):
-                    driven[:, j] += self.drive[k, j] * columns[:, k]
-                columns = driven
-            jacobians[rows] = np.moveaxis(columns, -1, 0)
+            jacobians[rows] = np.moveaxis(self.links.columns(frames), -1, 0)
         return poses, jacobians
 
     @cached_property
     def links(self) -> Links:
-        """The model's joints, for batches."""
-        return Links.of(self.model, self.tool)
-
-    @cached_property
-    def _direct(self) -> bool:
-        """Whether the model's coordinates are the joint positions, but for offsets."""
-        return np.array_equal(self.drive, np.eye(*self.drive.shape))
+        """The joints, for batches."""
+        return Links.of(self.placements, self.twists)
 
     def _frames(self, q: Array) -> Array:
-        moved = q if self._direct else q @ self.drive.T
-        return self.links.frames(lanes(moved + self.offset))
+        return self.links.frames(lanes(q + self.offsets))
 
 
 def _fill_poses(poses: Array, frames: Array) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import examples
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from plain import Array, adjoint, exponential, logarithm, poses_along
 from strategies import (
@@ -27,6 +27,7 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.solve import NEAR_SINGULAR, OK, compensate_joints, compensate_poses, one_step
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
+from calibtool.robot.catalogue import load_robot
 from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE, at_point
 from calibtool.robot.model import Robot
@@ -171,6 +172,8 @@ def test_compiled_c_is_the_one_step_correction(tmp_path: Path) -> None:
 
     @examples(12)
     @given(carried | drawn_chains().map(DrawnChain.robot), seeds, st.booleans(), st.booleans())
+    @example(load_robot("scara"), 0, True, True)  # slides that turn a little
+    @example(load_robot("gantry"), 0, True, True)
     def draw(robot: Robot, seed: int, with_network: bool, with_motion: bool) -> None:
         rng = np.random.default_rng(seed)
         made.append(calibrated(robot, rng, with_network=with_network, with_motion=with_motion))
@@ -209,3 +212,4 @@ def test_compiled_c_is_the_one_step_correction(tmp_path: Path) -> None:
             assert code in (0, 1)
         off = np.abs(found - expected).max(axis=-1)
         assert (off < 1e-13 / np.clip(distance, 1e-4, 0.1) ** 2).all(), calibration.robot.source.urdf_text
+        assert (off[distance > 2 * MIN_SINGULARITY_DISTANCE] < 1e-12).all(), calibration.robot.source.urdf_text
