@@ -24,6 +24,7 @@ FEW_HARMONICS = tuple(range(LOW_ORDERS + 1))
 MANY_HARMONICS = (*FEW_HARMONICS, 6, 9, 12, 16, 20, 24, 28, 32)
 _UNEXPLAINED = 1.2  # times the stated noise: more than this left over, and more harmonics are tried
 _PARSIMONY = 3.0  # nats by which a larger model with few harmonics must be more probable
+_WORTHWHILE = 0.95  # of the held-out squares: a larger model has to leave less than that
 _JUDGED = 500  # configurations on which many harmonics are judged
 _MAX_ITERATIONS = 30
 _PRIOR_STEPS = 3  # Gauss–Newton steps in which tolerances are re-estimated; one where a fit before has done so
@@ -143,7 +144,7 @@ def _may_leave_structure(fit: _Fit, equations: int) -> bool:
 
 
 def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) -> bool:
-    """Whether held-out configurations are predicted better.
+    """Whether held-out configurations are predicted better, by enough to be worth more parameters.
 
     The evidence alone takes joints that repeat badly for fine structure, or for backlash where the order of the rows is not
     that of the motion: its noise has no such thing.
@@ -153,7 +154,7 @@ def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) ->
     before, after = (
         held_out_sizes(part, fit.parameters, fit.state, fit.covariance, fit.noise_factor) for fit in (smaller, larger)
     )
-    return bool(after.mean() < before.mean())
+    return bool(after.mean() < _WORTHWHILE * before.mean())
 
 
 def _fit(
