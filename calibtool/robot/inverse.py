@@ -7,6 +7,7 @@ import numpy as np
 
 from calibtool.robot.mechanism import at_point, scale_rows
 from calibtool.robot.model import Robot
+from calibtool.robot.reach import excluded
 from calibtool.robot.se3 import Array, log3
 
 ForwardAndJacobian = Callable[[Array], tuple[Array, Array]]
@@ -113,7 +114,8 @@ def inverse_kinematics(
 
     q_seed (N, n) or (n,): where to start, the answer is on its branch if it can be; without it the home of the default
     workspace. Rows that do not arrive are started again, up to `starts` times, from random joint positions drawn from
-    `rng` (a fixed one unless given). An angle is returned within half a turn of its seed where the limits allow it.
+    `rng` (a fixed one unless given), but not where `excluded` tells that none can. An angle is returned within half a turn
+    of its seed where the limits allow it.
     tolerance (rad, or characteristic lengths) decides what counts as reached: 1e-8, for n < 6 1e-5, because a pose written
     with six digits lies that far beside the poses that the arm can take.
     """
@@ -139,9 +141,10 @@ def inverse_kinematics(
     several_turns = (robot.upper - robot.lower > 2 * np.pi) & ~np.array(robot.prismatic)
     low = np.where(several_turns, np.maximum(robot.lower, -np.pi), robot.lower)
     span = np.where(several_turns, 2 * np.pi, robot.upper - robot.lower)
+    hopeless = excluded(robot, target, tolerance)
     used = 0
     while used < starts:
-        rows = np.flatnonzero(~best.reached)
+        rows = np.flatnonzero(~best.reached & ~hopeless)
         if not len(rows):
             break
         together = min(starts - used, max(1, _ROWS_TOGETHER // len(rows)))  # few rows: several starts in one batch
