@@ -98,7 +98,7 @@ def origin_of(joint: ElementTree.Element) -> Array:
 
 def logarithm(pose: Array) -> Array:
     """Twist (v, ω) whose exponential is `pose`, |ω| < π."""
-    w_v = RigidTransform.from_matrix(pose).as_exp_coords()
+    w_v = RigidTransform.from_matrix(np.vstack([pose[:3], [0, 0, 0, 1]])).as_exp_coords()  # expm rounds there, too
     return np.array([*w_v[3:], *w_v[:3]])
 
 
