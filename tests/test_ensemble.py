@@ -20,7 +20,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.actual import ActualRobot
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import exp6, inverse, readonly, transform_points
+from calibtool.robot.se3 import exp6, inverse, log3, readonly, transform_points
 
 BAYES = TrainingOptions(regularisation="bayes", restarts=2)
 
@@ -116,6 +116,21 @@ def test_without_two_sizes_that_can_be_fitted_there_is_no_learning_curve(fanuc_m
 
     with pytest.raises(NoSolutionError, match="100 configurations are too few"):
         learning_curve(fanuc_measurements, fit, 10, np.random.default_rng(0))
+
+
+def test_members_that_disagree_add_their_scatter_to_the_uncertainty(
+    fanuc_measurements: Measurements, paper: Calibration
+) -> None:
+    """The covariance between the members' poses, each computed by itself; about their mean, to first order."""
+    q, alone = paper.q[:6], identify(fanuc_measurements, "complete")
+    ensemble = replace(alone, networks=paper.networks)
+    added = predicted_uncertainty(ensemble, q).covariance - predicted_uncertainty(alone, q).covariance
+    mean = ensemble.forward(q)
+    poses = np.stack([replace(alone, networks=(network,)).forward(q) for network in paper.networks])
+    turns = log3(poses[..., :3, :3] @ np.swapaxes(mean[:, :3, :3], -1, -2))
+    apart = np.concatenate([poses[..., :3, 3] - mean[:, :3, 3], turns], axis=-1)
+    expected = np.stack([np.cov(apart[:, k], rowvar=False) for k in range(len(q))])
+    np.testing.assert_allclose(added, expected, atol=0.01 * np.abs(expected).max())
 
 
 def test_uncertainty_needs_a_posterior(fanuc_local_poe: Calibration) -> None:

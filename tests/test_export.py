@@ -51,7 +51,8 @@ def correct_from_json(c: dict, q: Array) -> Array:
         return expm(np.block([[hat(twist[3:]), twist[:3, None]], [np.zeros((1, 4))]]))
 
     def log6(T: Array) -> Array:
-        w_v = RigidTransform.from_matrix(np.vstack([T[:3], [0, 0, 0, 1]])).as_exp_coords()  # expm rounds there, too
+        whole = np.vstack([T[:3], [0.0, 0.0, 0.0, 1.0]])  # inv leaves rounding in the last row
+        w_v = RigidTransform.from_matrix(whole).as_exp_coords()
         return np.array([*w_v[3:], *w_v[:3]])
 
     def adjoint(T: Array) -> Array:
