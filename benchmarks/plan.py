@@ -1,6 +1,6 @@
 """Selected configurations against random ones over seeds, and the time of a selection.
 
-Run: python benchmarks/plan.py [--seeds 10] [--first-seed 0] [--only accuracy|times] [--workspace full|machining].
+Run: python benchmarks/plan.py [--seeds 10] [--first-seed 0] [--only accuracy|limits|times] [--workspace full|machining].
 fanuc-m1000ia, complete model, 0.05 mm noise, 1,000 fresh configurations of the same workspace. Reductions are of the
 part that the joints can correct. Random sets of one seed measure the same actual robot as the selected ones.
 """
@@ -12,11 +12,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
 import time
+from dataclasses import replace
 
 import numpy as np
 
 from calibtool.calibration import identify
 from calibtool.evaluation.compare import evaluate
+from calibtool.identification.parameters import Parameters, Tolerances
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints
@@ -73,6 +75,35 @@ def accuracy(seeds: range, workspace: str) -> None:
             print(f"| {'+'.join(kinds)} | {name} | {cells} | {-median[3]:.3f} ({-worst[3]:.3f}) |", flush=True)
 
 
+def limits(seeds: range) -> None:
+    """What 15 configurations can tell of the geometric errors: predicted deviations, also of designs that know of no others."""
+    robot = load_robot("fanuc-m1000ia")
+    space = robot.workspace("full")[1]
+    whole = Knowledge.of_tolerances(robot, NOISE)
+    parameters = Parameters.of(robot, whole.state.setup, twists=True, harmonics=0, gravity=False)
+    prior_std = parameters.prior_std(robot, Tolerances.of(robot))
+    geometry = replace(whole, parameters=parameters, prior_std=prior_std, covariance=np.eye(parameters.count))
+    judged = sample_configurations(robot, space, 500, np.random.default_rng(99))
+    results: dict[str, list[float]] = {}
+    for seed in seeds:
+        q = sample_configurations(robot, space, max(RANDOM), np.random.default_rng(seed))
+        sets = {f"{count} random": q[:count] for count in RANDOM}
+        for knowledge, name in ((whole, "everything"), (geometry, "geometric errors alone")):
+            for criterion in ("d", "i"):
+                rng = np.random.default_rng(seed)
+                made = make_plan(
+                    knowledge, space, 15, constraints=Constraints(), criterion=criterion, candidates=2000, rng=rng
+                )
+                sets[f"15 selected for {name} ({criterion})"] = made.q
+        for name, chosen in sets.items():
+            deviation = geometry.after(geometry.rows(chosen)).target_deviation(judged)
+            results.setdefault(name, []).append(deviation.mean() * 1e3)
+    print(f"\nPredicted deviation of the targets from the geometric errors, whole range, {len(seeds)} seeds\n")
+    print("| set | mean mm |\n|---|---|")
+    for name, values in results.items():
+        print(f"| {name} | {np.median(values):.4f} ({np.max(values):.4f}) |", flush=True)
+
+
 def times() -> None:
     robot = load_robot("fanuc-m1000ia")
     print("\n| 30 of 2,000 | rows | select d | select i |\n|---|---|---|---|")
@@ -93,13 +124,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--only", choices=["accuracy", "times"])
+    parser.add_argument("--only", choices=["accuracy", "limits", "times"])
     parser.add_argument("--workspace", choices=["full", "machining"])
     arguments = parser.parse_args()
-    if arguments.only != "times":
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    if arguments.only in (None, "accuracy"):
         for workspace in [arguments.workspace] if arguments.workspace else ["full", "machining"]:
-            accuracy(range(arguments.first_seed, arguments.first_seed + arguments.seeds), workspace)
-    if arguments.only != "accuracy":
+            accuracy(seeds, workspace)
+    if arguments.only in (None, "limits"):
+        limits(seeds)
+    if arguments.only in (None, "times"):
         times()
 
 
