@@ -76,7 +76,7 @@ def accuracy(seeds: range, workspace: str) -> None:
 
 
 def limits(seeds: range) -> None:
-    """What 15 configurations can tell of the geometric errors: predicted deviations, also of designs that know of no others."""
+    """What 15 configurations can tell of the geometric errors: predicted deviations; some designs know of no others."""
     robot = load_robot("fanuc-m1000ia")
     space = robot.workspace("full")[1]
     whole = Knowledge.of_tolerances(robot, NOISE)
