@@ -177,7 +177,7 @@ class Bench:
         return Row.of("a read-only folder", name, outcomes, "as before, exit code 2")
 
     def surroundings(self, name: str, new: dict[str, bytes]) -> Iterator[Row]:
-        """The bytes are those of a plain process."""
+        """The bytes are those of a plain process; what also has an answer for a closed stdout writes nothing and says so."""
         writer = WRITERS[name]
         for fault, chosen in SURROUNDINGS.items():
             german = "de_DE" in fault
@@ -185,7 +185,11 @@ class Bench:
                 continue
             with placed(self.inputs, self.folder.parent, chosen) as folder:
                 code = run(writer.words, folder, chosen, self.locales if german else None)
-                same = "" if snapshot(folder, writer) == new else "other bytes"
+                found = snapshot(folder, writer)
+            if "closed" in fault and code == 2 and not found:
+                yield Row.of(fault, name, [""], "exit code 2, nothing written")
+                continue
+            same = "" if found == new else "other bytes"
             yield Row.of(fault, name, [same or ("" if code == 0 else f"exit code {code}")], "the same bytes")
 
     def prepare(self, writer: Writer, existing: bool) -> dict[str, bytes]:

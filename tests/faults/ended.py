@@ -46,6 +46,7 @@ DEMO = tuple(
         *(f"{stem}.h5" for stem in ("measurements", "fresh", "paper", "local-poe", "complete")),
         *(f"{stem}.{image}" for stem in ("training", "errors") for image in ("png", "svg")),
         *("evaluation.csv", "line.csv", "corrected.csv", "compensator.json", "compensator.h", "compensator.c"),
+        "report.html",
     )
 )
 STUDY = "study planar-3r --runs 2 --fresh 10 --methods local-poe --workers 1"
