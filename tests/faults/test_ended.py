@@ -247,6 +247,7 @@ class Count:
             Count.left -= 1
             if Count.left == 0:
                 os.kill(os.getpid(), signal.SIGINT)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background starts with Ctrl-C ignored
 sys.argv = ["calibtool", "simulate", "planar-3r", "-o", "out.h5", "--force"]
 sys.meta_path.insert(0, Count())
 from calibtool.cli import main
@@ -257,7 +258,7 @@ main()
 @pytest.mark.parametrize("step", [1, 100, 400])
 def test_an_interrupt_while_modules_are_imported_is_silent(step: int, clean: Path) -> None:
     command = [sys.executable, "-c", INTERRUPTED.format(step=step)]
-    environment = {**os.environ, "COVERAGE_PROCESS_CONFIG": ""}  # its measurement changes what is imported when
+    environment = {**os.environ, "COVERAGE_PROCESS_CONFIG": ""}  # its measurement changes how much is imported
     done = subprocess.run(command, cwd=clean, env=environment, capture_output=True)
     assert (done.returncode, done.stderr) == (130, b"")
 
