@@ -15,8 +15,9 @@ from commandline import Files, answer, only_line, refused, run
 LIMIT = "position_max_mm=0.001"
 Open = Callable[..., dict[str, Any]]
 
-# What a browser sees, written into the page as one line of JSON.
-_LOOK = """<script>addEventListener("load", () => requestAnimationFrame(() => {
+# What a browser sees, written into the page as one line of JSON. The page's clock is virtual, so a timer comes in time,
+# unlike a frame, which a busy machine may never show.
+_LOOK = """<script>addEventListener("load", () => setTimeout(() => {
   const view = document.getElementById("vectors-view"), root = document.documentElement;
   const pixels = view.getContext("2d").getImageData(0, 0, view.width, view.height).data;
   const wide = [...document.querySelectorAll("body *")].filter((e) =>
@@ -33,7 +34,7 @@ _LOOK = """<script>addEventListener("load", () => requestAnimationFrame(() => {
     axes: getComputedStyle(document.querySelector(".drawing svg text")).fill,
     inked: pixels.some((v) => v > 0), turned: before !== view.toDataURL(),
   });
-}));</script></body>"""
+}, 100));</script></body>"""
 
 
 @pytest.fixture(scope="module")
