@@ -15,15 +15,17 @@ class BacklashPath:
         self._last: Array | None = None
         self._direction: Array | None = None
 
-    def taken_up(self, commanded: Array) -> Array:
-        """Half width times direction for commanded joint positions (N, n) in order: (N, n), to be added to corrected ones.
+    def taken_up(self, corrected: Array) -> Array:
+        """Half width times direction for corrected joint positions (N, n) in order: (N, n), to be added to them.
 
-        0 for a joint that has not moved yet: nobody knows its side. Rows with NaN are not driven to and get 0.
+        The directions are those of the corrected motion, which is the one that is driven: a correction turns small steps
+        round. What is added does not turn them again. 0 for a joint that has not moved yet: nobody knows its side. Rows
+        with NaN are not driven to and get 0.
         """
-        result = np.zeros_like(commanded)
-        driven = np.flatnonzero(np.isfinite(commanded).all(axis=-1))
+        result = np.zeros_like(corrected)
+        driven = np.flatnonzero(np.isfinite(corrected).all(axis=-1))
         if len(driven):
-            found = directions(commanded[driven], self._last, self._direction)
-            self._last, self._direction = commanded[driven[-1]], found[-1]
+            found = directions(corrected[driven], self._last, self._direction)
+            self._last, self._direction = corrected[driven[-1]], found[-1]
             result[driven] = self.backlash * found
         return result

@@ -27,14 +27,12 @@ class Compensation:
     position     (N,) what the calibrated model leaves at the tool point, m (for n < 6: what no joint can correct); NaN where
                  nobody asked, in `ok` rows of one-step
     orientation  (N,) the same as a rotation angle, rad
-    commanded    (N, n) nominal joint positions that were corrected
     """
 
     q: Array
     status: np.ndarray
     position: Array
     orientation: Array
-    commanded: Array
 
 
 def compensate_joints(
@@ -110,7 +108,7 @@ def _compensate(calibration: Calibration, target: Array | None, q: Array, method
         turn = log3(aim[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2))
         left[0, judged] = np.linalg.norm(aim[:, :3, 3] - pose[:, :3, 3], axis=-1)
         left[1, judged] = np.linalg.norm(turn, axis=-1)
-    return Compensation(q=corrected, status=status, position=left[0], orientation=left[1], commanded=q)
+    return Compensation(q=corrected, status=status, position=left[0], orientation=left[1])
 
 
 def _solved(calibration: Calibration, target: Array, q: Array, stepped: Array) -> tuple[Array, np.ndarray, Array]:

@@ -147,8 +147,7 @@ class _Corrector:
         self._note(table, result)
         added = self._added(result)
         if self.path is not None:
-            driven = np.where(np.isnan(result.q), np.nan, result.commanded)
-            result = replace(result, q=result.q + self.path.taken_up(driven))
+            result = replace(result, q=result.q + self.path.taken_up(result.q))
         names = robot.joint_columns if joints is None else sorted(joints[1], key=table.header.index)
         order = list(range(robot.n)) if joints is None else [joints[1].index(column) for column in names]
         replaced = set(names) | (set() if poses is None else set(poses[1]))

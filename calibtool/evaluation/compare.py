@@ -163,7 +163,7 @@ def _compensated(
     else:
         result = guarded(calibration, q, None, method, outside)
         setup = fitting_setup(calibration, measurements)
-        driven = result.q + calibration.base.motion.backlash * truth.actual.directions(q)
+        driven = result.q + calibration.base.motion.backlash * truth.actual.directions(result.q)
         marked = int(np.isin(result.status, (NEAR_SINGULAR, OUT_OF_LIMITS)).sum())
     commanded = robot.mechanism.forward(q)
     if measurements.setup.known:

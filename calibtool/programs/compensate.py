@@ -104,8 +104,7 @@ def compensate_program(
     notes = program.notes
     if options.backlash and backlash.any():
         if program_format in _IN_ORDER:
-            driven = np.where(np.isnan(result.q), np.nan, q)
-            result = replace(result, q=result.q + BacklashPath(backlash).taken_up(driven))
+            result = replace(result, q=result.q + BacklashPath(backlash).taken_up(result.q))
         else:
             notes += ("the backlash is not taken up: a program does not say in which order its targets are reached",)
     edits: list[tuple[int, int, str]] = []
@@ -198,7 +197,7 @@ def _nominal(
 def _corrected(calibration: Calibration, solved: list[_Solved], q: Array, options: ProgramOptions) -> Compensation:
     """The compensation of all targets, joint targets and poses each in one batch."""
     count = len(solved)
-    result = Compensation(q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count), q)
+    result = Compensation(q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count))
     poses = np.array([item.T_base_tool is not None for item in solved], dtype=bool)
     for kind in (False, True):
         rows = np.flatnonzero(poses == kind)
