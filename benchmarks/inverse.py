@@ -1,9 +1,9 @@
 """Inverse kinematics over the whole joint range, beside other solvers in one run.
 
 Run: python benchmarks/inverse.py [--poses 10000] [--peer PYTHON]. Poses of uniform joint positions inside the limits,
-singular ones included. "no seed": from the default home; "near seed": from 0.05 rad beside the answer. Pinocchio's example
-loop (CLIK) and, with --peer, roboticstoolbox-python's `ik_LM` (PYTHON is an interpreter that has it) solve the first 500.
-Time is that of one CPU.
+singular ones included, all in one call or 500 in each. "no seed": any branch; "near seed": from 0.05 rad beside the answer.
+Beside it roboticstoolbox-python's `ik_LM` (PYTHON is an interpreter that has it) and, on the first 500 and from home,
+Pinocchio's example loop (CLIK). Time is that of one CPU.
 """
 
 import os
@@ -25,7 +25,7 @@ from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, inverse
 
-OTHERS = 500
+FEW = 500
 
 
 def clik(robot: Robot, targets: Array, seed: Array) -> tuple[np.ndarray, float]:
@@ -99,18 +99,18 @@ def main() -> None:
         rng = np.random.default_rng(0)
         q = robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
         targets = robot.mechanism.forward(q)
-        start = time.process_time()
-        solved = inverse_kinematics(robot, targets)
-        seconds = time.process_time() - start
-        row(name, "calibtool, no seed", solved.reached, seconds)
+        for size, note in ((count, ""), (FEW, f", {FEW} at a time")):
+            start = time.process_time()
+            reached = [inverse_kinematics(robot, targets[k : k + size]).reached for k in range(0, count, size)]
+            row(name, f"calibtool, no seed{note}", np.concatenate(reached), time.process_time() - start)
         near = np.clip(q + rng.normal(0, 0.05, q.shape), robot.lower, robot.upper)
         start = time.process_time()
         solved = inverse_kinematics(robot, targets, near)
         row(name, "calibtool, near seed", solved.reached, time.process_time() - start)
         seed = robot.home(robot.workspace(None)[1])
-        row(name, "Pinocchio's CLIK example, no seed", *clik(robot, targets[:OTHERS], seed))
+        row(name, "Pinocchio's CLIK example, no seed", *clik(robot, targets[:FEW], seed))
         if arguments.peer:
-            row(name, "roboticstoolbox ik_LM, no seed", *toolbox(robot, targets[:OTHERS], arguments.peer))
+            row(name, "roboticstoolbox ik_LM, no seed", *toolbox(robot, targets, arguments.peer))
 
 
 def row(robot: str, solver: str, reached: np.ndarray, seconds: float) -> None:

@@ -70,7 +70,8 @@ def compensate(
     Rows come back with the corrected joints, the input's other columns and a status: ok, outside (of the training's
     configurations), near-singular, out-of-limits or unreachable (empty joints, exit code 4; the other rows are written all
     the same). Poses without joints are a path: each row starts from the one before, jumps of the joints are reported.
-    A calibration with backlash takes it up by the direction of each joint's corrected motion: rows must be in the order of motion.
+    A calibration with backlash takes it up by the direction of each joint's corrected motion: rows must be in the order of
+    motion.
 
     Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how many, by how
     much at most, and what was left alone and why. A target without an answer stops it, and nothing is written.

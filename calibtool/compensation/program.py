@@ -19,7 +19,7 @@ OUTSIDE_POLICIES = ("mark", "base", "refuse")
 
 
 def read_configurations(text: str, name: str, robot: Robot) -> Array:
-    """Joint positions (N, n) from a table of joints, or of poses by inverse kinematics.
+    """Joint positions (N, n) from a table of joints, or of poses by inverse kinematics from home.
 
     Raises InputError for a bad table, NoSolutionError naming the first pose that cannot be reached.
     """
@@ -30,7 +30,7 @@ def read_configurations(text: str, name: str, robot: Robot) -> Array:
     poses = poses_from_header(table)
     if poses is None:
         raise no_targets(table)
-    solved = inverse_kinematics(robot, poses[0])
+    solved = inverse_kinematics(robot, poses[0], robot.home(robot.workspace(None)[1]))
     if not solved.reached.all():
         row = int(np.argmin(solved.reached))
         raise NoSolutionError(f"{table.place(row)}: the pose is unreachable; {int((~solved.reached).sum())} rows are")

@@ -9,12 +9,18 @@ from calibtool.robot.mechanism import at_point, scale_rows
 from calibtool.robot.model import Robot
 from calibtool.robot.reach import excluded
 from calibtool.robot.se3 import Array, log3
+from calibtool.robot.starts import drawn, starts_of
 
 ForwardAndJacobian = Callable[[Array], tuple[Array, Array]]
 
 _STEP_LIMIT = 0.6  # rad (or characteristic lengths): longer steps leave the region where the Jacobian tells the truth
 
 _ROWS_TOGETHER = 64  # rows for which several starts are tried at once
+_NEAR_STARTS = 24  # starts near the pose before those drawn from everywhere
+_FROM_NEAR, _FROM_AFAR = (
+    12,
+    60,
+)  # Newton steps: who needs more from near is at a joint limit, and another start is better
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,19 +118,19 @@ def inverse_kinematics(
 ) -> InverseResult:
     """Joint positions of the nominal robot within its limits for T_base_tool, (N, 4, 4).
 
-    q_seed (N, n) or (n,): where to start, the answer is on its branch if it can be; without it the home of the default
-    workspace. Rows that do not arrive are started again, up to `starts` times, from random joint positions drawn from
-    `rng` (a fixed one unless given), but not where `excluded` tells that none can. An angle is returned within half a turn
-    of its seed where the limits allow it.
+    q_seed (N, n) or (n,): where to start, the answer is on its branch if it can be; without it any branch will do. Rows
+    that do not arrive are started again, up to `starts` times, first from joint positions whose poses are near, then from
+    those drawn from `rng` (a fixed one unless given), but not where `excluded` tells that none can. An angle is returned
+    within half a turn of its seed (of 0 without one) where the limits allow it.
     tolerance (rad, or characteristic lengths) decides what counts as reached: 1e-8, for n < 6 1e-5, because a pose written
     with six digits lies that far beside the poses that the arm can take.
     """
     rng = np.random.default_rng(0) if rng is None else rng
     tolerance = (1e-8 if robot.n >= 6 else 1e-5) if tolerance is None else tolerance
-    seed = robot.home(robot.workspace(None)[1]) if q_seed is None else q_seed
-    seed = np.clip(np.broadcast_to(seed, (len(target), robot.n)), robot.lower, robot.upper)
+    seed = np.zeros(robot.n) if q_seed is None else np.clip(q_seed, robot.lower, robot.upper)
+    seed = np.broadcast_to(seed, (len(target), robot.n))
 
-    def solve(rows: np.ndarray, q_start: Array) -> InverseResult:
+    def solve(rows: np.ndarray, q_start: Array, max_iterations: int) -> InverseResult:
         result = solve_poses(
             robot.mechanism.forward_and_jacobian,
             target[rows],
@@ -132,31 +138,37 @@ def inverse_kinematics(
             length=robot.length,
             lower=robot.lower,
             upper=robot.upper,
+            max_iterations=max_iterations,
             tolerance=tolerance,
         )
         result.q[:] = _nearest_turn(robot, result.q, seed[rows])
         return result
 
-    best = solve(np.arange(len(target)), seed)
-    several_turns = (robot.upper - robot.lower > 2 * np.pi) & ~np.array(robot.prismatic)
-    low = np.where(several_turns, np.maximum(robot.lower, -np.pi), robot.lower)
-    span = np.where(several_turns, 2 * np.pi, robot.upper - robot.lower)
-    hopeless = excluded(robot, target, tolerance)
+    every = np.arange(len(target))
+    if q_seed is None:
+        best = solve(every, starts_of(robot).nearest(target, 1)[:, 0], _FROM_NEAR)
+    else:
+        best = solve(every, seed, _FROM_AFAR)
+    if starts == 0:
+        return best
+    rows = np.flatnonzero(~best.reached & ~excluded(robot, target, tolerance))
+    near = starts_of(robot).nearest(target[rows], min(starts, _NEAR_STARTS))
     used = 0
-    while used < starts:
-        rows = np.flatnonzero(~best.reached & ~hopeless)
-        if not len(rows):
-            break
-        together = min(starts - used, max(1, _ROWS_TOGETHER // len(rows)))  # few rows: several starts in one batch
+    while used < starts and len(rows):
+        together = min(starts - used, max(2, _ROWS_TOGETHER // len(rows)))  # few rows: more starts in one batch
+        q_start, steps = near[:, used : used + together], _FROM_NEAR
+        if not q_start.shape[1]:
+            q_start, steps = drawn(robot, len(rows) * together, rng).reshape(len(rows), together, robot.n), _FROM_AFAR
+        together = q_start.shape[1]
         used += together
-        repeated = np.tile(rows, together)
-        q_start = np.minimum(low + span * rng.random((len(repeated), robot.n)), robot.upper)
-        again = solve(repeated, q_start)
-        cost = (again.position / robot.length + again.orientation).reshape(together, -1)
-        winner = cost.argmin(axis=0) * len(rows) + np.arange(len(rows))
-        better = cost.min(axis=0) < best.position[rows] / robot.length + best.orientation[rows]
+        again = solve(np.repeat(rows, together), q_start.reshape(-1, robot.n), steps)
+        cost = (again.position / robot.length + again.orientation).reshape(len(rows), together)
+        winner = np.arange(len(rows)) * together + cost.argmin(axis=1)
+        better = cost.min(axis=1) < best.position[rows] / robot.length + best.orientation[rows]
         for field in ("q", "converged", "reached", "position", "orientation", "iterations"):
             getattr(best, field)[rows[better]] = getattr(again, field)[winner[better]]
+        waiting = ~best.reached[rows]
+        rows, near = rows[waiting], near[waiting]
     return best
 
 
@@ -167,6 +179,7 @@ def follow_path(robot: Robot, target: Array, q_seed: Array | None = None) -> tup
     """
     q = np.empty((len(target), robot.n))
     reached = np.zeros(len(target), dtype=bool)
+    q_seed = robot.home(robot.workspace(None)[1]) if q_seed is None else q_seed
     for k in range(len(target)):
         solved = inverse_kinematics(robot, target[k : k + 1], q_seed)
         q[k], reached[k] = solved.q[0], solved.reached[0]
@@ -175,15 +188,16 @@ def follow_path(robot: Robot, target: Array, q_seed: Array | None = None) -> tup
     return q, reached
 
 
-def _bounded_step(jacobian: Array, error: Array, caution: Array, q: Array, lower: Array, upper: Array) -> Array:
-    """A damped step in which the joints that stand at a limit and would leave it keep still."""
+def _bounded_step(
+    jacobian: Array, error: Array, caution: Array, q: Array, lower: Array, upper: Array, again: int = 2
+) -> Array:
+    """A damped step in which the joints that stand at a limit and would leave it keep still, looked for `again` times."""
     step = _damped_step(jacobian, error, caution)
-    for _ in range(2):
-        held = ((q <= lower) & (step < 0)) | ((q >= upper) & (step > 0))
-        if not held.any():
-            break
-        jacobian = np.where(held[:, None, :], 0.0, jacobian)
-        step = _damped_step(jacobian, error, caution)
+    held = ((q <= lower) & (step < 0)) | ((q >= upper) & (step > 0))
+    rows = np.flatnonzero(held.any(axis=-1))
+    if len(rows) and again:
+        free = np.where(held[rows, None, :], 0.0, jacobian[rows])
+        step[rows] = _bounded_step(free, error[rows], caution[rows], q[rows], lower, upper, again - 1)
     return step
 
 
