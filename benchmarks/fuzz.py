@@ -82,8 +82,8 @@ def work(name: str, seed: int, first: int, end: int, state: Any, found: Connecti
             reader.read(data)
             state[5] += 1
         except CalibtoolError as error:
-            if "\n" in str(error) or not str(error):
-                found.send((index, f"message of {len(str(error).splitlines())} lines {place(error)}", str(error)))
+            if not (str(error) and str(error).isprintable()):
+                found.send((index, f"message is not one line of printable characters {place(error)}", str(error)))
         except (Exception, Hang) as error:
             found.send((index, place(error), f"{type(error).__name__}: {error}"[:300]))
         finally:

@@ -5,6 +5,7 @@ Run: python benchmarks/reliability.py [--workers N] [--resume] [--peers PYTHON] 
      python benchmarks/reliability.py --quick                                      minutes; the pages go to stdout
      python benchmarks/reliability.py --page                                       the pages again, nothing is run
 
+Coverage-guided fuzzing needs atheris (pip install atheris) and is left as it was without it.
 Every part (a reader, a writing command, the laws, the numerics) is a process of its own; its figures are kept in
 benchmarks/pages/figures.json as soon as it ends. The side-by-side tables are those of docs/peers.md, measured again with
 --peers PYTHON (see benchmarks/peers/README.md).
@@ -20,6 +21,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -43,10 +45,11 @@ class Part:
     amount: int
 
 
-def parts(inputs: int, tries: int, thorough: bool) -> dict[str, Part]:
+def parts(inputs: int, tries: int, seconds: int, thorough: bool) -> dict[str, Part]:
     """Every part, the longest first."""
     sys.path[:0] = [str(ROOT / "tests" / "fuzz"), str(ROOT / "tests" / "faults")]
     from ended import WRITERS, available
+    from guided import GUIDED
     from readers import READERS
 
     found = {"laws": Part(["laws.py"], 20) if thorough else Part(["laws.py", "--quick"], 1)}
@@ -54,6 +57,8 @@ def parts(inputs: int, tries: int, thorough: bool) -> dict[str, Part]:
         found[f"faults {name}"] = Part(["faults.py", "--tries", str(tries), "--command", name], tries)
     for name in READERS:
         found[f"fuzz {name}"] = Part(["fuzz.py", "--inputs", str(inputs), "--reader", name], inputs)
+    for name in GUIDED:
+        found[f"guided {name}"] = Part(["guided.py", "--seconds", str(seconds), "--reader", name], seconds)
     found["numerics"] = Part(["numerics.py"], 1)
     return found
 
@@ -111,6 +116,7 @@ def pages(figures: Figures) -> dict[Path, str]:
     environment.globals["table"] = table
     peers = PEERS.read_text(encoding="utf-8").partition("\n")[2].strip()
     fuzz = [row for name in sorted(figures) if name.startswith("fuzz ") for row in figures[name]["rows"]]
+    guided = [row for name in sorted(figures) if name.startswith("guided ") for row in figures[name]["rows"]]
     faults, laws = by_fault(figures), figures["laws"]["rows"][0]
     found = {
         "setting": figures["setting"],
@@ -126,6 +132,11 @@ def pages(figures: Figures) -> dict[Path, str]:
             ]
             for row in fuzz
         ],
+        "guided_rows": [
+            [row["reader"], f"{row['inputs']:,}", row["kept"], row["seeds_reach"], row["reached"], len(row["findings"])]
+            for row in guided
+        ],
+        "guided": guided,
         "faults": faults,
         "fault_rows": [[row["fault"], len(row["commands"]), row["tries"], row["held"]] for row in faults],
         "commands": [name.removeprefix("faults ") for name in sorted(figures) if name.startswith("faults ")],
@@ -142,12 +153,14 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="Few inputs and tries; the pages go to stdout.")
     parser.add_argument("--inputs", type=int, default=100_000, help="Mutated files per reader.")
     parser.add_argument("--tries", type=int, default=100, help="Kills per writing command.")
+    parser.add_argument("--seconds", type=int, default=120, help="Of coverage-guided fuzzing per reader.")
     parser.add_argument("--resume", action="store_true", help="Only the parts of which less was tried before.")
     parser.add_argument("--page", action="store_true", help="Only write the pages.")
     parser.add_argument("--workers", type=int, default=1, help="Parts at a time.")
     parser.add_argument("--peers", metavar="PYTHON", help="Measure the peers again, with this interpreter.")
     options = parser.parse_args()
-    wanted = parts(1000, 4, False) if options.quick else parts(options.inputs, options.tries, options.inputs >= 100_000)
+    amounts = (1000, 4, 5) if options.quick else (options.inputs, options.tries, options.seconds)
+    wanted = parts(*amounts, thorough=options.inputs >= 100_000 and not options.quick)
     old = json.loads(FIGURES.read_text(encoding="utf-8")) if (options.resume or options.page) else {}
     figures: Figures = {
         "setting": old.get("setting") or setting(),
@@ -155,6 +168,8 @@ def main() -> None:
     }
 
     def missing(name: str) -> bool:
+        if name.startswith("guided ") and find_spec("atheris") is None:
+            return False
         return name not in figures or figures[name]["amount"] < wanted[name].amount
 
     if not options.page:

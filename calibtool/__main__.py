@@ -36,7 +36,9 @@ def main() -> None:
     """Run the command of `sys.argv`; the console script `calibtool`."""
     line = first_line(sys.argv[1:])
     if line is not None and sys.stderr is not None and sys.stderr.isatty():
-        print(line, file=sys.stderr, flush=True)  # noqa: T201
+        from calibtool.errors import printable
+
+        print(printable(line), file=sys.stderr, flush=True)  # noqa: T201
     from calibtool.cli import main as run
 
     run()

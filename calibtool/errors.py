@@ -4,10 +4,20 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 
+def printable(text: str) -> str:
+    """The text with escapes for what is no printable character: words of a file must not move a terminal's cursor."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
 class CalibtoolError(Exception):
-    """Root of all failures that calibtool foresees."""
+    """Root of all failures that calibtool foresees. The message is made one line of printable characters."""
 
     exit_code = 1
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
 class UsageError(CalibtoolError):

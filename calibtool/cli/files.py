@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, TextIO
 from calibtool.cli.interrupts import held
 from calibtool.cli.staging import Part, staged
 from calibtool.cli.verbosity import detail, is_quiet
-from calibtool.errors import InputError, UsageError
+from calibtool.errors import InputError, UsageError, printable
 
 STREAM = "-"
 
@@ -25,7 +25,7 @@ def message(text: str, important: bool = False) -> None:
     if is_quiet() and not important and not text.startswith("warning"):
         return
     try:
-        print(text, file=sys.stderr, flush=True)  # noqa: T201
+        print(printable(text), file=sys.stderr, flush=True)  # noqa: T201
     except OSError:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
 

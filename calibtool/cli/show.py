@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from calibtool.cli.files import write_stdout
 from calibtool.cli.verbosity import is_quiet
+from calibtool.errors import printable
 
 
 def print_json(value: dict[str, object]) -> None:
@@ -25,12 +26,12 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(stderr=True, width=None if sys.stderr.isatty() else 140, highlight=False)
+    console = Console(stderr=True, width=None if sys.stderr.isatty() else 140, highlight=False, markup=False)
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
     for i, name in enumerate(header):
         table.add_column(name, justify="left" if i == 0 else "right")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(printable, row))
     with contextlib.suppress(OSError):  # as in `message`
         console.print(table)
 
@@ -55,4 +56,4 @@ def _text(value: object) -> str:
         return f"{value:.6g}"
     if isinstance(value, list):
         return "[" + ", ".join(_text(v) for v in value) + "]"
-    return "none" if value is None else str(value)
+    return "none" if value is None else printable(str(value))

@@ -19,6 +19,22 @@ PLANAR = ["j1_deg", "j2_deg", "j3_deg"]
 POINTS = [f"t{i}_{axis}_mm" for i in (1, 2, 3) for axis in "xyz"]
 
 
+# --- what a file says -------------------------------------------------------------------------------------------------
+
+
+def test_words_of_a_file_neither_break_the_line_nor_move_the_cursor(files: Files) -> None:
+    words = "a\x85b\u2028c\x1b[2J\u202e"
+    line = refused(3, "compensate", files.local_poe, "-", stdin=f"{','.join(PLANAR)}\n1,2,{words}\n")
+    assert r"holds 'a\x85b\u2028c\x1b[2J\u202e'" in line
+    assert r"no\x1b[2Jsuch.h5" in refused(2, "info", "no\x1b[2Jsuch.h5")
+
+
+def test_names_of_files_are_shown_as_they_are(files: Files) -> None:
+    copy = Path("c[bold]\x1b[31m.h5")
+    copy.write_bytes(Path(files.local_poe).read_bytes())
+    assert r"c[bold]\x1b[31m" in run("evaluate", str(copy), "--on", files.measurements).stderr
+
+
 # --- names ----------------------------------------------------------------------------------------------------------
 
 

@@ -25,7 +25,7 @@ def test_mutated_files_are_read_or_refused(name: str) -> None:
             pytest.fail(
                 f"benchmarks/fuzz.py --reader {name} --first {index} --inputs 1: {type(error).__name__}: {error}"
             )
-    assert all(len(message.splitlines()) == 1 for message in messages)
+    assert all(message and message.isprintable() for message in messages)
 
 
 @pytest.mark.parametrize("name", READERS)
