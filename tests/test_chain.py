@@ -45,13 +45,15 @@ ZIGZAG = """
 """
 
 
+TOML = (
+    'name = "zigzag"\ntitle = "z"\n[targets]\npoints_mm = [[0, 0, 1]]\n'
+    '[kinematics]\nurdf = "zigzag.urdf"\ntool_frame = "tip"\n'
+)
+
+
 def zigzag(kinematics: str = "") -> Source:
     """A robot with an inclined mounting, skew axes, continuous joints and a slide."""
-    toml = (
-        f'name = "zigzag"\ntitle = "z"\n[targets]\npoints_mm = [[0, 0, 1]]\n'
-        f'[kinematics]\nurdf = "zigzag.urdf"\ntool_frame = "tip"\n{kinematics}\n'
-    )
-    return parse_source(toml, ZIGZAG, "zigzag")
+    return parse_source(f"{TOML}{kinematics}\n", ZIGZAG, "zigzag")
 
 
 def pinocchio_itself(robot: Robot, q: Array) -> tuple[Array, Array]:
@@ -168,3 +170,19 @@ def test_arrays_of_a_chain_cannot_be_changed(fanuc: Robot) -> None:
 def test_a_moving_base_frame_is_refused() -> None:
     with pytest.raises(InputError, match="'upper' moves with joint 'a'"):
         build_chain(zigzag('base_frame = "upper"'))
+
+
+@pytest.mark.parametrize("axis", ["1 2 2", "0 0 -1", "0 3 4"])  # continuous twice, a slide
+@pytest.mark.parametrize("written", ['xyz="0 0 0"', 'xyz="0 -0.0 1e-320"'])
+def test_a_joint_without_an_axis_is_refused(axis: str, written: str) -> None:
+    text = ZIGZAG.replace(f'<axis xyz="{axis}"/>', f"<axis {written}/>")
+    with pytest.raises(InputError, match=r"joint '[abc]' has no axis"):
+        Robot.from_source(parse_source(TOML, text, "zigzag"))
+
+
+@pytest.mark.parametrize("size", ["1e-3", "1e6"])
+def test_an_axis_of_any_length_is_a_direction(size: str, rng: np.random.Generator) -> None:
+    text = ZIGZAG.replace('<axis xyz="0 0 -1"/>', f'<axis xyz="0 0 -{size}"/>')
+    robot, scaled = Robot.from_source(zigzag()), Robot.from_source(parse_source(TOML, text, "zigzag"))
+    q = random_positions(robot, rng, 5)
+    np.testing.assert_allclose(scaled.mechanism.forward(q), robot.mechanism.forward(q), atol=1e-12)

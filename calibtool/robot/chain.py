@@ -268,7 +268,10 @@ def _unit_twist(joint: pin.JointModel, joint_name: str, name: str) -> Array:
     _check_single(joint, joint_name, name)
     data = joint.createData()
     joint.calc(data, np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0]))
-    return np.array(data.S, dtype=float).reshape(6)
+    twist = np.array(data.S, dtype=float).reshape(6)
+    if not abs(np.linalg.norm(twist) - 1.0) < 1e-9:
+        raise InputError(f"{name}: joint '{joint_name}' has no axis; its <axis xyz=…/> must not be zero")
+    return twist
 
 
 def _joint_model(twist: Array) -> pin.JointModel:
