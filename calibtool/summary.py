@@ -170,8 +170,9 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         result += _flagged_lines(calibration)
     validation = calibration.validation
     if validation is not None:
-        gain_percent = round(validation.gain, 1) + 0.0
-        verdict = f"cross-validated gain {gain_percent:+.1f} ± {validation.standard_error:.1f} %"
+        decimals = max(1, -int(np.floor(np.log10(max(validation.standard_error, 1e-3)))))
+        gain_percent = round(validation.gain, decimals) + 0.0
+        verdict = f"cross-validated gain {gain_percent:+.{decimals}f} ± {validation.standard_error:.{decimals}f} %"
         members = "" if training is None else f"{training.effective:.1f} effective weights of a member"
         used = f"{len(calibration.networks)} members, {members}" if calibration.networks else "not used"
         result.append(f"network: {used} ({verdict})")
@@ -217,8 +218,8 @@ def _complete_lines(calibration: Calibration) -> list[str]:
     functions += "" if parameters.twists else ", no twist errors"
     estimated = posterior.noise_factor * calibration.noise_position * 1e3
     result = [
-        f"{posterior.effective:.1f} of {parameters.count} parameters determined, {functions}, "
-        f"estimated noise {estimated:.3g} mm, {base.iterations} iterations"
+        f"{posterior.effective:.1f} of {base.observable_rank} directions determined ({parameters.count} parameters), "
+        f"{functions}, estimated noise {estimated:.3g} mm, {base.iterations} iterations"
     ]
     if not 0.5 <= posterior.noise_factor <= 2.0:
         result.append(

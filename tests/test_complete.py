@@ -169,6 +169,18 @@ def test_a_joint_that_never_moves_is_named_and_the_rest_is_usable(fanuc: Robot) 
     assert any(row.at_prior for row in parameter_rows(fanuc, calibration.base))
 
 
+@pytest.mark.parametrize("harmonics", [0, 2])
+def test_what_measurements_could_determine_is_that_of_the_design(robot: Robot, harmonics: int) -> None:
+    """Six of every joint and of the base (δζ, δξ and δq overlap), sine and cosine of every order of turning joints."""
+    turning = robot.n - sum(robot.prismatic)
+    expected = 6 * (robot.n + 1) + 2 * harmonics * turning
+    options = CompleteOptions(harmonics=harmonics, gravity=False, backlash=False, twists=True)
+    for count in (8, 60):
+        base = identify_complete(measured(robot, count)[0], options)
+        assert base.observable_rank == expected
+        assert base.rank <= expected
+
+
 def test_rows_that_lack_a_target_count_with_the_others(fanuc: Robot) -> None:
     measurements, fresh = measured(fanuc, 50)
     points = measurements.points.copy()

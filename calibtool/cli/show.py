@@ -9,6 +9,8 @@ from calibtool.cli.files import write_stdout
 from calibtool.cli.verbosity import is_quiet
 from calibtool.errors import printable
 
+_LONGEST = 24  # elements of a list that people are shown
+
 
 def print_json(value: dict[str, object]) -> None:
     """One JSON object on stdout."""
@@ -55,5 +57,8 @@ def _text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, list):
-        return "[" + ", ".join(_text(v) for v in value) + "]"
+        shown = (
+            [*map(_text, value[:_LONGEST]), f"… {len(value)} in all"] if len(value) > _LONGEST else map(_text, value)
+        )
+        return "[" + ", ".join(shown) + "]"
     return "none" if value is None else printable(str(value))

@@ -19,6 +19,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
 from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.starts import drawn
 
 FEW_HARMONICS = tuple(range(LOW_ORDERS + 1))
 MANY_HARMONICS = (*FEW_HARMONICS, 6, 9, 12, 16, 20, 24, 28, 32)
@@ -29,6 +30,7 @@ _JUDGED = 500  # configurations on which many harmonics are judged
 _MAX_ITERATIONS = 30
 _PRIOR_STEPS = 3  # Gauss–Newton steps in which tolerances are re-estimated; one where a fit before has done so
 _CONVERGED = 1e-3  # a step this small against the posterior's standard deviations changes nothing
+_RANK_TOLERANCE = 1e-6  # of the largest singular value of normal equations; exact redundancies lie near 1e-8
 _ROUGHLY = 0.1  # and this small a one not the choice of a model
 
 
@@ -243,7 +245,7 @@ def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> 
         setup=fit.state.setup,
         singular_values=readonly(np.sqrt(eigenvalues)),
         rank=int((eigenvalues > 1.0).sum()),
-        observable_rank=parameters.count,
+        observable_rank=_observable_rank(measurements, fit),
         unobservable=tuple(str(name) for name in names[at_prior]),
         residual_rms=split_rms(left, measurements),
         iterations=fit.iterations,
@@ -257,3 +259,19 @@ def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> 
         ),
         flagged=flagged,
     )
+
+
+def _observable_rank(measurements: Measurements, fit: _Fit) -> int:
+    """Directions of the parameters that measurements of this kind could determine: seen anywhere, moving to either side."""
+    robot, parameters = measurements.robot, fit.parameters
+    count, rng = max(30, parameters.count // 3), np.random.default_rng(0)
+    known = measurements.direction is not None
+    anywhere = replace(
+        measurements.rows(np.zeros(count, dtype=int)),
+        q=drawn(robot, count, rng),
+        points=np.zeros((count, *measurements.points.shape[1:])),  # every target is seen; where does not matter
+        direction=rng.choice([-1.0, 1.0], size=(count, robot.n)) if known else None,
+    )
+    information = normal_equations(anywhere, parameters, fit.state, np.ones(count)).information
+    eigenvalues = np.linalg.eigvalsh(fit.prior_std[:, None] * information * fit.prior_std)
+    return int((eigenvalues > _RANK_TOLERANCE**2 * eigenvalues[-1]).sum())

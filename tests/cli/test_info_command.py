@@ -53,6 +53,13 @@ def test_text_and_json_say_the_same(files: Files, name: str) -> None:
     assert f"command: {value['provenance']['command']}\n" in result.stdout
 
 
+def test_long_lists_are_cut_for_people_only(files: Files) -> None:
+    run("identify", files.measurements, "--model", "complete", "-o", "c.h5")
+    values = answer("info", "c.h5")["base"]["singular_values"]
+    assert len(values) > 24
+    assert f"… {len(values)} in all]" in run("info", "c.h5").stdout
+
+
 @pytest.mark.parametrize("name", ["measurements", "network"])
 def test_from_stdin(files: Files, name: str) -> None:
     path = getattr(files, name)

@@ -11,6 +11,7 @@ import pytest
 from commandline import ENVIRONMENT, answer, refused, rows_of, run
 
 SMALL = ["fanuc-m1000ia", "--runs", 3, "-n", 20, "--fresh", 10, "--methods", "local-poe", "--workers", 1]
+JOURNAL = Path("s.csv.journal")
 KEYS = {
     "robot",
     "workspace",
@@ -70,34 +71,34 @@ def test_plan_file_options_before_its_keys_and_hdf5() -> None:
     assert answer(*arguments, "--noise-mm", 0.01, "--noise-mm", 0.1, "-o", "s.h5") == value
 
 
+def stopped(with_signal: signal.Signals) -> tuple[int, str]:
+    """A study into s.csv that got a signal after its first finished run: its exit code and stderr."""
+    command = [sys.executable, "-m", "calibtool", "study", *map(str, SMALL), "-o", "s.csv"]
+    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        while not (JOURNAL.exists() and JOURNAL.read_bytes().count(b"\n") >= 2) and process.poll() is None:
+            time.sleep(0.002)
+        os.kill(process.pid, with_signal)
+        _, told = process.communicate(timeout=60)
+    return process.returncode, told.decode()
+
+
 def test_killed_and_started_again_the_table_is_the_same(table: bytes) -> None:
     """SIGKILL after the first finished run: no process stays, and the next command performs the rest."""
-    command = [sys.executable, "-m", "calibtool", "study", *map(str, SMALL), "-o", "s.csv"]
-    journal = Path("s.csv.journal")
-    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        while not (journal.exists() and journal.read_bytes().count(b"\n") >= 2) and process.poll() is None:
-            time.sleep(0.002)
-        os.kill(process.pid, signal.SIGKILL)
+    stopped(signal.SIGKILL)
     assert "another study" in refused(2, "study", *SMALL, "--seed", 1, "-o", "s.csv")
     result = run("study", *SMALL, "-o", "s.csv")
     assert "runs are finished already" in result.stderr
     assert Path("s.csv").read_bytes() == table
-    assert not journal.exists()
+    assert not JOURNAL.exists()
 
 
 def test_ctrl_c_keeps_what_is_finished(table: bytes) -> None:
-    command = [sys.executable, "-m", "calibtool", "study", *map(str, SMALL), "-o", "s.csv"]
-    journal = Path("s.csv.journal")
-    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        while not (journal.exists() and journal.read_bytes().count(b"\n") >= 2) and process.poll() is None:
-            time.sleep(0.002)
-        os.kill(process.pid, signal.SIGINT)
-        _, told = process.communicate(timeout=60)
-    if not journal.exists():  # it was quicker
+    code, told = stopped(signal.SIGINT)
+    if not JOURNAL.exists():  # it was quicker
         assert Path("s.csv").read_bytes() == table
         return
-    assert process.returncode == 130
-    assert b"of 3 runs are kept; the same command goes on" in told
+    assert code == 130
+    assert "of 3 runs are kept; the same command goes on" in told
 
 
 def test_a_device_gets_no_journal() -> None:

@@ -176,7 +176,7 @@ def observability(calibrations: Named, width_mm: float) -> Figure:
             floor, color=INK, linestyle=":", label="as informative as the tolerance" if floor == 1 else "rank limit"
         )
         log_scale(panel, "y", [shown])
-        panel.set_title(f"{label(name)}: rank {base.rank} of {base.parameters}")
+        panel.set_title(f"{label(name)}: rank {base.rank} of {base.observable_rank}, {base.parameters} parameters")
         panel.set(xlabel="direction", ylabel="singular value")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.grid(axis="y")
