@@ -170,9 +170,7 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         result += _flagged_lines(calibration)
     validation = calibration.validation
     if validation is not None:
-        decimals = max(1, -int(np.floor(np.log10(max(validation.standard_error, 1e-3)))))
-        gain_percent = round(validation.gain, decimals) + 0.0
-        verdict = f"cross-validated gain {gain_percent:+.{decimals}f} ± {validation.standard_error:.{decimals}f} %"
+        verdict = f"cross-validated gain {validation}"
         members = "" if training is None else f"{training.effective:.1f} effective weights of a member"
         used = f"{len(calibration.networks)} members, {members}" if calibration.networks else "not used"
         result.append(f"network: {used} ({verdict})")

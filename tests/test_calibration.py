@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from calibtool.calibration import Calibration, check_same_robot, fitting_setup, identify, train
+from calibtool.calibration.model import CrossValidation
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError
 from calibtool.measurement.measurements import Measurements, Setup
@@ -152,3 +153,16 @@ def test_targets_of_another_number_do_not_fit(fanuc: Robot, fanuc_network: Calib
     ):  # fmt: skip
         with pytest.raises(InputError, match="made with other targets"):
             fitting_setup(fanuc_network, measurements)
+
+
+@pytest.mark.parametrize(
+    ("gain", "error", "told"),
+    [
+        (12.34, 3.4, "+12.3 ± 3.4 %"),
+        (0.0431, 0.012, "+0.04 ± 0.01 %"),
+        (-0.0001, 0.2, "+0.0 ± 0.2 %"),
+        (0.0, 0.0, "+0.0 ± 0.0 %"),
+    ],
+)
+def test_a_gain_is_told_with_the_decimals_its_error_deserves(gain: float, error: float, told: str) -> None:
+    assert str(CrossValidation(5, gain, error)) == told

@@ -35,6 +35,11 @@ class CrossValidation:
         """The gain is more than chance would give."""
         return self.gain > 2.0 * self.standard_error
 
+    def __str__(self) -> str:
+        """Gain and standard error in percent, with the decimals that the standard error deserves."""
+        decimals = max(1, -int(np.floor(np.log10(max(self.standard_error or 1.0, 1e-3)))))
+        return f"{round(self.gain, decimals) + 0.0:+.{decimals}f} ± {self.standard_error:.{decimals}f} %"
+
 
 @dataclass(frozen=True, eq=False)
 class Calibration:

@@ -24,10 +24,7 @@ def training_section(subject: Subject) -> Section:
             f"ended because: {report.history.reason}"
         )
         if validation is not None:
-            text += (
-                f"; gain in {validation.folds}-fold cross-validation {round(validation.gain, 1) + 0.0:+.1f} ± "
-                f"{validation.standard_error:.1f} %"
-            )
+            text += f"; gain in {validation.folds}-fold cross-validation {validation}"
         lines.append(f"{text}.")
     caption = "Loss over the iterations of the best restart."
     alt = "Training and validation loss, the loss without network, and the iteration that was kept."
@@ -64,7 +61,8 @@ def parameters_section(subject: Subject) -> Section:
         if base.posterior is not None:
             rows = parameter_rows(calibration.robot, base)
             lines.append(
-                f"{name}: {base.posterior.effective:.1f} of {len(rows)} parameters determined; strongest correlations "
+                f"{name}: {base.posterior.effective:.1f} of {base.observable_rank} directions determined "
+                f"({len(rows)} parameters); strongest correlations "
                 + ", ".join(f"{a} and {b} {value:+.2f}" for a, b, value in strongest_correlations(base.posterior, 3))
                 + "."
             )
