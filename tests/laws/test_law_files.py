@@ -11,16 +11,21 @@ from strategies import calibrated, configurations, robots, seeds, simulated
 
 from calibtool.calibration import Calibration
 from calibtool.calibration.model import CrossValidation
+from calibtool.compensation.decimals import DECIMALS, decimal_rows
 from calibtool.equivalent.optimisers import History
 from calibtool.equivalent.training import TrainingReport
+from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, StudyTable, parse_csv, rounded
 from calibtool.identification.model import Flagged, Posterior
 from calibtool.identification.parameters import Parameters
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import readonly
-from calibtool.storage import read_any, to_bytes
+from calibtool.storage import read_any, read_study, to_bytes
+from calibtool.storage.studies import study_to_bytes
+from calibtool.tables import joints_from_header, parse_table
 
 texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), min_size=1, max_size=20)
+words = st.text(st.characters(categories=["L", "N", "P", "S"]) | st.just(" "), min_size=1, max_size=20)
 provenances = st.dictionaries(texts.filter(lambda t: "/" not in t), texts, max_size=3)
 
 
@@ -108,3 +113,36 @@ def test_calibrations_are_read_as_they_were_written(
     assert_same(after, made, "calibration")
     q = configurations(robot, 3, rng)
     assert np.array_equal(after.forward(q), made.forward(q))  # type: ignore[union-attr]
+
+
+def cells(column: str) -> st.SearchStrategy:
+    """What may stand in a column of a study: a name or message, a count, a number of nine digits, nothing."""
+    if column in TEXTS:
+        return words
+    filled = st.integers(0, 2**63 - 1) if column in COUNTS else st.floats(-1e300, 1e300).map(rounded)
+    return filled if COLUMNS.index(column) <= COLUMNS.index("status") else st.none() | filled
+
+
+@examples(40)
+@given(words, st.lists(st.tuples(*map(cells, COLUMNS[1:])), min_size=1, max_size=4))
+def test_studies_are_read_as_they_were_written(key: str, rows: list[tuple]) -> None:
+    table = StudyTable(key, tuple((key, *row) for row in rows))
+    assert_same(parse_csv(table.as_csv(), "drawn.csv"), table, "CSV")
+    assert_same(read_study(io.BytesIO(study_to_bytes(table, "{}")), "drawn.h5").table, table, "HDF5")
+
+
+@examples(40)
+@given(robots(), seeds, st.booleans())
+def test_joint_positions_are_read_as_they_were_written(robot: Robot, seed: int, si: bool) -> None:
+    """In every unit that a table may have, to half of the last decimal, or to 14 digits where numbers are large."""
+    units = [("m" if si else "mm") if prismatic else ("rad" if si else "deg") for prismatic in robot.prismatic]
+    factors = np.array([{"m": 1.0, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180}[unit] for unit in units])
+    q = configurations(robot, 5, np.random.default_rng(seed))
+    decimals = [DECIMALS[unit] for unit in units]
+    assert len(set(decimals)) == 1
+    lines = [",".join(f"j{j}_{unit}" for j, unit in enumerate(units, 1)), *decimal_rows(q / factors, decimals[0])]
+    found = joints_from_header(parse_table("\n".join(lines), "drawn.csv"), robot)
+    assert found is not None
+    large = np.abs(q / factors).max(axis=1, keepdims=True) > (9.9 if si else 999.0)
+    digits = np.where(large, 5e-14, 4e-16)  # of double precision otherwise
+    assert (np.abs(found[0] - q) <= 0.5 * 10.0 ** -decimals[0] * factors + digits * np.abs(q)).all()
