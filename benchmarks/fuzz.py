@@ -28,6 +28,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "fuzz"))
 
 from readers import READERS, case
+from watched import watched
 
 from calibtool.errors import CalibtoolError
 
@@ -78,8 +79,10 @@ def work(name: str, seed: int, first: int, end: int, state: Any, found: Connecti
         state[0] = index
         started = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        outside: list[str] = []
         try:
-            reader.read(data)
+            with watched() as outside:
+                reader.read(data)
             state[5] += 1
         except CalibtoolError as error:
             if not (str(error) and str(error).isprintable()):
@@ -88,6 +91,8 @@ def work(name: str, seed: int, first: int, end: int, state: Any, found: Connecti
             found.send((index, place(error), f"{type(error).__name__}: {error}"[:300]))
         finally:
             signal.setitimer(signal.ITIMER_PROF, 0)
+        if outside:
+            found.send((index, f"outside: {outside[0].split()[0]}", "; ".join(outside)[:300]))
         taken = time.process_time() - started
         if taken > state[1]:
             state[1], state[2] = taken, index
