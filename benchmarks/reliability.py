@@ -181,8 +181,7 @@ def main() -> None:
                 if not options.quick:
                     kept(figures)
     if options.peers:
-        run = [options.peers, str(HERE / "peers" / "run.py"), "--seeds", "5"]
-        subprocess.run(run, check=True)  # writes docs/peers.md
+        subprocess.run([options.peers, str(HERE / "peers" / "run.py")], check=True)  # writes docs/peers.md
     figures["missing"] = [name for name in wanted if name not in figures]
     if not options.quick:
         kept(figures)

@@ -10,9 +10,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.linalg import expm
 
+from calibtool.errors import InputError
 from calibtool.robot.se3 import (
     Array,
     adjoint,
+    check_poses,
     exp6,
     inverse,
     log3,
@@ -201,3 +203,27 @@ def test_readonly_accepts_the_shape_that_was_asked_for(shape: tuple[int, ...]) -
 def test_readonly_refuses_another_shape(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="expected shape"):
         readonly(np.ones((2, 3)), shape)
+
+
+@laws
+@given(poses)
+def test_every_rigid_motion_written_with_six_digits_is_one(pose: Array) -> None:
+    check_poses(np.round(pose[None], 6), "poses")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        np.eye(3)[None],
+        np.eye(4),
+        np.full((1, 4, 4), np.nan),
+        np.diag([1.0, 1.0, -1.0, 1.0])[None],
+        np.diag([1.001, 1.0, 1.0, 1.0])[None],
+        np.eye(4)[None] + np.eye(4)[:, [3, 0, 1, 2]][None],
+        2.0 * np.eye(4)[None],
+        translation(np.array([[np.inf, 0.0, 0.0]])),
+    ],
+)
+def test_what_is_no_rigid_motion_is_refused(wrong: Array) -> None:
+    with pytest.raises(InputError, match=r"^these: "):
+        check_poses(wrong, "these")

@@ -289,6 +289,16 @@ def test_joints_that_do_not_fit_the_robot_are_refused(q: Array) -> None:
         compensate_joints(calibrated("ur5", "local-poe"), q)
 
 
+@pytest.mark.parametrize("q", [np.zeros((3, 7)), np.full(6, np.nan)])
+def test_poses_and_seeds_that_are_none_are_refused(q: Array) -> None:
+    calibration = calibrated("ur5", "local-poe")
+    pose = calibration.robot.mechanism.forward(np.zeros((2, 6)))
+    with pytest.raises(InputError, match="seeds"):
+        compensate_poses(calibration, pose, q)
+    with pytest.raises(InputError, match="commanded poses: row 2 is no rigid motion"):
+        compensate_poses(calibration, np.stack([pose[0], 1.1 * pose[1]]))
+
+
 def test_gear_errors_are_lowered_by_a_network_through_compensation() -> None:
     """End to end: the actual robot is driven to the corrected joints."""
     robot = load_robot("ur5")

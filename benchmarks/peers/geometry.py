@@ -1,6 +1,6 @@
 """Geometric identification beside figaroh and pybotics, from the same simulated measurements.
 
-Run: python benchmarks/peers/geometry.py [--seeds 5]. A UR10 given as modified Denavit–Hartenberg (MDH) parameters, which a
+Run: python benchmarks/peers/geometry.py [--seeds 20]. A UR10 given as modified Denavit–Hartenberg (MDH) parameters, which a
 URDF says exactly too; 50 configurations of the whole joint range, 0.05 mm noise, judged at 1,000 fresh ones without noise.
 Base frame and nominal targets are given to all. `with_<tool>.py` is what a user writes; every tool runs it in a process of
 its own. pybotics takes one target; with three, figaroh and calibtool see orientation as well.
@@ -175,7 +175,7 @@ def cells(values: np.ndarray) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--tool", type=int, help=argparse.SUPPRESS)
     parser.add_argument("folders", nargs="*", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()

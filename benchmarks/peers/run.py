@@ -1,6 +1,6 @@
 """Peers side by side in one run: writes the whole of docs/peers.md.
 
-Run: python benchmarks/peers/run.py [--seeds 5] [--output docs/peers.md] [--only geometry|training|kinematics].
+Run: python benchmarks/peers/run.py [--seeds N] [--output docs/peers.md] [--only geometry|training|kinematics].
 """
 
 import argparse
@@ -49,9 +49,10 @@ def introduction(name: str) -> str:
     return " ".join(text.split("].", 1)[1].split())
 
 
-def section(name: str, seeds: int) -> str:
-    """A comparison with its table, or with the reason why there is none."""
-    arguments = [str(HERE / f"{name}.py")] + ([] if name == "kinematics" else ["--seeds", str(seeds)])
+def section(name: str, seeds: int | None) -> str:
+    """A comparison with its table, or with the reason why there is none. seeds: None for its own default."""
+    given = [] if name == "kinematics" or seeds is None else ["--seeds", str(seeds)]
+    arguments = [str(HERE / f"{name}.py"), *given]
     try:
         table = output(arguments).strip()
     except PeerError as error:
@@ -61,11 +62,11 @@ def section(name: str, seeds: int) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=int, help="Actual robots of geometry (20) and data sets of training (5).")
     parser.add_argument("--output", type=Path, default=DOCUMENT)
     parser.add_argument("--only", choices=COMPARISONS)
     arguments = parser.parse_args()
-    command = f"python benchmarks/peers/run.py --seeds {arguments.seeds}"
+    command = "python benchmarks/peers/run.py" + (f" --seeds {arguments.seeds}" if arguments.seeds else "")
     parts = [
         f"# Peers, side by side\nMade by `{command}` (see benchmarks/peers/README.md) with\n{versions()};\n"
         f"{platform.machine()}, {os.cpu_count()} CPUs, one thread each. Versions are pinned in {REQUIREMENTS}.\n"

@@ -9,7 +9,7 @@ from calibtool.calibration import Calibration
 from calibtool.robot.geometry import relative_error
 from calibtool.robot.inverse import follow_path, inverse_kinematics, solve_poses
 from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE, at_point, damped_solution, singularity_distance
-from calibtool.robot.se3 import Array, log3
+from calibtool.robot.se3 import Array, check_poses, log3
 
 Method = Literal["exact", "one-step"]
 
@@ -41,6 +41,8 @@ def compensate_joints(
     """Correct joint positions q (N, n) so that the calibrated robot goes where the nominal one would at q.
 
     verify: drive the calibrated model to every corrected row, also for one-step, to tell what is left.
+    Raises InputError for joint positions of another number or that are not finite. Rows without an answer are no error: see
+    `Compensation.status`.
     """
     calibration.robot.check_positions(q, "joint positions")
     return _compensate(calibration, None, q, method, verify)
@@ -56,9 +58,13 @@ def compensate_poses(
     """Correct joint positions for commanded poses (N, 4, 4), by nominal inverse kinematics and then as for joints.
 
     q_seed (N, n) chooses the branch. With one seed (n,), or without any, the rows are a path: each starts from the solution
-    of the row before, the first from the seed or the home of the default workspace.
+    of the row before, the first from the seed or the home of the default workspace. A pose that no joint positions reach has
+    the status `unreachable` and NaN in its row. Raises InputError for what are no rigid motions, or seeds that do not fit.
     """
     robot = calibration.robot
+    check_poses(T_base_tool, "commanded poses")
+    if q_seed is not None:
+        robot.check_positions(np.atleast_2d(q_seed), "seeds")
     if q_seed is not None and q_seed.ndim == 2:
         solved = inverse_kinematics(robot, T_base_tool, q_seed)
         q, reached = solved.q, solved.reached

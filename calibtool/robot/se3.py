@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibtool.errors import InputError
+
 Array = NDArray[np.float64]
 
 _SMALL = 1e-5  # rad: below it the first terms of the series are exact, and quotients of small numbers are not
@@ -106,6 +108,19 @@ def inverse(pose: Array) -> Array:
     result[..., :3, 3] = -(rotation_t @ pose[..., :3, 3:])[..., 0]
     result[..., 3, 3] = 1.0
     return result
+
+
+def check_poses(pose: Array, place: str) -> None:
+    """InputError unless these are finite rigid motions (N, 4, 4), rotations to the six digits that people write."""
+    if pose.ndim != 3 or pose.shape[1:] != (4, 4):
+        raise InputError(f"{place}: poses have shape {pose.shape}; expected (N, 4, 4)")
+    rotation = pose[:, :3, :3]
+    with np.errstate(invalid="ignore"):
+        rigid = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(axis=(1, 2)) < 1e-5
+        rigid &= (np.linalg.det(rotation) > 0) & (np.abs(pose[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-5)
+    wrong = np.flatnonzero(~(rigid & np.isfinite(pose).all(axis=(1, 2))))
+    if len(wrong):
+        raise InputError(f"{place}: row {wrong[0] + 1} is no rigid motion: a finite translation and a rotation matrix")
 
 
 def adjoint(pose: Array) -> Array:
