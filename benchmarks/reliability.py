@@ -153,7 +153,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="Few inputs and tries; the pages go to stdout.")
     parser.add_argument("--inputs", type=int, default=100_000, help="Mutated files per reader.")
     parser.add_argument("--tries", type=int, default=100, help="Kills per writing command.")
-    parser.add_argument("--seconds", type=int, default=120, help="Of coverage-guided fuzzing per reader.")
+    parser.add_argument("--seconds", type=int, default=60, help="Of coverage-guided fuzzing per reader.")
     parser.add_argument("--resume", action="store_true", help="Only the parts of which less was tried before.")
     parser.add_argument("--page", action="store_true", help="Only write the pages.")
     parser.add_argument("--workers", type=int, default=1, help="Parts at a time.")
