@@ -238,7 +238,8 @@ def _flagged_lines(calibration: Calibration) -> list[str]:
         if flagged.dropped
         else "kept; --loss-function cauchy lowers their weight, --drop-flagged leaves them out"
     )
-    result = [f"warning: {len(flagged.rows)} rows do not fit ({done})"]
+    count = len(flagged.rows)
+    result = [f"warning: {count} {'row does' if count == 1 else 'rows do'} not fit ({done})"]
     order = np.argsort(-flagged.size)[:5]
     result += [
         f"  configuration {flagged.rows[k] + 1}: {flagged.position[k] * 1e3:.3g} mm, {flagged.size[k]:.1f} times the noise"

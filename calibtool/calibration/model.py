@@ -36,8 +36,8 @@ class CrossValidation:
         return self.gain > 2.0 * self.standard_error
 
     def __str__(self) -> str:
-        """Gain and standard error in percent, with the decimals that the standard error deserves."""
-        decimals = max(1, -int(np.floor(np.log10(max(self.standard_error or 1.0, 1e-3)))))
+        """Gain and standard error in percent, with one decimal, or two where the error is small."""
+        decimals = 2 if 0.005 <= self.standard_error < 0.1 else 1
         return f"{round(self.gain, decimals) + 0.0:+.{decimals}f} ± {self.standard_error:.{decimals}f} %"
 
 
