@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from math import inf
 
 
 def printable(text: str) -> str:
@@ -52,3 +53,17 @@ def near_names(name: str, known: Iterable[str]) -> str:
         return f"did you mean {names[folded.index(name.casefold())]}?"
     near = [names[folded.index(match)] for match in get_close_matches(name.casefold(), folded, n=3, cutoff=0.4)]
     return f"did you mean {' or '.join(dict.fromkeys(near))}?" if near else f"known: {', '.join(names)}"
+
+
+def check_choice(value: str, allowed: Iterable[str], what: str) -> None:
+    """UsageError with near names unless `value` is allowed."""
+    names = list(allowed)
+    if value not in names:
+        raise UsageError(f"{what}: unknown '{value}'; {near_names(str(value), names)}")
+
+
+def check_number(value: float, what: str, least: float, below: float = inf) -> None:
+    """UsageError unless least ≤ value < below."""
+    if not least <= value < below:
+        bounds = f"at least {least:g}" if below == inf else f"at least {least:g} and less than {below:g}"
+        raise UsageError(f"{what}: {value} is not possible; expected {bounds}")

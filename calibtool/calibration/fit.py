@@ -9,6 +9,7 @@ from calibtool.calibration.model import Calibration, check_same_robot, fitting_s
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions, TrainingReport, train_networks
+from calibtool.errors import check_choice
 from calibtool.identification.complete import CompleteOptions, identify_complete
 from calibtool.identification.local_poe import identify_local_poe
 from calibtool.identification.model import nominal_model
@@ -26,6 +27,9 @@ class BaseOptions:
 
     model: str = "complete"
     complete: CompleteOptions = field(default_factory=CompleteOptions)
+
+    def __post_init__(self) -> None:
+        check_choice(self.model, BASE_MODELS, "base model")
 
 
 def identify(measurements: Measurements, base: BaseOptions | str = "complete") -> Calibration:

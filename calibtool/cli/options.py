@@ -43,8 +43,7 @@ JointValuesOption = Annotated[
 
 def choice(value: str, allowed: tuple[str, ...], option: str) -> str:
     """`value` if it is allowed; UsageError with near names otherwise."""
-    from calibtool.errors import UsageError, near_names
+    from calibtool.errors import check_choice
 
-    if value not in allowed:
-        raise UsageError(f"{option}: unknown '{value}'; {near_names(value, allowed)}")
+    check_choice(value, allowed, option)
     return value

@@ -8,7 +8,7 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.calibration.guard import coverage
 from calibtool.compensation.solve import OK, OUTSIDE, Compensation, Method, compensate_joints, compensate_poses
-from calibtool.errors import InputError, NoSolutionError
+from calibtool.errors import InputError, NoSolutionError, check_choice
 from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
@@ -50,6 +50,8 @@ def guarded(
     Poses with q (n,) or None are a path: see `compensate_poses`. Rows outside the configurations of the training are
     marked, take the base model alone (`base`), or get no joints (`refuse`).
     """
+
+    check_choice(outside, OUTSIDE_POLICIES, "outside")
 
     def run(model: Calibration) -> Compensation:
         if T_base_tool is not None:

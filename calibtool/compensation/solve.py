@@ -1,11 +1,12 @@
 """Corrected joint positions (Eqs. 23, 24): one step that a controller can evaluate, or the exact solution."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from calibtool.calibration import Calibration
+from calibtool.errors import check_choice
 from calibtool.robot.geometry import relative_error
 from calibtool.robot.inverse import follow_path, inverse_kinematics, solve_poses
 from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE, at_point, damped_solution, singularity_distance
@@ -96,6 +97,7 @@ def one_step(calibration: Calibration, q: Array) -> tuple[Array, Array]:
 
 def _compensate(calibration: Calibration, target: Array | None, q: Array, method: Method, verify: bool) -> Compensation:
     """target: commanded poses, those of the nominal robot at q for None."""
+    check_choice(method, get_args(Method), "method")
     robot = calibration.robot
     corrected, distance = one_step(calibration, q)
     status = np.full(len(q), OK, dtype=object)

@@ -1,7 +1,7 @@
 """Train the network of the equivalent robot on what a base model leaves over (METHOD §6)."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from calibtool.equivalent.optimisers import (
     levenberg_marquardt,
     run,
 )
+from calibtool.errors import check_choice, check_number
 from calibtool.progress import Progress, silent
 from calibtool.robot.se3 import Array
 
@@ -49,6 +50,16 @@ class TrainingOptions:
     restarts: int = 5
     folds: int = 5
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_choice(self.loss, get_args(LossName), "loss")
+        check_choice(self.optimiser, get_args(Optimiser), "optimiser")
+        check_choice(self.regularisation, get_args(Regularisation), "regularisation")
+        check_number(1 if self.hidden is None else self.hidden, "hidden nodes", 1)
+        check_number(self.validation, "validation part", 0, below=1)
+        check_number(self.restarts, "restarts", 1)
+        check_number(self.folds, "folds", 2)
+        check_number(self.seed, "seed", 0)
 
 
 @dataclass(frozen=True, eq=False)

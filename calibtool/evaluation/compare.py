@@ -1,15 +1,15 @@
 """Methods side by side on measurements: really driven to corrected joints where the truth is known, predicted otherwise."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from calibtool.calibration import Calibration, check_same_robot, fitting_setup
 from calibtool.calibration.guard import coverage
-from calibtool.compensation.program import OutsidePolicy, guarded
+from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.compensation.solve import NEAR_SINGULAR, OUT_OF_LIMITS, Method
-from calibtool.errors import NoSolutionError
+from calibtool.errors import NoSolutionError, check_choice
 from calibtool.evaluation.iso9283 import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
 from calibtool.measurement.measurements import Measurements, Setup, Truth, determines_orientation
@@ -84,6 +84,8 @@ def evaluate(
     otherwise the set-up that belongs to the training is used and nothing is fitted here.
     Raises InputError when a calibration is for another robot.
     """
+    check_choice(method, get_args(Method), "method")
+    check_choice(outside, OUTSIDE_POLICIES, "outside")
     for name, given in calibrations:
         check_same_robot(given.robot, measurements.robot, f"calibration '{name}'", "the measurements")
     measurements = judged_rows(measurements)

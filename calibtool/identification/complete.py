@@ -6,10 +6,11 @@ prior, and the posterior says so. Noise level, number of harmonics and, on reque
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import get_args
 
 import numpy as np
 
-from calibtool.errors import InputError, NoSolutionError
+from calibtool.errors import InputError, NoSolutionError, check_choice, check_number
 from calibtool.identification.equations import held_out_sizes, normal_equations, row_sizes
 from calibtool.identification.evidence import inverse, most_probable, posterior_step
 from calibtool.identification.model import Flagged, Identification, Posterior, split_rms
@@ -57,6 +58,11 @@ class CompleteOptions:
     estimate_priors: bool = True
     loss_function: LossFunction = "squared"
     drop_flagged: bool = False
+
+    def __post_init__(self) -> None:
+        check_choice(self.loss_function, get_args(LossFunction), "loss function")
+        if self.harmonics is not None:
+            check_number(self.harmonics, "harmonics", 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibtool.errors import InputError
+from calibtool.errors import InputError, check_number
 from calibtool.measurement.measurements import Measurements, Setup, Truth, check_targets
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
@@ -38,6 +38,11 @@ class Simulation:
     unregistered: bool = False
     at: Array | None = None
     same_robot: Truth | None = None
+
+    def __post_init__(self) -> None:
+        check_number(self.seed, "seed", 0)
+        check_number(self.configurations, "configurations", 1)
+        check_number(self.noise, "noise", 0)
 
 
 def simulate(robot: Robot, simulation: Simulation) -> Measurements:

@@ -1,9 +1,11 @@
 """A measurement plan: the most informative configurations, what they will tell, and the table to drive."""
 
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 
+from calibtool.errors import check_choice, check_number
 from calibtool.planning.constraints import Candidates, Constraints, draw_candidates, inside
 from calibtool.planning.knowledge import Knowledge
 from calibtool.planning.observability import observability_indices
@@ -108,6 +110,9 @@ def make_plan(
     Joint positions are rounded as the table is written, so that the plan is what will be driven. Raises NoSolutionError
     when too few candidates are found.
     """
+    check_choice(criterion, get_args(Criterion), "criterion")
+    check_number(count, "configurations", 1)
+    check_number(candidates, "candidates", count)
     robot, targets = knowledge.robot, knowledge.state.setup.targets
     drawn = draw_candidates(robot, workspace, constraints, targets, candidates, count, rng)
     judged = drawn.workspace[:_JUDGED]

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from calibtool.errors import check_choice, check_number
 from calibtool.robot.geometry import GeometricErrors, mechanism
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.model import Robot
@@ -34,6 +35,12 @@ class ErrorScales:
     gravity: float = 0.5e-3
     backlash: float = 0.1e-3
     temperature: float = 10.0
+
+    def __post_init__(self) -> None:
+        for kind in self.kinds:
+            check_choice(kind, ERROR_KINDS, "kind of error")
+        for name in ("length", "angle", "gear", "gravity", "backlash"):
+            check_number(getattr(self, name), name, 0)
 
 
 @dataclass(frozen=True, eq=False)
