@@ -8,8 +8,6 @@ Conventions, everywhere: metres and radians; twists are (v, ω), linear part fir
 frame a; joint positions `q` have one coordinate per joint.
 """
 
-from importlib import import_module
-
 __version__ = "0.1.0"
 
 _PLACES = {
@@ -44,6 +42,8 @@ __all__ = sorted([*_MODULES, "__version__"])
 def __getattr__(name: str) -> object:
     if name not in _MODULES:
         raise AttributeError(f"module 'calibtool' has no attribute '{name}'")
+    from importlib import import_module
+
     return getattr(import_module(_MODULES[name]), name)
 
 

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from types import TracebackType
 
 # What each command that may take longer is doing; the others answer at once.
 DOING = {
@@ -32,8 +33,15 @@ def first_line(arguments: Sequence[str]) -> str | None:
     return " ".join(filter(None, (verb, preposition, "stdin" if words[1] == "-" else words[1], "…")))
 
 
+def _without_traceback(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Ctrl-C before the command line is loaded: Python ends by the signal, and has nothing to say."""
+    if not issubclass(kind, KeyboardInterrupt):
+        sys.__excepthook__(kind, error, trace)
+
+
 def main() -> None:
     """Run the command of `sys.argv`; the console script `calibtool`."""
+    sys.excepthook = _without_traceback
     line = first_line(sys.argv[1:])
     if line is not None and sys.stderr is not None and sys.stderr.isatty():
         from calibtool.errors import printable

@@ -2,6 +2,7 @@
 
 import os
 import pty
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -121,3 +122,23 @@ def test_the_first_line_needs_no_import() -> None:
     code = "import sys, calibtool.__main__; print('typer' in sys.modules, 'numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=ENVIRONMENT, text=True, check=True)
     assert done.stdout.split() == ["False", "False"]
+
+
+def test_ctrl_c_before_the_command_line_is_loaded_ends_without_a_word() -> None:
+    """The import of the command line is where Ctrl-C meets Python's own handler."""
+    code = """
+import sys
+from calibtool.__main__ import main
+class Interrupted:
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[1]:
+            raise KeyboardInterrupt if name == "calibtool.cli" else ZeroDivisionError
+sys.meta_path.insert(0, Interrupted())
+main()
+"""
+    command = [sys.executable, "-c", code]
+    done = subprocess.run([*command, "calibtool.cli"], capture_output=True, env=ENVIRONMENT, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, b"", b"")
+    done = subprocess.run([*command, "calibtool.cli.app"], capture_output=True, env=ENVIRONMENT, check=False)
+    assert done.returncode == 1
+    assert b"ZeroDivisionError" in done.stderr  # what is no interrupt is told
