@@ -1,8 +1,6 @@
 """The entry point: says at once what is being done, then loads the command line, which takes longer."""
 
-import sys
-from collections.abc import Sequence
-from types import TracebackType
+import sys  # and nothing else before main: Ctrl-C meets Python's own handler until then
 
 # What each command that may take longer is doing; the others answer at once.
 DOING = {
@@ -22,7 +20,7 @@ DOING = {
 }
 
 
-def first_line(arguments: Sequence[str]) -> str | None:
+def first_line(arguments: list[str]) -> str | None:
     """What is said on a terminal before anything is imported: `training on measurements.h5 …`."""
     words = [word for word in arguments if word not in ("-v", "--verbose", "--debug")]
     if not words or words[0] not in DOING or {"-q", "--quiet", "-h", "--help"} & set(words):
@@ -33,10 +31,10 @@ def first_line(arguments: Sequence[str]) -> str | None:
     return " ".join(filter(None, (verb, preposition, "stdin" if words[1] == "-" else words[1], "…")))
 
 
-def _without_traceback(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+def _without_traceback(kind: type[BaseException], error: BaseException, trace: object) -> None:
     """Ctrl-C before the command line is loaded: Python ends by the signal, and has nothing to say."""
     if not issubclass(kind, KeyboardInterrupt):
-        sys.__excepthook__(kind, error, trace)
+        sys.__excepthook__(kind, error, trace)  # type: ignore[arg-type]
 
 
 def main() -> None:
