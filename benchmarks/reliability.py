@@ -96,6 +96,14 @@ def table(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
     return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
 
 
+def fewer(figures: Figures) -> list[str]:
+    """Parts of which less was tried than of others of their kind, with their amounts."""
+    kinds = {name: name.split()[0] for name in figures if " " in name}
+    most = {kind: max(figures[name]["amount"] for name in kinds if kinds[name] == kind) for kind in kinds.values()}
+    few = sorted(name for name, kind in kinds.items() if figures[name]["amount"] < most[kind])
+    return [f"{name} ({figures[name]['amount']:,} instead of {most[kinds[name]]:,})" for name in few]
+
+
 def by_fault(figures: Figures) -> list[dict[str, Any]]:
     """The faults of all commands together, in the order in which they were first met."""
     found: dict[str, dict[str, Any]] = {}
@@ -137,6 +145,7 @@ def pages(figures: Figures) -> dict[Path, str]:
             for row in guided
         ],
         "guided": guided,
+        "fewer": fewer(figures),
         "faults": faults,
         "fault_rows": [[row["fault"], len(row["commands"]), row["tries"], row["held"]] for row in faults],
         "commands": [name.removeprefix("faults ") for name in sorted(figures) if name.startswith("faults ")],

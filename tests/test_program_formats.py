@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
-from calibtool.programs.targets import Program, Target
+from calibtool.programs.targets import Program, Target, number_at
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 
@@ -139,6 +139,26 @@ def fanuc(config: str = "N U T, 0, 0, 0", z: str = "3 mm", more: str = "") -> st
 )
 def test_fanuc_errors(text: str, line: int, why: str) -> None:
     assert why in bad("fanuc-ls", text)[line]
+
+
+def test_a_fanuc_position_that_is_not_closed_does_not_take_the_next_one() -> None:
+    text = fanuc().replace("/POS", "/POS\nP[9]{\n GP1:\n UF : 0, UT : 0,", 1)
+    assert bad("fanuc-ls", text) == {fanuc().splitlines().index("/POS") + 2: "is not closed by };"}
+    found, alone = (reader("fanuc-ls")(text, robot("fanuc-m1000ia")).targets for text in (text, fanuc()))
+    assert [(t.name, t.values) for t in found] == [(t.name, t.values) for t in alone]
+    assert len(found) == 1
+
+
+@pytest.mark.parametrize("text", ["1", "-1.", "+.5", "1.5e3", "0.5E-12", "00.10"])
+def test_numbers_of_programs_are_those_of_python(text: str) -> None:
+    found = number_at(f" {text} ", 0, len(text) + 2, "")
+    assert found is not None
+    assert (found.start, found.end, found.value) == (1, 1 + len(text), float(text))
+
+
+@pytest.mark.parametrize("text", ["", ".", "-", "e5", "1e", "1.5.2", "1 2", "0x1", "1_0", "1,5", "9" * 20_000 + "z"])
+def test_other_texts_of_programs_are_no_numbers(text: str) -> None:
+    assert number_at(text, 0, len(text), "") is None
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from calibtool.robot.model import Robot
 NAME = "fanuc-ls"
 SUFFIXES = (".ls",)
 _START = re.compile(r"^/(?:PROG\b|POS\s*$)", re.MULTILINE)
-_POSITION = re.compile(r"^[ \t]*P\[(\d+)[^\]\n]*\][ \t]*\{(.*?)\}[ \t]*;", re.MULTILINE | re.DOTALL)
-_OPENED = re.compile(r"^[ \t]*P\[(\d+)[^\]\n]*\][ \t]*\{", re.MULTILINE)
+_POSITION = re.compile(r"^[ \t]*P\[(\d+)[^\]\n]*\][ \t]*\{", re.MULTILINE)
+_END = re.compile(r"\}[ \t]*;")
 _GROUP = re.compile(r"\bGP(\d+)[ \t]*:")
 _ITEM = re.compile(r"(?:'[^']*'|[^,'])+")
 _VALUE = re.compile(r"([A-Z]\d*)\s*=\s*(\S+)\s*(mm|deg)?")
@@ -45,18 +45,20 @@ def read(text: str, robot: Robot) -> Program:
         elif re.search(r"\b(?:V?OFFSET|TOOL_OFFSET)\b", options, re.IGNORECASE):
             notes.append(f"line {lines(motion.start(1))}: P[{number}] is corrected without its offset")
     targets = []
-    closed = {position.start() for position in _POSITION.finditer(text, split)}
-    for opened in _OPENED.finditer(text, split):
-        if opened.start() not in closed:
-            remarks.append(Remark(lines(opened.start(1)), f"P[{opened[1]}]", "is not closed by };", bad=True))
-    for position in _POSITION.finditer(text, split):
+    positions = list(_POSITION.finditer(text, split))
+    following = [position.start() for position in positions[1:]] + [len(text)]
+    for position, limit in zip(positions, following, strict=False):
         name, line = f"P[{position[1]}]", lines(position.start(1))
+        closed = _END.search(text, position.end(), limit)
+        if closed is None:
+            remarks.append(Remark(line, name, "is not closed by };", bad=True))
+            continue
         if position[1] in incremental:
             why = f"a relative motion (INC in line {incremental[position[1]]})"
             remarks.append(Remark(line, name, why))
             continue
-        groups = list(_GROUP.finditer(text, position.start(2), position.end(2)))
-        ends = [group.start() for group in groups[1:]] + [position.end(2)]
+        groups = list(_GROUP.finditer(text, position.end(), closed.start()))
+        ends = [group.start() for group in groups[1:]] + [closed.start()]
         if not groups:
             remarks.append(Remark(line, name, "no motion group; expected GP1:", bad=True))
         for group, end in zip(groups, ends, strict=False):

@@ -12,7 +12,7 @@ from calibtool.units import LARGEST, TO_SI
 # Decimals that keep 1e-6 deg and 1e-4 mm; a quaternion's components are as fine as 1e-6 deg.
 DECIMALS = {"deg": 6, "rad": 8, "mm": 4, "m": 7, "": 9}
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _NUMBER = re.compile(NUMBER)
 _NOT_FINITE = re.compile(r"[-+]?\.?(?:nan|inf|infinity)", re.IGNORECASE)
 
