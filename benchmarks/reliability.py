@@ -107,7 +107,7 @@ def fewer(figures: Figures) -> list[str]:
 def by_fault(figures: Figures) -> list[dict[str, Any]]:
     """The faults of all commands together, in the order in which they were first met."""
     found: dict[str, dict[str, Any]] = {}
-    for name in sorted(figures, key=lambda name: name == "faults several processes"):
+    for name in sorted(figures, key=lambda name: (name == "faults several processes", name)):
         for row in figures[name]["rows"] if name.startswith("faults ") else ():
             new = {"fault": row["fault"], "commands": set(), "tries": 0, "held": 0, "broken": []}
             total = found.setdefault(row["fault"], new)
