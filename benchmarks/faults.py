@@ -271,9 +271,8 @@ class Bench:
 def becoming_nobody() -> None:
     """Root may write everywhere."""
     if os.geteuid() == 0:
-        version(
-            "calibtool"
-        )  # nobody may not even read where root's Python stands: what is imported late is imported now
+        # Nobody may not even read where root's Python stands: what is imported late is imported now.
+        version("calibtool")
         os.setresuid(65534, 65534, 65534)
 
 

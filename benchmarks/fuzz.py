@@ -3,7 +3,8 @@
 Run: python benchmarks/fuzz.py --inputs 100000 --reader csv --seed 0   (without --reader: all of them, one after the other)
 Every input follows from reader, seed and number, so that `--first NUMBER --inputs 1` makes one again. A worker process has
 1 GiB more than it started with, every input 5 s of the processor; after a crash or an endless loop a new one goes on.
-Findings, one per place, are kept in --findings FOLDER. A Markdown row per reader goes to stdout.
+What Python opens, runs or connects to in between is a finding too (tests/fuzz/watched.py). Findings, one per place, are kept
+in --findings FOLDER. A Markdown row per reader goes to stdout.
 """
 
 import os

@@ -35,7 +35,8 @@ class BaseOptions:
 def identify(measurements: Measurements, base: BaseOptions | str = "complete") -> Calibration:
     """A calibration that is a base model alone: `complete`, `local-poe` (Eqs. 8–11) or `nominal`.
 
-    Raises NoSolutionError when the configurations are too few for the model or the iteration does not settle.
+    Raises NoSolutionError when the configurations are too few for the model or the iteration does not settle, UsageError
+    for an unknown model.
     """
     options = BaseOptions(base) if isinstance(base, str) else base
     if options.model == "complete":

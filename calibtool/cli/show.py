@@ -57,8 +57,6 @@ def _text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, list):
-        shown = (
-            [*map(_text, value[:_LONGEST]), f"… {len(value)} in all"] if len(value) > _LONGEST else map(_text, value)
-        )
-        return "[" + ", ".join(shown) + "]"
+        more = [f"… {len(value)} in all"] if len(value) > _LONGEST else []
+        return "[" + ", ".join([*map(_text, value[:_LONGEST]), *more]) + "]"
     return "none" if value is None else printable(str(value))

@@ -42,8 +42,8 @@ def compensate_joints(
     """Correct joint positions q (N, n) so that the calibrated robot goes where the nominal one would at q.
 
     verify: drive the calibrated model to every corrected row, also for one-step, to tell what is left.
-    Raises InputError for joint positions of another number or that are not finite. Rows without an answer are no error: see
-    `Compensation.status`.
+    Raises InputError for joint positions of another number or that are not finite, UsageError for an unknown method. Rows
+    without an answer are no error: see `Compensation.status`.
     """
     calibration.robot.check_positions(q, "joint positions")
     return _compensate(calibration, None, q, method, verify)

@@ -82,7 +82,8 @@ def evaluate(
     or refuse.
     refit_setup: fit unknown instrument frame and targets again on these rows, for every method alike (a moved tracker);
     otherwise the set-up that belongs to the training is used and nothing is fitted here.
-    Raises InputError when a calibration is for another robot.
+    Raises InputError when a calibration is for another robot, UsageError for an unknown method or policy, NoSolutionError
+    where `refuse` refuses.
     """
     check_choice(method, get_args(Method), "method")
     check_choice(outside, OUTSIDE_POLICIES, "outside")

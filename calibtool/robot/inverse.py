@@ -17,10 +17,8 @@ _STEP_LIMIT = 0.6  # rad (or characteristic lengths): longer steps leave the reg
 
 _ROWS_TOGETHER = 64  # rows for which several starts are tried at once
 _NEAR_STARTS = 24  # starts near the pose before those drawn from everywhere
-_FROM_NEAR, _FROM_AFAR = (
-    12,
-    60,
-)  # Newton steps: who needs more from near is at a joint limit, and another start is better
+_FROM_NEAR = 12  # Newton steps: a start that needs more is at a joint limit, and another one is better
+_FROM_AFAR = 60
 
 
 @dataclass(frozen=True, eq=False)
