@@ -3,6 +3,7 @@
 import numpy as np
 
 from calibtool.calibration import Calibration
+from calibtool.calibration.frame_report import frame_report
 from calibtool.calibration.learning_curve import LearningCurve
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.training import TrainingReport
@@ -149,7 +150,8 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         "base": base_summary,
         "network": network,
         "virtual_joints": list(calibration.equivalent.virtual_joints),
-        "registration": _setup_summary(base.setup),
+        "registration": _setup_summary(calibration.setup),
+        "frame": None if (report := frame_report(calibration)) is None else report.as_json(),
     }
 
 
@@ -165,6 +167,8 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         result += _complete_lines(calibration)
     elif base.model == "local-poe":
         result += _rank_lines(base)
+    report = frame_report(calibration)
+    result += [] if report is None else report.lines()
     result += [str(finding) for finding in design_findings(calibration.robot, calibration.q)]
     if base.flagged is not None and len(base.flagged.rows):
         result += _flagged_lines(calibration)

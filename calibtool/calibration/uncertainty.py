@@ -1,9 +1,11 @@
 """How sure a calibration is of a pose: posterior of the base model's parameters and spread of the ensemble."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from calibtool.calibration.frame import free_columns, pose_sigma
 from calibtool.calibration.model import Calibration
 from calibtool.errors import InputError
 from calibtool.robot.mechanism import at_point
@@ -37,23 +39,60 @@ class PoseUncertainty:
 def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty:
     """Covariance of the calibrated pose at q (N, n): C Σ Cᵀ of the parameters plus that of the networks' mean.
 
-    For an unregistered calibration the pose is that in the instrument's frame. Raises InputError for a base model
-    without a posterior.
+    Of an unregistered calibration it is the deviation of what was measured: base and tool frame
+    are chosen, by the poses at the measured configurations, and move along with every error of
+    the parameters. Raises InputError for a base model without a posterior.
     """
     posterior = calibration.base.posterior
     if posterior is None:
         raise InputError(f"a '{calibration.base.model}' base has no posterior; identify with --model complete")
-    parameters = posterior.parameters
-    poses = parameters.blocks["targets"].start
     covariance = np.empty((len(q), 6, 6))
-    for start in range(0, len(q), _CHUNK):
-        part = q[start : start + _CHUNK]
-        state = calibration.base.state
-        frames = state.frames(calibration.robot, part)
-        columns = parameters.pose_columns(calibration.robot, state, frames, part)
-        columns = at_point(columns, frames.tool[:, :3, 3])
-        covariance[start : start + _CHUNK] = columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)
+    for rows in _chunks(len(q)):
+        columns = _determined_columns(calibration, q[rows])
+        poses = columns.shape[-1]
+        covariance[rows] = columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)
+    frame = calibration.frame
+    if frame is not None and frame.moves:
+        turn = np.kron(np.eye(2), frame.T_taught_fitted[:3, :3])
+        covariance = turn @ covariance @ turn.T
     return PoseUncertainty(covariance + _spread(calibration, q))
+
+
+def _chunks(count: int) -> list[slice]:
+    return [slice(start, start + _CHUNK) for start in range(0, count, _CHUNK)]
+
+
+def _determined_columns(calibration: Calibration, q: Array) -> Array:
+    """∂(tool point, turn)/∂θ without the targets (N, 6, p), in K_0 of the fit, less what the frames take up."""
+    columns, pose = _columns(calibration, q)
+    setup = calibration.base.setup
+    return columns if setup.known else columns - free_columns(pose, setup) @ _taken_up(calibration)
+
+
+def _columns(calibration: Calibration, q: Array) -> tuple[Array, Array]:
+    """The same with fixed frames, and the poses of the chosen tool frame in K_0 of the fit."""
+    base, frame = calibration.base, calibration.frame
+    assert base.posterior is not None
+    frames = base.state.frames(calibration.robot, q)
+    pose = frames.tool @ frame.T_tool_taught if frame is not None and frame.moves else frames.tool
+    columns = base.posterior.parameters.pose_columns(calibration.robot, base.state, frames, q)
+    return at_point(columns, pose[:, :3, 3]), pose
+
+
+@lru_cache(maxsize=8)
+def _taken_up(calibration: Calibration) -> Array:
+    """How the free frames follow the parameters, −∂(frames)/∂θ (6 or 12, p), as in `taught_frame`."""
+    setup = calibration.base.setup
+    sigma = pose_sigma(calibration.noise_position, calibration.noise_orientation)[:, None]
+    squares, products = np.zeros(()), np.zeros(())
+    for rows in _chunks(len(calibration.q)):
+        columns, pose = _columns(calibration, calibration.q[rows])
+        free, moved = (
+            (part / sigma).reshape(-1, part.shape[-1])
+            for part in (free_columns(pose, setup), columns)
+        )
+        squares, products = squares + free.T @ free, products + free.T @ moved
+    return np.linalg.lstsq(squares, products, rcond=1e-12)[0].astype(float)
 
 
 def _spread(calibration: Calibration, q: Array) -> Array:

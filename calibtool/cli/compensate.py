@@ -12,6 +12,7 @@ from calibtool.cli.options import (
     CalibrationFile,
     CompensationMethod,
     Force,
+    FrameOption,
     JointValuesOption,
     Output,
     Outside,
@@ -56,6 +57,7 @@ def compensate(
     backlash: Annotated[
         bool, typer.Option("--backlash/--no-backlash", help="Take up backlash; --no-backlash: the rows are no path.")
     ] = True,
+    frame: FrameOption = None,
     kind: Format = "auto",
     on_error: OnError = "stop",
     frames: FramesFile = None,
@@ -85,6 +87,7 @@ def compensate(
     choice(on_error, ("stop", "skip"), "--on-error")
     from typing import cast
 
+    from calibtool.calibration.frame_report import frame_report
     from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
     from calibtool.compensation.stream import BATCH, RowFormat, StreamOptions
@@ -95,7 +98,10 @@ def compensate(
         choice(joint_values, JOINT_VALUES, "--joint-values")
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
     values = cast(JointValues | None, joint_values)
-    loaded, _ = load_calibration(calibration)
+    loaded, _ = load_calibration(calibration, frame)
+    found_frame = frame_report(loaded)
+    if found_frame is not None and found_frame.name == "fitted":
+        message(f"frame fitted: every target moves by the common part, too: {found_frame.common}")
     with input_stream(targets) as stream:
         found = recognised(targets, stream.peek()) if kind == "auto" else kind
         if found not in ROWS:

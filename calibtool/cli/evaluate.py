@@ -6,7 +6,17 @@ import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
 from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import EXACT, CompensationMethod, Force, Json, Outside, RefitSetup, Require, choice
+from calibtool.cli.options import (
+    EXACT,
+    CompensationMethod,
+    Force,
+    FrameOption,
+    Json,
+    Outside,
+    RefitSetup,
+    Require,
+    choice,
+)
 from calibtool.cli.progress import working
 from calibtool.cli.show import print_json, print_table
 
@@ -28,6 +38,7 @@ def evaluate(
     outside: Outside = "mark",
     refit_setup: RefitSetup = False,
     require: Require = None,
+    frame: FrameOption = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
@@ -59,7 +70,7 @@ def evaluate(
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
     limits = [parse_limit(text) for text in require or []]
-    named = [(stem(path), load_calibration(path)[0]) for path in calibrations]
+    named = [(stem(path), load_calibration(path, frame)[0]) for path in calibrations]
     measurements, _ = load_measurements(on)
     policy = cast(OutsidePolicy, outside)
     with working(f"evaluating on {len(measurements)} configurations"):

@@ -7,7 +7,7 @@ import typer
 
 from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs
 from calibtool.cli.load import load_calibration
-from calibtool.cli.options import CalibrationFile, Force, Output, choice
+from calibtool.cli.options import CalibrationFile, Force, FrameOption, Output, choice
 
 if TYPE_CHECKING:
     from calibtool.export.rendering import Precision
@@ -31,6 +31,7 @@ def export(
         str | None,
         typer.Option("--precision", metavar="double|float", help="c, onnx: double or float; st: LREAL or REAL."),
     ] = None,
+    frame: FrameOption = None,
     output: Output = "-",
     force: Force = False,
 ) -> None:
@@ -46,9 +47,9 @@ def export(
     check_output(output, force, binary=format == "onnx")
     stem = "calibtool" if output == STREAM else Path(output).stem
     if format == "c":
-        _export_c(calibration, stem, chosen, output, force)
+        _export_c(calibration, frame, stem, chosen, output, force)
         return
-    loaded, _ = load_calibration(calibration)
+    loaded, _ = load_calibration(calibration, frame)
     contents: bytes | str
     if format == "json":
         from calibtool.export.as_json import calibration_as_json
@@ -71,7 +72,14 @@ def export(
     write_output(output, contents, force)
 
 
-def _export_c(calibration: str, prefix: str, precision: "Precision", output: str, force: bool) -> None:
+def _export_c(
+    calibration: str,
+    frame: str | None,
+    prefix: str,
+    precision: "Precision",
+    output: str,
+    force: bool,
+) -> None:
     from calibtool.errors import UsageError
     from calibtool.export.c_code import calibration_as_c
 
@@ -79,7 +87,7 @@ def _export_c(calibration: str, prefix: str, precision: "Precision", output: str
         raise UsageError("--format c: -o takes a file that ends in .c; the header goes beside it")
     header_path = str(Path(output).with_suffix(".h"))
     check_output(header_path, force)
-    loaded, _ = load_calibration(calibration)
+    loaded, _ = load_calibration(calibration, frame)
     header, source = calibration_as_c(loaded, prefix, precision)
     write_outputs({header_path: header, output: source}, force)
 

@@ -31,6 +31,16 @@ Require = Annotated[
     typer.Option(metavar="LIMIT", help="Acceptance limit, such as position_max_mm=0.2; exit code 5 if not met."),
 ]
 
+FrameOption = Annotated[
+    str | None,
+    typer.Option(
+        "--frame",
+        metavar="fitted|taught",
+        help="Unknown instrument and targets: base and tool as fitted, or those that move taught poses least "
+        "(default: the calibration's, a new one's is taught).",
+    ),
+]
+
 JointValuesOption = Annotated[
     str | None,
     typer.Option(

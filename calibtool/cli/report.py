@@ -6,7 +6,7 @@ import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
 from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import EXACT, CompensationMethod, Force, Outside, RefitSetup, Require, choice
+from calibtool.cli.options import EXACT, CompensationMethod, Force, FrameOption, Outside, RefitSetup, Require, choice
 
 
 def report(
@@ -23,6 +23,7 @@ def report(
     outside: Outside = "mark",
     refit_setup: RefitSetup = False,
     require: Require = None,
+    frame: FrameOption = None,
     force: Force = False,
 ) -> None:
     """Write one self-contained HTML page about calibrations.
@@ -50,7 +51,7 @@ def report(
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
     limits = tuple(parse_limit(text) for text in require or [])
-    loaded = [(stem(path), *load_calibration(path)) for path in calibrations]
+    loaded = [(stem(path), *load_calibration(path, frame)) for path in calibrations]
     named = [(name, calibration) for name, calibration, _ in loaded]
     measurements, data = load_measurements(on)
     evaluation = evaluate(

@@ -5,7 +5,6 @@ from typing import Any
 
 from calibtool.calibration import Calibration
 from calibtool.equivalent.network import Network
-from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot
@@ -68,7 +67,7 @@ def calibration_as_json(calibration: Calibration) -> str:
         "joint_coupling": robot.coupling.tolist(),
         "nominal_placements_m": robot.chain.placements.tolist(),
         "nominal_twists_per_rad_or_m": robot.chain.twists.tolist(),
-        "base_model": _base_model(robot, calibration.base),
+        "base_model": _base_model(calibration),
         "equivalent_robot": {
             "p": equivalent.p,
             "virtual_joints": list(equivalent.virtual_joints),
@@ -78,7 +77,8 @@ def calibration_as_json(calibration: Calibration) -> str:
         "min_singularity_distance": MIN_SINGULARITY_DISTANCE,
         "gram_regularisation": GRAM_REGULARISATION,
         "network": None if calibration.network is None else _network(calibration.network),
-        "setup": _setup(calibration.base.setup),
+        "setup": _setup(calibration.setup),
+        "frame": None if calibration.frame is None else calibration.frame.name,
         "configurations": calibration.configurations,
         "noise_position_m": calibration.noise_position,
         "noise_orientation_rad": calibration.noise_orientation,
@@ -100,8 +100,8 @@ def _joints(robot: Robot) -> list[dict[str, Any]]:
     ]
 
 
-def _base_model(robot: Robot, base: Identification) -> dict[str, Any]:
-    geometry = base.geometry
+def _base_model(calibration: Calibration) -> dict[str, Any]:
+    robot, base, geometry = calibration.robot, calibration.base, calibration.geometry
     masses, centres, gravity = link_masses(robot)
     return {
         "name": base.model,

@@ -56,7 +56,7 @@ def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
 def compensator_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
     """The numbers of a calibration, by the names that the templates know; units as in `as_json`."""
     robot, equivalent, network = calibration.robot, calibration.equivalent, calibration.network
-    geometry = calibration.base.geometry
+    geometry = calibration.geometry
     return {
         "robot": robot.name,
         "base_model": calibration.base.model,
