@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network, averaged
@@ -82,6 +83,26 @@ class Calibration:
     def base_mechanism(self) -> Mechanism:
         """Mechanism of the base model's geometry."""
         return mechanism(self.robot.chain, self.base.geometry)
+
+    @property
+    def model(self) -> pin.Model:
+        """The identified geometry as a Pinocchio model of its own, limits included; its tool frame is the last frame.
+
+        `base_mechanism.configuration` turns joint positions into its coordinates. `beyond_model` says what it cannot hold.
+        """
+        return self.base_mechanism.as_model(self.robot.lower, self.robot.upper)
+
+    @property
+    def beyond_model(self) -> tuple[str, ...]:
+        """The parts of this calibration that `model` does not hold, in words; none when it is all there is."""
+        motion = self.base.motion
+        parts = {
+            "harmonics of the joint motions": motion.harmonics.any(),
+            "wind-up under gravity": motion.compliance.any(),
+            "backlash": motion.backlash.any(),
+            "network": bool(self.networks),
+        }
+        return tuple(name for name, present in parts.items() if present)
 
     def base_forward_and_jacobian(self, q: Array, direction: Array | None = None) -> tuple[Array, Array]:
         """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for joint positions q (N, n); direction as `forward`.

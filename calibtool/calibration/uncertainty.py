@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.calibration.model import Calibration
 from calibtool.errors import InputError
-from calibtool.robot.mechanism import at_point
+from calibtool.robot.damped import at_point
 from calibtool.robot.se3 import Array
 
 _CHUNK = 2000
