@@ -13,7 +13,7 @@ from calibtool.errors import InputError
 from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.robot.geometry import mechanism
-from calibtool.robot.mechanism import Mechanism
+from calibtool.robot.mechanism import Frames, Mechanism
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6
 
@@ -110,6 +110,10 @@ class Calibration:
         The slope of the joint-motion functions, about a thousandth, is left out of J_ρ.
         """
         return self.equivalent.forward_and_jacobian(self.base_mechanism, self._driven(q, direction))
+
+    def base_frames(self, q: Array) -> Frames:
+        """Frames of the base model for joint positions q (N, n), from which error columns are built."""
+        return self.base_mechanism.frames(self._driven(q, None))
 
     def forward(self, q: Array, direction: Array | None = None) -> Array:
         """Calibrated T_base_tool for joint positions q (N, n): (N, 4, 4) in K_0.

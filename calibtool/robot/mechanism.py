@@ -83,9 +83,9 @@ class Mechanism:
         """T_base_tool for q (N, n) in rad or m: (N, 4, 4). Pinocchio's `framesForwardKinematics`."""
         columns = np.empty((len(q), 4, 3))
         model, data = self.model, self.model.createData()
-        tool = _columns_of(data.oMf[model.nframes - 1])
+        tool, move = _columns_of(data.oMf[model.nframes - 1]), pin.framesForwardKinematics
         for k, row in enumerate(self.configuration(q)):
-            pin.framesForwardKinematics(model, data, row)
+            move(model, data, row)
             columns[k] = tool
         return _poses(columns)
 
@@ -97,11 +97,13 @@ class Mechanism:
         columns, jacobians = np.empty((len(q), 4, 3)), np.empty((len(q), self.model.nv, 6))
         model, data = self.model, self.model.createData()
         tool, jacobian = _columns_of(data.oMf[model.nframes - 1]), data.J.T
+        move, place = pin.computeJointJacobians, pin.updateFramePlacements
         for k, row in enumerate(self.configuration(q)):
-            pin.computeJointJacobians(model, data, row)
-            pin.updateFramePlacements(model, data)
-            columns[k], jacobians[k] = tool, jacobian
-        return _poses(columns), self._per_joint(np.swapaxes(jacobians, -1, -2))
+            move(model, data, row)
+            place(model, data)
+            columns[k] = tool
+            jacobians[k] = jacobian
+        return _poses(columns), np.swapaxes(self._per_joint(jacobians), -1, -2)
 
     def frames(self, q: Array) -> Frames:
         """Every frame of the chain for q (N, n) in rad or m, from Pinocchio's `framesForwardKinematics`."""
@@ -125,9 +127,9 @@ class Mechanism:
 
     def configuration(self, q: Array) -> Array:
         """Coordinates of `model` for joint positions q (N, n) in rad or m: (N, nq)."""
-        moved = q + self.offsets
-        if self._plain:
-            return moved
+        moved: Array = q + self.offsets
+        if self._rates is not None:
+            return moved * self._rates
         parts = [screw.coordinates(moved[:, j]) for j, screw in enumerate(self.screws)]
         return np.concatenate(parts, axis=-1)
 
@@ -135,26 +137,26 @@ class Mechanism:
         """A copy of the Pinocchio model with joint limits (n,) in rad or m, to go on with elsewhere."""
         model = self.model.copy()
         ends = self.configuration(np.array([lower, upper]))
-        if self._plain:
-            model.lowerPositionLimit, model.upperPositionLimit = ends
-        else:
-            model.lowerPositionLimit, model.upperPositionLimit = ends.min(axis=0), ends.max(axis=0)
+        model.lowerPositionLimit, model.upperPositionLimit = ends.min(axis=0), ends.max(axis=0)
         return model
 
     def _per_joint(self, jacobians: Array) -> Array:
-        """Columns per coordinate of the model (N, 6, nv) → per joint position (N, 6, n)."""
-        if self._plain:
+        """Columns per coordinate of the model (N, nv, 6) → per joint position (N, n, 6)."""
+        if self._rates is not None:
+            jacobians *= self._rates[:, None]
             return jacobians
-        result = np.empty((*jacobians.shape[:2], len(self.screws)))
+        result = np.empty((len(jacobians), len(self.screws), 6))
         for j, screw in enumerate(self.screws):
             start = self.model.joints[j + 1].idx_v
-            result[..., j] = jacobians[..., start : start + len(screw.rates)] @ screw.rates
+            result[:, j] = screw.rates @ jacobians[:, start : start + len(screw.rates)]
         return result
 
     @cached_property
-    def _plain(self) -> bool:
-        """Whether the coordinates of the model are the joint positions themselves."""
-        return all(np.array_equal(screw.rates, [1.0]) for screw in self.screws)
+    def _rates(self) -> Array | None:
+        """(n,) coordinates of the model per unit of the joint positions; None where a joint has several."""
+        if any(len(screw.rates) > 1 for screw in self.screws):
+            return None
+        return readonly(np.concatenate([screw.rates for screw in self.screws]))
 
 
 def _columns_of(frame: pin.SE3) -> Array:
