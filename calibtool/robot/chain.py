@@ -19,7 +19,6 @@ from calibtool.robot.urdf import (
     locked_joints,
     mimicking,
     parse_urdf,
-    read_urdf,
 )
 
 LimitSource = Literal["urdf", "continuous", "missing"]
@@ -67,10 +66,10 @@ def build_chain(source: Source) -> SerialChain:
     reduced = pin.buildReducedModel(full, *locked_joints(full, locked, name)) if locked else full
     tool = reduced.frames[frame_id(reduced, kinematics.tool_frame, name)]
 
-    joints = _joints_to(reduced, tool.parentJoint, name)
+    joints = joints_to(reduced, tool.parentJoint, name)
     base = base_placement(reduced, kinematics.base_frame, name)
     followed = mimicking(source.urdf_text)
-    placements, twists, lower, upper, limited_by = [], [], [], [], []
+    placements, twists, limits = [], [], []
     for position, j in enumerate(joints):
         old, called = reduced.joints[j], joint_name(reduced, j)
         if called in followed:
@@ -82,11 +81,9 @@ def build_chain(source: Source) -> SerialChain:
         placement = reduced.jointPlacements[j]
         placements.append((base.actInv(placement) if position == 0 else placement).homogeneous)
         twists.append(twist)
-        low, high, limit = _limits(reduced, old, prismatic=bool(np.linalg.norm(twist[3:]) < 0.5))
-        lower.append(low)
-        upper.append(high)
-        limited_by.append(limit)
+        limits.append(_limits(reduced, old, prismatic=bool(np.linalg.norm(twist[3:]) < 0.5)))
     placements.append(tool.placement.homogeneous)
+    lower, upper, limited_by = zip(*limits, strict=True)
     bodies = Bodies(
         robot=source.description.name,
         joints=tuple(joint_name(reduced, j) for j in joints),
@@ -94,33 +91,10 @@ def build_chain(source: Source) -> SerialChain:
         inertias=tuple(reduced.inertias[j].copy() for j in joints),
         gravity=readonly(base.rotation.T @ reduced.gravity.linear),
     )
-    return SerialChain(
-        bodies, readonly(placements), readonly(twists), readonly(lower), readonly(upper), tuple(limited_by)
-    )
+    return SerialChain(bodies, readonly(placements), readonly(twists), readonly(lower), readonly(upper), limited_by)
 
 
-def visual_geometry(source: Source, urdf_text: str) -> pin.GeometryModel:
-    """What the links look like, on the joints of `build_chain(source)`: placements in their frames, and in K_0 before them.
-
-    urdf_text: the source's URDF with meshes named by absolute paths. InputError for a mesh that cannot be read.
-    """
-    name, kinematics = source.place, source.description.kinematics
-    full = parse_urdf(urdf_text, name)
-    every = read_urdf(urdf_text, name, lambda path: pin.buildGeomFromUrdf(full, path, pin.GeometryType.VISUAL))
-    reduced, geometry = pin.buildReducedModel(full, every, *locked_joints(full, kinematics.locked_joints, name))
-    tool = reduced.frames[frame_id(reduced, kinematics.tool_frame, name)]
-    way = [0, *_joints_to(reduced, tool.parentJoint, name)]
-    base = base_placement(reduced, kinematics.base_frame, name)
-    result = pin.GeometryModel()
-    for piece in geometry.geometryObjects:
-        piece.parentJoint, piece.parentFrame = way.index(piece.parentJoint), 0
-        if piece.parentJoint == 0:
-            piece.placement = base.actInv(piece.placement)
-        result.addGeometryObject(piece)
-    return result
-
-
-def _joints_to(model: pin.Model, last: int, name: str) -> list[int]:
+def joints_to(model: pin.Model, last: int, name: str) -> list[int]:
     """Joint ids from the base to joint `last`; a joint beside or beyond this way must be locked by the description."""
     way: list[int] = []
     while last > 0:

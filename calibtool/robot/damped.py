@@ -46,17 +46,12 @@ def _solved(jacobian: Array, error: Array | None, length: float) -> tuple[Array,
     motion, distance = np.zeros((count if error is not None else 0, c)), np.empty(count)
     for start in range(0, count, _TOGETHER):
         rows = slice(start, start + _TOGETHER)
-        scaled = _rows_last(jacobian[rows])
-        scaled[:3] /= length
-        right = None
-        if error is not None:
-            right = _rows_last(error[rows])
-            right[:3] /= length
+        right = None if error is None else _rows_last(scale_rows(error[rows, :, None], length)[..., 0])
         with np.errstate(all="ignore"):  # singular rows are looked at again
-            trace, solved = eliminated(_gram_of(scaled), right)
+            trace, solved = eliminated(_rows_last(regularised_gram(jacobian[rows], length)), right)
             distance[rows] = 1.0 / np.sqrt(trace)
-            if solved is not None:
-                motion[rows] = sum(scaled[i] * solved[i] for i in range(6)).T  # Jᵀ x
+            if solved is not None:  # Jᵀ x
+                motion[rows] = np.einsum("kic,ik->kc", scale_rows(jacobian[rows], length), solved)
     again = np.flatnonzero(~(distance > _REGULAR))
     gram = regularised_gram(jacobian[again], length)
     distance[again] = _distance(gram)
@@ -71,16 +66,6 @@ def _solved(jacobian: Array, error: Array | None, length: float) -> tuple[Array,
 def _rows_last(values: Array) -> Array:
     """(N, …) → (…, N), a contiguous copy: arithmetic element by element, in which no row knows the others."""
     return np.moveaxis(values, 0, -1).copy()
-
-
-def _gram_of(scaled: Array) -> Array:
-    """`regularised_gram` of scaled Jacobians (6, c, N): (k, k, N)."""
-    short, long = (scaled, scaled.swapaxes(0, 1)) if scaled.shape[1] >= 6 else (scaled.swapaxes(0, 1), scaled)
-    gram = np.zeros((len(short), len(short), scaled.shape[-1]))
-    for column in long:
-        gram += column[:, None] * column[None, :]
-    gram[np.arange(len(gram)), np.arange(len(gram))] += GRAM_REGULARISATION
-    return gram
 
 
 def eliminated(gram: Array, right: Array | None = None) -> tuple[Array, Array | None]:

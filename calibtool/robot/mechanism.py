@@ -10,8 +10,6 @@ import pinocchio as pin
 from calibtool.robot.screw import Screw
 from calibtool.robot.se3 import Array, readonly, translation
 
-_BYTES = 8  # of a number
-
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
@@ -136,8 +134,7 @@ class Mechanism:
     def as_model(self, lower: Array, upper: Array) -> pin.Model:
         """A copy of the Pinocchio model with joint limits (n,) in rad or m, to go on with elsewhere."""
         model = self.model.copy()
-        ends = self.configuration(np.array([lower, upper]))
-        model.lowerPositionLimit, model.upperPositionLimit = ends.min(axis=0), ends.max(axis=0)
+        model.lowerPositionLimit, model.upperPositionLimit = self.configuration(np.array([lower, upper]))
         return model
 
     def _per_joint(self, jacobians: Array) -> Array:
@@ -162,10 +159,10 @@ class Mechanism:
 def _columns_of(frame: pin.SE3) -> Array:
     """Axes x, y, z and origin of a frame of Pinocchio's data (4, 3): a view, which changes with every row."""
     rotation, position = frame.rotation, frame.translation
-    addresses = [array.__array_interface__["data"][0] for array in (rotation, position)]
-    if rotation.strides != (_BYTES, 3 * _BYTES) or addresses[1] - addresses[0] != 9 * _BYTES:
+    start, end = (array.__array_interface__["data"][0] for array in (rotation, position))
+    if rotation.strides != (8, 24) or end - start != 72:
         raise RuntimeError("this Pinocchio stores poses in another way; install pin 3.4 to 4.x")
-    return np.lib.stride_tricks.as_strided(rotation.T, (4, 3), (3 * _BYTES, _BYTES), writeable=False)
+    return np.lib.stride_tricks.as_strided(rotation.T, (4, 3), (24, 8), writeable=False)
 
 
 def _poses(columns: Array) -> Array:

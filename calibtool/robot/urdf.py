@@ -90,8 +90,7 @@ def locked_joints(model: pin.Model, locked: dict[str, float], name: str) -> tupl
     locked: positions by joint name, rad or m; name stands in messages. InputError for an unknown joint.
     """
     q = pin.neutral(model)
-    ids = []
-    names = [joint_name(model, j) for j in range(model.njoints)]
+    ids, names = [], [joint_name(model, j) for j in range(model.njoints)]
     for joint, value in locked.items():
         if joint not in names[1:]:
             raise InputError(f"{name}: locked joint '{joint}' is not in the URDF; {near_names(joint, names[1:])}")
@@ -132,8 +131,8 @@ def mimicking(urdf_text: str) -> dict[str, str]:
         root = ElementTree.fromstring(urdf_text)
     except ElementTree.ParseError:  # Pinocchio's parser forgives more; it has read this text
         return {}
-    pairs = ((joint.get("name"), joint.find("mimic")) for joint in root.findall("joint"))
-    return {str(joint): str(mimic.get("joint")) for joint, mimic in pairs if mimic is not None}
+    followed = {joint.get("name", ""): joint.find("mimic") for joint in root.findall("joint")}
+    return {joint: mimic.get("joint", "") for joint, mimic in followed.items() if mimic is not None}
 
 
 def check_single(joint: pin.JointModel, called: str, name: str) -> None:
@@ -148,9 +147,8 @@ def check_single(joint: pin.JointModel, called: str, name: str) -> None:
 def last_frame(urdf_text: str, name: str) -> str:
     """The link farthest from the root, the natural tool of a bare URDF. InputError where joints branch: which one?"""
     model = parse_urdf(urdf_text, name)
-    tips = [
-        joint_name(model, j) for j in range(1, model.njoints) if j not in list(model.parents)[1:]
-    ]
+    parents = list(model.parents)[1:]
+    tips = [joint_name(model, j) for j in range(1, model.njoints) if j not in parents]
     if len(tips) > 1:
         raise InputError(
             f"{name}: the URDF branches, its last joints are {', '.join(tips)}; write a robot.toml that names tool_frame "
