@@ -12,8 +12,8 @@ import numpy as np
 
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.chain import SerialChain
+from calibtool.robot.damped import at_point
 from calibtool.robot.geometry import GeometricErrors
-from calibtool.robot.mechanism import at_point
 from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, log6, readonly
 
 FrameName = Literal["fitted", "taught"]

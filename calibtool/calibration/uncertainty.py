@@ -8,7 +8,7 @@ import numpy as np
 from calibtool.calibration.frame import free_columns, pose_sigma
 from calibtool.calibration.model import Calibration
 from calibtool.errors import InputError
-from calibtool.robot.mechanism import at_point
+from calibtool.robot.damped import at_point
 from calibtool.robot.se3 import Array
 
 _CHUNK = 2000
@@ -51,10 +51,6 @@ def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty
         columns = _determined_columns(calibration, q[rows])
         poses = columns.shape[-1]
         covariance[rows] = columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)
-    frame = calibration.frame
-    if frame is not None and frame.moves:
-        turn = np.kron(np.eye(2), frame.T_taught_fitted[:3, :3])
-        covariance = turn @ covariance @ turn.T
     return PoseUncertainty(covariance + _spread(calibration, q))
 
 
@@ -63,26 +59,29 @@ def _chunks(count: int) -> list[slice]:
 
 
 def _determined_columns(calibration: Calibration, q: Array) -> Array:
-    """∂(tool point, turn)/∂θ without the targets (N, 6, p), in K_0 of the fit, less what the frames take up."""
+    """∂(tool point, turn)/∂θ without the targets (N, 6, p), less what the free frames take up."""
     columns, pose = _columns(calibration, q)
-    setup = calibration.base.setup
+    setup = calibration.setup
     return columns if setup.known else columns - free_columns(pose, setup) @ _taken_up(calibration)
 
 
 def _columns(calibration: Calibration, q: Array) -> tuple[Array, Array]:
-    """The same with fixed frames, and the poses of the chosen tool frame in K_0 of the fit."""
-    base, frame = calibration.base, calibration.frame
+    """The same with fixed frames, and T_base_tool (N, 4, 4).
+
+    In chosen frames the columns of the last placement and of the base are not those of the fit,
+    but span the same: all that the free frames take up.
+    """
+    base = calibration.base
     assert base.posterior is not None
-    frames = base.state.frames(calibration.robot, q)
-    pose = frames.tool @ frame.T_tool_taught if frame is not None and frame.moves else frames.tool
+    frames = calibration.base_frames(q)
     columns = base.posterior.parameters.pose_columns(calibration.robot, base.state, frames, q)
-    return at_point(columns, pose[:, :3, 3]), pose
+    return at_point(columns, frames.tool[:, :3, 3]), frames.tool
 
 
 @lru_cache(maxsize=8)
 def _taken_up(calibration: Calibration) -> Array:
     """How the free frames follow the parameters, −∂(frames)/∂θ (6 or 12, p), as in `taught_frame`."""
-    setup = calibration.base.setup
+    setup = calibration.setup
     sigma = pose_sigma(calibration.noise_position, calibration.noise_orientation)[:, None]
     squares, products = np.zeros(()), np.zeros(())
     for rows in _chunks(len(calibration.q)):

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from strategies import calibrated
+from strategies import configurations, geometric, measured, motion, network, perfect
 
-from calibtool.calibration import Calibration
+from calibtool.calibration import Calibration, identify
 from calibtool.errors import InputError
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.geometry import GeometricErrors
+from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array, exp6, readonly
 
@@ -21,10 +22,20 @@ SIX = ("fanuc-m1000ia", "ur5", "panda", "tiago-arm")
 FEW = ("scara", "planar-3r", "gantry", "so100")
 
 
+def made(robot: Robot, rng: np.random.Generator, with_network: bool) -> Calibration:
+    """Made-up errors of 5 mm and 5 mrad, in every element."""
+    q = configurations(robot, 20, rng)
+    plain = identify(measured(robot, q, perfect(robot), rng), "nominal")
+    errors, motions = geometric(robot, rng, 5e-3), motion(robot, rng)
+    base = replace(plain.base, model="complete", geometry=errors, motion=motions)
+    networks = (network(robot, plain.equivalent.p, q, rng),) if with_network else ()
+    return replace(plain, base=base, networks=networks)
+
+
 def unregistered(name: str, known: tuple[bool, bool], *, sensor: bool = False) -> Calibration:
-    """Made-up errors of 5 mm and 5 mrad in a set-up of which parts are unknown; with a network where n ≥ 6."""
+    """The same in a set-up of which parts are unknown; with a network where n ≥ 6."""
     robot, rng = load_robot(name), np.random.default_rng(7)
-    made = calibrated(robot, rng, with_network=robot.n >= 6, size=5e-3)
+    calibration = made(robot, rng, robot.n >= 6)
     setup = Setup(
         T_instrument_base=readonly(exp6(rng.normal(size=6))),
         targets=robot.targets[:1] if sensor else robot.targets,
@@ -32,7 +43,7 @@ def unregistered(name: str, known: tuple[bool, bool], *, sensor: bool = False) -
         frame_known=known[0],
         targets_known=known[1],
     )
-    return replace(made, base=replace(made.base, setup=setup))
+    return replace(calibration, base=replace(calibration.base, setup=setup))
 
 
 def seen(calibration: Calibration, q: Array) -> tuple[Array, Array]:
@@ -117,8 +128,7 @@ def test_no_other_base_and_tool_move_the_commands_less(name: str, known: tuple[b
 
 
 def test_a_network_with_virtual_joints_keeps_the_frame_of_its_training() -> None:
-    made = unregistered("scara", (False, False))
-    rng = np.random.default_rng(3)
-    with_network = replace(made, networks=calibrated(made.robot, rng).networks)
+    calibration = unregistered("scara", (False, False))
+    networks = made(calibration.robot, np.random.default_rng(3), True).networks
     with pytest.raises(InputError, match="train again with --frame taught"):
-        with_network.in_frame("taught")
+        replace(calibration, networks=networks).in_frame("taught")
