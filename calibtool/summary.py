@@ -72,6 +72,7 @@ def measurements_summary(measurements: Measurements) -> dict[str, object]:
         "noise_position_mm": measurements.noise_position * 1e3,
         "registration": _setup_summary(measurements.setup),
         "directions": "unknown" if measurements.direction is None else "known",
+        "commanded": "the joints" if measurements.commanded is None else "poses, apart from the joints",
         "simulated": measurements.truth is not None,
     }
     if measurements.kind == "pose":

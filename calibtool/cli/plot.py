@@ -7,7 +7,17 @@ import typer
 
 from calibtool.cli.files import check_output, one_stdin, shown, stem, write_output
 from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import EXACT, CompensationMethod, Force, FrameOption, Outside, RefitSetup, Require, choice
+from calibtool.cli.options import (
+    EXACT,
+    Before,
+    CompensationMethod,
+    Force,
+    FrameOption,
+    Outside,
+    RefitSetup,
+    Require,
+    choice,
+)
 
 # The figures of `calibtool.evaluation.plots`, which is not imported for a help page; the second half needs --on.
 _OF_CALIBRATIONS = ("training", "motions", "parameters", "observability")
@@ -42,6 +52,7 @@ def plot(
     refit_setup: RefitSetup = False,
     require: Require = None,
     frame: FrameOption = None,
+    before: Before = None,
     force: Force = False,
 ) -> None:
     """Draw one figure, such as the errors of every configuration or the training curve.
@@ -54,7 +65,7 @@ def plot(
     """
     choice(kind, FIGURES, "kind of plot")
     check_output(output, force)
-    one_stdin(*calibrations, on)
+    one_stdin(*calibrations, on, before)
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
@@ -83,6 +94,7 @@ def plot(
             method=cast(Method, method),
             refit_setup=refit_setup,
             outside=cast(OutsidePolicy, outside),
+            before=None if before is None else load_measurements(before)[0],
         )
         subject = Subject(named, measurements, evaluation, limits)
     try:
