@@ -21,12 +21,13 @@ from calibtool.errors import UsageError
 from calibtool.evaluation.view.scene import scene_of
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.as_urdf import calibration_as_urdf
+from calibtool.export.rendering import compensator_values
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.geometry import mechanism
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.se3 import Array, exp6, readonly
 from calibtool.storage import read_calibration, to_bytes
 
 
@@ -41,17 +42,18 @@ def at(pose: Array, points: Array) -> Array:
     return np.einsum("kab,mb->kma", pose[:, :3, :3], points) + pose[:, None, :3, 3]
 
 
-# --- everything speaks in the chosen frame ---------------------------------------------------------------------------
+# --- everything speaks in the chosen frame --------------------------------------------------------
 
 
 @cache
-def arm(
-    name: str = "ur5", frame: FrameName = "taught", model: str = "complete"
-) -> Calibration:
+def arm(name: str = "ur5", frame: FrameName = "taught", model: str = "complete") -> Calibration:
     """Identified from simulated measurements in an unknown set-up."""
     robot = load_robot(name)
     data = simulate(
-        robot, Simulation(seed=4, configurations=40, workspace=robot.workspace(None)[1], unregistered=True)
+        robot,
+        Simulation(
+            seed=4, configurations=40, workspace=robot.workspace(None)[1], unregistered=True
+        ),
     )
     options = BaseOptions(model, CompleteOptions(harmonics=0, gravity=False))
     return identify(data, options, frame)
@@ -63,20 +65,41 @@ def test_exported_numbers_are_those_of_the_frame(frame: FrameName) -> None:
     contents = json.loads(calibration_as_json(calibration))
     base = contents["base_model"]
     assert contents["frame"] == frame
-    twists = np.array(contents["nominal_twists_per_rad_or_m"]) + np.array(base["twist_errors_per_rad_or_m"])
+    twists = np.array(contents["nominal_twists_per_rad_or_m"]) + np.array(
+        base["twist_errors_per_rad_or_m"]
+    )
     for q, pose in zip(calibration.q[:5], calibration.forward(calibration.q[:5]), strict=True):
         T = np.eye(4)
         moved = q + np.array(base["offset_errors_rad_or_m"])
         for placement, twist, angle in zip(base["placements_m"], twists, moved, strict=False):
             x = np.zeros((4, 4))
-            x[:3, :3] = [[0, -twist[5], twist[4]], [twist[5], 0, -twist[3]], [-twist[4], twist[3], 0]]
+            x[:3, :3] = [
+                [0, -twist[5], twist[4]],
+                [twist[5], 0, -twist[3]],
+                [-twist[4], twist[3], 0],
+            ]
             x[:3, 3] = twist[:3]
             T = T @ np.array(placement) @ expm(x * angle)
         np.testing.assert_allclose(T @ np.array(base["placements_m"][-1]), pose, atol=1e-12)
-    T, targets = np.array(contents["setup"]["T_instrument_base_m"]), np.array(contents["setup"]["targets_m"])
+    T, targets = (
+        np.array(contents["setup"]["T_instrument_base_m"]),
+        np.array(contents["setup"]["targets_m"]),
+    )
     other = seen(arm(frame="fitted"), calibration.q)
     there = at(T @ calibration.forward(calibration.q), targets)
     np.testing.assert_allclose(there, other, atol=1e-12)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_numbers_of_exported_code_are_those_of_the_frame(frame: FrameName) -> None:
+    """What C and Structured Text are rendered from."""
+    calibration = arm(frame=frame, model="local-poe")
+    values = compensator_values(calibration, "double")
+    placements = values["nominal_placements"] + values["placement_changes"]
+    T = np.repeat(placements[:1], len(calibration.q), axis=0)
+    for j, twist in enumerate(values["nominal_twists"] + values["twist_errors"]):
+        T = T @ exp6(calibration.q[:, j : j + 1] * twist) @ placements[j + 1]
+    np.testing.assert_allclose(T, calibration.forward(calibration.q), atol=1e-12)
 
 
 @pytest.mark.parametrize("frame", FRAMES)
@@ -87,9 +110,15 @@ def test_urdf_and_view_and_corrections_are_in_the_frame(frame: FrameName) -> Non
     apart = float(np.linalg.norm((pose - nominal)[:, :3, 3], axis=-1).mean())
     text, _ = calibration_as_urdf(calibration)
     kinematics = robot.source.description.kinematics
-    name = "tool0" if f'"{kinematics.tool_frame}_calibrated"' not in text else f"{kinematics.tool_frame}_calibrated"
+    name = (
+        "tool0"
+        if f'"{kinematics.tool_frame}_calibrated"' not in text
+        else f"{kinematics.tool_frame}_calibrated"
+    )
     description = robot.source.description
-    described = description.model_copy(update={"kinematics": kinematics.model_copy(update={"tool_frame": name})})
+    described = description.model_copy(
+        update={"kinematics": kinematics.model_copy(update={"tool_frame": name})}
+    )
     exported = Robot.from_source(replace(robot.source, urdf_text=text, description=described))
     np.testing.assert_allclose(exported.mechanism.forward(q), pose, atol=1e-9)
     sizes = scene_of(calibration).sizes
@@ -132,7 +161,9 @@ def test_the_report_says_what_scipy_says_of_the_frames() -> None:
     for T, part in ((base, report.base), (tool, report.tool)):
         T[:3, 3], T[:3, :3] = part[:3], Rotation.from_rotvec(part[3:]).as_matrix()
     left = base @ there @ tool
-    np.testing.assert_allclose(np.linalg.norm((left - nominal)[:, :3, 3], axis=-1), report.position, atol=1e-12)
+    np.testing.assert_allclose(
+        np.linalg.norm((left - nominal)[:, :3, 3], axis=-1), report.position, atol=1e-12
+    )
     turn = Rotation.from_matrix(left[:, :3, :3] @ nominal[:, :3, :3].swapaxes(1, 2)).magnitude()
     np.testing.assert_allclose(turn, report.orientation, atol=1e-9)
 
@@ -141,7 +172,9 @@ def test_a_known_set_up_and_the_nominal_base_leave_nothing_to_choose() -> None:
     robot = load_robot("ur5")
     workspace = robot.workspace(None)[1]
     registered = simulate(robot, Simulation(seed=4, configurations=30, workspace=workspace))
-    free = simulate(robot, Simulation(seed=4, configurations=30, workspace=workspace, unregistered=True))
+    free = simulate(
+        robot, Simulation(seed=4, configurations=30, workspace=workspace, unregistered=True)
+    )
     for calibration in (identify(registered, "local-poe"), identify(free, "nominal")):
         assert calibration.frame is None
         assert not calibration.frame_is_free
@@ -152,7 +185,9 @@ def test_a_known_set_up_and_the_nominal_base_leave_nothing_to_choose() -> None:
 
 
 @pytest.mark.parametrize("frame", [None, *FRAMES])
-def test_training_on_a_base_keeps_its_frame_unless_another_is_asked_for(frame: FrameName | None) -> None:
+def test_training_on_a_base_keeps_its_frame_unless_another_is_asked_for(
+    frame: FrameName | None,
+) -> None:
     robot = load_robot("planar-3r")
     data = simulate(robot, Simulation(seed=2, configurations=25, unregistered=True))
     base = identify(data, "local-poe", "fitted")
@@ -166,7 +201,10 @@ def test_a_moved_tracker_is_registered_in_the_frame(frame: FrameName) -> None:
     """`--refit` leaves the poses as they are and finds the set-up that belongs to them."""
     robot = load_robot("ur5")
     data = simulate(
-        robot, Simulation(seed=4, configurations=40, workspace=robot.workspace(None)[1], unregistered=True)
+        robot,
+        Simulation(
+            seed=4, configurations=40, workspace=robot.workspace(None)[1], unregistered=True
+        ),
     )
     calibration = arm(frame=frame)
     turn = Rotation.from_rotvec([0.5, -0.3, 1.2]).as_matrix()
@@ -177,7 +215,7 @@ def test_a_moved_tracker_is_registered_in_the_frame(frame: FrameName) -> None:
     assert np.sqrt((left**2).mean()) < 0.06e-3
 
 
-# --- how sure: the deviation of what was measured ---------------------------------------------------------------------
+# --- how sure: the deviation of what was measured -------------------------------------------------
 
 
 @pytest.mark.parametrize("frame", FRAMES)
@@ -199,7 +237,9 @@ def test_the_frame_follows_every_error_of_the_parameters(frame: FrameName) -> No
             chosen = taught_frame(changed.forward(calibration.q), nominal, base.setup, *noise)
             pose = chosen.T_taught_fitted @ changed.forward(q) @ chosen.T_tool_taught
             poses.append(pose)
-        turn = Rotation.from_matrix(poses[0][:, :3, :3] @ poses[1][:, :3, :3].swapaxes(1, 2)).as_rotvec()
+        turn = Rotation.from_matrix(
+            poses[0][:, :3, :3] @ poses[1][:, :3, :3].swapaxes(1, 2)
+        ).as_rotvec()
         slope = np.concatenate([(poses[0] - poses[1])[:, :3, 3], turn], axis=-1) / 2e-2
         total += slope[:, :, None] * slope[:, None, :]
     found = predicted_uncertainty(calibration, q).covariance
@@ -210,14 +250,19 @@ def test_the_frame_follows_every_error_of_the_parameters(frame: FrameName) -> No
 
 
 def test_predicted_deviations_are_those_of_fresh_robots() -> None:
-    """Taught poses of identified arms against taught poses of the true ones: squares in units of the prediction."""
+    """Taught poses of identified arms against those of the true ones, in units of ±."""
     robot = load_robot("ur5")
     workspace = robot.workspace(None)[1]
     options = BaseOptions(complete=CompleteOptions(harmonics=0, gravity=False, twists=True))
     ratios = []
     for seed in range(8):
-        data = simulate(robot, Simulation(seed=seed, configurations=30, workspace=workspace, unregistered=True))
-        fresh = simulate(robot, Simulation(seed=seed, configurations=30, workspace=workspace, same_robot=data.truth))
+        data = simulate(
+            robot, Simulation(seed=seed, configurations=30, workspace=workspace, unregistered=True)
+        )
+        fresh = simulate(
+            robot,
+            Simulation(seed=seed, configurations=30, workspace=workspace, same_robot=data.truth),
+        )
         calibration = identify(data, options)
         assert data.truth is not None
         actual, nominal = data.truth.actual.forward, robot.mechanism.forward

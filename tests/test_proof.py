@@ -1,4 +1,4 @@
-"""Proof on the arm: measured against commanded points, what is expected beside it, and rows that do not belong together."""
+"""Proof on the arm: measured against commanded points, and rows that do not belong together."""
 
 import json
 from dataclasses import replace
@@ -33,7 +33,7 @@ CYCLES = 4
 def made(
     name: str = "ur5", unregistered: bool = True, kinds: tuple[str, ...] = ("geometric",)
 ) -> tuple[Calibration, Measurements, Array]:
-    """A calibration, its measurements, and commanded joints: twelve fresh ones and five in cycles."""
+    """A calibration, its measurements, and commanded joints: twelve fresh, five in cycles."""
     robot = load_robot(name)
     simulation = Simulation(
         seed=3,
@@ -48,8 +48,10 @@ def made(
     return identify(data, options), data, np.vstack([fresh[:12], np.tile(fresh[12:], (CYCLES, 1))])
 
 
-def driven(q: Array, corrected: Array, data: Measurements, seed: int = 8, noise: float = 0.05e-3) -> Measurements:
-    """What a tracker sees where the arm is driven to corrected joints for the commands q, both (N, n)."""
+def driven(
+    q: Array, corrected: Array, data: Measurements, seed: int = 8, noise: float = 0.05e-3
+) -> Measurements:
+    """What a tracker sees where the arm is driven to corrected joints for the commands q."""
     robot = data.robot
     seen = simulate(robot, Simulation(seed=seed, at=corrected, same_robot=data.truth, noise=noise))
     return replace(
@@ -64,7 +66,10 @@ def plain(q: Array, data: Measurements, seed: int = 9) -> Measurements:
 
 
 def proved(
-    name: str = "ur5", unregistered: bool = True, corrected: Array | None = None, before: bool = True
+    name: str = "ur5",
+    unregistered: bool = True,
+    corrected: Array | None = None,
+    before: bool = True,
 ) -> tuple[Evaluation, Measurements, Measurements]:
     calibration, data, q = made(name, unregistered)
     corrected = compensate_joints(calibration, q).q if corrected is None else corrected
@@ -74,7 +79,7 @@ def proved(
 
 
 def by_hand(measurements: Measurements, calibration: Calibration, commanded: Array) -> Array:
-    """Distances of measured from commanded targets, RMS over the targets: (N,), in the instrument's frame."""
+    """Distances of measured from commanded targets, RMS over the targets: (N,) m."""
     setup = measurements.setup if measurements.setup.known else calibration.setup
     pose = setup.T_instrument_base @ commanded
     targets = np.einsum("kab,mb->kma", pose[:, :3, :3], setup.targets) + pose[:, None, :3, 3]
@@ -91,7 +96,9 @@ def test_errors_are_measured_minus_commanded_points(name: str, unregistered: boo
     assert [errors.name for errors in found.methods] == ["nominal", "c"]
     commanded = after.robot.mechanism.forward(q)
     for errors, measured in zip(found.methods, (before, after), strict=True):
-        np.testing.assert_allclose(errors.position_size, by_hand(measured, calibration, commanded), atol=1e-12)
+        np.testing.assert_allclose(
+            errors.position_size, by_hand(measured, calibration, commanded), atol=1e-12
+        )
     lowered = 0.7 if name == "scara" else 0.35  # four joints leave the tilts
     assert found.methods[1].position_size.mean() < lowered * found.methods[0].position_size.mean()
 
@@ -109,7 +116,10 @@ def test_ap_and_rp_are_those_of_the_standard() -> None:
         centre = calibration.setup.targets.mean(axis=0)
         asked = commanded[rows[0], :3, :3] @ centre + commanded[rows[0], :3, 3]
         for method, measured in enumerate((before, after)):
-            attained = measured.points[rows].mean(axis=1) @ T_base_instrument[:3, :3].T + T_base_instrument[:3, 3]
+            attained = (
+                measured.points[rows].mean(axis=1) @ T_base_instrument[:3, :3].T
+                + T_base_instrument[:3, 3]
+            )
             length = np.linalg.norm(attained - attained.mean(axis=0), axis=-1)
             ap = np.linalg.norm(attained.mean(axis=0) - asked)
             rp = length.mean() + 3 * length.std(ddof=1)
@@ -139,10 +149,14 @@ def test_what_is_expected_is_what_the_model_leaves_at_the_driven_joints() -> Non
     found, _, _ = proved(corrected=corrected)
     left = (calibration.forward(corrected) - calibration.robot.mechanism.forward(q))[:, :3, 3]
     assert found.proof is not None
-    turn = calibration.forward(corrected)[:, :3, :3] @ calibration.robot.mechanism.forward(q)[:, :3, :3].swapaxes(1, 2)
+    turn = calibration.forward(corrected)[:, :3, :3] @ calibration.robot.mechanism.forward(q)[
+        :, :3, :3
+    ].swapaxes(1, 2)
     expected = found.proof.expected
     assert expected.orientation_size is not None
-    np.testing.assert_allclose(expected.orientation_size, Rotation.from_matrix(turn).magnitude(), atol=1e-9)
+    np.testing.assert_allclose(
+        expected.orientation_size, Rotation.from_matrix(turn).magnitude(), atol=1e-9
+    )
     assert expected.position_size.max() < 2 * np.linalg.norm(left, axis=-1).max() + 0.2e-3
 
 
@@ -158,7 +172,7 @@ def test_a_moved_tracker_is_registered_again_when_asked() -> None:
     assert found.methods[1].position_size.mean() < 0.2e-3
 
 
-# --- which driven joints are believed --------------------------------------------------------------------------------
+# --- which driven joints are believed -------------------------------------------------------------
 
 
 def with_backlash(q: Array, corrected: Array) -> Array:
@@ -212,7 +226,9 @@ def test_driven_joints_of_another_correction_are_refused(name: str, how: str) ->
     calibration, data, q = made(name)
     corrected = REFUSED[how](q, compensate_joints(calibration, q).q)
     after = replace(plain(q, data), q=corrected, commanded=data.robot.mechanism.forward(q))
-    with pytest.raises(InputError, match="rows were driven to other joints than 'c' asks for") as caught:
+    with pytest.raises(
+        InputError, match="rows were driven to other joints than 'c' asks for"
+    ) as caught:
         evaluate([("c", calibration)], after)
     assert "\n" not in str(caught.value)
     if how == "two rows exchanged":
@@ -260,7 +276,7 @@ def test_rows_after_the_correction_that_lack_a_target_are_left_out_of_both() -> 
         np.testing.assert_allclose(errors.position, every.position[rest], atol=1e-12)
 
 
-# --- limits and words -------------------------------------------------------------------------------------------------
+# --- limits and words -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("quantity", ["ap", "rp"])
@@ -282,7 +298,11 @@ def test_limits_on_ap_without_repeats_cannot_be_judged() -> None:
     found = evaluate([("c", calibration)], after)
     limits = [parse_limit("ap_max_mm=100"), parse_limit("position_max_mm=100")]
     (line,) = broken_limits(found.methods[1:], limits, found.pose_tests[1:])
-    assert line == "c: ap max: no configuration was measured at least three times, so the limit cannot be judged"
+    assert (
+        line
+        == "c: ap max: no configuration was measured at least three times, so the limit cannot be "
+        "judged"
+    )
     with pytest.raises(UsageError, match="ap_S_mm"):
         parse_limit("ap_max_deg=1")
 
@@ -291,7 +311,9 @@ def said(evaluation: Evaluation, calibration: Calibration, data: Measurements) -
     """Headline, remarks and column names of the report."""
     subject = Subject([("c", calibration)], data, evaluation)
     found = words(evaluation.kind, evaluation.before)
-    return " ".join([headline(subject, verdicts(subject)).text, *remarks(subject), found.before, found.after])
+    return " ".join(
+        [headline(subject, verdicts(subject)).text, *remarks(subject), found.before, found.after]
+    )
 
 
 def test_only_what_was_measured_is_called_after() -> None:
@@ -315,7 +337,7 @@ def test_only_what_was_measured_is_called_after() -> None:
 
 
 def test_directions_are_those_of_the_driven_joints() -> None:
-    """Backlash is known from the driven motion: the model expects next to nothing where it was taken up."""
+    """Where backlash was taken up along the driven motion the model expects next to nothing."""
     calibration, data, q = made(kinds=("geometric", "backlash"))
     if not calibration.base.motion.backlash.any():
         pytest.skip("no backlash was found")

@@ -53,7 +53,9 @@ class ChosenFrame:
 
     def setup(self, fitted: Setup) -> Setup:
         """The set-up of the fit in the chosen frames: predicted points stay where they were."""
-        return moved_setup(fitted, self.T_taught_fitted, self.T_tool_taught) if self.moves else fitted
+        return (
+            moved_setup(fitted, self.T_taught_fitted, self.T_tool_taught) if self.moves else fitted
+        )
 
     def fitted_setup(self, chosen: Setup) -> Setup:
         """The inverse of `setup`."""
@@ -96,7 +98,9 @@ def taught_frame(
         turn = log3(taught[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2))
         left = np.concatenate([taught[:, :3, 3] - pose[:, :3, 3], turn], axis=-1) / sigma
         step = np.zeros((2, 6))
-        step[free] = np.linalg.lstsq(columns.reshape(left.size, -1), left.ravel(), rcond=1e-9)[0].reshape(-1, 6)
+        step[free] = np.linalg.lstsq(columns.reshape(left.size, -1), left.ravel(), rcond=1e-9)[
+            0
+        ].reshape(-1, 6)
         T_base, T_tool = exp6(step[0]) @ T_base, T_tool @ exp6(step[1])
         if np.abs(step).max() < _SETTLED:
             break

@@ -1,4 +1,4 @@
-"""What the frames of a calibration have in common with the taught ones, and what remains apart from it."""
+"""The common part of corrections in the frames of the fit, and what remains apart from it."""
 
 from dataclasses import dataclass, replace
 
@@ -11,10 +11,10 @@ from calibtool.robot.se3 import Array, log3
 
 @dataclass(frozen=True, eq=False)
 class FrameReport:
-    """The common part of all corrections in the frames of the fit, and the rest at the N configurations used.
+    """The common part in numbers, and the rest at the N configurations used.
 
     name         the chosen frames
-    base, tool   (6,) displacement of the base frame and of the tool frame, m, and their rotation vectors, rad
+    base, tool   (6,) displacement (m) and rotation vector (rad) of the base and of the tool frame
     position     (N,) distances of the tool point from the nominal robot's in the taught frames, m
     orientation  (N,) rotation angles likewise, rad
     """
@@ -52,15 +52,15 @@ class FrameReport:
     @property
     def common(self) -> str:
         """Sizes of the common part in words."""
-        sizes = [
-            f"{name} {np.linalg.norm(part[:3]) * 1e3:.3g} mm, {np.rad2deg(np.linalg.norm(part[3:])):.3g} deg"
-            for name, part in (("base", self.base), ("tool", self.tool))
-        ]
+        sizes = []
+        for name, part in (("base", self.base), ("tool", self.tool)):
+            shift, turn = np.linalg.norm(part.reshape(2, 3), axis=-1)
+            sizes.append(f"{name} {shift * 1e3:.3g} mm, {np.rad2deg(turn):.3g} deg")
         return "; ".join(sizes)
 
 
 def frame_report(calibration: Calibration) -> FrameReport | None:
-    """Common part and rest of the base model at the configurations used; None where no frame was free to choose."""
+    """Common part and rest of the base model; None where no frame was free to choose."""
     if not calibration.frame_is_free:
         return None
     taught = replace(calibration, networks=()).in_frame("taught")

@@ -104,21 +104,21 @@ class Calibration:
 
     @property
     def frame_is_free(self) -> bool:
-        """There are two frames to choose from: an unknown set-up, and a base model that is not the drawing itself."""
+        """There is a choice: the set-up is unknown, and the base model is not the drawing itself."""
         return not self.base.setup.known and self.base.model != "nominal"
 
     def in_frame(self, name: FrameName) -> Self:
-        """The same calibration in the frames of the fit, or in those that move the commanded poses least.
+        """The same calibration in the frames of the fit, or in those that move taught poses least.
 
-        Itself where nothing is free. Raises InputError for networks with virtual joints, which are fixed in the tool
-        frame of the training.
+        Itself where nothing is free. Raises InputError for networks with virtual joints, which are
+        fixed in the tool frame of the training.
         """
         if not self.frame_is_free or (self.frame is not None and self.frame.name == name):
             return self
         if self.networks and self.equivalent.virtual_joints:
             raise InputError(
-                f"{self.robot.name}: the network's virtual joints are fixed in the tool frame it was trained in; "
-                f"train again with --frame {name}"
+                f"{self.robot.name}: the network's virtual joints are fixed in the tool frame it "
+                f"was trained in; train again with --frame {name}"
             )
         frame = self.frame
         if frame is None:

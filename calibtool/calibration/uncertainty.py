@@ -45,12 +45,16 @@ def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty
     """
     posterior = calibration.base.posterior
     if posterior is None:
-        raise InputError(f"a '{calibration.base.model}' base has no posterior; identify with --model complete")
+        raise InputError(
+            f"a '{calibration.base.model}' base has no posterior; identify with --model complete"
+        )
     covariance = np.empty((len(q), 6, 6))
     for rows in _chunks(len(q)):
         columns = _determined_columns(calibration, q[rows])
         poses = columns.shape[-1]
-        covariance[rows] = columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)
+        covariance[rows] = (
+            columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)
+        )
     return PoseUncertainty(covariance + _spread(calibration, q))
 
 
@@ -80,7 +84,7 @@ def _columns(calibration: Calibration, q: Array) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=8)
 def _taken_up(calibration: Calibration) -> Array:
-    """How the free frames follow the parameters, −∂(frames)/∂θ (6 or 12, p), as in `taught_frame`."""
+    """How the free frames follow the parameters: −∂(frames)/∂θ (6 or 12, p), see `taught_frame`."""
     setup = calibration.setup
     sigma = pose_sigma(calibration.noise_position, calibration.noise_orientation)[:, None]
     squares, products = np.zeros(()), np.zeros(())
@@ -100,7 +104,9 @@ def _spread(calibration: Calibration, q: Array) -> Array:
         return np.zeros((len(q), 6, 6))
     pose, jacobian = calibration.base_forward_and_jacobian(q)
     jacobian = at_point(jacobian, pose[:, :3, 3])
-    members = np.stack([(jacobian @ network(q)[..., None])[..., 0] for network in calibration.networks])
+    members = np.stack(
+        [(jacobian @ network(q)[..., None])[..., 0] for network in calibration.networks]
+    )
     apart = members - members.mean(axis=0)
     scatter: Array = np.einsum("mki,mkj->kij", apart, apart)
     return scatter / (len(members) - 1)

@@ -184,7 +184,8 @@ def _show_pose_test(test: dict[str, Any], how: str, names: list[str]) -> None:
     ]
     if "rp_before_mm" in test:
         rows.append([f"RP {names[0]}", *cells(test["rp_before_mm"], test["rp_before_mrad"])])
-    rows.append([f"RP {names[1]}" if "rp_before_mm" in test else "RP", *cells(test["rp_mm"], test["rp_mrad"])])
+    called = f"RP {names[1]}" if "rp_before_mm" in test else "RP"
+    rows.append([called, *cells(test["rp_mm"], test["rp_mrad"])])
     rows = [row[: _POSES + 1] for row in rows]
     repeats = sorted({*test["repeats"]})
     counted = str(repeats[0]) if len(repeats) == 1 else f"{repeats[0]} to {repeats[-1]}"

@@ -21,7 +21,7 @@ def load_measurements(path: str) -> "tuple[Measurements, bytes]":
 
 
 def load_calibration(path: str, frame: str | None = None) -> "tuple[Calibration, bytes]":
-    """A calibration of a file (`-`: stdin), in other frames if asked, and its bytes for the provenance."""
+    """A calibration of a file (`-`: stdin), in the frames of --frame, and its bytes."""
     from calibtool.storage import read_calibration
 
     data = read_bytes(path)
@@ -58,5 +58,7 @@ def say_if_frame_is_not_free(calibration: "Calibration", name: str) -> None:
     if calibration.frame_is_free:
         return
     known = calibration.base.setup.known
-    why = "instrument frame and targets are known" if known else "the base model is the nominal robot"
+    why = "the base model is the nominal robot"
+    if known:
+        why = "instrument frame and targets are known"
     message(f"{name}: --frame has nothing to choose: {why}")

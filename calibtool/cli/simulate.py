@@ -44,7 +44,10 @@ def simulate(
     ] = None,
     commanded: Annotated[
         str | None,
-        typer.Option(metavar="TARGETS", help="The joints of --at are corrected ones: what went into compensate."),
+        typer.Option(
+            metavar="TARGETS",
+            help="The joints of --at are corrected ones: what went into compensate.",
+        ),
     ] = None,
     force: Force = False,
 ) -> None:
@@ -58,7 +61,7 @@ def simulate(
     check_output(output, force, binary=True)
     one_stdin(same_robot, at, commanded)
     if commanded is not None and at is None:
-        raise UsageError("--commanded belongs to --at: these joints are corrected for those targets")
+        raise UsageError("--commanded belongs to --at: those joints are corrected for these targets")
     sizes = {
         "--length-error-mm": length_error_mm,
         "--angle-error-mrad": angle_error_mrad,
@@ -112,7 +115,8 @@ def simulate(
         inputs["commanded"] = text.encode()
         table = parse_table(text, shown(commanded))
         if len(table) != len(q_at):
-            raise InputError(f"{shown(commanded)}: {len(table)} rows, but {shown(at)} has {len(q_at)}")
+            counts = f"{len(table)} rows, but {shown(at)} has {len(q_at)}"
+            raise InputError(f"{shown(commanded)}: {counts}")
         asked = commanded_poses(table, model, "serial")
     scales = ErrorScales(
         kinds=kinds,

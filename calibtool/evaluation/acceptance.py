@@ -62,8 +62,9 @@ def parse_limit(text: str) -> Limit:
         value = -1.0
     if match is None or match[2] not in STATISTICS or match[3] not in _UNITS[match[1]] or value < 0:
         raise UsageError(
-            f"--require {text}: expected position_S_mm=VALUE or orientation_S_mrad=VALUE, or of repeated poses "
-            f"ap_S_mm, ap_S_mrad, rp_S_mm or rp_S_mrad, S one of {', '.join(STATISTICS)}"
+            f"--require {text}: expected position_S_mm=VALUE or orientation_S_mrad=VALUE, or of "
+            "repeated poses ap_S_mm, ap_S_mrad, rp_S_mm or rp_S_mrad, S one of "
+            f"{', '.join(STATISTICS)}"
         )
     return Limit(match[1], match[2], value, match[3])
 
@@ -80,9 +81,8 @@ def broken_limits(
             if found is None:
                 broken.append(f"{place}: {_missing(limit, test)}, so the limit cannot be judged")
             elif not found <= limit.value:  # NaN is no success
-                broken.append(
-                    f"{place} {found:.4g} {limit.unit} is above the limit of {limit.value:g} {limit.unit}"
-                )
+                asked = f"the limit of {limit.value:g} {limit.unit}"
+                broken.append(f"{place} {found:.4g} {limit.unit} is above {asked}")
     return broken
 
 

@@ -169,7 +169,9 @@ def _proved(
             "commanded; import them with --commanded"
         )
     if len(calibrations) != 1:
-        raise UsageError("the measurements were taken after one correction; give its calibration alone")
+        raise UsageError(
+            "the measurements were taken after one correction; give its calibration alone"
+        )
     ((name, calibration),) = calibrations
     if before is not None:
         check_same_robot(before.robot, after.robot, "before the correction", "after it")

@@ -67,7 +67,8 @@ class PoseTest:
 
         earlier: dict[str, object] = {}
         if self.before is not None:
-            earlier = {"rp_before_mm": listed(self.before[0]), "rp_before_mrad": listed(self.before[1])}
+            position, turn = map(listed, self.before)
+            earlier = {"rp_before_mm": position, "rp_before_mrad": turn}
         return {
             "poses": [pose.name for pose in self.poses],
             "first_configurations": [int(pose.rows[0]) + 1 for pose in self.poses],

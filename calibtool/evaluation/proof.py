@@ -95,9 +95,7 @@ def prove(
     return Proof(uncorrected, measured, expected, before is not None, test)
 
 
-def _setup(
-    calibration: Calibration, measurements: Measurements, pose: Array, refit: bool
-) -> Setup:
+def _setup(calibration: Calibration, measurements: Measurements, pose: Array, refit: bool) -> Setup:
     if refit and not measurements.setup.known:
         return register(measurements, pose)
     return fitting_setup(calibration, measurements)
@@ -111,12 +109,14 @@ def _commanded_alike(before: Measurements, commanded: Array) -> Array:
     """Commanded poses of `before` (N, 4, 4). InputError unless they are those of the other rows."""
     if len(before) != len(commanded):
         raise InputError(
-            f"the measurements: {len(before)} rows before the correction, {len(commanded)} after it; "
-            "both need the same commands in the same order"
+            f"the measurements: {len(before)} rows before the correction, {len(commanded)} after "
+            "it; both need the same commands in the same order"
         )
     if not before.seen.all():
         row = int(np.argmin(before.seen.all(axis=-1))) + 1
-        raise InputError(f"the measurements before the correction: row {row} lacks a target; measure it again")
+        raise InputError(
+            f"the measurements before the correction: row {row} lacks a target; measure it again"
+        )
     earlier = before.commanded
     if earlier is None:
         earlier = before.robot.mechanism.forward(before.q)
@@ -125,8 +125,9 @@ def _commanded_alike(before: Measurements, commanded: Array) -> Array:
     wrong = np.flatnonzero(np.maximum(apart, np.linalg.norm(turned, axis=-1)) > _SAME_COMMAND)
     if len(wrong):
         raise InputError(
-            f"the measurements before the correction: row {wrong[0] + 1} was commanded {apart[wrong[0]] * 1e3:.3g} mm "
-            "from that row after it; both need the same commands in the same order"
+            f"the measurements before the correction: row {wrong[0] + 1} was commanded "
+            f"{apart[wrong[0]] * 1e3:.3g} mm from that row after it; both need the same commands in "
+            "the same order"
         )
     return earlier
 
@@ -151,8 +152,8 @@ def _check_driven(
         rows = judged[far] + 1
         listed = ", ".join(map(str, rows[:_LISTED])) + (" …" if len(rows) > _LISTED else "")
         raise InputError(
-            f"the measurements: {int(far.sum())} of {len(after)} rows were driven to other joints than "
-            f"'{name}' asks for (row {listed}), up to {apart.max() * 1e3:.3g} mm away where its corrections are "
-            f"at most {correction * 1e3:.3g} mm; are calibration, frame and commanded rows those "
-            "of the correction?"
+            f"the measurements: {int(far.sum())} of {len(after)} rows were driven to other joints "
+            f"than '{name}' asks for (row {listed}), up to {apart.max() * 1e3:.3g} mm away where "
+            f"its corrections are at most {correction * 1e3:.3g} mm; are calibration, frame and "
+            "commanded rows those of the correction?"
         )

@@ -1,4 +1,4 @@
-"""Measured again after the correction, through the command line: the sample, limits, and files that do not fit."""
+"""Measured again after the correction: the sample, limits, and files that do not fit."""
 
 import csv
 import json
@@ -37,7 +37,10 @@ def test_the_sample_was_driven_to_what_compensate_asks_for(there: Path) -> None:
     """To a hundredth of a degree; the file itself is a record, and stays when estimators change."""
     done = run("compensate", "c.h5", "s/before.csv", "--joint-values", "controller")
     asked = [[float(row[f"j{j}_deg"]) for j in range(1, 7)] for row in rows_of(done.stdout)]
-    driven = [[float(row[f"j{j}_deg"]) for j in range(1, 7)] for row in rows_of(Path("s/driven.csv").read_text())]
+    driven = [
+        [float(row[f"j{j}_deg"]) for j in range(1, 7)]
+        for row in rows_of(Path("s/driven.csv").read_text())
+    ]
     assert np.abs(np.array(asked) - driven).max() < 0.01
 
 
@@ -54,7 +57,13 @@ def test_before_and_after_are_measured_and_say_so(there: Path) -> None:
     assert len(test["rp_mm"]) == len(test["rp_before_mm"]) == 5
     said = run("evaluate", "c.h5", "--on", "after.h5", "--before", "before.h5").stderr
     assert "commanded against measured" in said
-    for words in ("before, measured", "after, measured (c)", "expected, without noise", "AP after, measured", "RP before"):
+    for words in (
+        "before, measured",
+        "after, measured (c)",
+        "expected, without noise",
+        "AP after, measured",
+        "RP before",
+    ):
         assert words in said, words
 
 
@@ -78,7 +87,9 @@ def test_predictions_are_not_called_after(there: Path) -> None:
     assert "nominal robot expected after correction change" in predicted
     assert "is to be expected" in predicted
     assert "before, measured after, measured change" in proof
-    assert re.search(r"c brought the mean position error from 1\.\d+ mm to 0\.\d+ mm, measured on the arm", proof)
+    assert re.search(
+        r"c brought the mean position error from 1\.\d+ mm to 0\.\d+ mm, measured on the arm", proof
+    )
     assert "RP before the correction" in proof
     assert "after, measured" not in predicted
 
@@ -103,14 +114,16 @@ def plain(page: str) -> str:
 )
 def test_limits_judge_what_was_measured_after(there: Path, limit: str, code: int) -> None:
     for command in (["evaluate"], ["report", "-o", "l.html", "--force"]):
-        done = run(*command[:1], "c.h5", "--on", "after.h5", *command[1:], "--require", limit, code=code)
+        done = run(
+            *command[:1], "c.h5", "--on", "after.h5", *command[1:], "--require", limit, code=code
+        )
         last = done.stderr.splitlines()[-1]
         assert ("is above the limit" in last) == (code == 5)
     page = plain(Path("l.html").read_text())
     assert ("not met" in page.lower()) == (code == 5)
 
 
-# --- files that do not fit: one line, exit code 3, nothing written ---------------------------------------------------
+# --- files that do not fit: one line, exit code 3, nothing written --------------------------------
 
 
 def changed(source: str, name: str, change: object) -> str:
@@ -138,19 +151,28 @@ DRIVEN_TO = {
 
 
 @pytest.mark.parametrize("wrong", list(DRIVEN_TO))
-def test_joints_that_the_calibration_would_not_have_asked_for(sample: Path, here: Path, wrong: str) -> None:
+def test_joints_that_the_calibration_would_not_have_asked_for(
+    sample: Path, here: Path, wrong: str
+) -> None:
     source = "before.csv" if wrong == "the commands" else "driven.csv"
     joints = changed(f"{sample}/s/{source}", "joints.csv", DRIVEN_TO[wrong])
     files = ["--joints", joints, "--commanded", f"{sample}/s/before.csv"]
     run("import", f"{sample}/s/after.csv", *files, *FANUC, "-o", "after.h5")
     named = [f"{sample}/c.h5", "--on", "after.h5"]
-    for command in (["evaluate", *named, "-o", "errors.csv"], ["report", *named, "-o", "page.html"]):
+    for command in (
+        ["evaluate", *named, "-o", "errors.csv"],
+        ["report", *named, "-o", "page.html"],
+    ):
         line = refused(3, *command)
-        assert re.match(r"the measurements: \d+ of 30 rows were driven to other joints than 'c' asks for", line)
+        assert re.match(
+            r"the measurements: \d+ of 30 rows were driven to other joints than 'c' asks for", line
+        )
 
 
 def test_another_frame_is_another_correction(sample: Path, here: Path) -> None:
-    line = refused(3, "evaluate", f"{sample}/c.h5", "--on", f"{sample}/after.h5", "--frame", "fitted")
+    line = refused(
+        3, "evaluate", f"{sample}/c.h5", "--on", f"{sample}/after.h5", "--frame", "fitted"
+    )
     assert "are calibration, frame and commanded rows those of the correction?" in line
 
 
@@ -167,7 +189,7 @@ def test_before_must_have_the_same_commands(sample: Path, here: Path) -> None:
     assert "give its calibration alone" in line
 
 
-# --- rehearsed in simulation -------------------------------------------------------------------------------------------
+# --- rehearsed in simulation ----------------------------------------------------------------------
 
 
 def test_a_correction_is_rehearsed_in_simulation(files: Files, here: Path) -> None:
@@ -186,13 +208,31 @@ def test_a_correction_is_rehearsed_in_simulation(files: Files, here: Path) -> No
     assert answer("info", "before.h5")["commanded"] == "the joints"
     for figure in ("errors", "iso9283"):
         code = 0 if figure == "errors" else 3
-        run("plot", figure, "c.h5", "--on", "after.h5", "--before", "before.h5", "-o", f"{figure}.svg", code=code)
+        run(
+            "plot",
+            figure,
+            "c.h5",
+            "--on",
+            "after.h5",
+            "--before",
+            "before.h5",
+            "-o",
+            f"{figure}.svg",
+            code=code,
+        )
     before = contents(here)
     write_table("less.csv", [f"j{j}_deg" for j in range(1, 7)], q[:5].tolist())
     before = contents(here)
     line = refused(3, *same, "--at", "corrected.csv", "--commanded", "less.csv", "-o", "x.h5")
     assert line == "less.csv: 5 rows, but corrected.csv has 6"
-    assert "--commanded belongs to --at" in refused(2, *same, "--commanded", "targets.csv", "-o", "x.h5")
+    assert "--commanded belongs to --at" in refused(
+        2, *same, "--commanded", "targets.csv", "-o", "x.h5"
+    )
     assert contents(here) == before
-    assert json.loads(run("evaluate", "c.h5", "--on", "after.h5", "--json", "-o", "e.csv").stdout)["before"] == "expected"
+    assert (
+        json.loads(run("evaluate", "c.h5", "--on", "after.h5", "--json", "-o", "e.csv").stdout)[
+            "before"
+        ]
+        == "expected"
+    )
     assert len(rows_of(Path("e.csv").read_text())) == 12

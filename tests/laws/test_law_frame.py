@@ -47,7 +47,7 @@ def unregistered(name: str, known: tuple[bool, bool], *, sensor: bool = False) -
 
 
 def seen(calibration: Calibration, q: Array) -> tuple[Array, Array]:
-    """Target points (N, m, 3) in the instrument's frame, and the sensor's orientations (N, 3, 3)."""
+    """Target points (N, m, 3) and sensor orientations (N, 3, 3) in the instrument's frame."""
     setup = calibration.setup
     pose = setup.T_instrument_base @ calibration.forward(q)
     sensor = np.eye(3) if setup.R_tool_sensor is None else setup.R_tool_sensor
@@ -86,7 +86,9 @@ def test_a_known_part_of_the_set_up_stays(known: tuple[bool, bool]) -> None:
 
 @pytest.mark.parametrize("known", FREE)
 @pytest.mark.parametrize("name", ["ur5", "scara", "planar-3r"])
-def test_what_is_nothing_but_another_frame_is_taken_back_whole(name: str, known: tuple[bool, bool]) -> None:
+def test_what_is_nothing_but_another_frame_is_taken_back_whole(
+    name: str, known: tuple[bool, bool]
+) -> None:
     calibration = unregistered(name, known)
     robot, n = calibration.robot, calibration.robot.n
     placements = np.zeros((n + 1, 6))
@@ -105,14 +107,16 @@ def test_what_is_nothing_but_another_frame_is_taken_back_whole(name: str, known:
 @pytest.mark.parametrize("known", FREE)
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "gantry"])
 def test_no_other_base_and_tool_move_the_commands_less(name: str, known: tuple[bool, bool]) -> None:
-    """The sum of squares against that of scipy's minimiser over twelve numbers, with its own rotations."""
+    """The sum of squares against that of scipy's minimiser over twelve numbers."""
     calibration = replace(unregistered(name, known), networks=())
     q, noise = calibration.q, (calibration.noise_position, calibration.noise_orientation)
     fitted, nominal = calibration.forward(q), calibration.robot.mechanism.forward(q)
 
     def errors(pose: Array) -> Array:
         turn = Rotation.from_matrix(pose[:, :3, :3] @ nominal[:, :3, :3].swapaxes(1, 2)).as_rotvec()
-        return np.concatenate([(pose - nominal)[:, :3, 3] / noise[0], turn / noise[1]], axis=-1).ravel()
+        return np.concatenate(
+            [(pose - nominal)[:, :3, 3] / noise[0], turn / noise[1]], axis=-1
+        ).ravel()
 
     def moved(x: Array) -> Array:
         base, tool = np.eye(4), np.eye(4)

@@ -62,10 +62,12 @@ def errors_section(subject: Subject, judged: Measurements) -> Section:
 
 def _with_expected(table: Table, expected: MethodErrors) -> Table:
     """The table of one quantity with a row of what the model expects after correction."""
-    found = pose_statistics(expected)["position_mm" if table.caption.endswith("mm") else "orientation_mrad"]
+    key = "position_mm" if table.caption.endswith("mm") else "orientation_mrad"
+    found = pose_statistics(expected)[key]
     if found is None:
         return table
-    return replace(table, rows=[*table.rows, ["expected, without noise", *(number(found[s]) for s in STATISTICS)]])
+    row = ["expected, without noise", *(number(found[s]) for s in STATISTICS)]
+    return replace(table, rows=[*table.rows, row])
 
 
 def _worst(methods: list[MethodErrors], judged: Measurements) -> Table:

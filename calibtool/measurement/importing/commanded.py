@@ -15,7 +15,7 @@ from calibtool.tables import Table, joints_from_header, poses_from_header
 
 
 class CommandedFile(NamedTuple):
-    """What went into `compensate`: a table of joints or poses, and how its rows find the measured ones."""
+    """What went into `compensate`, joints or poses, and how its rows find the measured ones."""
 
     data: bytes | str
     name: str
@@ -25,7 +25,7 @@ class CommandedFile(NamedTuple):
 def join_commanded(
     measured: Table, commanded: CommandedFile, columns: JoinColumns | None
 ) -> tuple[Table, Table, list[str]]:
-    """The measured rows that have a commanded one, the commanded rows, and warnings about the others.
+    """The measured rows that have a commanded one, those commanded, warnings about the others.
 
     By a shared name where that is how rows find each other, otherwise by row order. Raises
     InputError where the numbers of rows differ, or nothing fits.
@@ -51,7 +51,7 @@ def commanded_poses(table: Table, robot: Robot, joint_values: JointValues) -> Ar
     joints = joints_from_header(table, robot)
     if joints is None:
         raise InputError(
-            f"{table.name}: neither joints (j1_deg …) nor poses (x_mm y_mm z_mm with an orientation) "
-            "among the columns; give what went into compensate"
+            f"{table.name}: neither joints (j1_deg …) nor poses (x_mm y_mm z_mm with an "
+            "orientation) among the columns; give what went into compensate"
         )
     return readonly(robot.mechanism.forward(robot.serial_from(joint_values, joints[0])))
