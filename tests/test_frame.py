@@ -2,9 +2,11 @@
 
 import io
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
+import h5py
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -17,7 +19,7 @@ from calibtool.calibration.frame_report import frame_report
 from calibtool.calibration.transfer import refit
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.solve import compensate_joints
-from calibtool.errors import UsageError
+from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.view.scene import scene_of
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.as_urdf import calibration_as_urdf
@@ -148,6 +150,27 @@ def test_the_choice_is_kept_in_the_file_with_both_frames() -> None:
         for name in FRAMES:
             a, b = calibration.in_frame(name), again.in_frame(name)  # type: ignore[arg-type]
             assert np.array_equal(a.forward(a.q), b.forward(b.q))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda group: group.attrs.__setitem__("name", b"tought"),
+            "frame/name 'tought' is none of",
+        ),
+        (lambda group: group["T_tool_taught"].__setitem__((0, 0), 2.0), "row 2 is no rigid motion"),
+        (lambda group: group["T_taught_fitted"].__setitem__((0, 3), np.nan), "not finite"),
+        (lambda group: group.__delitem__("T_tool_taught"), "damaged"),
+    ],
+)
+def test_a_damaged_frame_is_refused(change: Callable[[h5py.Group], None], message: str) -> None:
+    plain = to_bytes(arm())[:-82]  # without the digest
+    buffer = io.BytesIO(plain)
+    with h5py.File(buffer, "r+") as file:
+        change(file["frame"])
+    with pytest.raises(InputError, match=message):
+        read_calibration(io.BytesIO(buffer.getvalue()), "c.h5")
 
 
 def test_the_report_says_what_scipy_says_of_the_frames() -> None:

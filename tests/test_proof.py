@@ -19,7 +19,7 @@ from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.verdict import headline, remarks, verdicts
 from calibtool.evaluation.words import words
 from calibtool.identification.complete import CompleteOptions
-from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
@@ -158,6 +158,39 @@ def test_what_is_expected_is_what_the_model_leaves_at_the_driven_joints() -> Non
         expected.orientation_size, Rotation.from_matrix(turn).magnitude(), atol=1e-9
     )
     assert expected.position_size.max() < 2 * np.linalg.norm(left, axis=-1).max() + 0.2e-3
+
+
+def test_a_6d_sensor_and_a_single_target_are_compared_by_what_they_see() -> None:
+    calibration, data, q = made(unregistered=False)
+    corrected = compensate_joints(calibration, q).q
+    assert data.truth is not None
+    commanded = data.robot.mechanism.forward(q)
+    poses = data.truth.actual.forward(corrected)
+    sensor = replace(
+        driven(q, corrected, data),
+        points=readonly(poses[:, None, :3, 3]),
+        rotations=readonly(poses[:, :3, :3]),
+        setup=Setup(np.eye(4), np.zeros((1, 3)), np.eye(3)),
+    )
+    found = evaluate([("c", calibration)], sensor)
+    after = found.methods[1]
+    np.testing.assert_allclose(after.position[:, 0], (poses - commanded)[:, :3, 3], atol=1e-12)
+    turn = poses[:, :3, :3] @ commanded[:, :3, :3].swapaxes(1, 2)
+    assert after.orientation_size is not None
+    np.testing.assert_allclose(
+        after.orientation_size, Rotation.from_matrix(turn).magnitude(), atol=1e-9
+    )
+    before = found.methods[0].orientation_size
+    assert before is not None
+    assert after.orientation_size.mean() < 0.5 * before.mean()
+    one = replace(
+        driven(q, corrected, data),
+        points=readonly(poses[:, None, :3, 3]),
+        setup=Setup(np.eye(4), np.zeros((1, 3))),
+    )
+    found = evaluate([("c", calibration)], one)
+    assert [errors.orientation for errors in found.methods] == [None, None]
+    np.testing.assert_allclose(found.methods[1].position, after.position, atol=1e-12)
 
 
 def test_a_moved_tracker_is_registered_again_when_asked() -> None:

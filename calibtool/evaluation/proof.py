@@ -4,7 +4,7 @@ Measured while the arm was driven to corrected joints (`Measurements.commanded`)
 a correction really did. What the model expects stands beside it and is called expected.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -79,8 +79,8 @@ def prove(
     q = inverse_kinematics(robot, commanded, after.q).q
     pose = calibration.forward(after.q, after.direction)
     setup = _setup(calibration, after, pose, refit_setup)
-    uncorrected = point_errors("nominal", _points(calibration.forward(q), setup), commanded, setup)
-    expected = point_errors(name, _points(pose, setup), commanded, setup)
+    uncorrected = _expected("nominal", calibration.forward(q), commanded, setup)
+    expected = _expected(name, pose, commanded, setup)
     _check_driven(name, calibration, after, setup, uncorrected)
     if before is not None:
         earlier = _commanded_alike(before, commanded)
@@ -101,8 +101,13 @@ def _setup(calibration: Calibration, measurements: Measurements, pose: Array, re
     return fitting_setup(calibration, measurements)
 
 
-def _points(pose: Array, setup: Setup) -> Array:
-    return transform_points(pose, setup.targets)
+def _expected(name: str, pose: Array, commanded: Array, setup: Setup) -> MethodErrors:
+    """Errors of poses (N, 4, 4) against commanded ones, as the instrument of a set-up sees them."""
+    errors = point_errors(name, transform_points(pose, setup.targets), commanded, setup)
+    if setup.R_tool_sensor is None:
+        return errors
+    turn = log3(pose[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
+    return replace(errors, orientation=turn)
 
 
 def _commanded_alike(before: Measurements, commanded: Array) -> Array:
@@ -145,8 +150,8 @@ def _check_driven(
     judged = np.flatnonzero(np.isfinite(own.q).all(axis=-1))
     asked = calibration.forward(own.q[judged])
     driven = calibration.forward(after.q, after.direction)[judged]
-    apart = point_errors(name, _points(driven, setup), asked, setup).position_size
-    correction = float(uncorrected.position_size.max())
+    apart = _expected(name, driven, asked, setup).position_size
+    correction = float(uncorrected.position_size[judged].max(initial=0.0))
     far = apart > max(_PLAUSIBLE * correction, _SMALLEST * calibration.noise_position)
     if far.any():
         rows = judged[far] + 1
