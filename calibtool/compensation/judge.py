@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.weighed import Task, weighted_error
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.robot.se3 import Array
 
 OK = "ok"
@@ -81,7 +81,7 @@ def judged(
     uncorrected    dropped, and more stays: the joints are as commanded
     out-of-limits  q + t Δ is outside the joint limits (by more than 1e-9), or a joint was held
                    there and more stays
-    near-singular  d < MIN_SINGULARITY_DISTANCE
+    near-singular  d < DAMPED_BELOW
     limited        a joint was held at the largest change, and more stays
     partial        more stays
     ok             none of these
@@ -118,7 +118,7 @@ def judged(
     status = np.full(len(q), OK, dtype=object)
     status[more] = PARTIAL
     status[more & proposal.held_change] = LIMITED
-    status[proposal.distance < MIN_SINGULARITY_DISTANCE] = NEAR_SINGULAR
+    status[proposal.distance < DAMPED_BELOW] = NEAR_SINGULAR
     status[(more & proposal.held_limit) | ~robot.within_limits(corrected)] = OUT_OF_LIMITS
     status[dropped & more] = UNCORRECTED
     return Judged(corrected, status, error)
