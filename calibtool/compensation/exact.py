@@ -30,9 +30,9 @@ def exact(
 
     Δ makes |E(q + Δ)|² + λ² |Δ|² least in the box of `Bounds.box`, E the weighted error of the task
     components and λ that of `bounded_step` at q. Away from singularities λ = 0: E vanishes, by the
-    least such motion. Near them the damping sets in as smoothly as in the one-step rule. For n < 6
-    the same with the error of all six components is blended in by the weight of `one_step`.
-    `judged` has the last word, as there.
+    least such motion. Near them the same is done once more from there, as in `bounded_step`, and
+    the damping sets in as smoothly. For n < 6 the same with the error of all six components is
+    blended in by the weight of `one_step`. `judged` has the last word, as there.
 
     commanded and bounds as for `one_step`; but the task counts as done at 1e-9 in place of
     `bounds.usual`, unless it has more components than there are joints.
@@ -66,12 +66,31 @@ class _Search:
     def least(self, task: Task, A: Array, e: Array) -> tuple[Array, Array]:
         """Δ (N, n) of `exact` for a task, and the singularity distance d (N,).
 
-        A (N, k, n) and e (N, k) at Δ = 0. Gauss–Newton steps; where one fails, the damping of
-        Levenberg and Marquardt holds the next one back. Only what lowers the sum is kept, so that
-        the best pose visited is the answer.
+        A (N, k, n) and e (N, k) at Δ = 0.
+        """
+        _, distance, squares = bounded_step(A, e, self.lower, self.upper)
+        change, A, e = self._descended(task, A, e, squares)
+        near = np.flatnonzero(squares)
+        if len(near):
+            there = change[near]
+            lower, upper = self.lower[near] - there, self.upper[near] - there
+            q, commanded = self.q[near] + there, self.commanded[near]
+            again = _Search(self.calibration, q, commanded, lower, upper)
+            change[near] += again._descended(task, A[near], e[near], squares[near])[0]
+        if task.components is None and self.q.shape[1] >= 6:
+            missed = (e**2).sum(axis=-1) > REACHED**2
+            self._over_hills(np.flatnonzero(missed & (distance >= DAMPED_BELOW)), change)
+        return change, distance
+
+    def _descended(
+        self, task: Task, A: Array, e: Array, squares: Array
+    ) -> tuple[Array, Array, Array]:
+        """Δ (N, n) of least |E|² + λ² |Δ|², λ² = squares (N,); A and e at q + Δ, from those at q.
+
+        Gauss–Newton steps; where one fails, the damping of Levenberg and Marquardt holds the next
+        one back. Only what lowers the sum is kept: the answer is the best pose visited.
         """
         A, e = A.copy(), e.copy()
-        _, distance, squares = bounded_step(A, e, self.lower, self.upper)
         change, caution, cost = np.zeros_like(self.q), np.zeros(len(self.q)), (e**2).sum(axis=-1)
         active = np.flatnonzero(cost > _ARRIVED**2)
         for _ in range(_ITERATIONS):
@@ -92,10 +111,7 @@ class _Search:
             arrived = better & ((error**2).sum(axis=-1) < _ARRIVED**2)
             stands = np.abs(after - before).max(axis=-1) < _STANDS
             active = active[~(arrived | stands)]
-        if task.components is None and self.q.shape[1] >= 6:
-            missed = (e**2).sum(axis=-1) > REACHED**2
-            self._over_hills(np.flatnonzero(missed & (distance >= DAMPED_BELOW)), change)
-        return change, distance
+        return change, A, e
 
     def _over_hills(self, rows: np.ndarray, change: Array) -> None:
         """Another search for rows that only came near: by way of worse poses it may arrive."""
