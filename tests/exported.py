@@ -10,8 +10,8 @@ from calibtool.equivalent.network import initial_network
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.geometry import GeometricErrors
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array
 

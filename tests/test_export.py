@@ -28,8 +28,8 @@ from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.export.rendering import SINGLE_ACCURACY, SINGLE_DISTANCE, Precision
 from calibtool.export.structured_text import calibration_as_structured_text
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.geometry import GeometricErrors
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
 GCC = shutil.which("gcc")

@@ -12,7 +12,7 @@ from calibtool.compensation.solve import one_step
 from calibtool.errors import UsageError
 from calibtool.export.rendering import SINGLE_ACCURACY, SINGLE_DISTANCE, Precision
 from calibtool.export.structured_text import calibration_as_structured_text
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibtool.robot.mechanism import GRAM_REGULARISATION
+from calibtool.robot.damped import GRAM_REGULARISATION
 from calibtool.robot.se3 import Array
 
 # Nearer to a singularity than this a step is damped. 1 mrad of pose error moves no joint by more than

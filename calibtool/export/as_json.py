@@ -7,7 +7,7 @@ from calibtool.calibration import Calibration
 from calibtool.equivalent.network import Network
 from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Setup
-from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import link_masses
 

@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from calibtool.calibration import Calibration
 from calibtool.equivalent.network import Network
 from calibtool.identification.report import backlash_text
-from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion, link_masses
 
