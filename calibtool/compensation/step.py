@@ -101,7 +101,7 @@ def _damped(
 ) -> tuple[Array, Array, Array]:
     """W = L⁻¹ (m, m, N) of G + λ² I, d of A (N,), and λ² (N,), no less than `least`; held (n, N)."""
     inverse = _inverse_factor(A, np.zeros(A.shape[-1]), held)
-    distance = 1.0 / np.sqrt(sum(row for row in (inverse**2).reshape(-1, A.shape[-1])))
+    distance = 1.0 / np.sqrt((inverse * inverse).sum(axis=0).sum(axis=0))
     squares = np.maximum(0.0, DAMPED_BELOW - distance) ** 2
     squares = squares if least is None else np.maximum(squares, least)
     near = np.flatnonzero(squares)
@@ -113,12 +113,8 @@ def _damped(
 
 def _inverse_factor(A: Array, squares: Array, held: np.ndarray | None = None) -> Array:
     """W = L⁻¹ (m, m, N), lower triangular, of L Lᵀ = G + squares I (`bounded_step`, items 1, 4)."""
-    k, n, count = A.shape
-    columns = A if n < 6 else A.swapaxes(0, 1)  # of Aᵀ, or of A: G is the sum of their squares
-    m = min(n, 6)
-    factor = np.zeros((m, m, count))
-    for column in columns:
-        factor += column[:, None] * column[None, :]
+    n, m = A.shape[1], min(A.shape[1], 6)
+    factor = _gram(A if n < 6 else A.swapaxes(0, 1))
     factor[np.arange(m), np.arange(m)] += GRAM_REGULARISATION + squares
     if held is not None and n < 6:
         factor[np.arange(m), np.arange(m)] += held
@@ -134,6 +130,18 @@ def _inverse_factor(A: Array, squares: Array, held: np.ndarray | None = None) ->
             inverse[r, :r] -= factor[r, j] * inverse[j, :r]
         inverse[r, :r] *= factor[r, r]
     return inverse
+
+
+def _gram(columns: Array) -> Array:
+    """Σ c cᵀ of columns c (m, N) of (k, m, N): (m, m, N)."""
+    m = columns.shape[1]
+    gram = np.empty((m, m, columns.shape[2]))
+    for r in range(m):
+        row = gram[r, : r + 1]
+        np.multiply(columns[0, r], columns[0, : r + 1], out=row)
+        for column in columns[1:]:
+            row += column[r] * column[: r + 1]
+    return gram
 
 
 def _solution(A: Array, inverse: Array, squares: Array, e: Array) -> Array:
