@@ -61,7 +61,9 @@ def damped_step(jacobian: Array, error: Array, squares: Array, lower: Array, upp
 
 def times(matrices: Array, vectors: Array) -> Array:
     """(N, k, n) times (N, n): (N, k), with the same sums for any number of rows."""
-    product: Array = sum(matrices[:, :, j] * vectors[:, j, None] for j in range(vectors.shape[1]))
+    product: Array = matrices[:, :, 0] * vectors[:, :1]
+    for j in range(1, vectors.shape[1]):
+        product += matrices[:, :, j] * vectors[:, j, None]
     return product
 
 
@@ -164,7 +166,9 @@ def _once(A: Array, W: Array, e: Array) -> Array:
 
 def _product(matrices: Array, vectors: Array) -> Array:
     """(k, n, N) times (n, N): (k, N)."""
-    product: Array = sum(matrices[:, j] * vectors[j] for j in range(len(vectors)))
+    product: Array = matrices[:, 0] * vectors[0]
+    for j in range(1, len(vectors)):
+        product += matrices[:, j] * vectors[j]
     return product
 
 
