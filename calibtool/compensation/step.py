@@ -1,0 +1,101 @@
+"""A damped least-squares step of the joints inside a box, in closed form."""
+
+import numpy as np
+
+from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.se3 import Array
+
+HELD_REGULARISATION = 1e-6  # a held joint takes a direction away from the others
+_PASSES = 2  # how often joints that would leave the box are held and the others solved again
+_SMALLEST_PIVOT = 1e-30  # rounding can push the last pivots of a singular matrix below zero
+_TOGETHER = 1024  # rows: their matrices stay in the processor's cache
+
+
+def bounded_step(
+    jacobian: Array, error: Array, lower: Array, upper: Array, proposed: Array | None = None
+) -> tuple[Array, Array]:
+    """Joint changes Δ (N, n) that lower |e + A Δ| inside a box, and the singularity distance d (N,).
+
+    jacobian A (N, k, n) and error e (N, k), weighted; lower ≤ 0 ≤ upper (N, n), rad or m.
+
+    1. G = A Aᵀ for n ≥ 6 (where k = 6), Aᵀ A for n < 6, plus GRAM_REGULARISATION I: (m, m) with
+       m = min(n, 6). G = L Lᵀ, no squared pivot of L below 1e-30; d = 1/sqrt(trace(G⁻¹)) = 1/|L⁻¹|.
+    2. λ = max(0, d₀ − d), d₀ = MIN_SINGULARITY_DISTANCE: nothing is damped where d ≥ d₀, and the
+       damping sets in without a jump.
+    3. Δ = −Aᵀ (G + λ² I)⁻¹ e for n ≥ 6, the least motion; −(G + λ² I)⁻¹ Aᵀ e for n < 6. Where
+       `proposed` (N, n) is given, Δ is that.
+    4. Up to twice, while a joint is outside the box: all joints that were outside so far are held
+       at its faces, Δ_h (0 for the others), and the others solve the rest: item 3 with e + A Δ_h
+       for e, the held columns of A set to zero, also in G, and λ² + HELD_REGULARISATION for λ²;
+       Δ = Δ_h + Δ_f.
+    5. What is still outside is moved onto the face of the box.
+
+    Every row by itself: no sum runs over the rows.
+    """
+    change, distance = np.empty(lower.shape), np.empty(len(lower))
+    for start in range(0, len(lower), _TOGETHER):
+        rows = slice(start, start + _TOGETHER)
+        A, e = jacobian[rows], error[rows]
+        inverse = _inverse_factor(A, np.zeros(len(A)))
+        d = 1.0 / np.sqrt((inverse**2).sum(axis=(0, 1)))
+        squares = np.maximum(0.0, MIN_SINGULARITY_DISTANCE - d) ** 2
+        near = np.flatnonzero(squares)
+        if len(near):
+            inverse[..., near] = _inverse_factor(A[near], squares[near])
+        found = _solution(A, inverse, e) if proposed is None else proposed[rows]
+        change[rows] = _inside(A, e, squares, found, lower[rows], upper[rows])
+        distance[rows] = d
+    return change, distance
+
+
+def _inside(A: Array, e: Array, squares: Array, change: Array, lower: Array, upper: Array) -> Array:
+    """Items 4 and 5 of `bounded_step`: squares (N,) are λ²."""
+    held = np.zeros(change.shape, dtype=bool)
+    change = change.copy()
+    for _ in range(_PASSES):
+        beyond = (change < lower) | (change > upper)
+        rows = np.flatnonzero(beyond.any(axis=-1))
+        if not len(rows):
+            return change
+        held[rows] |= beyond[rows]
+        stopped = np.where(held[rows], np.clip(change[rows], lower[rows], upper[rows]), 0.0)
+        free = np.where(held[rows][:, None, :], 0.0, A[rows])
+        left = e[rows] + (A[rows] @ stopped[..., None])[..., 0]
+        inverse = _inverse_factor(free, squares[rows] + HELD_REGULARISATION)
+        change[rows] = stopped + _solution(free, inverse, left)
+    clipped: Array = np.clip(change, lower, upper)
+    return clipped
+
+
+def _inverse_factor(A: Array, squares: Array) -> Array:
+    """W = L⁻¹ (m, m, N), lower triangular, of L Lᵀ = G + squares I (`bounded_step`, item 1).
+
+    A (N, k, n), squares (N,).
+    """
+    transposed = np.swapaxes(A, -1, -2)
+    product = transposed @ A if A.shape[-1] < 6 else A @ transposed
+    factor = np.moveaxis(product, 0, -1).copy()
+    m = len(factor)
+    factor[np.arange(m), np.arange(m)] += GRAM_REGULARISATION + squares
+    for c in range(m):
+        for j in range(c):
+            factor[c:, c] -= factor[c:, j] * factor[c, j]
+        factor[c, c] = 1.0 / np.sqrt(np.maximum(factor[c, c], _SMALLEST_PIVOT))
+        factor[c + 1 :, c] *= factor[c, c]
+    inverse = np.zeros_like(factor)
+    for r in range(m):
+        inverse[r, r] = factor[r, r]
+        for j in range(r):
+            inverse[r, :r] -= factor[r, j] * inverse[j, :r]
+        inverse[r, :r] *= factor[r, r]
+    return inverse
+
+
+def _solution(A: Array, inverse: Array, e: Array) -> Array:
+    """Item 3 of `bounded_step`: A (N, k, n), W (m, m, N), e (N, k) → (N, n)."""
+    transposed = np.swapaxes(A, -1, -2)
+    W = np.moveaxis(inverse, -1, 0)
+    right = e[..., None] if A.shape[-1] >= 6 else transposed @ e[..., None]
+    solved = np.swapaxes(W, -1, -2) @ (W @ right)
+    change: Array = -(transposed @ solved if A.shape[-1] >= 6 else solved)[..., 0]
+    return change
