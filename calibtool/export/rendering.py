@@ -9,15 +9,20 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calibtool.calibration import Calibration
+from calibtool.compensation.one_step import default_bounds, reach
+from calibtool.compensation.step import HELD_REGULARISATION
 from calibtool.equivalent.network import Network
 from calibtool.identification.report import backlash_text
 from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion, link_masses
+from calibtool.robot.se3 import Array
 
 Precision = Literal["double", "single"]
 
 LINE = 116  # characters
+
+LARGEST_POSITION = 1e6  # rad or m; beyond it a position is nonsense, and sin stops some controllers
 
 # Single precision: how near it comes to double precision, and at which singularity distance that ends. Tests hold both.
 SINGLE_ACCURACY, SINGLE_DISTANCE = 1e-6, 2 * MIN_SINGULARITY_DISTANCE
@@ -56,11 +61,12 @@ def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
 def compensator_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
     """The numbers of a calibration, by the names that the templates know; units as in `as_json`."""
     robot, equivalent, network = calibration.robot, calibration.equivalent, calibration.network
-    geometry = calibration.base.geometry
+    geometry, bounds = calibration.base.geometry, default_bounds(calibration)
     return {
         "robot": robot.name,
         "base_model": calibration.base.model,
         "kinematic": calibration.base.model != "nominal",
+        "corrects": network is not None or calibration.base.model != "nominal",
         "single": precision == "single",
         "single_accuracy": f"{SINGLE_ACCURACY:g}",
         "single_distance": f"{SINGLE_DISTANCE:g}",
@@ -73,9 +79,13 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "n": robot.n,
         "p": equivalent.p,
         "nominal_placements": robot.chain.placements,
-        "nominal_twists": robot.chain.twists,
+        "axes": np.where(np.array(robot.prismatic)[:, None], robot.chain.twists[:, :3], robot.chain.twists[:, 3:]),
+        "slides": any(robot.prismatic),
+        "slide_flags": [int(slide) for slide in robot.prismatic],
+        "base_placements": geometry.placements_of(robot.chain),
         "placement_changes": geometry.placements_of(robot.chain) - robot.chain.placements,
-        "twist_errors": geometry.twists,
+        "base_twists": robot.chain.twists + geometry.twists,
+        "screws": _screws(robot, geometry.twists),
         "base_offsets": geometry.offsets,
         "motion": _motion(robot, calibration.base.motion),
         "virtual_joints": ", ".join(equivalent.virtual_joints),
@@ -83,10 +93,38 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "characteristic_length": robot.length,
         "min_singularity_distance": MIN_SINGULARITY_DISTANCE,
         "gram_regularisation": GRAM_REGULARISATION,
+        "held_regularisation": HELD_REGULARISATION,
+        "largest": LARGEST_POSITION,
+        "lower": robot.lower,
+        "upper": robot.upper,
+        "largest_change": reach(robot, bounds.largest_change),
+        "usual": np.array(bounds.usual[::-1] if equivalent.virtual_joints else bounds.usual[:1]),
+        "task_flags": [int(k not in equivalent.virtual_columns) for k in range(6)],
         # Squares of its inverse must stay finite: 1e-30 would overflow in single precision.
         "smallest_pivot": 1e-30 if precision == "double" else 1e-12,
         "cost": _cost(calibration),
     }
+
+
+def _screws(robot: Robot, errors: Array) -> dict[str, Array]:
+    """The motions exp6((ξ_j + δξ_j) x) of joints that turn, δξ (n, 6); zeros for slides.
+
+    The axis turns by (1 + gains) x. The origin moves by leads x + swings sin θ + crossings (1 − cos θ), m.
+    """
+    turning = ~np.array(robot.prismatic)[:, None]
+    axes = robot.chain.twists[:, 3:] + errors[:, 3:]
+    rates = np.where(turning, np.linalg.norm(axes, axis=-1, keepdims=True), 1.0)
+    axes = axes / rates
+    across = np.cross(axes, errors[:, :3])  # for slides this is never used
+    along = (errors[:, :3] * axes).sum(axis=-1, keepdims=True) * axes
+    screws = {
+        "axes": axes,
+        "axis_changes": axes - robot.chain.twists[:, 3:],
+        "leads": along,
+        "swings": (errors[:, :3] - along) / rates,
+        "crossings": across / rates,
+    }
+    return {"gains": (rates - 1.0)[:, 0], **{name: np.where(turning, x, 0.0) for name, x in screws.items()}}
 
 
 def network_size(network: Network | None) -> str:
