@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.weighed import Task, weighted_error
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.robot.se3 import Array
 
 OK = "ok"
@@ -69,8 +69,8 @@ def judged(
     judged over the task components and over all six; both are the same for n ≥ 6. For each, from
     E(0), its slope and E(1):
 
-    1. g = 2 e·(J Δ) and c = |E(1)|² − |E(0)|² − g make a parabola. It is least at
-       t* = −g / (2 max(c, −g/2)) for g < 0, at most 1; t* = 0 for g ≥ 0.
+    1. g = 2 e·(J Δ) and c = |E(1)|² − |E(0)|² − g make a parabola, least in [0, 1] at t*: 1 where
+       2 c ≤ −g, otherwise −g / (2 c) for g < 0 and 0 for g ≥ 0.
     2. t = min(1, 1.5 t*), the smaller of both. Only where t < 1 the model is driven once more, to
        q + t Δ.
     3. The change is dropped, t = 0, unless both |E(t)|² < |E(0)|².
@@ -81,7 +81,7 @@ def judged(
     uncorrected    dropped, and more stays: the joints are as commanded
     out-of-limits  q + t Δ is outside the joint limits (by more than 1e-9), or a joint was held
                    there and more stays
-    near-singular  d < MIN_SINGULARITY_DISTANCE
+    near-singular  d < DAMPED_BELOW
     limited        a joint was held at the largest change, and more stays
     partial        more stays
     ok             none of these
@@ -118,7 +118,7 @@ def judged(
     status = np.full(len(q), OK, dtype=object)
     status[more] = PARTIAL
     status[more & proposal.held_change] = LIMITED
-    status[proposal.distance < MIN_SINGULARITY_DISTANCE] = NEAR_SINGULAR
+    status[proposal.distance < DAMPED_BELOW] = NEAR_SINGULAR
     status[(more & proposal.held_limit) | ~robot.within_limits(corrected)] = OUT_OF_LIMITS
     status[dropped & more] = UNCORRECTED
     return Judged(corrected, status, error)
@@ -126,7 +126,9 @@ def judged(
 
 def _shortened(before: Array, slope: Array, after: Array) -> Array:
     """t (N,) of items 1 and 2 of `judged`, from |E(0)|², its slope g and |E(1)|², (2, N) each."""
-    bend = np.maximum(after - before - slope, -slope / 2.0)
-    best = np.where(slope < 0.0, -slope / np.where(slope < 0.0, 2.0 * bend, 1.0), 0.0)
+    bend = after - before - slope
+    beyond = 2.0 * bend <= -slope  # least at t = 1, or farther
+    best = np.maximum(0.0, -slope) / np.where(beyond | (bend <= 0.0), 1.0, 2.0 * bend)
+    best[beyond] = 1.0
     shortened: Array = np.minimum(1.0, _OVERSHOOT * best.min(axis=0))
     return shortened

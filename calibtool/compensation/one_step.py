@@ -80,12 +80,12 @@ def proposed(calibration: Calibration, q: Array, commanded: Array, largest_chang
     if calibration.base.model == "nominal":
         first = np.zeros_like(q) if calibration.network is None else -calibration.network(q)[:, : robot.n]
     if task.components is None:
-        change, distance = bounded_step(J, e, lower, upper, first)
+        change, distance, _ = bounded_step(J, e, lower, upper, first)
         traded = np.zeros(len(q), dtype=bool)
     else:
         A, e_A = task.of_jacobian(J, commanded), task.of_error(e, commanded)
-        of_task, distance = bounded_step(A, e_A, lower, upper, first)
-        of_all, _ = bounded_step(J, e, lower, upper)
+        of_task, distance, _ = bounded_step(A, e_A, lower, upper, first)
+        of_all, _, _ = bounded_step(J, e, lower, upper)
         weight = _weight_of_task(J, e, of_task, of_all)
         change, traded = of_all + weight[:, None] * (of_task - of_all), weight < 1.0
     stopped = (change <= lower) | (change >= upper)
