@@ -10,10 +10,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds, reach
-from calibtool.compensation.step import HELD_REGULARISATION
+from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
 from calibtool.identification.report import backlash_text
-from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.mechanism import GRAM_REGULARISATION
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion, link_masses
 from calibtool.robot.se3 import Array
@@ -25,7 +25,7 @@ LINE = 116  # characters
 LARGEST_POSITION = 1e6  # rad or m; beyond it a position is nonsense, and sin stops some controllers
 
 # Single precision: how near it comes to double precision, and at which singularity distance that ends. Tests hold both.
-SINGLE_ACCURACY, SINGLE_DISTANCE = 1e-6, 2 * MIN_SINGULARITY_DISTANCE
+SINGLE_ACCURACY, SINGLE_DISTANCE = 1e-6, 0.04
 
 
 def render(template: str, values: dict[str, Any], **filters: Callable[..., str]) -> str:
@@ -78,6 +78,8 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "uncoupling": np.linalg.inv(robot.coupling),
         "n": robot.n,
         "p": equivalent.p,
+        "rank": min(robot.n, 6),
+        "parts": 2 if equivalent.virtual_joints else 1,
         "nominal_placements": robot.chain.placements,
         "axes": np.where(np.array(robot.prismatic)[:, None], robot.chain.twists[:, :3], robot.chain.twists[:, 3:]),
         "slides": any(robot.prismatic),
@@ -91,17 +93,16 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "virtual_joints": ", ".join(equivalent.virtual_joints),
         "virtual_twists": np.eye(6)[equivalent.virtual_columns],
         "characteristic_length": robot.length,
-        "min_singularity_distance": MIN_SINGULARITY_DISTANCE,
+        "damped_below": DAMPED_BELOW,
         "gram_regularisation": GRAM_REGULARISATION,
-        "held_regularisation": HELD_REGULARISATION,
         "largest": LARGEST_POSITION,
         "lower": robot.lower,
         "upper": robot.upper,
         "largest_change": reach(robot, bounds.largest_change),
         "usual": np.array(bounds.usual[::-1] if equivalent.virtual_joints else bounds.usual[:1]),
         "task_flags": [int(k not in equivalent.virtual_columns) for k in range(6)],
-        # Squares of its inverse must stay finite: 1e-30 would overflow in single precision.
-        "smallest_pivot": 1e-30 if precision == "double" else 1e-12,
+        # In single precision smaller pivots are rounding, and powers of their inverse must stay finite.
+        "smallest_pivot": 1e-30 if precision == "double" else 1e-8,
         "cost": _cost(calibration),
     }
 
