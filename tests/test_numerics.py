@@ -11,7 +11,8 @@ import pytest
 from drawn import DrawnChain, DrawnJoint
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.compensation.solve import NEAR_SINGULAR, OK, UNREACHABLE, compensate_joints, compensate_poses
+from calibtool.compensation.solve import compensate_joints, compensate_poses
+from calibtool.compensation.status import NEAR_SINGULAR, OK, UNREACHABLE
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.evaluation.compare import evaluate

@@ -12,7 +12,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.compensation.solve import LARGEST_CORRECTION, compensate_joints, compensate_poses, one_step
+from calibtool.compensation.one_step import default_bounds, one_step
+from calibtool.compensation.solve import compensate_joints, compensate_poses
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError
 from calibtool.measurement.sampling import sample_configurations

@@ -22,6 +22,14 @@ Outside = Annotated[
         help="Rows unlike the training: mark, use the base model alone, or refuse.",
     ),
 ]
+LargestChange = Annotated[
+    float | None,
+    typer.Option(
+        "--largest-change-deg",
+        metavar="DEG",
+        help="A joint changes by no more (default: 20 times the size of the identified errors; stderr says it).",
+    ),
+]
 RefitSetup = Annotated[
     bool,
     typer.Option("--refit-setup", help="The instrument was moved: register it again on these rows, for every method."),
@@ -47,3 +55,14 @@ def choice(value: str, allowed: tuple[str, ...], option: str) -> str:
 
     check_choice(value, allowed, option)
     return value
+
+
+def largest_change(degrees: float | None) -> float | None:
+    """`--largest-change-deg` in rad; UsageError unless it is positive."""
+    from math import radians
+
+    from calibtool.errors import UsageError
+
+    if degrees is not None and not degrees > 0.0:
+        raise UsageError(f"--largest-change-deg is {degrees:g}; expected more than 0")
+    return None if degrees is None else radians(degrees)

@@ -1,42 +1,37 @@
-"""The promise: joints are changed only where the calibrated model says that this is no worse than leaving them."""
+"""The promise: joints are changed only where the calibrated model says that it is better so."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from calibtool.calibration import Calibration
-from calibtool.compensation.weighed import Task, weighted_error
+from calibtool.compensation.bounds import Bounds
+from calibtool.compensation.status import (
+    LIMITED,
+    NEAR_SINGULAR,
+    OK,
+    OUT_OF_LIMITS,
+    PARTIAL,
+    UNCORRECTED,
+)
 from calibtool.compensation.step import DAMPED_BELOW
+from calibtool.compensation.weighed import Task, weighted_error
 from calibtool.robot.se3 import Array
 
-OK = "ok"
-PARTIAL = "partial"
-LIMITED = "limited"
-NEAR_SINGULAR = "near-singular"
-OUT_OF_LIMITS = "out-of-limits"
-UNCORRECTED = "uncorrected"
-
-REACHED = 1e-9  # rad, or characteristic lengths: a smaller error is none
-_OVERSHOOT = 1.5  # a step is shortened where it is longer than this times the best length on its way
+_OVERSHOOT = 1.5  # a change is shortened where it is longer than this times the best length on its way
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
     """Changed joints before they are judged.
 
-    change        Δ (N, n), rad or m
-    held_change   (N,) a joint was held at the largest change
-    held_limit    (N,) a joint was held at a joint limit
-    traded        (N,) for n < 6: the task components were not solved alone, the others would have lost too much
-    distance      (N,) singularity distance at the commanded joints
-    error         e (N, 6) weighted, of the commanded joints under the calibrated model
-    slope         J Δ (N, 6), how `error` changes along the way to first order
+    change     Δ (N, n), rad or m, inside the box of `Bounds.box`
+    distance   d (N,), singularity distance at the commanded joints
+    error      e (N, 6) weighted, of the commanded joints under the calibrated model
+    slope      J Δ (N, 6), how `error` changes along the way to first order
     """
 
     change: Array
-    held_change: np.ndarray
-    held_limit: np.ndarray
-    traded: np.ndarray
     distance: Array
     error: Array
     slope: Array
@@ -61,7 +56,7 @@ def judged(
     q: Array,
     commanded: Array,
     proposal: Proposal,
-    usual: tuple[float, float],
+    bounds: Bounds,
 ) -> Judged:
     """Take, shorten or drop the proposed changes of commanded joints q (N, n), by the calibrated model.
 
@@ -75,57 +70,54 @@ def judged(
        q + t Δ.
     3. The change is dropped, t = 0, unless both |E(t)|² < |E(0)|².
 
-    Status, the first that is true, where `more` means that |E(t)| is larger than `usual`, of the
-    task or of all components:
+    Status, the first that is true, where `more` means that |E(t)| is larger than `bounds.usual`, of
+    the task or of all components, and a joint is held where Δ is on a face of the box:
 
     uncorrected    dropped, and more stays: the joints are as commanded
     out-of-limits  q + t Δ is outside the joint limits (by more than 1e-9), or a joint was held
                    there and more stays
     near-singular  d < DAMPED_BELOW
-    limited        a joint was held at the largest change, and more stays
+    limited        a joint was held at the largest change, |Δ| ≥ B, and more stays
     partial        more stays
     ok             none of these
     """
     robot = calibration.robot
-    task = Task.of(calibration.equivalent)
-
-    def squares(a: Array, b: Array, rows: np.ndarray | slice) -> Array:
-        whole = (a * b).sum(axis=-1)
-        if task.components is None:
-            return np.stack([whole, whole])
-        aim = commanded[rows]
-        return np.stack([(task.of_error(a, aim) * task.of_error(b, aim)).sum(axis=-1), whole])
+    task = Task.of(calibration.equivalent, bounds.weights)
 
     def driven(rows: np.ndarray | slice, t: Array) -> Array:
         pose = calibration.forward(q[rows] + t[:, None] * proposal.change[rows])
         return weighted_error(pose, commanded[rows], robot.length)
 
-    every = slice(None)
-    t = np.ones(len(q))
-    error = driven(every, t)
-    before, after = squares(proposal.error, proposal.error, every), squares(error, error, every)
-    t = _shortened(before, 2.0 * squares(proposal.error, proposal.slope, every), after)
+    error = driven(slice(None), np.ones(len(q)))
+    before = task.products(proposal.error, proposal.error, commanded)
+    after = task.products(error, error, commanded)
+    t = _shortened(before, 2.0 * task.products(proposal.error, proposal.slope, commanded), after)
     rows = np.flatnonzero(t < 1.0)
     if len(rows):
         error[rows] = driven(rows, t[rows])
-        after[:, rows] = squares(error[rows], error[rows], rows)
+        after[:, rows] = task.products(error[rows], error[rows], commanded[rows])
     dropped = ~(after < before).all(axis=0)
     t[dropped] = 0.0
     error[dropped], after[:, dropped] = proposal.error[dropped], before[:, dropped]
     corrected = q + t[:, None] * proposal.change
 
-    more = (after > np.square(usual)[:, None]).any(axis=0)
+    lower, upper = bounds.box(robot, q)
+    held = (proposal.change <= lower) | (proposal.change >= upper)
+    farthest = np.abs(proposal.change) >= bounds.of_joints(robot)
+    usual = np.square(bounds.usual)[: len(after), None]
+    more = np.any(after > usual, axis=0)
     status = np.full(len(q), OK, dtype=object)
     status[more] = PARTIAL
-    status[more & proposal.held_change] = LIMITED
+    status[more & np.any(held & farthest, axis=-1)] = LIMITED
     status[proposal.distance < DAMPED_BELOW] = NEAR_SINGULAR
-    status[(more & proposal.held_limit) | ~robot.within_limits(corrected)] = OUT_OF_LIMITS
+    at_limit = np.any(held & ~farthest, axis=-1)
+    status[(more & at_limit) | ~robot.within_limits(corrected)] = OUT_OF_LIMITS
     status[dropped & more] = UNCORRECTED
     return Judged(corrected, status, error)
 
 
 def _shortened(before: Array, slope: Array, after: Array) -> Array:
-    """t (N,) of items 1 and 2 of `judged`, from |E(0)|², its slope g and |E(1)|², (2, N) each."""
+    """t (N,) of items 1 and 2 of `judged`, from |E(0)|², its slope g and |E(1)|²: (1 or 2, N) each."""
     bend = after - before - slope
     beyond = 2.0 * bend <= -slope  # least at t = 1, or farther
     best = np.maximum(0.0, -slope) / np.where(beyond | (bend <= 0.0), 1.0, 2.0 * bend)

@@ -73,7 +73,7 @@ def _inside(
         held[rows] |= beyond[rows]
         stopped = np.where(held[rows], np.clip(change[rows], lower[rows], upper[rows]), 0.0)
         free = np.where(held[rows][:, None, :], 0.0, A[rows])
-        left = e[rows] + (A[rows] @ stopped[..., None])[..., 0]
+        left = e[rows] + times(A[rows], stopped)
         inverse, _, more = _damped(free, held[rows], squares[rows])
         change[rows], squares[rows] = stopped + _solution(free, inverse, left), more
     return np.clip(change, lower, upper), squares
@@ -129,3 +129,9 @@ def _solution(A: Array, inverse: Array, e: Array) -> Array:
     solved = np.swapaxes(W, -1, -2) @ (W @ right)
     change: Array = -(transposed @ solved if A.shape[-1] >= 6 else solved)[..., 0]
     return change
+
+
+def times(matrices: Array, vectors: Array) -> Array:
+    """(N, k, n) times (N, n): (N, k)."""
+    product: Array = (matrices @ vectors[..., None])[..., 0]
+    return product

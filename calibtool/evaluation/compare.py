@@ -8,7 +8,8 @@ import numpy as np
 from calibtool.calibration import Calibration, check_same_robot, fitting_setup
 from calibtool.calibration.guard import coverage
 from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy, guarded
-from calibtool.compensation.solve import NEAR_SINGULAR, OUT_OF_LIMITS, Method
+from calibtool.compensation.solve import Method
+from calibtool.compensation.status import DOUBTFUL
 from calibtool.errors import NoSolutionError, check_choice
 from calibtool.evaluation.iso9283 import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
@@ -26,7 +27,7 @@ class Evaluation:
 
     kind           `compensated`: the actual robot was driven to the corrected joints and observed without noise;
                    `predicted`: what is left between measured and predicted target points
-    marked         (methods,) how many rows of the compensation were near a singularity or out of limits
+    marked         (methods,) how many rows were corrected in part, or not at all (`status.DOUBTFUL`)
     outside        (methods,) how many rows are unlike the configurations of the training
     uncorrectable  what stays whatever the method, a row for every pose that the actual robot cannot take (n < 6, or out of
                    reach of an arm that is shorter than drawn): nearest pose against commanded one; None where every pose
@@ -167,7 +168,7 @@ def _compensated(
         result = guarded(calibration, q, None, method, outside)
         setup = fitting_setup(calibration, measurements)
         driven = result.q + calibration.base.motion.backlash * truth.actual.directions(result.q)
-        marked = int(np.isin(result.status, (NEAR_SINGULAR, OUT_OF_LIMITS)).sum())
+        marked = int(np.isin(result.status, DOUBTFUL).sum())
     commanded = robot.mechanism.forward(q)
     if measurements.setup.known:
         actual = truth.actual.forward(driven)

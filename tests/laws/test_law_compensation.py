@@ -24,7 +24,9 @@ from strategies import (
 )
 
 from calibtool.calibration import Calibration
-from calibtool.compensation.solve import NEAR_SINGULAR, OK, compensate_joints, compensate_poses, one_step
+from calibtool.compensation.one_step import one_step
+from calibtool.compensation.solve import compensate_joints, compensate_poses
+from calibtool.compensation.status import NEAR_SINGULAR, OK
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.robot.catalogue import load_robot
