@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.compensation.one_step import box, default_bounds, proposed
+from calibtool.compensation.one_step import Linearised, default_bounds, proposed
 from calibtool.equivalent.network import initial_network
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.measurement.simulate import Simulation, simulate
@@ -73,9 +73,10 @@ def anywhere(calibration: Calibration, count: int) -> Array:
 
 def undisturbed(calibration: Calibration, q: Array) -> np.ndarray:
     """Rows far from singularities in which no joint is held: rounding is not magnified there. (N,) bool"""
-    most = default_bounds(calibration).largest_change
-    proposal = proposed(calibration, q, calibration.robot.mechanism.forward(q), most)
-    lower, upper = box(calibration.robot, q, most)
+    bounds, robot = default_bounds(calibration), calibration.robot
+    model = Linearised.at(calibration, q, robot.mechanism.forward(q), bounds)
+    proposal, _ = proposed(model, q, bounds)
+    lower, upper = bounds.box(robot, q)
     inside = ((proposal.change > lower) & (proposal.change < upper)).all(axis=1) | (proposal.change == 0).all(axis=1)
     return np.asarray(inside & (proposal.distance >= REGULAR))
 

@@ -76,8 +76,9 @@ def correct_from_json(c: dict, q: Array) -> tuple[Array, str]:
     def task(rows: Array) -> Array:
         return rows if n >= 6 else np.concatenate([T_c[:3, :3].T @ rows[:3], T_c[:3, :3].T @ rows[3:]])[kept]
 
-    lower = np.maximum(-most, np.minimum(0, low - q))
-    upper = np.minimum(most, np.maximum(0, high - q))
+    inside = (q >= np.array(low) - 1e-9) & (q <= np.array(high) + 1e-9)
+    lower = np.where(inside, np.maximum(-most, np.minimum(0, low - q)), -most)
+    upper = np.where(inside, np.minimum(most, np.maximum(0, high - q)), most)
 
     def bounded_step(A: Array, a: Array, D: Array | None = None) -> tuple[Array, float]:
         def solved(A: Array, a: Array, held: np.ndarray, L: float) -> tuple[Array, float, float]:

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from json_reader import correct_from_json
 
 from calibtool.calibration import Calibration
-from calibtool.compensation.one_step import default_bounds, one_step, reach
+from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network
 from calibtool.errors import UsageError
@@ -159,7 +159,7 @@ def test_compiled_c_makes_no_row_worse(case: tuple[str, str, bool], compiled: Ca
     assert np.array_equal(found[codes == STATUS.index("uncorrected")], q[codes == STATUS.index("uncorrected")])
     assert after[codes == 0].max() <= 5 * np.median(after)
     bounds = default_bounds(calibration)
-    assert (np.abs(found - q) <= reach(calibration.robot, bounds.largest_change) + 1e-15).all()
+    assert (np.abs(found - q) <= bounds.of_joints(calibration.robot) + 1e-15).all()
 
 
 @pytest.mark.parametrize("case", SINGLE_CASES, ids=str)
@@ -228,7 +228,7 @@ def test_whatever_comes_in_no_large_number_comes_out(library: tuple[Calibration,
         assert found.tobytes() == q.tobytes()
         return
     assert codes[0] != STATUS.index("not-finite")
-    most = reach(calibration.robot, default_bounds(calibration).largest_change)
+    most = default_bounds(calibration).of_joints(calibration.robot)
     step = np.abs(found.astype(float) - q)
     assert (step <= most + np.spacing(np.abs(q)) + 1e-7 * most).all()
     if codes[0] == STATUS.index("uncorrected"):

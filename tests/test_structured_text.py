@@ -8,7 +8,7 @@ import pytest
 from exported import CASES, STATUS, anywhere, calibrated, undisturbed, weighted_sizes
 from structured_text import FunctionBlock
 
-from calibtool.compensation.one_step import default_bounds, one_step, reach
+from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.errors import UsageError
 from calibtool.export.rendering import LARGEST_POSITION, SINGLE_ACCURACY, Precision
 from calibtool.export.structured_text import RESERVED, calibration_as_structured_text
@@ -97,7 +97,7 @@ def test_positions_far_outside_the_limits_move_by_the_bound_at_most(
     q = 10.0 ** rng.uniform(-40, np.log10(LARGEST_POSITION), (30, n)) * rng.choice([-1, 1], (30, n))
     found, status = corrected(calibration_as_structured_text(calibration, "arm", precision), q)
     given = q if precision == "double" else q.astype(np.float32)
-    most = reach(calibration.robot, default_bounds(calibration).largest_change)
+    most = default_bounds(calibration).of_joints(calibration.robot)
     assert (np.abs(found - given) <= most * (1 + 1e-6) + np.spacing(np.abs(given))).all()
     assert STATUS.index("not-finite") not in status
 

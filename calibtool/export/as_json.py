@@ -4,7 +4,7 @@ import json
 from typing import Any
 
 from calibtool.calibration import Calibration
-from calibtool.compensation.one_step import default_bounds, reach
+from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
 from calibtool.export.formula import FORMULA
@@ -43,7 +43,7 @@ def calibration_as_json(calibration: Calibration) -> str:
         },
         "characteristic_length_m": robot.length,
         "largest_position_rad_or_m": LARGEST_POSITION,
-        "largest_change_rad_or_m": reach(robot, bounds.largest_change).tolist(),
+        "largest_change_rad_or_m": bounds.of_joints(robot).tolist(),
         "usual_error_rad": {"task": bounds.usual[0], "all": bounds.usual[1]},
         "damped_below": DAMPED_BELOW,
         "gram_regularisation": GRAM_REGULARISATION,

@@ -81,7 +81,8 @@ FORMULA = {
     ),
     "box": (
         "joint j may change by lower_j = max(-B_j, min(0, lower limit - q_j)) to upper_j = "
-        "min(B_j, max(0, upper limit - q_j)), B = largest_change_rad_or_m"
+        "min(B_j, max(0, upper limit - q_j)), B = largest_change_rad_or_m; by -B_j to B_j where q_j "
+        "is outside its limits by more than 1e-9"
     ),
     "damping": (
         "of a matrix A with columns of the joints: G = A A' for n >= 6, A' A for n < 6, plus "

@@ -9,7 +9,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calibtool.calibration import Calibration
-from calibtool.compensation.one_step import default_bounds, reach
+from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
 from calibtool.identification.report import backlash_text
@@ -98,7 +98,7 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "largest": LARGEST_POSITION,
         "lower": robot.lower,
         "upper": robot.upper,
-        "largest_change": reach(robot, bounds.largest_change),
+        "largest_change": bounds.of_joints(robot),
         "usual": np.array(bounds.usual[::-1] if equivalent.virtual_joints else bounds.usual[:1]),
         "task_flags": [int(k not in equivalent.virtual_columns) for k in range(6)],
         # In single precision smaller pivots are rounding, and powers of their inverse must stay finite.
@@ -146,25 +146,21 @@ def left_out(calibration: Calibration) -> str:
 
 
 def _cost(calibration: Calibration) -> str:
-    """Arithmetic of one correction, counted in the generated C code where it takes its longest way undamped."""
+    """Arithmetic of one correction, as counted in the generated C code where the whole step is taken undamped."""
     n, p, network = calibration.robot.n, calibration.equivalent.p, calibration.network
-    motion, kinematic = calibration.base.motion, calibration.base.model != "nominal"
-    flops, calls = 2 * n, 0
+    motion = calibration.base.motion
+    if network is None and calibration.base.model == "nominal":
+        return "none: nothing is corrected"
+    steps = 1 if n >= 6 else 2  # of the task components, and of all
+    flops = 1229 * n + 560 + (steps - 1) * 145 * n
+    calls = 2 * n + steps * (min(n, 6) + 1) + 4
     if network is not None:
-        flops += 2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 1)
-        calls += network.hidden
-    if kinematic:
-        flops += 863 * n + 93 * p + 36 * (p - n) + 570
-        calls += 12 * n + 9
-        if network is not None:
-            flops += 12 * p + 260
-            calls += 5
-    if motion.harmonics.any():
-        flops += 5 * n * motion.harmonics.shape[1]
+        flops += 2 * (2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 13) + 186)
+        calls += 2 * network.hidden
+    if motion.harmonics.any() or motion.compliance.any():
+        flops += n * (172 + 10 * motion.harmonics.shape[1] + 124 * bool(motion.compliance.any()))
         calls += 2 * n
-    if motion.compliance.any():
-        flops += (19 * n + 143) * n // 2
-    return f"about {flops} flops and {calls} calls of functions such as sin and sqrt"
+    return f"about {flops} flops and {calls} calls of functions such as sin and sqrt; at worst twice that"
 
 
 def _motion(robot: Robot, motion: JointMotion) -> dict[str, Any]:

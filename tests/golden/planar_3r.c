@@ -522,6 +522,11 @@ static const real largest_change[N] = {
 /* What one step leaves of |e| where it can, rad */
 static const real usual_error[S] = {0.012780135412776932, 9.9723185516107027e-05};
 
+static int within_limits(int j, real q)
+{
+    return q >= lower_limits[j] - 1e-9 && q <= upper_limits[j] + 1e-9;
+}
+
 static real dot6(const real a[6], const real b[6])
 {
     return dot3(a, b) + dot3(a + 3, b + 3);
@@ -620,8 +625,12 @@ int planar_3r_correct(const real q_commanded[N], real q_m[N])
     chain nominal;
     for (int j = 0; j < N; j++) {
         q[j] = q_m[j];
-        lower[j] = fmax(-largest_change[j], fmin(0, lower_limits[j] - q[j]));
-        upper[j] = fmin(largest_change[j], fmax(0, upper_limits[j] - q[j]));
+        lower[j] = -largest_change[j];
+        upper[j] = largest_change[j];
+        if (within_limits(j, q[j])) {
+            lower[j] = fmax(lower[j], fmin(0, lower_limits[j] - q[j]));
+            upper[j] = fmin(upper[j], fmax(0, upper_limits[j] - q[j]));
+        }
     }
     nominal_chain(q, &nominal);
     const pose *T = &nominal.placed[N];
@@ -658,7 +667,7 @@ int planar_3r_correct(const real q_commanded[N], real q_m[N])
     for (int j = 0; j < N; j++) {
         if (better)
             q_m[j] = q[j] + change[j];
-        outside = outside || q_m[j] < lower_limits[j] - 1e-9 || q_m[j] > upper_limits[j] + 1e-9;
+        outside = outside || !within_limits(j, q_m[j]);
     }
     if (more && !better)
         return PLANAR_3R_UNCORRECTED;
