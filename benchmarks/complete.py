@@ -29,7 +29,7 @@ from calibtool.measurement.observation import observation_matrix, weights
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.mechanism import at_point
+from calibtool.robot.damped import at_point
 
 PHYSICAL = ("geometric", "gear", "gravity", "thermal")
 BAYES = TrainingOptions(regularisation="bayes")

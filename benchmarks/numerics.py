@@ -31,7 +31,7 @@ from calibtool.measurement.measurements import check_targets
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
 Table = list[list[str]]  # a header and rows

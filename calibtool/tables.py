@@ -5,7 +5,7 @@ import io
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import islice, repeat
 from typing import overload
 
 import numpy as np
@@ -209,10 +209,11 @@ def read_tables(
 
 def _plain(lines: list[str], delimiter: str, columns: int) -> bool:
     """Whether all lines are rows of as many cells, without quotes: nothing has to be looked at one by one."""
-    if delimiter == " " or columns < 2 or any(line.count(delimiter) != columns - 1 for line in lines):
+    if delimiter == " " or columns < 2 or set(map(str.count, lines, repeat(delimiter))) != {columns - 1}:
         return False
-    empty = delimiter + " \t\r\n\f\v"
-    return not any('"' in line or len(line) >= LONG_LINE or not line.strip(empty) for line in lines)
+    if max(map(len, lines)) >= LONG_LINE or any('"' in line for line in lines):
+        return False
+    return all(map(str.strip, lines, repeat(delimiter + " \t\r\n\f\v")))
 
 
 def text_lines(text: str) -> list[str]:

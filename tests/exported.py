@@ -7,13 +7,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.compensation.one_step import Linearised, default_bounds, proposed
+from calibtool.compensation.one_step import Linearised, default_bounds
 from calibtool.equivalent.network import initial_network
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.geometry import GeometricErrors
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array
 
@@ -73,10 +73,8 @@ def anywhere(calibration: Calibration, count: int) -> Array:
 
 def undisturbed(calibration: Calibration, q: Array) -> np.ndarray:
     """Rows far from singularities in which no joint is held: rounding is not magnified there. (N,) bool"""
-    bounds, robot = default_bounds(calibration), calibration.robot
-    model = Linearised.at(calibration, q, robot.mechanism.forward(q), bounds)
-    proposal, _ = proposed(model, q, bounds)
-    lower, upper = bounds.box(robot, q)
+    proposal, _ = Linearised.at(calibration, q, None, default_bounds(calibration)).proposed()
+    lower, upper = proposal.box
     inside = ((proposal.change > lower) & (proposal.change < upper)).all(axis=1) | (proposal.change == 0).all(axis=1)
     return np.asarray(inside & (proposal.distance >= REGULAR))
 

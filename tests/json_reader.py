@@ -87,7 +87,12 @@ def correct_from_json(c: dict, q: Array) -> tuple[Array, str]:
             d = 1 / np.sqrt(np.trace(np.linalg.inv(G)))
             L = max(L, max(0.0, c["damped_below"] - d) ** 2)
             G += L * np.eye(len(G))
-            return -A.T @ np.linalg.solve(G, a) if n >= 6 else -np.linalg.solve(G, A.T @ a), d, L
+
+            def S(a: Array) -> Array:
+                return -A.T @ np.linalg.solve(G, a) if n >= 6 else -np.linalg.solve(G, A.T @ a)
+
+            D = S(a)
+            return (D + S(a + A @ D) if L > 0 else D), d, L
 
         held = np.zeros(n, dtype=bool)
         first, distance, L = solved(A, a, held, 0.0)

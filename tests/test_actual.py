@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from derivatives import assert_derivative, finite_differences
-from test_poe import expm_chain, random_positions
+from poe import expm_chain, poe_frames, random_positions
 
 from calibtool.identification.columns import offset_columns, placement_columns, twist_columns
 from calibtool.robot.actual import (
@@ -19,7 +19,6 @@ from calibtool.robot.catalogue import load_robot
 from calibtool.robot.geometry import GeometricErrors, relative_error
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import gravity_torque
-from calibtool.robot.poe import poe_frames
 from calibtool.robot.se3 import Array, inverse
 
 

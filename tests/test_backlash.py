@@ -29,8 +29,8 @@ from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.compensate import ProgramOptions, compensate_program
 from calibtool.robot.actual import ERROR_KINDS, ErrorScales
 from calibtool.robot.catalogue import load_robot
+from calibtool.robot.mechanism import Frames
 from calibtool.robot.motion import directions
-from calibtool.robot.poe import Frames
 from calibtool.robot.se3 import Array, log6
 from calibtool.storage import read_any, to_bytes
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from derivatives import assert_derivative
-from test_poe import random_positions
+from poe import random_positions
 
 from calibtool.identification.columns import offset_columns, placement_columns, twist_columns
 from calibtool.robot.geometry import GeometricErrors, relative_error

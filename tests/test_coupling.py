@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from poe import poe_frames
 
 from calibtool.errors import InputError
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
 from calibtool.robot.model import Robot
-from calibtool.robot.poe import poe_frames
 
 
 def planar(coupling: str) -> Robot:

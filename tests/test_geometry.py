@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from derivatives import assert_derivative
-from test_poe import expm_chain, random_positions
+from poe import expm_chain, random_positions
 
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.geometry import GeometricErrors, mechanism, relative_error

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network, averaged
@@ -12,7 +13,7 @@ from calibtool.errors import InputError
 from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.robot.geometry import mechanism
-from calibtool.robot.mechanism import Mechanism
+from calibtool.robot.mechanism import Frames, Mechanism
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6
 
@@ -83,12 +84,36 @@ class Calibration:
         """Mechanism of the base model's geometry."""
         return mechanism(self.robot.chain, self.base.geometry)
 
+    @property
+    def model(self) -> pin.Model:
+        """The identified geometry as a Pinocchio model of its own, limits included; its tool frame is the last frame.
+
+        `base_mechanism.configuration` turns joint positions into its coordinates. `beyond_model` says what it cannot hold.
+        """
+        return self.base_mechanism.as_model(self.robot.lower, self.robot.upper)
+
+    @property
+    def beyond_model(self) -> tuple[str, ...]:
+        """The parts of this calibration that `model` does not hold, in words; none when it is all there is."""
+        motion = self.base.motion
+        parts = {
+            "harmonics of the joint motions": motion.harmonics.any(),
+            "wind-up under gravity": motion.compliance.any(),
+            "backlash": motion.backlash.any(),
+            "network": bool(self.networks),
+        }
+        return tuple(name for name, present in parts.items() if present)
+
     def base_forward_and_jacobian(self, q: Array, direction: Array | None = None) -> tuple[Array, Array]:
         """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for joint positions q (N, n); direction as `forward`.
 
         The slope of the joint-motion functions, about a thousandth, is left out of J_ρ.
         """
         return self.equivalent.forward_and_jacobian(self.base_mechanism, self._driven(q, direction))
+
+    def base_frames(self, q: Array) -> Frames:
+        """Frames of the base model for joint positions q (N, n), from which error columns are built."""
+        return self.base_mechanism.frames(self._driven(q, None))
 
     def forward(self, q: Array, direction: Array | None = None) -> Array:
         """Calibrated T_base_tool for joint positions q (N, n): (N, 4, 4) in K_0.

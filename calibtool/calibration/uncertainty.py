@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.calibration.model import Calibration
 from calibtool.errors import InputError
-from calibtool.robot.mechanism import at_point
+from calibtool.robot.damped import at_point
 from calibtool.robot.se3 import Array
 
 _CHUNK = 2000
@@ -49,7 +49,7 @@ def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty
     for start in range(0, len(q), _CHUNK):
         part = q[start : start + _CHUNK]
         state = calibration.base.state
-        frames = state.frames(calibration.robot, part)
+        frames = calibration.base_frames(part)
         columns = parameters.pose_columns(calibration.robot, state, frames, part)
         columns = at_point(columns, frames.tool[:, :3, 3])
         covariance[start : start + _CHUNK] = columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)

@@ -106,7 +106,7 @@ def plan(
     from calibtool.planning.plan import make_plan
     from calibtool.planning.selection import Criterion
     from calibtool.robot.catalogue import load_robot
-    from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+    from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 
     model = load_robot(robot)
     name, space = model.workspace(workspace)

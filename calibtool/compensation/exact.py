@@ -30,27 +30,26 @@ def exact(
 
     Δ makes |E(q + Δ)|² + λ² |Δ|² least in the box of `Bounds.box`, E the weighted error of the task
     components and λ that of `bounded_step` at q. Away from singularities λ = 0: E vanishes, by the
-    least such motion. Near them the damping sets in as smoothly as in the one-step rule. For n < 6
-    the same with the error of all six components is blended in by the weight of `one_step`.
-    `judged` has the last word, as there.
+    least such motion. Near them the same is done once more from there, as in `bounded_step`, and
+    the damping sets in as smoothly. For n < 6 the same with the error of all six components is
+    blended in by the weight of `one_step`. `judged` has the last word, as there.
 
     commanded and bounds as for `one_step`; but the task counts as done at 1e-9 in place of
     `bounds.usual`, unless it has more components than there are joints.
     """
-    robot = calibration.robot
-    commanded = robot.mechanism.forward(q) if commanded is None else commanded
     bounds = default_bounds(calibration) if bounds is None else bounds
     model = Linearised.at(calibration, q, commanded, bounds)
-    search = _Search(calibration, q, commanded, *bounds.box(robot, q))
-    change, distance = search.least(model.task, *model.of_task)
+    search = _Search(calibration, q, model.commanded, *model.box)
+    change, distance, error = search.least(model.task, *model.of_task)
     if model.task.is_part:
-        of_all, _ = search.least(Task(None), model.jacobian, model.error)
+        of_all, _, _ = search.least(Task(None), model.jacobian, model.error)
         change, _ = model.blended(change, of_all)
+    known = error if model.task.components is None else None
     usual = bounds.usual
-    if model.of_task[0].shape[1] <= robot.n:
+    if model.of_task[0].shape[1] <= calibration.robot.n:
         usual = (REACHED, usual[1])
     done = replace(bounds, usual=usual)
-    return judged(calibration, q, commanded, model.proposal(change, distance), done)
+    return judged(calibration, model.commanded, model.proposal(change, distance), done, known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +62,35 @@ class _Search:
     lower: Array
     upper: Array
 
-    def least(self, task: Task, A: Array, e: Array) -> tuple[Array, Array]:
-        """Δ (N, n) of `exact` for a task, and the singularity distance d (N,).
+    def least(self, task: Task, A: Array, e: Array) -> tuple[Array, Array, Array]:
+        """Δ (N, n) of `exact` for a task, the singularity distance d (N,), and E (N, k) at q + Δ.
 
-        A (N, k, n) and e (N, k) at Δ = 0. Gauss–Newton steps; where one fails, the damping of
-        Levenberg and Marquardt holds the next one back. Only what lowers the sum is kept, so that
-        the best pose visited is the answer.
+        A (N, k, n) and e (N, k) are the Jacobian and E at q.
+        """
+        _, distance, squares = bounded_step(A, e, self.lower, self.upper)
+        change, A, e = self._descended(task, A, e, squares)
+        near = np.flatnonzero(squares)
+        if len(near):
+            there = change[near]
+            lower, upper = self.lower[near] - there, self.upper[near] - there
+            q, commanded = self.q[near] + there, self.commanded[near]
+            again = _Search(self.calibration, q, commanded, lower, upper)
+            more, _, e[near] = again._descended(task, A[near], e[near], squares[near])
+            change[near] += more
+        if task.components is None and self.q.shape[1] >= 6:
+            missed = (e**2).sum(axis=-1) > REACHED**2
+            self._over_hills(np.flatnonzero(missed & (distance >= DAMPED_BELOW)), change, e)
+        return change, distance, e
+
+    def _descended(
+        self, task: Task, A: Array, e: Array, squares: Array
+    ) -> tuple[Array, Array, Array]:
+        """Δ (N, n) of least |E|² + λ² |Δ|², λ² = squares (N,); A and e at q + Δ, from those at q.
+
+        Gauss–Newton steps; where one fails, the damping of Levenberg and Marquardt holds the next
+        one back. Only what lowers the sum is kept: the answer is the best pose visited.
         """
         A, e = A.copy(), e.copy()
-        _, distance, squares = bounded_step(A, e, self.lower, self.upper)
         change, caution, cost = np.zeros_like(self.q), np.zeros(len(self.q)), (e**2).sum(axis=-1)
         active = np.flatnonzero(cost > _ARRIVED**2)
         for _ in range(_ITERATIONS):
@@ -92,13 +111,13 @@ class _Search:
             arrived = better & ((error**2).sum(axis=-1) < _ARRIVED**2)
             stands = np.abs(after - before).max(axis=-1) < _STANDS
             active = active[~(arrived | stands)]
-        if task.components is None and self.q.shape[1] >= 6:
-            missed = (e**2).sum(axis=-1) > REACHED**2
-            self._over_hills(np.flatnonzero(missed & (distance >= DAMPED_BELOW)), change)
-        return change, distance
+        return change, A, e
 
-    def _over_hills(self, rows: np.ndarray, change: Array) -> None:
-        """Another search for rows that only came near: by way of worse poses it may arrive."""
+    def _over_hills(self, rows: np.ndarray, change: Array, e: Array) -> None:
+        """Another search for rows that only came near: by way of worse poses it may arrive.
+
+        Writes Δ (N, n) and E (N, 6) of those that do.
+        """
         if not len(rows):
             return
         robot, q = self.calibration.robot, self.q[rows]
@@ -116,7 +135,9 @@ class _Search:
             upper=q + self.upper[rows],
             tolerance=REACHED,
         )
-        change[rows[solved.reached]] = (solved.q - q)[solved.reached]
+        found = rows[solved.reached]
+        change[found] = (solved.q - q)[solved.reached]
+        e[found], _ = self._driven(found, change[found], Task(None))
 
     def _step(
         self,

@@ -25,13 +25,17 @@ _OVERSHOOT = 1.5  # a change is shortened where it is longer than this times the
 class Proposal:
     """Changed joints before they are judged.
 
-    change     Δ (N, n), rad or m, inside the box of `Bounds.box`
+    q          (N, n) commanded joints, rad or m
+    change     Δ (N, n), rad or m
+    box        smallest and largest Δ, `Bounds.box`, (N, n) each
     distance   d (N,), singularity distance at the commanded joints
     error      e (N, 6) weighted, of the commanded joints under the calibrated model
     slope      J Δ (N, 6), how `error` changes along the way to first order
     """
 
+    q: Array
     change: Array
+    box: tuple[Array, Array]
     distance: Array
     error: Array
     slope: Array
@@ -53,16 +57,16 @@ class Judged:
 
 def judged(
     calibration: Calibration,
-    q: Array,
     commanded: Array,
     proposal: Proposal,
     bounds: Bounds,
+    error: Array | None = None,
 ) -> Judged:
-    """Take, shorten or drop the proposed changes of commanded joints q (N, n), by the calibrated model.
+    """Take, shorten or drop the proposed changes of joints, by the calibrated model.
 
-    E(t) is the weighted error of T_calibrated(q + t Δ) against `commanded` (N, 4, 4). Its square is
-    judged over the task components and over all six; both are the same for n ≥ 6. For each, from
-    E(0), its slope and E(1):
+    E(t) is the weighted error of T_calibrated(q + t Δ) against `commanded` (N, 4, 4); error (N, 6)
+    is E(1) in K_0 where that is known. Its square is judged over the task components and over all
+    six; both are the same for n ≥ 6. For each, from E(0), its slope and E(1):
 
     1. g = 2 e·(J Δ) and c = |E(1)|² − |E(0)|² − g make a parabola, least in [0, 1] at t*: 1 where
        2 c ≤ −g, otherwise −g / (2 c) for g < 0 and 0 for g ≥ 0.
@@ -81,14 +85,14 @@ def judged(
     partial        more stays
     ok             none of these
     """
-    robot = calibration.robot
+    robot, q, change = calibration.robot, proposal.q, proposal.change
     task = Task.of(calibration.equivalent, bounds.weights)
 
     def driven(rows: np.ndarray | slice, t: Array) -> Array:
-        pose = calibration.forward(q[rows] + t[:, None] * proposal.change[rows])
+        pose = calibration.forward(q[rows] + t[:, None] * change[rows])
         return weighted_error(pose, commanded[rows], robot.length)
 
-    error = driven(slice(None), np.ones(len(q)))
+    error = driven(slice(None), np.ones(len(q))) if error is None else error.copy()
     before = task.products(proposal.error, proposal.error, commanded)
     after = task.products(error, error, commanded)
     t = _shortened(before, 2.0 * task.products(proposal.error, proposal.slope, commanded), after)
@@ -99,19 +103,17 @@ def judged(
     dropped = ~(after < before).all(axis=0)
     t[dropped] = 0.0
     error[dropped], after[:, dropped] = proposal.error[dropped], before[:, dropped]
-    corrected = q + t[:, None] * proposal.change
+    corrected = q + t[:, None] * change
 
-    lower, upper = bounds.box(robot, q)
-    held = (proposal.change <= lower) | (proposal.change >= upper)
-    farthest = np.abs(proposal.change) >= bounds.of_joints(robot)
-    usual = np.square(bounds.usual)[: len(after), None]
-    more = np.any(after > usual, axis=0)
+    more = np.any(after > np.square(bounds.usual)[: len(after), None], axis=0)
+    held = more[:, None] & ((change <= proposal.box[0]) | (change >= proposal.box[1]))
+    farthest = np.abs(change) >= bounds.of_joints(robot)
+    at_limit = np.any(held & ~farthest, axis=-1) | ~robot.within_limits(corrected)
     status = np.full(len(q), OK, dtype=object)
     status[more] = PARTIAL
-    status[more & np.any(held & farthest, axis=-1)] = LIMITED
+    status[np.any(held & farthest, axis=-1)] = LIMITED
     status[proposal.distance < DAMPED_BELOW] = NEAR_SINGULAR
-    at_limit = np.any(held & ~farthest, axis=-1)
-    status[(more & at_limit) | ~robot.within_limits(corrected)] = OUT_OF_LIMITS
+    status[at_limit] = OUT_OF_LIMITS
     status[dropped & more] = UNCORRECTED
     return Judged(corrected, status, error)
 

@@ -11,7 +11,7 @@ from calibtool.compensation.judge import Judged, Proposal, judged
 from calibtool.compensation.step import bounded_step, times
 from calibtool.compensation.weighed import Task, Weights, weighted_error, weighted_jacobian
 from calibtool.errors import UsageError
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, exp6
 
 REACHED = 1e-9  # rad, or characteristic lengths: a smaller error is none
 _CHANGE_PER_ERROR = 20.0  # largest joint change over the rms pose error of a calibration
@@ -53,37 +53,64 @@ def one_step(
     No loop depends on the numbers. q_m changes with q as smoothly as e, J and d do, but for rows
     that are dropped.
     """
-    commanded = calibration.robot.mechanism.forward(q) if commanded is None else commanded
     bounds = default_bounds(calibration) if bounds is None else bounds
-    proposal, _ = proposed(Linearised.at(calibration, q, commanded, bounds), q, bounds)
-    return judged(calibration, q, commanded, proposal, bounds)
+    model = Linearised.at(calibration, q, commanded, bounds)
+    return judged(calibration, model.commanded, model.proposed()[0], bounds)
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The calibrated model at commanded joints: items 1 and 2 of `one_step`, and its task.
+    """The calibrated model at commanded joints, items 1 to 3 of `one_step`, and its task.
 
-    error e (N, 6) and jacobian J (N, 6, n), weighted, in K_0; of_task A (N, k, n), e_A (N, k).
+    q          (N, n) commanded joints, rad or m
+    commanded  (N, 4, 4) commanded poses
+    error, jacobian   e (N, 6) and J (N, 6, n), weighted, in K_0
+    of_task    A (N, k, n) and e_A (N, k)
+    box        smallest and largest Δ, (N, n) each
+    network    −N(q) (N, n) on the nominal base, None on others and where weights are given
     """
 
-    calibration: Calibration
+    q: Array
+    commanded: Array
     task: Task
     error: Array
     jacobian: Array
     of_task: tuple[Array, Array]
+    box: tuple[Array, Array]
+    network: Array | None
 
     @classmethod
-    def at(cls, calibration: Calibration, q: Array, commanded: Array, bounds: Bounds) -> "Linearised":
-        """At joints q (N, n) for commanded poses (N, 4, 4)."""
+    def at(cls, calibration: Calibration, q: Array, commanded: Array | None, bounds: Bounds) -> "Linearised":
+        """At joints q (N, n) for commanded poses (N, 4, 4), those of the nominal robot unless given."""
         robot, task = calibration.robot, Task.of(calibration.equivalent, bounds.weights)
-        pose, jacobian = calibration.forward_and_jacobian(q)
+        nominal, network = None, None
+        if calibration.base.model == "nominal":
+            nominal, jacobian = calibration.base_forward_and_jacobian(q)
+            motions = np.zeros((len(q), calibration.equivalent.p))
+            motions = motions if calibration.network is None else calibration.network(q)
+            pose = exp6(times(jacobian, motions)) @ nominal
+            network = -motions[:, : robot.n] if bounds.weights is None else None
+        else:
+            pose, jacobian = calibration.forward_and_jacobian(q)
+        if commanded is None:
+            commanded = robot.mechanism.forward(q) if nominal is None else nominal
         e = weighted_error(pose, commanded, robot.length)
         J = weighted_jacobian(jacobian[:, :, : robot.n], pose, robot.length)
-        return cls(calibration, task, e, J, (task.of_jacobian(J, commanded), task.of_error(e, commanded)))
+        of_task = task.of_jacobian(J, commanded), task.of_error(e, commanded)
+        return cls(q, commanded, task, e, J, of_task, bounds.box(robot, q), network)
+
+    def proposed(self) -> tuple[Proposal, np.ndarray]:
+        """Item 4 of `one_step`, and rows (N,) in which the task components were traded (w < 1)."""
+        change, distance, _ = bounded_step(*self.of_task, *self.box, self.network)
+        traded = np.zeros(len(change), dtype=bool)
+        if self.task.is_part:
+            of_all, _, _ = bounded_step(self.jacobian, self.error, *self.box)
+            change, traded = self.blended(change, of_all)
+        return self.proposal(change, distance), traded
 
     def proposal(self, change: Array, distance: Array) -> Proposal:
-        """A change of the joints (N, n), to be judged."""
-        return Proposal(change, distance, self.error, times(self.jacobian, change))
+        """A change of the joints (N, n), to be judged; distance (N,)."""
+        return Proposal(self.q, change, self.box, distance, self.error, times(self.jacobian, change))
 
     def blended(self, of_task: Array, of_all: Array) -> tuple[Array, np.ndarray]:
         """Δ of item 4 of `one_step` for n < 6 from Δ_A and Δ_J, (N, n) each; rows where w < 1."""
@@ -94,22 +121,6 @@ class Linearised:
         traded = cost > allowed
         weight = np.where(traded, np.sqrt(allowed / np.where(traded, cost, 1.0)), 1.0)
         return of_all + weight[:, None] * (of_task - of_all), traded
-
-
-def proposed(model: Linearised, q: Array, bounds: Bounds) -> tuple[Proposal, np.ndarray]:
-    """Items 3 and 4 of `one_step`, and rows in which the task components were traded (w < 1)."""
-    calibration = model.calibration
-    robot, (lower, upper) = calibration.robot, bounds.box(calibration.robot, q)
-    first = None
-    if calibration.base.model == "nominal" and bounds.weights is None:
-        network = calibration.network
-        first = np.zeros_like(q) if network is None else -network(q)[:, : robot.n]
-    change, distance, _ = bounded_step(*model.of_task, lower, upper, first)
-    traded = np.zeros(len(q), dtype=bool)
-    if model.task.is_part:
-        of_all, _, _ = bounded_step(model.jacobian, model.error, lower, upper)
-        change, traded = model.blended(change, of_all)
-    return model.proposal(change, distance), traded
 
 
 @lru_cache(maxsize=8)  # a calibration is what it is: hashed by identity
@@ -143,11 +154,10 @@ def default_bounds(
 
 def _median_left(calibration: Calibration, q: Array, bounds: Bounds) -> tuple[float, float]:
     """Medians of what the one-step rule leaves at joints q (N, n): of the task, of all components."""
-    commanded = calibration.robot.mechanism.forward(q)
-    model = Linearised.at(calibration, q, commanded, bounds)
-    proposal, traded = proposed(model, q, bounds)
-    left = judged(calibration, q, commanded, proposal, bounds).error
+    model = Linearised.at(calibration, q, None, bounds)
+    proposal, traded = model.proposed()
+    left = judged(calibration, model.commanded, proposal, bounds).error
     rows = slice(None) if traded.all() else ~traded
-    parts = model.task.of_error(left, commanded)[rows], left[rows]
+    parts = model.task.of_error(left, model.commanded)[rows], left[rows]
     of_task, of_all = (float(np.median(np.linalg.norm(part, axis=-1))) for part in parts)
     return of_task, of_all

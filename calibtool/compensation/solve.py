@@ -50,7 +50,7 @@ def compensate_joints(
     without an answer are no error: see `Compensation.status`.
     """
     calibration.robot.check_positions(q, "joint positions")
-    return _compensate(calibration, calibration.robot.mechanism.forward(q), q, method, bounds)
+    return _compensate(calibration, None, q, method, bounds)
 
 
 def compensate_poses(
@@ -85,12 +85,12 @@ def compensate_poses(
 
 def _compensate(
     calibration: Calibration,
-    commanded: Array,
+    commanded: Array | None,
     q: Array,
     method: Method,
     bounds: Bounds | None,
 ) -> Compensation:
-    """Correct joints q (N, n) for commanded poses (N, 4, 4)."""
+    """Correct joints q (N, n) for commanded poses (N, 4, 4), those of the nominal robot for None."""
     check_choice(method, get_args(Method), "method")
     rule = exact if method == "exact" else one_step
     result = rule(calibration, q, commanded, bounds)

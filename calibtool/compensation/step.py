@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from calibtool.robot.mechanism import GRAM_REGULARISATION
+from calibtool.robot.damped import GRAM_REGULARISATION
 from calibtool.robot.se3 import Array
 
 # Nearer to a singularity than this a step is damped. 1 mrad of pose error moves no joint by more than
-# 40 mrad then, and the correction changes slowly enough along a path.
+# 51 mrad then, and the correction changes slowly enough along a path.
 DAMPED_BELOW = 0.03
 _PASSES = 2  # how often joints that would leave the box are held and the others solved again
 _SMALLEST_PIVOT = 1e-30  # rounding can push the last pivots of a singular matrix below zero
@@ -28,85 +28,96 @@ def bounded_step(
        m = min(n, 6). G = L Lᵀ, no squared pivot of L below 1e-30; d = 1/sqrt(trace(G⁻¹)) = 1/|L⁻¹|.
     2. λ = max(0, d₀ − d), d₀ = DAMPED_BELOW: nothing is damped where d ≥ d₀, and the damping sets in
        without a jump.
-    3. Δ = −Aᵀ (G + λ² I)⁻¹ e for n ≥ 6, the least motion; −(G + λ² I)⁻¹ Aᵀ e for n < 6. Where
-       `proposed` (N, n) is given, Δ is that.
+    3. S(e) = −Aᵀ (G + λ² I)⁻¹ e for n ≥ 6, the least motion; −(G + λ² I)⁻¹ Aᵀ e for n < 6.
+       Δ = S(e), and where λ > 0 Δ = S(e) + S(e + A S(e)): solving again for what is left gives back
+       what the damping takes where it is not needed. Where `proposed` (N, n) is given, Δ is that.
     4. Up to twice, while a joint is outside the box: all joints that were outside so far are held
        at its faces, Δ_h (0 for the others). The others solve the rest, items 1 to 3 with e + A Δ_h
        for e and F for A, F being A with the columns of held joints set to zero (for n < 6 they get 1
-       on the diagonal of G). Δ = Δ_h + Δ_f, and λ² is that of F where it is larger.
-    5. What is still outside is moved onto the face of the box. d is that of A, from item 1.
+       on the diagonal of G), and λ no smaller than before. Δ = Δ_h + Δ_f.
+    5. What is still outside is moved onto the face of the box. d is that of A, λ² the last one.
 
-    Every row by itself: no sum runs over the rows.
+    Every row by itself, element by element: no sum runs over the rows, none depends on their number.
     """
     change, distance, squares = np.empty(lower.shape), np.empty(len(lower)), np.empty(len(lower))
-    for start in range(0, len(lower), _TOGETHER):
-        rows = slice(start, start + _TOGETHER)
-        A, e = jacobian[rows], error[rows]
-        inverse, distance[rows], squares[rows] = _damped(A)
-        found = _solution(A, inverse, e) if proposed is None else proposed[rows]
-        change[rows], squares[rows] = _inside(A, e, squares[rows], found, lower[rows], upper[rows])
+    for rows in _parts(len(lower)):
+        A, e, box = _last(jacobian[rows]), _last(error[rows]), (_last(lower[rows]), _last(upper[rows]))
+        inverse, distance[rows], damped = _damped(A)
+        found = _solution(A, inverse, damped, e) if proposed is None else _last(proposed[rows])
+        found, squares[rows] = _inside(A, e, damped, found, *box)
+        change[rows] = found.T
     return change, distance, squares
 
 
 def damped_step(jacobian: Array, error: Array, squares: Array, lower: Array, upper: Array) -> Array:
-    """Δ of `bounded_step`, items 3 to 5, with a given damping λ² = squares (N,)."""
+    """Δ (N, n) of `bounded_step` with a given damping λ² = squares (N,), and without the second S."""
     change = np.empty(lower.shape)
-    for start in range(0, len(lower), _TOGETHER):
-        rows = slice(start, start + _TOGETHER)
-        A, e = jacobian[rows], error[rows]
-        found = _solution(A, _inverse_factor(A, squares[rows]), e)
-        change[rows], _ = _inside(A, e, squares[rows], found, lower[rows], upper[rows])
+    for rows in _parts(len(lower)):
+        A, e, box = _last(jacobian[rows]), _last(error[rows]), (_last(lower[rows]), _last(upper[rows]))
+        found = _once(A, _inverse_factor(A, squares[rows]), e)
+        change[rows] = _inside(A, e, squares[rows], found, *box, again=False)[0].T
     return change
 
 
+def times(matrices: Array, vectors: Array) -> Array:
+    """(N, k, n) times (N, n): (N, k), with the same sums for any number of rows."""
+    product: Array = sum(matrices[:, :, j] * vectors[:, j, None] for j in range(vectors.shape[1]))
+    return product
+
+
+# In what follows the rows are the last axis: A (k, n, N), e (k, N), Δ and the box (n, N), λ² (N,).
+
+
 def _inside(
-    A: Array, e: Array, squares: Array, change: Array, lower: Array, upper: Array
+    A: Array,
+    e: Array,
+    squares: Array,
+    change: Array,
+    lower: Array,
+    upper: Array,
+    again: bool = True,
 ) -> tuple[Array, Array]:
-    """Items 4 and 5 of `bounded_step`: Δ and λ², from λ² of A (N,)."""
+    """Items 4 and 5 of `bounded_step`: Δ and λ², from those of item 3."""
     held = np.zeros(change.shape, dtype=bool)
     change, squares = change.copy(), squares.copy()
     for _ in range(_PASSES):
         beyond = (change < lower) | (change > upper)
-        rows = np.flatnonzero(beyond.any(axis=-1))
+        rows = np.flatnonzero(beyond.any(axis=0))
         if not len(rows):
             return change, squares
-        held[rows] |= beyond[rows]
-        stopped = np.where(held[rows], np.clip(change[rows], lower[rows], upper[rows]), 0.0)
-        free = np.where(held[rows][:, None, :], 0.0, A[rows])
-        left = e[rows] + times(A[rows], stopped)
-        inverse, _, more = _damped(free, held[rows], squares[rows])
-        change[rows], squares[rows] = stopped + _solution(free, inverse, left), more
+        held[:, rows] |= beyond[:, rows]
+        stays, some = held[:, rows], A[..., rows]
+        stopped = np.where(stays, np.clip(change[:, rows], lower[:, rows], upper[:, rows]), 0.0)
+        free = np.where(stays, 0.0, some)
+        left = e[:, rows] + _product(some, stopped)
+        inverse, _, squares[rows] = _damped(free, stays, squares[rows])
+        solved = _solution(free, inverse, squares[rows], left) if again else _once(free, inverse, left)
+        change[:, rows] = stopped + solved
     return np.clip(change, lower, upper), squares
 
 
 def _damped(
     A: Array, held: np.ndarray | None = None, least: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """W = L⁻¹ of G + λ² I, d of A, and λ² of `bounded_step`, at least `least` (N,)."""
-    inverse = _inverse_factor(A, np.zeros(len(A)), held)
-    distance = 1.0 / np.sqrt((inverse**2).sum(axis=(0, 1)))
+    """W = L⁻¹ (m, m, N) of G + λ² I, d of A (N,), and λ² (N,), no less than `least`; held (n, N)."""
+    inverse = _inverse_factor(A, np.zeros(A.shape[-1]), held)
+    distance = 1.0 / np.sqrt((inverse * inverse).sum(axis=0).sum(axis=0))
     squares = np.maximum(0.0, DAMPED_BELOW - distance) ** 2
     squares = squares if least is None else np.maximum(squares, least)
     near = np.flatnonzero(squares)
     if len(near):
-        some = None if held is None else held[near]
-        inverse[..., near] = _inverse_factor(A[near], squares[near], some)
+        some = None if held is None else held[:, near]
+        inverse[..., near] = _inverse_factor(A[..., near], squares[near], some)
     return inverse, distance, squares
 
 
 def _inverse_factor(A: Array, squares: Array, held: np.ndarray | None = None) -> Array:
-    """W = L⁻¹ (m, m, N), lower triangular, of L Lᵀ = G + squares I (`bounded_step`, item 1).
-
-    A (N, k, n), squares (N,), held (N, n).
-    """
-    transposed = np.swapaxes(A, -1, -2)
-    primal = A.shape[-1] < 6
-    product = transposed @ A if primal else A @ transposed
-    factor = np.moveaxis(product, 0, -1).copy()
-    m = len(factor)
+    """W = L⁻¹ (m, m, N), lower triangular, of L Lᵀ = G + squares I (`bounded_step`, items 1, 4)."""
+    n, m = A.shape[1], min(A.shape[1], 6)
+    factor = _gram(A if n < 6 else A.swapaxes(0, 1))
     factor[np.arange(m), np.arange(m)] += GRAM_REGULARISATION + squares
-    if primal and held is not None:
-        factor[np.arange(m), np.arange(m)] += held.T
+    if held is not None and n < 6:
+        factor[np.arange(m), np.arange(m)] += held
     for c in range(m):
         for j in range(c):
             factor[c:, c] -= factor[c:, j] * factor[c, j]
@@ -121,17 +132,46 @@ def _inverse_factor(A: Array, squares: Array, held: np.ndarray | None = None) ->
     return inverse
 
 
-def _solution(A: Array, inverse: Array, e: Array) -> Array:
-    """Item 3 of `bounded_step`: A (N, k, n), W (m, m, N), e (N, k) → (N, n)."""
-    transposed = np.swapaxes(A, -1, -2)
-    W = np.moveaxis(inverse, -1, 0)
-    right = e[..., None] if A.shape[-1] >= 6 else transposed @ e[..., None]
-    solved = np.swapaxes(W, -1, -2) @ (W @ right)
-    change: Array = -(transposed @ solved if A.shape[-1] >= 6 else solved)[..., 0]
+def _gram(columns: Array) -> Array:
+    """Σ c cᵀ of columns c (m, N) of (k, m, N): (m, m, N)."""
+    m = columns.shape[1]
+    gram = np.empty((m, m, columns.shape[2]))
+    for r in range(m):
+        row = gram[r, : r + 1]
+        np.multiply(columns[0, r], columns[0, : r + 1], out=row)
+        for column in columns[1:]:
+            row += column[r] * column[: r + 1]
+    return gram
+
+
+def _solution(A: Array, inverse: Array, squares: Array, e: Array) -> Array:
+    """Item 3 of `bounded_step`: S(e), and S of what is left where λ² is not zero."""
+    change = _once(A, inverse, e)
+    near = np.flatnonzero(squares)
+    if len(near):
+        left = e[:, near] + _product(A[..., near], change[:, near])
+        change[:, near] += _once(A[..., near], inverse[..., near], left)
     return change
 
 
-def times(matrices: Array, vectors: Array) -> Array:
-    """(N, k, n) times (N, n): (N, k)."""
-    product: Array = (matrices @ vectors[..., None])[..., 0]
+def _once(A: Array, W: Array, e: Array) -> Array:
+    """S(e) of `bounded_step`, with (G + λ² I)⁻¹ = Wᵀ W."""
+    transposed = A.swapaxes(0, 1)
+    if A.shape[1] < 6:
+        return -_product(W.swapaxes(0, 1), _product(W, _product(transposed, e)))
+    return -_product(transposed, _product(W.swapaxes(0, 1), _product(W, e)))
+
+
+def _product(matrices: Array, vectors: Array) -> Array:
+    """(k, n, N) times (n, N): (k, N)."""
+    product: Array = sum(matrices[:, j] * vectors[j] for j in range(len(vectors)))
     return product
+
+
+def _last(rows: Array) -> Array:
+    """Rows first to rows last, (N, …) → (…, N), a contiguous copy."""
+    return np.ascontiguousarray(np.moveaxis(rows, 0, -1))
+
+
+def _parts(count: int) -> list[slice]:
+    return [slice(start, start + _TOGETHER) for start in range(0, count, _TOGETHER)]

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
 from calibtool.errors import UsageError
-from calibtool.robot.mechanism import at_point
+from calibtool.robot.damped import at_point
 from calibtool.robot.se3 import Array, log3
 
 Weights = tuple[float, ...]

@@ -6,7 +6,6 @@ from typing import Self
 
 import numpy as np
 
-from calibtool.robot.lanes import lanes
 from calibtool.robot.se3 import Array, readonly
 
 
@@ -29,7 +28,7 @@ class Network:
 
     def __call__(self, q: Array) -> Array:
         """Joint motion errors δρ (N, p) in rad or m for joint positions q (N, n)."""
-        hidden = np.tanh(_affine(self.hidden_weights, lanes(self.scaled_input(q)), self.hidden_bias))
+        hidden = np.tanh(_affine(self.hidden_weights, self.scaled_input(q).T.copy(), self.hidden_bias))
         return _affine(self.output_weights, hidden, self.output_bias).T * self.output_scale
 
     def scaled_input(self, q: Array) -> Array:

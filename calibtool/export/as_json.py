@@ -11,7 +11,7 @@ from calibtool.export.formula import FORMULA
 from calibtool.export.rendering import LARGEST_POSITION
 from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Setup
-from calibtool.robot.mechanism import GRAM_REGULARISATION
+from calibtool.robot.damped import GRAM_REGULARISATION
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import link_masses
 

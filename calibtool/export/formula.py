@@ -14,13 +14,13 @@ FORMULA = {
         "4x4 homogeneous matrix T_a_b = [[R, p], [0, 1]], row by row: pose of frame b in frame a"
     ),
     "frames": (
-        "K_0 is the robot's base, K_{n+1} its tool; placement M_j is the pose of joint frame j in"
-        " joint frame j - 1 with joint j at zero, M_{n+1} that of the tool; twist xi_j of joint j"
-        " is written in its own frame"
+        "K_0 is the robot's base, K_{n+1} its tool; placement M_j is the pose of joint frame j in "
+        "joint frame j - 1 with joint j at zero, M_{n+1} that of the tool; twist xi_j of joint j "
+        "is written in its own frame"
     ),
     "exp6": (
-        "exp6((v, w)) = matrix exponential of [[S(w), v], [0, 0]], S(w) b = w x b; log3(R) is the"
-        " rotation vector w of R = exp(S(w)), |w| <= pi"
+        "exp6((v, w)) = matrix exponential of [[S(w), v], [0, 0]], S(w) b = w x b; log3(R) is the "
+        "rotation vector w of R = exp(S(w)), |w| <= pi"
     ),
     "adjoint": "Ad(T) = [[R, S(p) R], [0, R]]: twists of frame b to frame a for T = T_a_b",
     "network": (
@@ -30,8 +30,8 @@ FORMULA = {
         "network is null (Eq. 16)"
     ),
     "joint_coupling": (
-        "q of the serial chain = joint_coupling times the joint values that the controller shows,"
-        " rad or m; q and q_m here are those of the serial chain, the controller's are "
+        "q of the serial chain = joint_coupling times the joint values that the controller shows, "
+        "rad or m; q and q_m here are those of the serial chain, the controller's are "
         "inverse(joint_coupling) q_m"
     ),
     "nominal": (
@@ -81,21 +81,22 @@ FORMULA = {
     ),
     "box": (
         "joint j may change by lower_j = max(-B_j, min(0, lower limit - q_j)) to upper_j = "
-        "min(B_j, max(0, upper limit - q_j)), B = largest_change_rad_or_m; by -B_j to B_j where q_j "
-        "is outside its limits by more than 1e-9"
+        "min(B_j, max(0, upper limit - q_j)), B = largest_change_rad_or_m; by -B_j to B_j where "
+        "q_j is outside its limits by more than 1e-9"
     ),
     "damping": (
         "of a matrix A with columns of the joints: G = A A' for n >= 6, A' A for n < 6, plus "
-        "gram_regularisation I; d = 1 / sqrt(trace(inverse(G))), how far A is from a singularity;"
-        " L = max(0, damped_below - d)^2"
+        "gram_regularisation I; d = 1 / sqrt(trace(inverse(G))), how far A is from a singularity; "
+        "L = max(0, damped_below - d)^2"
     ),
     "bounded_step": (
-        "of A and a: (1) D = -A' inverse(G + L I) a for n >= 6, -inverse(G + L I) A' a for n < 6."
-        " (2) Twice, if a joint is outside the box: all joints that were outside so far are held,"
-        " H_j = D_j moved into the box, the others have H_j = 0; F is A with the columns of held "
-        "joints set to zero (n < 6: 1 is added to their elements on the diagonal of G); L is the "
-        "larger of the one before and that of F; D = H + (1) with F for A and a + A H for a. (3) "
-        "D is moved into the box element by element"
+        "of A and a: (1) S(a) = -A' inverse(G + L I) a for n >= 6, -inverse(G + L I) A' a for n < "
+        "6; D = S(a), and where L > 0 D = S(a) + S(a + A S(a)). (2) Twice, if a joint is outside "
+        "the box: all joints that were outside so far are held, H_j = D_j moved into the box, "
+        "the others have H_j = 0; F is A with the columns of held joints set to zero (n < 6: 1 is "
+        "added to their elements on the diagonal of G); L is the larger of the one before and "
+        "that of F; D = H + (1) with F for A and a + A H for a. (3) D is moved into the box "
+        "element by element"
     ),
     "step": (
         "n >= 6: D = bounded_step(J, e). n < 6: D = D_J + u (D_A - D_J), D_A = bounded_step(J_A, "

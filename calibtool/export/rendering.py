@@ -13,7 +13,7 @@ from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
 from calibtool.identification.report import backlash_text
-from calibtool.robot.mechanism import GRAM_REGULARISATION
+from calibtool.robot.damped import GRAM_REGULARISATION
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion, link_masses
 from calibtool.robot.se3 import Array

@@ -8,10 +8,10 @@ from calibtool.calibration import Calibration
 from calibtool.identification.columns import placement_columns
 from calibtool.identification.parameters import Tolerances
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.robot.damped import at_point, scale_rows
 from calibtool.robot.geometry import GeometricErrors, relative_error
-from calibtool.robot.mechanism import at_point, scale_rows
+from calibtool.robot.mechanism import Frames
 from calibtool.robot.model import Robot
-from calibtool.robot.poe import Frames
 from calibtool.robot.se3 import Array
 
 Forward = Callable[[Array], Array]  # q (N, n), rad or m → T_base_tool (N, 4, 4)

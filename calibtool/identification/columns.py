@@ -6,7 +6,7 @@ taken at the frames given, so that an iteration can linearise where it stands.
 
 import numpy as np
 
-from calibtool.robot.poe import Frames
+from calibtool.robot.mechanism import Frames
 from calibtool.robot.se3 import Array, adjoint, left_jacobian
 
 

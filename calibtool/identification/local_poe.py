@@ -13,8 +13,8 @@ from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import observation_matrix, residuals, target_columns, weights
 from calibtool.measurement.registration import update_setup
 from calibtool.robot.geometry import GeometricErrors
+from calibtool.robot.mechanism import Frames
 from calibtool.robot.motion import JointMotion
-from calibtool.robot.poe import Frames
 from calibtool.robot.se3 import Array, readonly
 
 RANK_TOLERANCE = 1e-8  # of the largest singular value; the exact redundancies lie near 1e-16

@@ -8,7 +8,7 @@ from calibtool.identification.local_poe import directions, numerical_rank
 from calibtool.identification.parameters import ErrorState, Parameters, Tolerances
 from calibtool.measurement.measurements import Setup
 from calibtool.measurement.observation import observation_matrix
-from calibtool.robot.mechanism import at_point, scale_rows
+from calibtool.robot.damped import at_point, scale_rows
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 

@@ -10,9 +10,9 @@ from calibtool.identification.columns import offset_columns, placement_columns, 
 from calibtool.measurement.measurements import Setup
 from calibtool.measurement.registration import update_setup
 from calibtool.robot.geometry import GeometricErrors
+from calibtool.robot.mechanism import Frames
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion, gravity_torque, harmonic_functions, largest_torque, load_carrying
-from calibtool.robot.poe import Frames
 from calibtool.robot.se3 import Array, readonly
 
 LOW_ORDERS = 3  # harmonics of a joint that eccentric gears have

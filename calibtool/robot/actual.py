@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
 from calibtool.errors import check_choice, check_number
 from calibtool.robot.geometry import GeometricErrors, mechanism
@@ -69,6 +70,14 @@ class ActualRobot:
         grown[:, :3, 3] *= 1.0 + self.expansion
         placements = log6(inverse(chain.placements) @ grown @ exp6(self.geometry.placements))
         return mechanism(chain, GeometricErrors(placements, self.geometry.twists, self.geometry.offsets))
+
+    @property
+    def model(self) -> pin.Model:
+        """The geometry as a Pinocchio model of its own, limits included; `mechanism.configuration` gives its coordinates.
+
+        What depends on the joint positions or on time (gear, gravity, backlash) is not in it: see `joint_motion`.
+        """
+        return self.mechanism.as_model(self.robot.lower, self.robot.upper)
 
     def joint_motion(self, q: Array) -> Array:
         """Error δq(q) of the joint motions beyond the constant offsets, q (N, n) in the order of measuring: (N, n).

@@ -152,7 +152,7 @@ def read_source(path: Path) -> Source:
 
 def source_from_urdf(urdf_text: str, name: str) -> Source:
     """A description for a bare URDF: the last link is the tool, three targets on a circle of 0.1 m round it."""
-    from calibtool.robot.chain import last_frame  # Pinocchio is only needed here
+    from calibtool.robot.urdf import last_frame  # Pinocchio is only needed here
 
     safe = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in name).lstrip("._-") or "robot"
     toml_text = (

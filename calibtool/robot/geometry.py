@@ -6,8 +6,7 @@ from typing import Self
 import numpy as np
 
 from calibtool.robot.chain import SerialChain
-from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.poe import Frames, poe_frames
+from calibtool.robot.mechanism import Frames, Mechanism
 from calibtool.robot.se3 import Array, exp6, inverse, log6, readonly
 
 
@@ -40,16 +39,12 @@ class GeometricErrors:
 
     def frames(self, chain: SerialChain, q: Array) -> Frames:
         """Frames of the chain with these errors, q (N, n) (Eq. 7)."""
-        return poe_frames(self.placements_of(chain), chain.twists + self.twists, q + self.offsets)
+        return mechanism(chain, self).frames(q)
 
 
-def mechanism(chain: SerialChain, errors: GeometricErrors | None = None) -> Mechanism:
-    """The mechanism of a chain with geometric errors, for batches."""
-    if errors is None:
-        return Mechanism(chain.placements, chain.twists, readonly(np.zeros(len(chain.twists))))
-    return Mechanism(
-        readonly(errors.placements_of(chain)), readonly(chain.twists + errors.twists), readonly(errors.offsets)
-    )
+def mechanism(chain: SerialChain, errors: GeometricErrors) -> Mechanism:
+    """The mechanism of a chain with geometric errors: placements edited, helical joints for twist errors, offsets."""
+    return Mechanism.of(chain.bodies, errors.placements_of(chain), chain.twists + errors.twists, errors.offsets)
 
 
 def relative_error(actual: Array, nominal: Array) -> Array:

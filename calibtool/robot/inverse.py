@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.robot.mechanism import at_point, scale_rows
+from calibtool.robot.damped import at_point, scale_rows
 from calibtool.robot.model import Robot
 from calibtool.robot.reach import excluded
 from calibtool.robot.se3 import Array, log3

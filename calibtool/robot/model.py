@@ -5,13 +5,14 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.chain import SerialChain, build_chain
 from calibtool.robot.coupling import JointValues, coupling_matrix
+from calibtool.robot.damped import at_point, singularity_distance
 from calibtool.robot.description import Source, Workspace
-from calibtool.robot.geometry import mechanism
-from calibtool.robot.mechanism import Mechanism, at_point, singularity_distance
+from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, readonly
 from calibtool.units import joint_and_factor, joint_values
 
@@ -83,10 +84,15 @@ class Robot:
         """Per joint: prismatic (m) or not (rad)."""
         return _prismatic(self.chain)
 
-    @cached_property
+    @property
     def mechanism(self) -> Mechanism:
         """The nominal kinematics."""
-        return mechanism(self.chain)
+        return self.chain.mechanism
+
+    @property
+    def model(self) -> pin.Model:
+        """The nominal robot as a Pinocchio model of its own, limits included; its tool frame is the last frame."""
+        return self.mechanism.as_model(self.lower, self.upper)
 
     @cached_property
     def coupling(self) -> Array:

@@ -7,9 +7,8 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
-from calibtool.robot.lanes import lanes, parts
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import Array, cross, readonly
+from calibtool.robot.se3 import Array, readonly
 
 _CARRIES_LOAD = 0.02  # a joint carries load when its torque reaches this part of the largest joint's
 _STANDS_STILL = 1e-6  # rad or m: a smaller move is rounding and turns no gear round
@@ -94,24 +93,16 @@ def harmonic_functions(q: Array, count: int) -> Array:
 
 
 def gravity_torque(robot: Robot, q: Array) -> Array:
-    """Generalised gravity τ_g(q), N m (N if prismatic): q (N, n) → (N, n).
+    """Generalised gravity τ_g(q), N m (N if prismatic): q (N, n) → (N, n). Pinocchio's `computeGeneralizedGravity`.
 
-    τ_j = −g · (z_j × Σ_{k ≥ j} m_k (c_k − o_j)), for a slide −g · z_j Σ m_k, with the URDF's masses; where it has none,
-    from uniform links of 1 kg/m, of which only the shape of the function matters.
+    With the URDF's masses; where it has none, with those of uniform links of 1 kg/m, of which only the shape of the
+    function matters.
     """
-    masses, centres, gravity = link_masses(robot)
-    links = robot.mechanism.links
+    model = gravity_model(robot)
+    data = model.createData()
     torque = np.empty((len(q), robot.n))
-    for rows in parts(len(q)):
-        frames = links.frames(lanes(q[rows]))
-        carried, moment = 0.0, np.zeros_like(frames[0, 0])  # what joint j carries: mass, and mass times centre
-        for j in reversed(range(robot.n)):
-            x, y, z, p = frames[j]
-            local = centres[j] @ links.turned[j]
-            carried += masses[j]
-            moment += masses[j] * (p + local[0] * x + local[1] * y + local[2] * z)
-            pull = cross(z, moment - carried * p) if links.turns[j] else carried * z
-            torque[rows, j] = -(gravity[0] * pull[0] + gravity[1] * pull[1] + gravity[2] * pull[2])
+    for k, row in enumerate(robot.mechanism.configuration(q)):
+        torque[k] = pin.computeGeneralizedGravity(model, data, row)
     return torque
 
 

@@ -13,8 +13,8 @@ from calibtool.equivalent.network import Network, initial_network
 from calibtool.measurement.measurements import Measurements, Setup, Truth
 from calibtool.robot.actual import ERROR_KINDS, ActualRobot, ErrorScales, random_actual
 from calibtool.robot.catalogue import load_robot, robot_names
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.geometry import GeometricErrors
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion, load_carrying
 from calibtool.robot.se3 import Array, exp6, readonly, transform_points
