@@ -152,7 +152,7 @@ def _cost(calibration: Calibration) -> str:
     if network is None and calibration.base.model == "nominal":
         return "none: nothing is corrected"
     steps = 1 if n >= 6 else 2  # of the task components, and of all
-    flops = 1229 * n + 560 + (steps - 1) * 145 * n
+    flops = 1241 * n + 560 + (steps - 1) * 157 * n
     calls = 2 * n + steps * (min(n, 6) + 1) + 4
     if network is not None:
         flops += 2 * (2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 13) + 186)
