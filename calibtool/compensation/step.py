@@ -8,7 +8,7 @@ from calibtool.robot.se3 import Array
 # Nearer to a singularity than this a step is damped. 1 mrad of pose error moves no joint by more than
 # 51 mrad then, and the correction changes slowly enough along a path.
 DAMPED_BELOW = 0.03
-_PASSES = 2  # how often joints that would leave the box are held and the others solved again
+_PASSES = 3  # how often a joint that would leave the box is held and the others solved again
 _SMALLEST_PIVOT = 1e-30  # rounding can push the last pivots of a singular matrix below zero
 _TOGETHER = 1024  # rows: their matrices stay in the processor's cache
 
@@ -31,10 +31,11 @@ def bounded_step(
     3. S(e) = −Aᵀ (G + λ² I)⁻¹ e for n ≥ 6, the least motion; −(G + λ² I)⁻¹ Aᵀ e for n < 6.
        Δ = S(e), and where λ > 0 Δ = S(e) + S(e + A S(e)): solving again for what is left gives back
        what the damping takes where it is not needed. Where `proposed` (N, n) is given, Δ is that.
-    4. Up to twice, while a joint is outside the box: all joints that were outside so far are held
-       at its faces, Δ_h (0 for the others). The others solve the rest, items 1 to 3 with e + A Δ_h
-       for e and F for A, F being A with the columns of held joints set to zero (for n < 6 they get 1
-       on the diagonal of G), and λ no smaller than before. Δ = Δ_h + Δ_f.
+    4. Up to three times, while a joint is outside the box: the one that is farthest outside (in rad
+       or m, the first of equals) is held at the face there, with those held before: Δ_h, 0 for the
+       others. The others solve the rest, items 1 to 3 with e + A Δ_h for e and F for A, F being A
+       with the columns of held joints set to zero (for n < 6 they get 1 on the diagonal of G), and
+       λ no smaller than before. Δ = Δ_h + Δ_f.
     5. What is still outside is moved onto the face of the box. d is that of A, λ² the last one.
 
     Every row by itself, element by element: no sum runs over the rows, none depends on their number.
@@ -61,7 +62,9 @@ def damped_step(jacobian: Array, error: Array, squares: Array, lower: Array, upp
 
 def times(matrices: Array, vectors: Array) -> Array:
     """(N, k, n) times (N, n): (N, k), with the same sums for any number of rows."""
-    product: Array = sum(matrices[:, :, j] * vectors[:, j, None] for j in range(vectors.shape[1]))
+    product: Array = matrices[:, :, 0] * vectors[:, :1]
+    for j in range(1, vectors.shape[1]):
+        product += matrices[:, :, j] * vectors[:, j, None]
     return product
 
 
@@ -81,11 +84,11 @@ def _inside(
     held = np.zeros(change.shape, dtype=bool)
     change, squares = change.copy(), squares.copy()
     for _ in range(_PASSES):
-        beyond = (change < lower) | (change > upper)
-        rows = np.flatnonzero(beyond.any(axis=0))
+        outside = np.maximum(lower - change, change - upper)
+        rows = np.flatnonzero(outside.max(axis=0) > 0.0)
         if not len(rows):
             return change, squares
-        held[:, rows] |= beyond[:, rows]
+        held[outside[:, rows].argmax(axis=0), rows] = True
         stays, some = held[:, rows], A[..., rows]
         stopped = np.where(stays, np.clip(change[:, rows], lower[:, rows], upper[:, rows]), 0.0)
         free = np.where(stays, 0.0, some)
@@ -164,7 +167,9 @@ def _once(A: Array, W: Array, e: Array) -> Array:
 
 def _product(matrices: Array, vectors: Array) -> Array:
     """(k, n, N) times (n, N): (k, N)."""
-    product: Array = sum(matrices[:, j] * vectors[j] for j in range(len(vectors)))
+    product: Array = matrices[:, 0] * vectors[0]
+    for j in range(1, len(vectors)):
+        product += matrices[:, j] * vectors[j]
     return product
 
 

@@ -5,8 +5,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from calibtool.calibration import Calibration, check_same_robot, fitting_setup
+from calibtool.calibration import Calibration, check_same_robot, fitting_setup, identify
 from calibtool.calibration.guard import coverage
+from calibtool.compensation.bounds import Bounds
+from calibtool.compensation.exact import exact
 from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.compensation.solve import Method
 from calibtool.compensation.status import DOUBTFUL
@@ -18,7 +20,9 @@ from calibtool.measurement.observation import measured_in_base, residuals
 from calibtool.measurement.registration import register, rigid_fit
 from calibtool.measurement.simulate import observe
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.se3 import Array, inverse, log3, transform_points
+from calibtool.robot.se3 import Array, inverse, log3, log6, readonly, transform_points
+
+_UNBOUNDED = Bounds(np.inf, (np.inf, np.inf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,21 +187,30 @@ def _compensated(
 def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErrors | None]:
     """Nearest poses to the commanded ones that the actual robot can take, and how far they stay; None if all can be taken.
 
-    Only where truth and set-up are known: an estimated instrument frame moves the commanded poses with the method.
+    Nearest by the weighted pose error; for n < 6 by what `exact` makes up for, as if it knew the truth. Only where truth
+    and set-up are known: an estimated instrument frame moves the commanded poses with the method.
     """
     truth, robot, q = measurements.truth, measurements.robot, measurements.q
     if truth is None or not measurements.setup.known:
         return None, None
     commanded = robot.mechanism.forward(q)
     # Motion errors of the joints do not change which poses can be taken, only where the joints have to go.
+    actual = truth.actual.mechanism
+    if robot.n < 6:
+        moved = log6(inverse(robot.chain.placements) @ actual.placements)  # thermal growth included
+        geometry = replace(truth.actual.geometry, placements=readonly(moved))
+        nominal = identify(measurements, "nominal")
+        knowing = replace(nominal, base=replace(nominal.base, model="local-poe", geometry=geometry))
+        nearest = actual.forward(exact(knowing, q, commanded, _UNBOUNDED).q)
+        return nearest, _pose_errors("uncorrectable", nearest, commanded)
     solved = solve_poses(
-        truth.actual.mechanism.forward_and_jacobian, commanded, q, length=robot.length, max_iterations=300, descend=True
+        actual.forward_and_jacobian, commanded, q, length=robot.length, max_iterations=300, descend=True
     )
     if solved.reached.all():
         return None, None
     beyond = ~solved.reached
     nearest = commanded.copy()
-    nearest[beyond] = truth.actual.mechanism.forward(solved.q[beyond])
+    nearest[beyond] = actual.forward(solved.q[beyond])
     return nearest, _pose_errors("uncorrectable", nearest[beyond], commanded[beyond])
 
 
