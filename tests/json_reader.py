@@ -97,11 +97,11 @@ def correct_from_json(c: dict, q: Array) -> tuple[Array, str]:
         held = np.zeros(n, dtype=bool)
         first, distance, L = solved(A, a, held, 0.0)
         D = first if D is None else D
-        for _ in range(2):
-            beyond = (lower > D) | (upper < D)
-            if not beyond.any():
+        for _ in range(3):
+            outside = np.maximum(lower - D, D - upper)
+            if not outside.max() > 0:
                 break
-            held |= beyond
+            held[outside.argmax()] = True
             H = np.where(held, np.clip(D, lower, upper), 0.0)
             D, _, L = solved(np.where(held, 0.0, A), a + A @ H, held, L)
             D = D + H

@@ -91,12 +91,12 @@ FORMULA = {
     ),
     "bounded_step": (
         "of A and a: (1) S(a) = -A' inverse(G + L I) a for n >= 6, -inverse(G + L I) A' a for n < "
-        "6; D = S(a), and where L > 0 D = S(a) + S(a + A S(a)). (2) Twice, if a joint is outside "
-        "the box: all joints that were outside so far are held, H_j = D_j moved into the box, "
-        "the others have H_j = 0; F is A with the columns of held joints set to zero (n < 6: 1 is "
-        "added to their elements on the diagonal of G); L is the larger of the one before and "
-        "that of F; D = H + (1) with F for A and a + A H for a. (3) D is moved into the box "
-        "element by element"
+        "6; D = S(a), and where L > 0 D = S(a) + S(a + A S(a)). (2) Three times, if a joint is "
+        "outside the box: the one that is farthest outside (in rad or m, the first of equals) is "
+        "held from now on, H_j = D_j moved into the box, the others have H_j = 0; F is A with the "
+        "columns of held joints set to zero (n < 6: 1 is added to their elements on the diagonal "
+        "of G); L is the larger of the one before and that of F; D = H + (1) with F for A and a "
+        "+ A H for a. (3) D is moved into the box element by element"
     ),
     "step": (
         "n >= 6: D = bounded_step(J, e). n < 6: D = D_J + u (D_A - D_J), D_A = bounded_step(J_A, "

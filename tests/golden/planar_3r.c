@@ -462,8 +462,8 @@ static void add_solution(real A[N][6], real L[M][M], const real e[6], real chang
         change[k] -= x[k];
 }
 
-/* Joint changes that lower |e + A change|, with the damping that A needs, no less than before; returns the
- * singularity distance. Solved a second time for what damping took where it is not needed. */
+/* Joint changes that lower |e + A change|, with the damping that A needs, no less than before.
+ * Returns the singularity distance. Solved a second time for what damping took where it is not needed. */
 static real damped_solution(
     real A[N][6], const int held[N], const real e[6], real *damping, real change[N])
 {
@@ -487,8 +487,8 @@ static real clipped(real x, real lower, real upper)
 }
 
 /* Joint changes that lower |e + A change| inside a box, lower <= 0 <= upper: `proposed` ones or, for NULL, the
- * damped solution. Joints that would leave the box are held at its faces, and the others solve the rest, twice at
- * most. Returns the singularity distance of A. */
+ * damped solution. The joint that is farthest outside is held at its face, and the others solve the rest, up to
+ * three times. Returns the singularity distance of A. */
 static real bounded_step(
     real A[N][6], const real e[6], const real lower[N], const real upper[N], const real *proposed, real change[N])
 {
@@ -497,24 +497,30 @@ static real bounded_step(
     const real distance = damped_solution(A, held, e, &damping, change);
     for (int k = 0; proposed && k < N; k++)
         change[k] = proposed[k];
-    for (int pass = 0; pass < 2; pass++) {
-        real stopped[N], left[6], free[N][6];
-        int beyond = 0;
-        for (int k = 0; k < N; k++)
-            if (change[k] < lower[k] || change[k] > upper[k])
-                beyond = held[k] = 1;
-        if (!beyond)
+    for (int pass = 0; pass < 3; pass++) {
+        real stopped[N], left[6], others[N][6];
+        real farthest = 0;
+        int out = -1;
+        for (int k = 0; k < N; k++) {
+            const real outside = fmax(lower[k] - change[k], change[k] - upper[k]);
+            if (outside > farthest) {
+                farthest = outside;
+                out = k;
+            }
+        }
+        if (out < 0)
             return distance;
+        held[out] = 1;
         for (int i = 0; i < 6; i++)
             left[i] = e[i];
         for (int k = 0; k < N; k++) {
             stopped[k] = held[k] ? clipped(change[k], lower[k], upper[k]) : 0;
             for (int i = 0; i < 6; i++) {
                 left[i] += A[k][i] * stopped[k];
-                free[k][i] = held[k] ? 0 : A[k][i];
+                others[k][i] = held[k] ? 0 : A[k][i];
             }
         }
-        damped_solution(free, held, left, &damping, change);
+        damped_solution(others, held, left, &damping, change);
         for (int k = 0; k < N; k++)
             change[k] += stopped[k];
     }

@@ -8,7 +8,8 @@
  *              q[0]  joint_1, rad, -2.96706 to 2.96706
  *              q[1]  joint_2, rad, -2.79253 to 2.79253
  *              q[2]  joint_3, rad, -2.96706 to 2.96706
- * cost         about 5294 flops and 22 calls of functions such as sin and sqrt; at worst twice that; about 4000 bytes of stack
+ * cost         about 5366 flops and 22 calls of functions such as sin and sqrt; at worst twice that
+ * stack        about 4000 bytes
  *
  * C99 and <math.h>; no heap, no state: calls may overlap. IEEE 754 arithmetic is relied on, so no -ffast-math.
  */

@@ -32,7 +32,7 @@ from calibtool.compensation.status import NEAR_SINGULAR, OK, UNCORRECTED
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE, at_point
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion
