@@ -30,9 +30,10 @@ def urdf_geometry(calibration: Calibration) -> GeometricErrors:
     count the same. There are no errors where those found are not better than none on other samples,
     by two standard errors of the mean weighted pose error.
     """
-    robot = calibration.robot
+    robot, known = calibration.robot, calibration.q
     sample, judged = np.split(_sample(calibration, 2 * _SAMPLE), 2)
-    q = np.concatenate([sample, np.tile(calibration.q, (max(1, _SAMPLE // len(calibration.q)), 1))])
+    as_many = known[np.linspace(0, len(known) - 1, _SAMPLE).round().astype(int)]
+    q = np.concatenate([sample, as_many])
     fitted, drawing = fitted_geometry(robot, calibration.forward, q), GeometricErrors.none(robot.n)
     target = calibration.forward(judged)
     before, after = (
@@ -68,8 +69,7 @@ def fitted_geometry(robot: Robot, forward: Forward, q: Array) -> GeometricErrors
 
 
 def _sample(calibration: Calibration, count: int) -> Array:
-    """Configurations (count, n) of the default workspace if it holds the calibration's, else of
-    their joint range."""
+    """Configurations (count, n) of the default workspace, or of the calibration's joint range where it is another."""
     robot, q, rng = calibration.robot, calibration.q, np.random.default_rng(0)
     workspace = robot.workspace(None)[1]
     if workspace is not None:

@@ -97,8 +97,8 @@ def inverse(matrix: Array) -> Array:
 
 def _singular() -> NoSolutionError:
     return NoSolutionError(
-        "complete: the equations for the parameters are singular to rounding: the stated noise is too small "
-        "beside the tolerances; state a larger noise"
+        "the equations for the parameters are singular to rounding: the stated noise is too small beside the "
+        "tolerances; state a larger noise"
     )
 
 
