@@ -68,6 +68,9 @@ class _Search:
         A (N, k, n) and e (N, k) are the Jacobian and E at q.
         """
         _, distance, squares = bounded_step(A, e, self.lower, self.upper)
+        # Where joints are held, the damping of the others counts only if there was none: no jumps.
+        alone = np.maximum(0.0, DAMPED_BELOW - distance) ** 2
+        squares = np.where(alone > 0.0, alone, squares)
         change, A, e = self._descended(task, A, e, squares)
         near = np.flatnonzero(squares)
         if len(near):
@@ -85,7 +88,7 @@ class _Search:
     def _descended(
         self, task: Task, A: Array, e: Array, squares: Array
     ) -> tuple[Array, Array, Array]:
-        """Δ (N, n) of least |E|² + λ² |Δ|², λ² = squares (N,); A and e at q + Δ, from those at q.
+        """Δ (N, n) of least |E|² + λ² |Δ|², λ² = squares (N,); A and e there, from those at q.
 
         Gauss–Newton steps; where one fails, the damping of Levenberg and Marquardt holds the next
         one back. Only what lowers the sum is kept: the answer is the best pose visited.

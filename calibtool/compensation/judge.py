@@ -95,7 +95,7 @@ def judged(
     error = driven(slice(None), np.ones(len(q))) if error is None else error.copy()
     before = task.products(proposal.error, proposal.error, commanded)
     after = task.products(error, error, commanded)
-    t = _shortened(before, 2.0 * task.products(proposal.error, proposal.slope, commanded), after)
+    t = shortened(before, 2.0 * task.products(proposal.error, proposal.slope, commanded), after)
     rows = np.flatnonzero(t < 1.0)
     if len(rows):
         error[rows] = driven(rows, t[rows])
@@ -118,7 +118,7 @@ def judged(
     return Judged(corrected, status, error)
 
 
-def _shortened(before: Array, slope: Array, after: Array) -> Array:
+def shortened(before: Array, slope: Array, after: Array) -> Array:
     """t (N,) of items 1 and 2 of `judged`, from |E(0)|², its slope g and |E(1)|²: (1 or 2, N) each."""
     bend = after - before - slope
     beyond = 2.0 * bend <= -slope  # least at t = 1, or farther

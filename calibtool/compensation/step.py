@@ -50,13 +50,21 @@ def bounded_step(
     return change, distance, squares
 
 
-def damped_step(jacobian: Array, error: Array, squares: Array, lower: Array, upper: Array) -> Array:
-    """Δ (N, n) of `bounded_step` with a given damping λ² = squares (N,), and without the second S."""
+def damped_step(
+    jacobian: Array,
+    error: Array,
+    squares: Array,
+    lower: Array,
+    upper: Array,
+    again: bool = False,
+) -> Array:
+    """Δ (N, n) of `bounded_step` with a given damping λ² = squares (N,), the second S only `again`."""
     change = np.empty(lower.shape)
     for rows in _parts(len(lower)):
         A, e, box = _last(jacobian[rows]), _last(error[rows]), (_last(lower[rows]), _last(upper[rows]))
-        found = _once(A, _inverse_factor(A, squares[rows]), e)
-        change[rows] = _inside(A, e, squares[rows], found, *box, again=False)[0].T
+        inverse = _inverse_factor(A, squares[rows])
+        found = _solution(A, inverse, squares[rows], e) if again else _once(A, inverse, e)
+        change[rows] = _inside(A, e, squares[rows], found, *box, again)[0].T
     return change
 
 
