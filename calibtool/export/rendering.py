@@ -11,6 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from calibtool.calibration import Calibration
 from calibtool.equivalent.network import Network
 from calibtool.identification.report import backlash_text
+from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion, link_masses
@@ -53,9 +54,15 @@ def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
     )
 
 
-def compensator_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
-    """The numbers of a calibration, by the names that the templates know; units as in `as_json`."""
+def compensator_values(
+    calibration: Calibration, precision: Precision, joint_values: JointValues
+) -> dict[str, Any]:
+    """The numbers of a calibration, by the names that the templates know; units as in `as_json`.
+
+    joint_values: whose joint values the code takes and gives.
+    """
     robot, equivalent, network = calibration.robot, calibration.equivalent, calibration.network
+    converted = joint_values == "controller" and robot.coupled
     geometry = calibration.base.geometry
     return {
         "robot": robot.name,
@@ -70,6 +77,9 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "joints": _joints(robot),
         "coupling": robot.coupling if robot.coupled else None,
         "uncoupling": np.linalg.inv(robot.coupling),
+        "converted": converted,  # the code takes and gives the controller's joint values …
+        "q": "serial" if converted else "q",  # … and this is what it calls those of the serial chain
+        "coupled_joints": coupling_text(robot.coupling),
         "n": robot.n,
         "p": equivalent.p,
         "nominal_placements": robot.chain.placements,
@@ -85,7 +95,7 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "gram_regularisation": GRAM_REGULARISATION,
         # Squares of its inverse must stay finite: 1e-30 would overflow in single precision.
         "smallest_pivot": 1e-30 if precision == "double" else 1e-12,
-        "cost": _cost(calibration),
+        "cost": _cost(calibration, converted),
     }
 
 
@@ -106,11 +116,11 @@ def left_out(calibration: Calibration) -> str:
     return f"backlash ({backlash_text(calibration.robot, backlash)}): it needs the direction of motion"
 
 
-def _cost(calibration: Calibration) -> str:
+def _cost(calibration: Calibration, converted: bool) -> str:
     """Arithmetic of one correction, counted in the generated C code where it takes its longest way undamped."""
     n, p, network = calibration.robot.n, calibration.equivalent.p, calibration.network
     motion, kinematic = calibration.base.motion, calibration.base.model != "nominal"
-    flops, calls = 2 * n, 0
+    flops, calls = 2 * n + 4 * n * n * converted, 0
     if network is not None:
         flops += 2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 1)
         calls += network.hidden

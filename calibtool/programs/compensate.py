@@ -11,10 +11,12 @@ from calibtool.compensation.program import OutsidePolicy, guarded
 from calibtool.compensation.solve import OK, OUTSIDE, Compensation, Method
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
 from calibtool.programs.branches import Controller, coupling_of, solve_pose
+from calibtool.programs.controller_poses import check_controller_known, worse_than_untouched
 from calibtool.programs.formats import reader
 from calibtool.programs.frames import Frames, pose, pose_values
 from calibtool.programs.targets import Program, Remark, Target, replaced, rewritten
-from calibtool.robot.coupling import JointValues
+from calibtool.robot.coupling import JointValues, coupling_text
+from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, inverse
 
 ON_ERROR = ("stop", "skip")
@@ -33,6 +35,7 @@ class ProgramOptions:
     joint_values: JointValues | None = None  # see `coupling_of`
     frames: Frames = field(default_factory=Frames)
     backlash: bool = True  # taken up where the text is in the order of motion
+    controller_model: Mechanism | None = None  # by which the controller solves poses; None: nothing is said of it
 
 
 @dataclass(frozen=True)
@@ -75,18 +78,21 @@ def compensate_program(
     """Correct every joint and pose target of a program.
 
     A joint target gets the joints that bring the calibrated robot where the nominal one would be; a pose target, solved
-    on the branch of its configuration data, gets the pose that the nominal robot takes at the corrected joints, in its own
-    frame and with its own tool. program_format: one of docs/programs; name stands in messages; options: exact, stop at the
-    first failure, unless given.
+    on the branch of its configuration data, gets the pose at which the controller's own model (the nominal robot unless
+    given) is at the corrected joints, in its own frame and with its own tool. program_format: one of docs/programs; name
+    stands in messages; options: exact, stop at the first failure, unless given.
 
     Raises InputError for bad data and NoSolutionError for targets without an answer, both with the line; with on_error
-    `skip` such targets stay as they are and are listed.
+    `skip` such targets stay as they are and are listed. Raises UsageError for poses without the controller's model where
+    the robot's description says that it may differ from the nominal robot.
     """
     options = options or ProgramOptions()
     if b"\0" in data:
         raise InputError(f"{name}: holds zero bytes; expected a program in ASCII, UTF-8 or Latin-1")
     robot = calibration.robot
     program = reader(program_format)(data.decode("latin-1"), robot)
+    if any(target.kind == "pose" for target in program.targets):
+        check_controller_known(robot, options.controller_model, name)
     controller = Controller(robot, coupling_of(robot, program_format, options.joint_values))
     failures: list[tuple[Remark, type[CalibtoolError]]] = [(r, InputError) for r in program.remarks if r.bad]
     left = [remark for remark in program.remarks if not remark.bad]
@@ -101,7 +107,7 @@ def compensate_program(
     q = np.array([item.q for item in solved]).reshape(-1, robot.n)
     result = _corrected(calibration, solved, q, options)
     backlash = calibration.base.motion.backlash
-    notes = program.notes
+    notes = program.notes + _joint_values_note(controller, program)
     if options.backlash and backlash.any():
         if program_format in _IN_ORDER:
             result = replace(result, q=result.q + BacklashPath(backlash).taken_up(result.q))
@@ -110,7 +116,14 @@ def compensate_program(
     edits: list[tuple[int, int, str]] = []
     remarks: list[Remark] = []
     changed, moved_mm, turned_deg = 0, [0.0], [0.0]
-    nominal, new = robot.mechanism.forward(q), robot.mechanism.forward(np.nan_to_num(result.q))
+    model = options.controller_model or robot.mechanism
+    nominal, new = robot.mechanism.forward(q), model.forward(np.nan_to_num(result.q))
+    untouched = np.zeros(len(solved), dtype=bool)
+    if options.controller_model is not None:
+        finite = np.isfinite(result.q).all(axis=-1)
+        rows = [k for k in np.flatnonzero(finite) if solved[k].T_base_tool is not None]
+        T = np.array([solved[k].T_base_tool for k in rows]).reshape(-1, 4, 4)
+        untouched[rows] = worse_than_untouched(calibration, model, T, q[rows], result.q[rows])
     for k, item in enumerate(solved):
         status = result.status[k]
         if not robot.within_limits(result.q[k : k + 1])[0]:  # NaN is outside too
@@ -119,7 +132,10 @@ def compensate_program(
                 why = "outside the configurations of the training (--outside refuse)"
             failures.append((_remark(item.target, why), NoSolutionError))
             continue
-        own, digits = _edits(controller, program, item, result.q[k], new[k])
+        if untouched[k]:
+            left.append(_remark(item.target, "the controller's own model already brings the tool nearer to it"))
+            continue
+        own, digits = _edits(controller, program, item, result.q[k], new[k], options.controller_model is not None)
         if status != OK:
             why = {OUTSIDE: "outside the configurations of the training"}.get(
                 status, "near a singularity: damped, a part of the error stays"
@@ -211,11 +227,15 @@ def _corrected(calibration: Calibration, solved: list[_Solved], q: Array, option
 
 
 def _edits(
-    controller: Controller, program: Program, item: _Solved, q: Array, T_base_tool: Array
+    controller: Controller, program: Program, item: _Solved, q: Array, T_base_tool: Array, own_model: bool
 ) -> tuple[list[tuple[int, int, str]], bool]:
-    """What has to be written for corrected joints q (n,), and whether configuration data are among it."""
+    """What has to be written for corrected joints q (n,), and whether configuration data are among it.
+
+    T_base_tool (4, 4): where the controller's model is at q; own_model: that is not the nominal robot, so that a pose
+    may change although no joint does.
+    """
     target = item.target
-    if np.abs(q - item.q).max() < _NO_CHANGE:
+    if np.abs(q - item.q).max() < _NO_CHANGE and not (own_model and target.kind == "pose"):
         return [], False
     joints = controller.to_controller(q).tolist()
     if target.kind == "joint":
@@ -227,6 +247,18 @@ def _edits(
     edits += rewritten(program.text, target.numbers, pose_values(T, target.orientation, target.values))
     digits = target.configuration.digits(np.array(joints)) if target.configuration else []
     return edits + [(digit.start, digit.end, str(value)) for digit, value in digits], bool(digits)
+
+
+def _joint_values_note(controller: Controller, program: Program) -> tuple[str, ...]:
+    """Whose joint values were read and written, where that matters."""
+    if not any(target.kind == "joint" or target.joints for target in program.targets):
+        return ()
+    taken, own = coupling_text(controller.coupling), coupling_text(controller.robot.coupling)
+    if taken:
+        return (f"joint values are the controller's, {taken}; if not: --joint-values serial",)
+    if own:
+        return (f"joint values are the serial chain's; if not, {own}: --joint-values controller",)
+    return ()
 
 
 def _nothing(program_format: str) -> str:

@@ -123,8 +123,9 @@ def read_table(
     columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame: overrides the map's.
     robot_targets: the targets are those of the robot's description, in their order. format, sheet, layout: see
     `sources.read_source`. stated: units and convention where the header is silent. joints: their own file. joint_values:
-    overrides the map's, `serial` if neither says.
-    Raises InputError for a bad cell, column or target set, UsageError for options that do not fit the file.
+    whose they are where the header does not say it (`Robot.joint_values`); overrides the map's.
+    Raises InputError for a bad cell, column or target set, UsageError for options that do not fit the file, and for joint
+    values that are the controller's or the serial chain's, and nothing says which.
     """
     how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
     source = read_source(data, name, format, sheet=sheet, layout=layout, **how)
@@ -136,10 +137,11 @@ def read_table(
             source.table, joint_table, joints.join, columns.join if columns else None, joints.tolerance_s
         )
         source = replace(source, table=table)
+    mapped = columns is not None and columns.joints is not None
     complete = complete_map(source, joint_table, robot, columns, stated)
     assert complete.joints is not None
-    if joint_values is not None:
-        complete = complete.model_copy(update={"joints": complete.joints.model_copy(update={"values": joint_values})})
+    said = (joint_values or complete.joints.values,) if mapped else (complete.joints.values, joint_values)
+    complete = complete.with_joint_values(robot.joint_values(joint_table.name, *said))
     assert complete.joints is not None
     table = source.table
     q = read_joints(joint_table, robot, complete.joints)
@@ -159,11 +161,6 @@ def read_table(
         noise_orientation=complete.noise.orientation_mrad * 1e-3,
         direction=readonly(directions(q)),
     )
-    if robot.coupled and complete.joints.values is None:
-        warnings.append(
-            f"{name}: {robot.name} couples joints and nothing says whose values these are: taken as those of the serial "
-            "chain; --joint-values controller converts the controller's"
-        )
     companions = read_companions(table, joint_table, robot, complete, q)
     warnings += _lacking(table, complete, seen) + _outside(joint_table, robot, measurements)
     understood = Understood(
