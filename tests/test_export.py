@@ -18,6 +18,7 @@ import pytest
 from exported import CASES, REGULAR, anywhere, calibrated
 from scipy.linalg import expm
 from scipy.spatial.transform import RigidTransform
+from structured_text import FunctionBlock
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.solve import one_step
@@ -28,6 +29,7 @@ from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.export.rendering import SINGLE_ACCURACY, SINGLE_DISTANCE, Precision
 from calibtool.export.structured_text import calibration_as_structured_text
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
@@ -107,6 +109,14 @@ def correct_from_json(c: dict, q: Array) -> Array:
     return q - rho[:n]
 
 
+def joints_from_json(c: dict, q: Array) -> Array:
+    """The same with whose joint values q and the answer are, as `joint_values` says."""
+    if c["joint_values"] == "serial":
+        return correct_from_json(c, q)
+    serial = c["joint_coupling"] @ q
+    return q - np.linalg.inv(c["joint_coupling"]) @ (serial - correct_from_json(c, serial))
+
+
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_reader_of_the_json_alone_corrects_as_one_step_does(case: tuple[str, str, bool]) -> None:
     calibration = calibrated(*case)
@@ -151,8 +161,10 @@ def compiled(tmp_path: Path) -> Callable[..., ctypes.CDLL]:
     if GCC is None:
         pytest.skip("gcc is not installed, so the generated C code cannot be compiled")
 
-    def build(calibration: Calibration, precision: Precision = "double") -> ctypes.CDLL:
-        header, source = calibration_as_c(calibration, "arm", precision)
+    def build(
+        calibration: Calibration, precision: Precision = "double", joint_values: JointValues = "serial"
+    ) -> ctypes.CDLL:
+        header, source = calibration_as_c(calibration, "arm", precision, joint_values)
         (tmp_path / "arm.h").write_text(header, encoding="ascii")
         (tmp_path / "arm.c").write_text(source, encoding="ascii")
         (tmp_path / "loop.c").write_text(LOOP.format(real="double" if precision == "double" else "float"))
@@ -321,3 +333,48 @@ def test_compiled_c_converts_coupled_joint_values(compiled: Callable) -> None:
 
 def test_c_of_a_robot_without_coupling_has_no_conversion() -> None:
     assert "to_serial" not in "".join(calibration_as_c(calibrated("scara", "local-poe", True)))
+
+
+def controller_case(base: str, count: int) -> tuple[Calibration, Array, Array, Array]:
+    """A FANUC's calibration, the controller's joint values, their correction, and how regular they are, by hand."""
+    calibration = calibrated("fanuc-m1000ia", base, True)
+    q = anywhere(calibration, count)
+    expected, distance = one_step(calibration, q)
+    shown, corrected = q.copy(), expected.copy()
+    for values in (shown, corrected):
+        values[:, 2] -= values[:, 1]
+    return calibration, shown, corrected, distance
+
+
+@pytest.mark.parametrize("base", ["nominal", "everything"])
+def test_exports_take_and_give_a_controller_s_joint_values(base: str, compiled: Callable) -> None:
+    calibration, shown, expected, distance = controller_case(base, 40)
+    regular = distance >= REGULAR
+    found, codes = run(compiled(calibration, "double", "controller"), shown)
+    assert np.abs(found - expected)[regular].max() < 1e-12
+    assert (codes[regular] == 0).all()
+    block = FunctionBlock(calibration_as_structured_text(calibration, "arm", joint_values="controller"))
+    found = np.array([block(row)[0] for row in shown[regular]])
+    assert np.abs(found - expected[regular]).max() < 1e-12
+    contents = json.loads(calibration_as_json(calibration, "controller"))
+    found = np.array([joints_from_json(contents, row) for row in shown])
+    assert np.abs(found - expected).max() < 1e-11
+
+
+def test_a_controller_s_positions_that_are_not_finite_come_back_as_they_are(compiled: Callable) -> None:
+    q = np.array([[0.1, bad, 0.3, 0.1, 0.2, 0.3] for bad in (np.nan, np.inf, -np.inf)])
+    found, codes = run(compiled(calibrated("fanuc-m1000ia", "everything", True), "double", "controller"), q)
+    np.testing.assert_array_equal(found, q)
+    assert (codes == 2).all()
+
+
+@pytest.mark.parametrize("values", ["serial", "controller"])
+def test_exported_code_says_whose_joint_values_it_takes(values: JointValues) -> None:
+    calibration = calibrated("fanuc-m1000ia", "nominal", True)
+    header, _ = calibration_as_c(calibration, "arm", joint_values=values)
+    text = calibration_as_structured_text(calibration, "arm", joint_values=values)
+    word = "serial chain" if values == "serial" else "controller"
+    for written in (header, text):
+        assert re.search(rf"joint values of the {word}:\s+q3 = J3 \+ J2", written)
+    assert json.loads(calibration_as_json(calibration, values))["joint_values"] == values
+    assert all(len(line) <= 125 for line in text.splitlines())

@@ -72,8 +72,11 @@ def export(
         contents = calibration_as_onnx(loaded, chosen, values)
     else:
         from calibtool.export.as_urdf import calibration_as_urdf
+        from calibtool.robot.coupling import coupling_text
 
         contents, missing = calibration_as_urdf(loaded)
+        if loaded.robot.coupled:
+            message(f"the joints of the URDF are the serial chain's: {coupling_text(loaded.robot.coupling)}")
         for line in missing:
             message(f"not in the URDF: {line}")
     write_output(output, contents, force)

@@ -110,8 +110,8 @@ def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "
         return robot.mechanism
     model = read_controller_model(read_text(given), shown(given), robot, cast("DhConvention | None", dh))
     message(
-        f"{shown(given)}: the controller's tool is up to {model.position * 1e3:.3g} mm and "
-        f"{model.orientation * 1e3:.3g} mrad from the nominal one, over the whole joint range"
+        f"{shown(given)}: the controller's tool is up to {model.position * 1e3:.2f} mm and "
+        f"{model.orientation * 1e3:.2f} mrad from the nominal one, over the whole joint range"
     )
     return model.mechanism
 

@@ -26,6 +26,8 @@ PLAUSIBLE_PART = 0.01  # of the sum of link lengths
 PLAUSIBLE_TURN = 30e-3  # rad
 _CONFIGURATIONS = 500
 _LARGEST = 100_000  # characters of a calibration or table
+_CONF = re.compile(rf"^[ \t]*(?:\[{SECTION}\]|delta_(?:theta|alpha|a|d)[ \t]*=)", re.MULTILINE)
+_YAML = re.compile(r"^[ \t{]*[\"']?kinematics[\"']?[ \t]*:", re.MULTILINE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,7 @@ def read_controller_model(
     arm: another number or kind of joints, or a tool farther from the nominal one than a factory
     calibration moves it (1 % of the sum of link lengths, 30 mrad).
     """
+    text = text.removeprefix("\ufeff")
     kind = _kind(text, name)
     if (dh is not None) != (kind == "dh"):
         if dh is not None:
@@ -71,18 +74,14 @@ def read_controller_model(
 
 
 def _kind(text: str, name: str) -> str:
-    start = text.removeprefix("\ufeff").lstrip()
+    start = text.lstrip()
     if start.startswith("<"):
         return "urdf"
-    if re.search(
-        rf"^[ \t]*\[{SECTION}\]|^[ \t]*delta_(?:theta|alpha|a|d)[ \t]*=", text, re.MULTILINE
-    ):
+    if _CONF.search(text):
         return "changes"
     if dh_columns([cell.strip() for cell in re.split(r"[,;\t ]", start.split("\n", 1)[0])]):
         return "dh"
-    if re.search(r"^[\"']?kinematics[\"']?[ \t]*:", text, re.MULTILINE) or name.endswith(
-        (".yaml", ".yml")
-    ):
+    if _YAML.search(text) or name.endswith((".yaml", ".yml")):
         return "frames"
     raise InputError(
         f"{name}: no model of a controller; expected a URDF, the YAML of the UR driver "
@@ -141,8 +140,8 @@ def _plausible(model: Robot, name: str, robot: Robot) -> ControllerModel:
     if not _small(found, robot):
         raise InputError(
             f"{name}: no model of this {robot.name}: its tool is up to "
-            f"{found.position * 1e3:.3g} mm and {found.orientation * 1e3:.3g} mrad from the nominal "
-            f"one, and a factory calibration stays below {_bound(robot) * 1e3:.3g} mm and "
+            f"{found.position * 1e3:.1f} mm and {found.orientation * 1e3:.1f} mrad from the nominal "
+            f"one, and a factory calibration stays below {_bound(robot) * 1e3:.1f} mm and "
             f"{PLAUSIBLE_TURN * 1e3:g} mrad{_constant(model, robot)}"
         )
     return found

@@ -118,8 +118,9 @@ def compensate_program(
     changed, moved_mm, turned_deg = 0, [0.0], [0.0]
     model = options.controller_model or robot.mechanism
     nominal, new = robot.mechanism.forward(q), model.forward(np.nan_to_num(result.q))
+    own_model = model is not robot.mechanism
     untouched = np.zeros(len(solved), dtype=bool)
-    if options.controller_model is not None:
+    if own_model:
         finite = np.isfinite(result.q).all(axis=-1)
         rows = [k for k in np.flatnonzero(finite) if solved[k].T_base_tool is not None]
         T = np.array([solved[k].T_base_tool for k in rows]).reshape(-1, 4, 4)
@@ -135,7 +136,7 @@ def compensate_program(
         if untouched[k]:
             left.append(_remark(item.target, "the controller's own model already brings the tool nearer to it"))
             continue
-        own, digits = _edits(controller, program, item, result.q[k], new[k], options.controller_model is not None)
+        own, digits = _edits(controller, program, item, result.q[k], new[k], own_model)
         if status != OK:
             why = {OUTSIDE: "outside the configurations of the training"}.get(
                 status, "near a singularity: damped, a part of the error stays"

@@ -34,7 +34,10 @@ def written(text: str, values: str) -> np.ndarray:
         (["compensate", "six", "poses.csv", "-o", "out"], "poses.csv: "),
         (["compensate", "six", "rows.ndjson", "-o", "out"], "rows.ndjson: "),
         (["simulate", "fanuc-m1000ia", "--at", "joints.csv", "-o", "out"], "joints.csv: "),
-        (["plan", "fanuc-m900ib-700", "-n", 4, "--candidates", 20, "-o", "out"], "fanuc-m900ib-700: "),
+        (
+            ["plan", "fanuc-m900ib-700", "-n", 4, "--candidates", 20, "-o", "out"],
+            "fanuc-m900ib-700: ",
+        ),
         (["plan", "fanuc-m1000ia", "--json", "-n", 4, "--candidates", 20], "fanuc-m1000ia: "),
         (["plan", "fanuc-m1000ia", "--iso9283", "-o", "out"], "fanuc-m1000ia: "),
         (["export", "six", "--format", "c", "-o", "out.c"], "fanuc-m1000ia: "),
@@ -91,14 +94,20 @@ def test_headers_that_say_it_need_no_option(files: Files, values: str) -> None:
         ["simulate", "fanuc-m1000ia", "--at", "corrected.csv", "-o", "x.h5"],
     ):
         message = refused(2, *command, "--joint-values", other)
-        assert f"header says that the joint values are {values}, but --joint-values says {other}" in message
+        assert (
+            f"header says that the joint values are {values}, but --joint-values says {other}"
+            in message
+        )
 
 
 def test_both_kinds_are_the_same_joints(files: Files) -> None:
     write_table("serial.csv", header("serial"), Q)
     write_table("shown.csv", header("controller"), shown())
     serial, controller = (
-        written(run("compensate", files.six_network, f"{name}.csv", "--joint-values", values).stdout, values)
+        written(
+            run("compensate", files.six_network, f"{name}.csv", "--joint-values", values).stdout,
+            values,
+        )
         for name, values in (("serial", "serial"), ("shown", "controller"))
     )
     controller[:, 2] += controller[:, 1]
@@ -124,7 +133,10 @@ def test_radians_and_other_orders_keep_their_word(files: Files) -> None:
     rows = [[np.deg2rad(row[k]) for k in (2, 1, 0, 3, 4, 5)] for row in shown()]
     write_table("t.csv", names, rows)
     write_table("plain.csv", PLAIN, shown())
-    expected = written(run("compensate", files.six_network, "plain.csv", "--joint-values", "controller").stdout, "controller")
+    expected = written(
+        run("compensate", files.six_network, "plain.csv", "--joint-values", "controller").stdout,
+        "controller",
+    )
     found = rows_of(run("compensate", files.six_network, "t.csv").stdout)
     assert list(found[0])[:6] == names
     values = np.rad2deg([[float(row[name]) for name in names] for row in found])
@@ -134,7 +146,8 @@ def test_radians_and_other_orders_keep_their_word(files: Files) -> None:
 def test_a_plan_is_written_as_it_is_asked_for() -> None:
     plan = ["plan", "fanuc-m1000ia", "-n", 5, "--candidates", 60, "--no-refine"]
     serial, controller = (
-        written(run(*plan, "--joint-values", values).stdout, values) for values in ("serial", "controller")
+        written(run(*plan, "--joint-values", values).stdout, values)
+        for values in ("serial", "controller")
     )
     controller[:, 2] += controller[:, 1]
     np.testing.assert_allclose(controller, serial, atol=2e-6)
@@ -145,7 +158,17 @@ def test_a_plan_is_written_as_it_is_asked_for() -> None:
 
 
 def test_from_a_plan_to_a_calibration_without_a_word_in_between() -> None:
-    plan = run("plan", "fanuc-m1000ia", "-n", 12, "--candidates", 60, "--no-refine", "--joint-values", "controller")
+    plan = run(
+        "plan",
+        "fanuc-m1000ia",
+        "-n",
+        12,
+        "--candidates",
+        60,
+        "--no-refine",
+        "--joint-values",
+        "controller",
+    )
     measured = run("simulate", "fanuc-m1000ia", "--at", "-", stdin=plan.stdout_bytes).stdout_bytes
     Path("m.h5").write_bytes(measured)
     q = load_robot("fanuc-m1000ia").to_serial(np.deg2rad(written(plan.stdout, "controller")))
@@ -155,12 +178,24 @@ def test_from_a_plan_to_a_calibration_without_a_word_in_between() -> None:
 def test_poses_to_measure_at_need_no_word() -> None:
     write_table("poses.csv", POSE, [[2000, 0, 600, 0, 1, 0, 0]])
     run("simulate", "fanuc-m1000ia", "--at", "poses.csv", "-o", "m.h5")
-    assert "--at" in refused(2, "simulate", "fanuc-m1000ia", "--joint-values", "serial", "-o", "x.h5")
+    assert "--at" in refused(
+        2, "simulate", "fanuc-m1000ia", "--joint-values", "serial", "-o", "x.h5"
+    )
 
 
 def test_a_urdf_holds_the_serial_chain(files: Files) -> None:
     run("export", files.six_network, "--format", "urdf", "-o", "a.urdf")
-    message = refused(2, "export", files.six_network, "--format", "urdf", "--joint-values", "controller", "-o", "b.urdf")
+    message = refused(
+        2,
+        "export",
+        files.six_network,
+        "--format",
+        "urdf",
+        "--joint-values",
+        "controller",
+        "-o",
+        "b.urdf",
+    )
     assert "serial" in message
 
 
@@ -174,6 +209,16 @@ def test_what_the_controller_read_is_converted_too() -> None:
     targets = [f"t{i}_{axis}_mm" for i in (1, 2, 3) for axis in "xyz"]
     rows = np.hstack([degrees, degrees, points.reshape(len(q), -1) * 1e3])
     write_table("t.csv", [*header("controller"), *read, *targets], rows.tolist())
-    result = run("import", "t.csv", "--robot", "fanuc-m1000ia", "--frame", "base", "--robot-targets", "-o", "i.h5")
+    result = run(
+        "import",
+        "t.csv",
+        "--robot",
+        "fanuc-m1000ia",
+        "--frame",
+        "base",
+        "--robot-targets",
+        "-o",
+        "i.h5",
+    )
     assert "commanded and read" not in result.stderr
     np.testing.assert_allclose(stored("i.h5", "measurements/joint_positions"), q, atol=1e-9)
