@@ -196,7 +196,7 @@ def test_a_row_that_would_be_worse_is_left_and_listed(monkeypatch: pytest.Monkey
     made, q = arm(3), commands(3)
     text = script(nominal().forward(q))
     monkeypatch.setattr(
-        "calibtool.programs.compensate.worse_than_untouched",
+        "calibtool.programs.controller_poses.worse_than_untouched",
         lambda calibration, model, T, q, q_m: np.arange(len(q)) == 1,
     )
     result = corrected(made, text, made.controller)

@@ -91,7 +91,7 @@ def plan(
     The table holds joint positions (j1_deg …) for the controller and for simulate --at. Links are checked as straight
     lines from joint to joint; motions between configurations are not checked.
 
-    Example: calibtool plan fanuc-m1000ia -n 20 -o plan.csv
+    Example: calibtool plan fanuc-m1000ia -n 20 --joint-values controller -o plan.csv
     """
     target = report_target(output, json)
     if target is not None:

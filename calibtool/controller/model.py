@@ -8,7 +8,6 @@ import numpy as np
 from calibtool.controller.chain import chain_of
 from calibtool.controller.denavit_hartenberg import (
     DhConvention,
-    DhTable,
     dh_columns,
     read_dh,
     steps_of,
@@ -108,18 +107,18 @@ def _of_urdf(text: str, name: str, robot: Robot) -> Robot:
 
 def _of_dh(table: Table, name: str, robot: Robot, convention: DhConvention) -> ControllerModel:
     rows = read_dh(table)
+    _check_joints(len(rows.joints), name, robot)
+
+    def chain(convention: DhConvention) -> Robot:
+        return chain_of(steps_of(rows, convention), robot.prismatic, name)
+
     try:
-        return _plausible(_dh_chain(rows, convention, name, robot), name, robot)
+        return _plausible(chain(convention), name, robot)
     except InputError as error:
         other: DhConvention = "modified" if convention == "standard" else "standard"
-        if _small(_compared(_dh_chain(rows, other, name, robot), robot), robot):
+        if _small(_compared(chain(other), robot), robot):
             raise InputError(f"{error}; as --dh {other} it fits") from None
         raise
-
-
-def _dh_chain(rows: DhTable, convention: DhConvention, name: str, robot: Robot) -> Robot:
-    _check_joints(len(rows.joints), name, robot)
-    return chain_of(steps_of(rows, convention), robot.prismatic, name)
 
 
 def _check_joints(count: int, name: str, robot: Robot) -> None:
@@ -176,10 +175,11 @@ def _largest(a: Array, b: Array) -> tuple[float, float]:
 def _constant(model: Robot, robot: Robot) -> str:
     """The end of the message where only the base or the tool frame is another one."""
     own, nominal = _poses(model, robot)
-    for frame, differences in (("base", own @ inverse(nominal)), ("tool", inverse(nominal) @ own)):
-        moved = differences[0] @ (nominal if frame == "base" else np.eye(4))
-        same = moved if frame == "base" else nominal @ moved
-        position, turn = _largest(own, same)
-        if position <= _bound(robot) and turn <= PLAUSIBLE_TURN:
+    at = 0  # the configuration whose difference is taken for all
+    for frame, moved in (
+        ("base", own[at] @ inverse(nominal[at]) @ nominal),
+        ("tool", nominal @ inverse(nominal[at]) @ own[at]),
+    ):
+        if _small(ControllerModel(model.mechanism, *_largest(own, moved)), robot):
             return f"; only its {frame} frame is another one: name the controller's in robot.toml"
     return ""

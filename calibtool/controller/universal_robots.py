@@ -18,9 +18,7 @@ SECTION = "mounting"
 _POSITION, _ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
 _CHANGES = ("delta_a", "delta_alpha", "delta_d", "delta_theta")  # in the order of DhRow
 _LINEARISED = "2"  # calibration_status of a finished calibration
-_SAME = (
-    1e-6  # m and rad: how exactly a robot must be in the DH form that a calibration.conf changes
-)
+_SAME = 1e-6  # m and rad: how exactly a robot must be in the DH form that is changed
 _JOINTS = len(FRAMES)
 
 
@@ -41,11 +39,7 @@ def frames_model(text: str, name: str, robot: Robot) -> Robot:
     frames = _mapping(root["kinematics"], name, "kinematics")
     missing = [frame for frame in FRAMES if frame not in frames]
     if missing:
-        near = (
-            near_names(missing[0], [key for key in frames if key not in FRAMES])
-            if len(frames) > 1
-            else ""
-        )
+        near = near_names(missing[0], [key for key in frames if key not in FRAMES])
         hint = f"; {near}" if near.startswith("did you mean") else ""
         raise InputError(
             f"{name}: kinematics has no frame {', '.join(missing)}; a UR calibration has six: "

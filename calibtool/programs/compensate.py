@@ -11,7 +11,7 @@ from calibtool.compensation.program import OutsidePolicy, guarded
 from calibtool.compensation.solve import OK, OUTSIDE, Compensation, Method
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
 from calibtool.programs.branches import Controller, coupling_of, solve_pose
-from calibtool.programs.controller_poses import check_controller_known, worse_than_untouched
+from calibtool.programs.controller_poses import check_controller_known, poses_to_write
 from calibtool.programs.formats import reader
 from calibtool.programs.frames import Frames, pose, pose_values
 from calibtool.programs.targets import Program, Remark, Target, replaced, rewritten
@@ -27,15 +27,24 @@ _LISTED = 20  # lines named for one reason
 
 @dataclass(frozen=True)
 class ProgramOptions:
-    """How a program is compensated; see the command's help."""
+    """How a program is compensated; see the command's help.
+
+    method, outside   see `guarded`
+    on_error          `stop` or `skip`: what a target without an answer does
+    joint_values      whose they are; None: what the format says, see `coupling_of`
+    frames            frames and tools that the program does not define
+    backlash          take it up where the text is in the order of motion
+    controller_model  T_base_tool by which the controller solves poses; None: nobody says, which is
+                      the nominal robot's where the description knows of no other
+    """
 
     method: Method = "exact"
     outside: OutsidePolicy = "mark"
     on_error: str = "stop"
-    joint_values: JointValues | None = None  # see `coupling_of`
+    joint_values: JointValues | None = None
     frames: Frames = field(default_factory=Frames)
-    backlash: bool = True  # taken up where the text is in the order of motion
-    controller_model: Mechanism | None = None  # by which the controller solves poses; None: nothing is said of it
+    backlash: bool = True
+    controller_model: Mechanism | None = None
 
 
 @dataclass(frozen=True)
@@ -116,15 +125,8 @@ def compensate_program(
     edits: list[tuple[int, int, str]] = []
     remarks: list[Remark] = []
     changed, moved_mm, turned_deg = 0, [0.0], [0.0]
-    model = options.controller_model or robot.mechanism
-    nominal, new = robot.mechanism.forward(q), model.forward(np.nan_to_num(result.q))
-    own_model = model is not robot.mechanism
-    untouched = np.zeros(len(solved), dtype=bool)
-    if own_model:
-        finite = np.isfinite(result.q).all(axis=-1)
-        rows = [k for k in np.flatnonzero(finite) if solved[k].T_base_tool is not None]
-        T = np.array([solved[k].T_base_tool for k in rows]).reshape(-1, 4, 4)
-        untouched[rows] = worse_than_untouched(calibration, model, T, q[rows], result.q[rows])
+    nominal, commanded = robot.mechanism.forward(q), [item.T_base_tool for item in solved]
+    new, better_left = poses_to_write(calibration, options.controller_model, commanded, q, result.q)
     for k, item in enumerate(solved):
         status = result.status[k]
         if not robot.within_limits(result.q[k : k + 1])[0]:  # NaN is outside too
@@ -133,10 +135,11 @@ def compensate_program(
                 why = "outside the configurations of the training (--outside refuse)"
             failures.append((_remark(item.target, why), NoSolutionError))
             continue
-        if untouched[k]:
-            left.append(_remark(item.target, "the controller's own model already brings the tool nearer to it"))
+        if better_left[k]:
+            why = "the controller's own model already brings the tool nearer to it"
+            left.append(_remark(item.target, why))
             continue
-        own, digits = _edits(controller, program, item, result.q[k], new[k], own_model)
+        own, digits = _edits(controller, program, item, result.q[k], nominal[k], new[k])
         if status != OK:
             why = {OUTSIDE: "outside the configurations of the training"}.get(
                 status, "near a singularity: damped, a part of the error stays"
@@ -228,15 +231,16 @@ def _corrected(calibration: Calibration, solved: list[_Solved], q: Array, option
 
 
 def _edits(
-    controller: Controller, program: Program, item: _Solved, q: Array, T_base_tool: Array, own_model: bool
+    controller: Controller, program: Program, item: _Solved, q: Array, nominal: Array, new: Array
 ) -> tuple[list[tuple[int, int, str]], bool]:
     """What has to be written for corrected joints q (n,), and whether configuration data are among it.
 
-    T_base_tool (4, 4): where the controller's model is at q; own_model: that is not the nominal robot, so that a pose
-    may change although no joint does.
+    nominal (4, 4): where the nominal robot is at the commanded joints; new (4, 4): where the
+    controller's model, which may be another one, is at q.
     """
     target = item.target
-    if np.abs(q - item.q).max() < _NO_CHANGE and not (own_model and target.kind == "pose"):
+    same = target.kind == "joint" or np.abs(new - nominal).max() < _NO_CHANGE
+    if same and np.abs(q - item.q).max() < _NO_CHANGE:
         return [], False
     joints = controller.to_controller(q).tolist()
     if target.kind == "joint":
@@ -244,7 +248,7 @@ def _edits(
     edits = rewritten(program.text, target.joints, joints) if target.joints else []
     assert item.T_base_frame is not None
     assert item.T_flange_tool is not None
-    T = inverse(item.T_base_frame) @ T_base_tool @ item.T_flange_tool
+    T = inverse(item.T_base_frame) @ new @ item.T_flange_tool
     edits += rewritten(program.text, target.numbers, pose_values(T, target.orientation, target.values))
     digits = target.configuration.digits(np.array(joints)) if target.configuration else []
     return edits + [(digit.start, digit.end, str(value)) for digit, value in digits], bool(digits)

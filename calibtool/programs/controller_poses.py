@@ -1,5 +1,7 @@
 """Poses for a controller that computes with a model of its own (METHOD §13)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calibtool.calibration import Calibration
@@ -22,6 +24,29 @@ def check_controller_known(robot: Robot, model: Mechanism | None, name: str) -> 
             f"({known.reason}); say which: --controller nominal or --controller FILE (URDF, UR "
             "calibration yaml, calibration.conf, DH table)"
         )
+
+
+def poses_to_write(
+    calibration: Calibration,
+    model: Mechanism | None,
+    T_base_tool: Sequence[Array | None],
+    q: Array,
+    q_m: Array,
+) -> tuple[Array, np.ndarray]:
+    """T_controller(q_m) (N, 4, 4) of corrected joints, and targets (N,) that had better be left.
+
+    model: the controller's, the nominal robot unless given. T_base_tool: commanded poses (4, 4),
+    None for a joint target; q (N, n) the nominal robot's joints, q_m (N, n) corrected ones, NaN
+    where there are none.
+    """
+    model = model or calibration.robot.mechanism
+    left = np.zeros(len(q), dtype=bool)
+    if model is not calibration.robot.mechanism:
+        solved = np.flatnonzero(np.isfinite(q_m).all(axis=-1))
+        rows = [k for k in solved if T_base_tool[k] is not None]
+        T = np.array([T_base_tool[k] for k in rows]).reshape(-1, 4, 4)
+        left[rows] = worse_than_untouched(calibration, model, T, q[rows], q_m[rows])
+    return model.forward(np.nan_to_num(q_m)), left
 
 
 def worse_than_untouched(
