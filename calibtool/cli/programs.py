@@ -95,17 +95,17 @@ def program_options(
 
 
 def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "Mechanism | None":
-    """The kinematics that `--controller` names, None where it does not; a line says how far they are from the nominal."""
+    """The kinematics that `--controller` names, and a line that says how far they are off; None without it."""
+    if given is None and dh is None:
+        return None
     from calibtool.controller.denavit_hartenberg import DH_CONVENTIONS, DhConvention
     from calibtool.controller.model import read_controller_model
     from calibtool.errors import UsageError
 
     if dh is not None:
         choice(dh, DH_CONVENTIONS, "--dh")
-        if given in (None, "nominal"):
-            raise UsageError("--dh is for a table of DH parameters; give it with --controller TABLE.csv")
-    if given is None:
-        return None
+    if given is None or (given == "nominal" and dh is not None):
+        raise UsageError("--dh is for a table of DH parameters; give it with --controller TABLE.csv")
     if given == "nominal":
         return robot.mechanism
     model = read_controller_model(read_text(given), shown(given), robot, cast("DhConvention | None", dh))

@@ -43,7 +43,7 @@ def poses_to_write(
     left = np.zeros(len(q), dtype=bool)
     if model is not calibration.robot.mechanism:
         solved = np.flatnonzero(np.isfinite(q_m).all(axis=-1))
-        rows = [k for k in solved if T_base_tool[k] is not None]
+        rows = [k for k in solved.tolist() if T_base_tool[k] is not None]
         T = np.array([T_base_tool[k] for k in rows]).reshape(-1, 4, 4)
         left[rows] = worse_than_untouched(calibration, model, T, q[rows], q_m[rows])
     return model.forward(np.nan_to_num(q_m)), left

@@ -222,3 +222,38 @@ def test_what_the_controller_read_is_converted_too() -> None:
     )
     assert "commanded and read" not in result.stderr
     np.testing.assert_allclose(stored("i.h5", "measurements/joint_positions"), q, atol=1e-9)
+
+
+def test_a_column_map_says_it_or_the_option_does() -> None:
+    run("simulate", "fanuc-m1000ia", "-n", 12, "-o", "m.h5")
+    q, points = stored("m.h5", "measurements/joint_positions"), stored("m.h5", "measurements/points")
+    rows = np.hstack([np.rad2deg(q), points[:, 0] * 1e3])
+    names = ["a", "b", "c", "d", "e", "f", "x", "y", "z"]
+    write_table("t.csv", names, rows.tolist())
+    text = f'[joints]\ncolumns = {names[:6]}\nunit = "deg"\n'.replace("'", '"')
+    targets = '[[targets]]\nmeasured = ["x", "y", "z"]\nunit = "mm"\n'
+    Path("map.toml").write_text(text + targets, encoding="utf-8")
+    table = ["import", "t.csv", "--robot", "fanuc-m1000ia", "--columns", "map.toml"]
+    assert SPELLINGS in refused(2, *table, "-o", "a.h5")
+    run(*table, "--joint-values", "serial", "-o", "b.h5")
+    Path("map.toml").write_text(f'{text}values = "serial"\n{targets}', encoding="utf-8")
+    run(*table, "-o", "c.h5")
+    for name in ("b.h5", "c.h5"):
+        np.testing.assert_allclose(stored(name, "measurements/joint_positions"), q, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [
+        ("weld.ls", "joint values are the controller's, q3 = J3 + J2; if not: --joint-values serial"),
+        ("drill.src", "joint values are the serial chain's; if not, q3 = J3 + J2: --joint-values controller"),
+    ],
+)
+def test_a_program_s_format_says_it_and_so_does_the_summary(files: Files, name: str, word: str) -> None:
+    sample = Path(__file__).parent.parent / "programs" / name
+    assert f"{name}: note: {word}" in run("compensate", files.six_network, sample, "-o", "out").stderr
+
+
+def test_a_robot_s_page_says_which_limits_it_shows() -> None:
+    assert answer("robots", "fanuc-m1000ia")["joint_values"] == "serial (q3 = J3 + J2)"
+    assert "joint_values" not in answer("robots", "ur5")
