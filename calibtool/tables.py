@@ -300,14 +300,15 @@ def joint_columns_of(table: Table, robot: Robot) -> list[str] | None:
 
 
 def stated_values(table: Table, columns: Sequence[str]) -> JointValues | None:
-    """Whose joint values the names of some columns say they hold: `j3_controller_deg`; None where they say nothing.
+    """Whose joint values some columns hold by their names, `j3_controller_deg`; None: not said.
 
     Raises InputError where they say both.
     """
     words = {word for _, word in map(without_values, columns) if word is not None}
     if len(words) > 1:
         raise InputError(
-            f"{table.name}:{table.header_line}: some joint columns are serial, others controller; keep one kind"
+            f"{table.name}:{table.header_line}: some joint columns are serial, others controller; "
+            "keep one kind"
         )
     return cast(JointValues | None, next(iter(words), None))
 
@@ -329,11 +330,13 @@ def joint_positions(table: Table, robot: Robot, columns: Sequence[str], units: S
     return q
 
 
-def joints_from_header(table: Table, robot: Robot, joint_values: JointValues | None = None) -> Joints | None:
-    """Joint positions by the header's names, (N, n) in rad or m; None when the header has no joint columns.
+def joints_from_header(
+    table: Table, robot: Robot, joint_values: JointValues | None = None
+) -> Joints | None:
+    """Joint positions (N, n) in rad or m by the header's names; None when it has no joint columns.
 
-    joint_values: whose they are where the header does not say it. Raises UsageError where nothing says it and it matters
-    (`Robot.joint_values`), InputError for a bad header or cell.
+    joint_values: whose they are where the header does not say it. Raises UsageError where nothing
+    says it and it matters (`Robot.joint_values`), InputError for a bad header or cell.
     """
     columns = joint_columns_of(table, robot)
     if columns is None:

@@ -239,7 +239,9 @@ def test_poses_in_order_are_a_path_too() -> None:
     for backlash in (False, True):
         result, _ = compensate_text(calibrated(), text, "t.csv", StreamOptions(backlash=backlash))
         rows = [line.split(",") for line in result.splitlines()]
-        results.append(np.deg2rad([[float(row[rows[0].index(joint)]) for joint in joints] for row in rows[1:]]))
+        results.append(
+            np.deg2rad([[float(row[rows[0].index(joint)]) for joint in joints] for row in rows[1:]])
+        )
     expected = calibrated().base.motion.backlash * directions(results[0])
     np.testing.assert_allclose(results[1] - results[0], expected, atol=1e-9)
 

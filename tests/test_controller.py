@@ -1,4 +1,4 @@
-"""The controller's own model: every kind of file against a computation apart, and files of other arms."""
+"""The controller's own model: files against a computation apart, and files of other arms."""
 
 import re
 from pathlib import Path
@@ -40,11 +40,11 @@ def refused(text: str, robot: str = "ur5", **more: str) -> str:
     return message
 
 
-# --- the YAML of the UR driver --------------------------------------------------------------------------------------
+# --- the YAML of the UR driver ------------------------------------------------------------------
 
 
 def test_the_nominal_frames_are_the_urdf() -> None:
-    """Published lengths, as the driver's default_kinematics.yaml has them, against the URDF of example-robot-data."""
+    """Published lengths, as in the driver's default_kinematics.yaml, against example-robot-data."""
     model = read(as_yaml(UR5))
     assert model.position < 1e-6
     assert model.orientation < 1e-6
@@ -72,7 +72,7 @@ def test_a_frame_that_is_turned_over_and_back_is_the_same(rng: np.random.Generat
 
 
 def test_a_factory_calibration_as_it_is_found() -> None:
-    """Short numbers, `1e-05` without a point (which YAML 1.1 takes for a word), a hash among the frames."""
+    """Short numbers, `1e-05` without a point (for YAML 1.1 a word), a hash among the frames."""
     text = (HERE / "factory_calibration.yaml").read_text(encoding="utf-8")
     values = np.zeros((6, 6))
     for k, name in enumerate(FRAMES):
@@ -132,7 +132,7 @@ def test_a_yaml_that_is_none(text: str, words: list[str]) -> None:
         assert word in message
 
 
-# --- calibration.conf -----------------------------------------------------------------------------------------------
+# --- calibration.conf ---------------------------------------------------------------------------
 
 
 def test_changes_of_dh_parameters_are_the_arm(rng: np.random.Generator) -> None:
@@ -175,7 +175,7 @@ def test_a_conf_that_is_none(text: str, robot: str, word: str) -> None:
     assert word in refused(text, robot)
 
 
-# --- DH tables and URDFs --------------------------------------------------------------------------------------------
+# --- DH tables and URDFs ------------------------------------------------------------------------
 
 
 def dh_csv(rows: list[list[object]], header: str = "joint,a_mm,alpha_deg,d_mm,theta_deg") -> str:
@@ -212,7 +212,7 @@ def test_both_conventions_are_the_arm(rows: list[list[object]], convention: str)
 
 
 def test_units_theta_and_constant_rows() -> None:
-    """In m and rad; 0.3 rad counted from elsewhere at joint 1 is taken back by a base row, a tool's length by a tool row."""
+    """In m and rad; a base row takes back a turned zero of joint 1, a tool row holds the flange."""
     rows = [["base", 0, 0, 0, -0.3]]
     rows += [[j, a / 1e3, np.deg2rad(alpha), d / 1e3, 0.0] for j, a, alpha, d, _ in STANDARD]  # type: ignore[operator, arg-type]
     rows[1][4], rows[6][3] = 0.3, 0.0
@@ -264,7 +264,7 @@ def test_a_urdf_is_the_arm_between_the_frames_of_the_description() -> None:
         read(text, dh="standard")
 
 
-# --- another arm ----------------------------------------------------------------------------------------------------
+# --- another arm --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

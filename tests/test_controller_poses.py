@@ -1,4 +1,4 @@
-"""Programs of poses for a simulated UR controller with a factory calibration: computed apart from calibtool's own."""
+"""Poses of programs for a UR controller with a factory calibration, simulated apart."""
 
 import re
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ from calibtool.robot.se3 import Array, readonly, transform_points
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """Six frames of the controller's model and of the actual arm, and what calibtool identified of the latter."""
+    """Six frames of the controller's model and of the actual arm, and the latter's calibration."""
 
     factory: Array
     actual: Array
@@ -39,7 +39,7 @@ class Arm:
 
 @cache
 def arm(seed: int, left: float = 1.0) -> Arm:
-    """left: how large the errors are that the factory calibration leaves, of 0.1 mm and 0.2 mrad."""
+    """left: size of the errors that the factory leaves, times 0.1 mm and 0.2 mrad."""
     robot, rng = load_robot("ur5"), np.random.default_rng(seed)
     factory = perturbed(UR5, rng, 0.45e-3, 1.1e-3)
     actual = perturbed(factory, rng, left * 0.1e-3, left * 0.2e-3)
@@ -93,7 +93,7 @@ def corrected(made: Arm, text: str, model: Mechanism | None) -> CompensatedProgr
 
 
 def off(made: Arm, text: str, q: Array, commanded: Array) -> Array:
-    """Distance of the actual tool from the commanded poses when the controller has solved those of the text. (N,) m"""
+    """Distance of the actual tool from the commanded poses when a text is driven."""
     joints = [inverse(made.factory, T, near) for T, near in zip(poses_in(text), q, strict=True)]
     return np.linalg.norm(
         forward(made.actual, np.array(joints))[:, :3, 3] - commanded[:, :3, 3], axis=-1
@@ -125,7 +125,7 @@ def test_the_pose_written_is_the_controller_s_at_the_corrected_joints() -> None:
 
 
 def test_a_controller_that_knows_its_arm_needs_no_correction() -> None:
-    """Its model is the calibrated one: the poses are right as they are, though joints would be corrected by mrad."""
+    """Its model is the calibrated one: poses are right as they are, though joints are not."""
     made, q = arm(3), commands(4)
     text = script(nominal().forward(q))
     result = corrected(made, text, made.calibration.base_mechanism)
@@ -133,7 +133,7 @@ def test_a_controller_that_knows_its_arm_needs_no_correction() -> None:
 
 
 def test_poses_of_a_perfect_arm_are_corrected_for_its_controller() -> None:
-    """Nothing is to be corrected in joints; but a controller with another model has to be told other poses."""
+    """No joint is to be corrected, but a controller with another model is told other poses."""
     made, q = arm(3), commands(4)
     measurements = Measurements(
         load_robot("ur5"),
@@ -184,7 +184,7 @@ def test_joints_beside_a_pose_are_the_corrected_ones() -> None:
 
 
 def test_what_would_be_worse_than_untouched_is_found() -> None:
-    """Joints that are not corrected at all are nearer by nothing; corrected ones are nearer than those of the controller."""
+    """Nominal joints are farther off than the controller's own, the actual arm's nearer."""
     made, q = arm(3), commands(6)
     T = nominal().forward(q)
     right = np.array([inverse(made.actual, each, near) for each, near in zip(T, q, strict=True)])
@@ -214,7 +214,7 @@ def test_a_row_that_would_be_worse_is_left_and_listed(monkeypatch: pytest.Monkey
     ]
 
 
-# --- the answer is asked for ----------------------------------------------------------------------------------------
+# --- the answer is asked for --------------------------------------------------------------------
 
 
 def described(kind: str | None) -> Robot:

@@ -55,7 +55,10 @@ def test_without_a_coupling_values_are_as_they_are() -> None:
     ("coupling", "text"),
     [
         ("add = { j3 = { j2 = 1 } }", "q3 = J3 + J2"),
-        ("add = { j2 = { j1 = -1 }, j3 = { j1 = 1, j2 = -0.5 } }", "q2 = J2 - J1, q3 = J3 + J1 - 0.5 J2"),
+        (
+            "add = { j2 = { j1 = -1 }, j3 = { j1 = 1, j2 = -0.5 } }",
+            "q2 = J2 - J1, q3 = J3 + J1 - 0.5 J2",
+        ),
         ("matrix = [[1, 0, 0], [0, -1, 0], [0, 1, 2]]", "q2 = - J2, q3 = 2 J3 + J2"),
         ("matrix = [[0, 1, 0], [1, 0, 0], [0, 0, 1]]", "q1 = J2, q2 = J1"),
     ],
@@ -63,7 +66,9 @@ def test_without_a_coupling_values_are_as_they_are() -> None:
 def test_what_differs_is_said(coupling: str, text: str) -> None:
     """In the message for unstated values, and in the names of the columns of those joints."""
     robot = planar(coupling)
-    with pytest.raises(UsageError, match=r"^t\.csv: .*--joint-values serial or --joint-values controller") as caught:
+    with pytest.raises(
+        UsageError, match=r"^t\.csv: .*--joint-values serial or --joint-values controller"
+    ) as caught:
         robot.joint_values("t.csv", None, None)
     assert f"({text})" in str(caught.value)
     named = {f"j{part.split()[0][1:]}_controller_deg" for part in text.split(", ")}
@@ -76,7 +81,10 @@ def test_what_header_and_option_say_is_weighed() -> None:
     assert robot.joint_values("t", None, "controller") == "controller"
     assert robot.joint_values("t", "serial", None) == "serial"
     assert robot.joint_values("t", "serial", "serial") == "serial"
-    with pytest.raises(UsageError, match="header says that the joint values are serial, but --joint-values says controller"):
+    with pytest.raises(
+        UsageError,
+        match="header says that the joint values are serial, but --joint-values says controller",
+    ):
         robot.joint_values("t", "serial", "controller")
     plain = load_robot("planar-3r")
     assert plain.joint_values("t") == "serial"

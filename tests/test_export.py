@@ -162,7 +162,9 @@ def compiled(tmp_path: Path) -> Callable[..., ctypes.CDLL]:
         pytest.skip("gcc is not installed, so the generated C code cannot be compiled")
 
     def build(
-        calibration: Calibration, precision: Precision = "double", joint_values: JointValues = "serial"
+        calibration: Calibration,
+        precision: Precision = "double",
+        joint_values: JointValues = "serial",
     ) -> ctypes.CDLL:
         header, source = calibration_as_c(calibration, "arm", precision, joint_values)
         (tmp_path / "arm.h").write_text(header, encoding="ascii")
@@ -336,7 +338,7 @@ def test_c_of_a_robot_without_coupling_has_no_conversion() -> None:
 
 
 def controller_case(base: str, count: int) -> tuple[Calibration, Array, Array, Array]:
-    """A FANUC's calibration, the controller's joint values, their correction, and how regular they are, by hand."""
+    """A FANUC's calibration, the controller's joint values, their correction, their regularity."""
     calibration = calibrated("fanuc-m1000ia", base, True)
     q = anywhere(calibration, count)
     expected, distance = one_step(calibration, q)
@@ -353,7 +355,9 @@ def test_exports_take_and_give_a_controller_s_joint_values(base: str, compiled: 
     found, codes = run(compiled(calibration, "double", "controller"), shown)
     assert np.abs(found - expected)[regular].max() < 1e-12
     assert (codes[regular] == 0).all()
-    block = FunctionBlock(calibration_as_structured_text(calibration, "arm", joint_values="controller"))
+    block = FunctionBlock(
+        calibration_as_structured_text(calibration, "arm", joint_values="controller")
+    )
     found = np.array([block(row)[0] for row in shown[regular]])
     assert np.abs(found - expected[regular]).max() < 1e-12
     contents = json.loads(calibration_as_json(calibration, "controller"))
@@ -361,9 +365,13 @@ def test_exports_take_and_give_a_controller_s_joint_values(base: str, compiled: 
     assert np.abs(found - expected).max() < 1e-11
 
 
-def test_a_controller_s_positions_that_are_not_finite_come_back_as_they_are(compiled: Callable) -> None:
+def test_a_controller_s_positions_that_are_not_finite_come_back_as_they_are(
+    compiled: Callable,
+) -> None:
     q = np.array([[0.1, bad, 0.3, 0.1, 0.2, 0.3] for bad in (np.nan, np.inf, -np.inf)])
-    found, codes = run(compiled(calibrated("fanuc-m1000ia", "everything", True), "double", "controller"), q)
+    found, codes = run(
+        compiled(calibrated("fanuc-m1000ia", "everything", True), "double", "controller"), q
+    )
     np.testing.assert_array_equal(found, q)
     assert (codes == 2).all()
 

@@ -469,7 +469,9 @@ def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> 
     shown = text(fanuc.to_controller(measured.q))
     found, *_ = import_table(shown, "t", fanuc, frame="base", joint_values="controller")
     np.testing.assert_allclose(found.q, measured.q, atol=1e-12)
-    with pytest.raises(UsageError, match=r"^t: .*q3 = J3 \+ J2.*--joint-values serial or --joint-values controller"):
+    with pytest.raises(
+        UsageError, match=r"^t: .*q3 = J3 \+ J2.*--joint-values serial or --joint-values controller"
+    ):
         import_table(text(measured.q), "t", fanuc, frame="base")
     for values, stated in (("controller", shown), ("serial", text(measured.q))):
         stated = stated.replace("j3_rad", f"j3_{values}_rad")

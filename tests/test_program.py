@@ -328,5 +328,7 @@ def test_poses_give_a_controller_s_joints() -> None:
         values: compensate_table(calibration, poses, "t", "exact", joint_values=values)  # type: ignore[arg-type]
         for values in ("serial", "controller")
     }
-    serial, controller = (np.deg2rad(numbers(r, joint_header(j3=values))) for values, r in results.items())
+    serial, controller = (
+        np.deg2rad(numbers(r, joint_header(j3=values))) for values, r in results.items()
+    )
     np.testing.assert_allclose(robot.to_serial(controller), serial, atol=1e-12)

@@ -98,7 +98,9 @@ def test_the_corrected_program_holds_the_corrected_joints(program_format: str) -
     assert result.changed == 10
     np.testing.assert_allclose(np.rad2deg(commanded), np.rad2deg(q), atol=0.02)
     np.testing.assert_allclose(np.rad2deg(again), np.rad2deg(expected), atol=5e-5)
-    assert result.largest_deg == pytest.approx(np.rad2deg(np.abs(expected - commanded).max()), abs=1e-6)
+    assert result.largest_deg == pytest.approx(
+        np.rad2deg(np.abs(expected - commanded).max()), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
@@ -206,7 +208,10 @@ def test_poses_without_configuration_data_are_corrected_as_poses() -> None:
     data, _ = program_of("pick.script")
     before, after = (
         reader("ur-script")(text.decode(), robot)
-        for text in (data, compensate_program(calibration, data, "a", "ur-script", nominal("ur5")).data)
+        for text in (
+            data,
+            compensate_program(calibration, data, "a", "ur-script", nominal("ur5")).data,
+        )
     )
     tool = before.tools["set_tcp of line 3"]
     q_near = np.array([before.targets[0].values])

@@ -1,4 +1,4 @@
-"""A UR5 apart from calibtool: its six frames, what a factory calibration does to them, and the files that say so."""
+"""A UR5 apart from calibtool: its six frames, a factory calibration of them, and its files."""
 
 from collections.abc import Mapping
 
@@ -111,7 +111,7 @@ def as_conf(changes: Mapping[str, np.ndarray]) -> str:
 
 
 def random_changes(rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Changes of DH parameters of the size of a factory calibration; those of parallel axes are metres and cancel out."""
+    """Changes of the size of a factory calibration; of parallel axes metres that cancel."""
     changes = {
         "theta": rng.normal(size=6) * 1e-4,
         "a": rng.normal(size=6) * 2e-4,

@@ -79,9 +79,9 @@ def compensate(
     A calibration with backlash takes it up by the direction of each joint's corrected motion: rows must be in the order of
     motion.
 
-    Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how many, by how
-    much at most, and what was left alone and why. A target without an answer stops it, and nothing is written. Poses are
-    written for the controller's own model, --controller.
+    Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how
+    many, by how much at most, and what was left alone and why. A target without an answer stops it,
+    and nothing is written. Poses are written for the controller's own model, --controller.
 
     Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv
     """
@@ -114,7 +114,8 @@ def compensate(
             return
         if on_error != "stop" or frames is not None or controller is not None or dh is not None:
             raise UsageError(
-                f"--on-error, --frames and --controller are for programs, but {shown(targets)} holds rows"
+                "--on-error, --frames and --controller are for programs, but "
+                f"{shown(targets)} holds rows"
             )
         options = StreamOptions(
             method=solver,

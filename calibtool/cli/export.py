@@ -7,7 +7,14 @@ import typer
 
 from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs
 from calibtool.cli.load import load_calibration
-from calibtool.cli.options import CalibrationFile, Force, JointValuesOption, Output, choice, joint_values_of
+from calibtool.cli.options import (
+    CalibrationFile,
+    Force,
+    JointValuesOption,
+    Output,
+    choice,
+    joint_values_of,
+)
 from calibtool.errors import UsageError
 
 if TYPE_CHECKING:
@@ -48,7 +55,9 @@ def export(
     chosen, values = _precision(format, precision), joint_values_of(joint_values)
     if format == "urdf":
         if values == "controller":
-            raise UsageError("--joint-values: a URDF's joints are the serial chain's; leave the option out")
+            raise UsageError(
+                "--joint-values: a URDF's joints are the serial chain's; leave the option out"
+            )
         values = "serial"
     check_output(output, force, binary=format == "onnx")
     stem = "calibtool" if output == STREAM else Path(output).stem
@@ -76,14 +85,20 @@ def export(
 
         contents, missing = calibration_as_urdf(loaded)
         if loaded.robot.coupled:
-            message(f"the joints of the URDF are the serial chain's: {coupling_text(loaded.robot.coupling)}")
+            differing = coupling_text(loaded.robot.coupling)
+            message(f"the joints of the URDF are the serial chain's: {differing}")
         for line in missing:
             message(f"not in the URDF: {line}")
     write_output(output, contents, force)
 
 
 def _export_c(
-    calibration: str, prefix: str, precision: "Precision", values: "JointValues | None", output: str, force: bool
+    calibration: str,
+    prefix: str,
+    precision: "Precision",
+    values: "JointValues | None",
+    output: str,
+    force: bool,
 ) -> None:
     from calibtool.export.c_code import calibration_as_c
 

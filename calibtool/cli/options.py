@@ -39,7 +39,8 @@ JointValuesOption = Annotated[
     typer.Option(
         "--joint-values",
         metavar="serial|controller",
-        help="Whose joint values are read and written; needed where they differ and no header or program format says it.",
+        help="Whose joint values are read and written; "
+        "needed where they differ and no header or program format says it.",
     ),
 ]
 
@@ -48,7 +49,11 @@ def joint_values_of(value: str | None) -> "JointValues | None":
     """What `--joint-values` says; UsageError for another word."""
     from calibtool.robot.coupling import JOINT_VALUES
 
-    return None if value is None else cast("JointValues", choice(value, JOINT_VALUES, "--joint-values"))
+    return (
+        None
+        if value is None
+        else cast("JointValues", choice(value, JOINT_VALUES, "--joint-values"))
+    )
 
 
 def choice(value: str, allowed: tuple[str, ...], option: str) -> str:

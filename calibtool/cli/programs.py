@@ -48,11 +48,15 @@ ControllerFile = Annotated[
     typer.Option(
         "--controller",
         metavar="nominal|FILE",
-        help="By which model the controller solves poses: URDF, UR calibration yaml, calibration.conf, DH table.",
+        help="By which model the controller solves poses: "
+        "URDF, UR calibration yaml, calibration.conf, DH table.",
     ),
 ]
 Dh = Annotated[
-    str | None, typer.Option("--dh", metavar="standard|modified", help="Convention of a DH table of --controller.")
+    str | None,
+    typer.Option(
+        "--dh", metavar="standard|modified", help="Convention of a DH table of --controller."
+    ),
 ]
 
 
@@ -95,7 +99,7 @@ def program_options(
 
 
 def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "Mechanism | None":
-    """The kinematics that `--controller` names, and a line that says how far they are off; None without it."""
+    """The kinematics that `--controller` names, None without it; says how far they are off."""
     if given is None and dh is None:
         return None
     from calibtool.controller.denavit_hartenberg import DH_CONVENTIONS, DhConvention
@@ -105,10 +109,14 @@ def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "
     if dh is not None:
         choice(dh, DH_CONVENTIONS, "--dh")
     if given is None or (given == "nominal" and dh is not None):
-        raise UsageError("--dh is for a table of DH parameters; give it with --controller TABLE.csv")
+        raise UsageError(
+            "--dh is for a table of DH parameters; give it with --controller TABLE.csv"
+        )
     if given == "nominal":
         return robot.mechanism
-    model = read_controller_model(read_text(given), shown(given), robot, cast("DhConvention | None", dh))
+    model = read_controller_model(
+        read_text(given), shown(given), robot, cast("DhConvention | None", dh)
+    )
     message(
         f"{shown(given)}: the controller's tool is up to {model.position * 1e3:.2f} mm and "
         f"{model.orientation * 1e3:.2f} mrad from the nominal one, over the whole joint range"

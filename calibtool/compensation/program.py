@@ -19,11 +19,15 @@ OutsidePolicy = Literal["mark", "base", "refuse"]
 OUTSIDE_POLICIES = ("mark", "base", "refuse")
 
 
-def read_configurations(text: str, name: str, robot: Robot, joint_values: JointValues | None = None) -> Array:
-    """Joint positions (N, n) of the serial chain from a table of joints, or of poses by inverse kinematics from home.
+def read_configurations(
+    text: str, name: str, robot: Robot, joint_values: JointValues | None = None
+) -> Array:
+    """Joint positions (N, n) of the serial chain from a table of joints, or of poses by inverse
+    kinematics from home.
 
-    joint_values: whose they are where the header does not say it. Raises UsageError where nothing says it and it matters,
-    InputError for a bad table, NoSolutionError naming the first pose that cannot be reached.
+    joint_values: whose they are where the header does not say it. Raises UsageError where nothing
+    says it and it matters, InputError for a bad table, NoSolutionError naming the first pose that
+    cannot be reached.
     """
     table = parse_table(text, name)
     joints = joints_from_header(table, robot, joint_values)

@@ -18,7 +18,14 @@ from calibtool.compensation.solve import OK, OUTSIDE, UNREACHABLE, Compensation,
 from calibtool.errors import InputError
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
-from calibtool.tables import Table, joints_from_header, number, poses_from_header, read_tables, unit_of
+from calibtool.tables import (
+    Table,
+    joints_from_header,
+    number,
+    poses_from_header,
+    read_tables,
+    unit_of,
+)
 from calibtool.units import TO_SI, without_values
 
 RowFormat = Literal["csv", "ndjson"]
@@ -34,7 +41,8 @@ class StreamOptions:
     """How rows are corrected: see `compensate_joints` and `guarded`; `uncertainty` and `verify` add columns.
 
     backlash: take up the calibration's backlash; needs rows in the order of motion, see `BacklashPath`.
-    joint_values: whose joint values come in, where the header does not say it, and go out (`Robot.joint_values`).
+    joint_values: whose joint values come in, where the header does not say it, and go out
+    (`Robot.joint_values`).
     """
 
     method: Method = "exact"
@@ -93,8 +101,9 @@ def compensate_stream(
     """Text of corrected rows, batch by batch; `report` counts along.
 
     Joint columns are replaced by the corrected joints, in their units; pose columns give way to joints in degrees (mm if
-    prismatic). Where the controller shows other values than the serial chain's, the names of the columns written say whose
-    they are. Where a row has both, the pose is commanded and the joints choose the branch. Other columns pass through;
+    prismatic). Where the controller shows other values than the serial chain's, the columns written
+    say whose they are. Where a row has both, the pose is commanded and the joints choose the branch.
+    Other columns pass through;
     a column `status` is added, for n < 6 and with `verify` what is left of the commanded pose (`left_mm`, `left_mrad`), and
     with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses in order are a path: each
     starts from the row before, and jumps of the joints are reported. Backlash is taken up along the rows, which must be in
@@ -132,7 +141,8 @@ class _Corrector:
 
     def corrected(self, table: Table) -> _Corrected:
         robot, options = self.calibration.robot, self.options
-        joints, poses = joints_from_header(table, robot, options.joint_values), poses_from_header(table)
+        joints = joints_from_header(table, robot, options.joint_values)
+        poses = poses_from_header(table)
         if poses is None and joints is None:
             raise no_targets(table)
         for column in _ADDED:
@@ -140,8 +150,10 @@ class _Corrector:
                 raise InputError(
                     f"{table.name}: a column '{column}' is there already; is this an output of compensate?"
                 )
-        values = robot.joint_values(table.name, options.joint_values) if joints is None else joints.values
-        q = self.seed if joints is None else joints.q
+        if joints is None:
+            q, values = self.seed, robot.joint_values(table.name, options.joint_values)
+        else:
+            q, values = joints.q, joints.values
         T = None if poses is None else poses[0]
         result = guarded(self.calibration, q, T, options.method, options.outside, verify=options.verify)
         if joints is None:

@@ -40,7 +40,7 @@ class DhTable(NamedTuple):
 
 
 def dh_columns(header: Sequence[str]) -> list[str] | None:
-    """The columns of a, alpha, d, theta in a header, each with its unit; None where one is missing."""
+    """The columns of a, alpha, d, theta in a header, with units; None where one is missing."""
     found = [
         next((f"{name}_{unit}" for unit in units if f"{name}_{unit}" in header), None)
         for name, units in _UNITS.items()
@@ -57,7 +57,8 @@ def read_dh(table: Table) -> DhTable:
     columns = dh_columns(table.header)
     if columns is None:
         raise InputError(
-            f"{table.name}: no DH parameters; expected the columns joint a_mm alpha_deg d_mm theta_deg"
+            f"{table.name}: no DH parameters; expected the columns joint a_mm alpha_deg d_mm "
+            "theta_deg"
         )
     values = table.numbers(columns) * [TO_SI[unit_of(column)] for column in columns]
     rows = [DhRow(*row) for row in values.tolist()]
@@ -68,8 +69,8 @@ def read_dh(table: Table) -> DhTable:
     for k, label in enumerate(labels[first:last], start=1):
         if label != str(k):
             raise InputError(
-                f"{table.place(first + k - 1)}: joint '{label}'; expected {k}: the joints in order, "
-                "before them a row 'base' and behind them a row 'tool' if there are any"
+                f"{table.place(first + k - 1)}: joint '{label}'; expected {k}: the joints in "
+                "order, before them a row 'base' and behind them a row 'tool' if there are any"
             )
     return DhTable(rows[first:last], rows[:first], rows[last:])
 

@@ -84,8 +84,8 @@ def _kind(text: str, name: str) -> str:
         return "frames"
     raise InputError(
         f"{name}: no model of a controller; expected a URDF, the YAML of the UR driver "
-        f"(kinematics: with six frames), a calibration.conf ([{SECTION}]) or a table of DH parameters "
-        "(joint a_mm alpha_deg d_mm theta_deg)"
+        f"(kinematics: with six frames), a calibration.conf ([{SECTION}]) or a table of DH "
+        "parameters (joint a_mm alpha_deg d_mm theta_deg)"
     )
 
 
@@ -139,8 +139,8 @@ def _plausible(model: Robot, name: str, robot: Robot) -> ControllerModel:
     if not _small(found, robot):
         raise InputError(
             f"{name}: no model of this {robot.name}: its tool is up to "
-            f"{found.position * 1e3:.1f} mm and {found.orientation * 1e3:.1f} mrad from the nominal "
-            f"one, and a factory calibration stays below {_bound(robot) * 1e3:.1f} mm and "
+            f"{found.position * 1e3:.1f} mm and {found.orientation * 1e3:.1f} mrad from the "
+            f"nominal one, and a factory calibration stays below {_bound(robot) * 1e3:.1f} mm and "
             f"{PLAUSIBLE_TURN * 1e3:g} mrad{_constant(model, robot)}"
         )
     return found

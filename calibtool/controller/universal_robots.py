@@ -81,9 +81,9 @@ def changes_model(text: str, name: str, robot: Robot) -> Robot:
     difference = _chain(nominal, name).mechanism.forward(q) - robot.mechanism.forward(q)
     if not np.abs(difference).max() < _SAME:
         raise InputError(
-            f"{name}: changes of DH parameters are for a UR arm, whose K_0 is the controller's Base "
-            f"and whose tool is the flange; {robot.name} is not in that form (base_frame, tool_frame "
-            "in its robot.toml)"
+            f"{name}: changes of DH parameters are for a UR arm, whose K_0 is the controller's "
+            f"Base and whose tool is the flange; {robot.name} is not in that form (base_frame, "
+            "tool_frame in its robot.toml)"
         )
     return _chain([DhRow(*row) for row in (np.array(nominal) + changes.T).tolist()], name)
 

@@ -27,9 +27,11 @@ FORMULA = {
     "network": "N(q) = output_scale * (W2 tanh(W1 s + b1) + b2), s = (q - input_centre) / input_scale, element by element; "
     "W1, b1 = hidden_weights, hidden_bias; W2, b2 = output_weights, output_bias; p elements: the n actuated joints, "
     "then the virtual ones; N(q) = 0 if network is null (Eq. 16)",
-    "joint_coupling": "q of the serial chain = joint_coupling times the joint values that the controller shows, rad or m",
-    "joint_values": "'serial': q and q_m are those of the serial chain; 'controller': they are what the controller shows, "
-    "q below is joint_coupling q, and q_m = q - inverse(joint_coupling) (the elements that `correction` takes from q)",
+    "joint_coupling": "q of the serial chain = joint_coupling times the joint values that the "
+    "controller shows, rad or m",
+    "joint_values": "'serial': q and q_m are those of the serial chain; 'controller': they are "
+    "what the controller shows, q below is joint_coupling q, and q_m = q - inverse(joint_coupling) (the "
+    "elements that `correction` takes from q)",
     "nominal": "T_nominal(q) = M_1 exp6(xi_1 q_1) ... M_n exp6(xi_n q_n) M_{n+1}, M = nominal_placements_m, "
     "xi = nominal_twists_per_rad_or_m (Eq. 7)",
     "base": "T_base(q): the same product with M = placements_m = M_j exp6(placement_errors_m_rad_j), "
@@ -57,9 +59,9 @@ FORMULA = {
 def calibration_as_json(calibration: Calibration, joint_values: JointValues = "serial") -> str:
     """One JSON object, schema `calibtool/compensator`, that says how q_m (Eq. 24) is computed and holds every number for it.
 
-    Units stand in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under `formula`. A float is written
-    with as many digits as it takes to read exactly the same one; the same calibration gives the same
-    text. joint_values: whose joint values q and q_m are.
+    Units stand in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under
+    `formula`. A float is written with as many digits as it takes to read exactly the same one; the
+    same calibration gives the same text. joint_values: whose joint values q and q_m are.
     """
     robot, equivalent = calibration.robot, calibration.equivalent
     contents = {

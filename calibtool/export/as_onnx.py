@@ -15,10 +15,11 @@ def calibration_as_onnx(
 ) -> bytes:
     """The network (Eq. 16) with its scalings as an ONNX model; of several networks, their mean.
 
-    Input `q` (N, n) in rad or m, output `rho` (N, p) = N(q), both double or float; on the nominal base also
-    `q_corrected` (N, n) = q − ρ_a (Eqs. 23, 24). joint_values: whose joint values q and q_corrected
-    are; `rho` stays that of the serial chain. What stands in the metadata: robot, base model, units, joint
-    values. Raises InputError when there is no network, UsageError when the package `onnx` is not installed.
+    Input `q` (N, n) in rad or m, output `rho` (N, p) = N(q), both double or float; on the nominal
+    base also `q_corrected` (N, n) = q − ρ_a (Eqs. 23, 24). joint_values: whose joint values q and
+    q_corrected are; `rho` stays that of the serial chain. What stands in the metadata: robot, base
+    model, units, joint values. Raises InputError when there is no network, UsageError when the
+    package `onnx` is not installed.
     """
     network, robot = calibration.network, calibration.robot
     if network is None:

@@ -78,7 +78,9 @@ def compensator_values(
         "coupling": robot.coupling if robot.coupled else None,
         "uncoupling": np.linalg.inv(robot.coupling),
         "converted": converted,  # the code takes and gives the controller's joint values …
-        "q": "serial" if converted else "q",  # … and this is what it calls those of the serial chain
+        "q": "serial"
+        if converted
+        else "q",  # … and this is what it calls those of the serial chain
         "coupled_joints": coupling_text(robot.coupling),
         "n": robot.n,
         "p": equivalent.p,

@@ -36,9 +36,9 @@ def calibration_as_structured_text(
 ) -> str:
     """FUNCTION_BLOCK `name` with input q (n,) in rad or m, outputs q_corrected and status, of LREAL or REAL.
 
-    It computes what `compensation.solve.one_step` does, without recursion, functions of its own or memory beyond its
-    variables. Plain ASCII. joint_values: whose joint values q and q_corrected are. Raises UsageError
-    when `name` is no identifier of IEC 61131-3.
+    It computes what `compensation.solve.one_step` does, without recursion, functions of its own or
+    memory beyond its variables. Plain ASCII. joint_values: whose joint values q and q_corrected
+    are. Raises UsageError when `name` is no identifier of IEC 61131-3.
     """
     plain = re.fullmatch(r"[A-Za-z]\w*|_[A-Za-z0-9]\w*", name, re.ASCII)
     if not plain or "__" in name or name.endswith("_") or name.lower() in _RESERVED.split():

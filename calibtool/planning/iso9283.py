@@ -29,7 +29,7 @@ class TestCube:
     edge  m
     pose  (5, 4, 4) T_base_tool of P1 … P5, the orientation that of the centre
     q     (5, n) joint positions of P1 … P5 on the branch of the workspace's home, rad or m
-    joint_values  whose joint values `table` and `as_json` hold (q: always those of the serial chain)
+    joint_values  whose joint values `table` and `as_json` hold (q is always the serial chain's)
     """
 
     __test__ = False  # for pytest: no test class
@@ -52,7 +52,9 @@ class TestCube:
     def as_json(self, cycles: int) -> dict[str, object]:
         """The object `iso9283` of `plan --json`: joints and position of every pose."""
         values = in_columns(self.robot, self.q, self.joint_values).tolist()
-        joints = [dict(zip(self.robot.columns(self.joint_values), row, strict=True)) for row in values]
+        joints = [
+            dict(zip(self.robot.columns(self.joint_values), row, strict=True)) for row in values
+        ]
         places = [
             {"pose": name, **dict(zip(("x_mm", "y_mm", "z_mm"), point, strict=True)), **row}
             for name, point, row in zip(POSES, (self.pose[:, :3, 3] * 1e3).tolist(), joints, strict=True)

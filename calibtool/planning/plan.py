@@ -53,7 +53,7 @@ class Plan:
     q             (N, n) chosen joint positions in the order of travel, rad or m
     before, selected, random   predictions before, with the plan, and with as many random candidates instead
     observability, observability_random   indices O1 … O5 of the two designs
-    joint_values  whose joint values `table` and `as_json` hold (q: always those of the serial chain)
+    joint_values  whose joint values `table` and `as_json` hold (q is always the serial chain's)
     """
 
     knowledge: Knowledge
@@ -75,7 +75,10 @@ class Plan:
     def as_json(self) -> dict[str, object]:
         """The object that `plan --json` prints."""
         robot = self.knowledge.robot
-        columns, values = robot.columns(self.joint_values), in_columns(robot, self.q, self.joint_values)
+        columns, values = (
+            robot.columns(self.joint_values),
+            in_columns(robot, self.q, self.joint_values),
+        )
         return {
             "schema": "calibtool/plan",
             "schema_version": 1,

@@ -14,7 +14,7 @@ _DECIMALS = 6  # of a degree or mm: 0.05 µm at 3 m, and no joint list needs mor
 
 
 def in_columns(robot: Robot, q: Array, joint_values: JointValues = "serial") -> Array:
-    """Joint positions (N, n), rad or m, in the units of `robot.columns(joint_values)`, rounded as they are written."""
+    """Joint positions (N, n), rad or m, in columns `robot.columns(joint_values)`, as written."""
     result: Array = (
         np.round(robot.serial_as(joint_values, q) / _factors(robot), _DECIMALS) + 0.0
     )  # no −0
@@ -33,7 +33,7 @@ def joint_table(
     extra: Mapping[str, Sequence[str]] | None = None,
     joint_values: JointValues = "serial",
 ) -> str:
-    """CSV of joint positions q (N, n) with the columns `robot.columns(joint_values)`, then the columns of `extra`."""
+    """CSV of joint positions q (N, n), columns `robot.columns(joint_values)`, then `extra`."""
     extra = {} if extra is None else extra
     rows = [
         [f"{value:.{_DECIMALS}f}" for value in row] for row in in_columns(robot, q, joint_values)

@@ -86,14 +86,16 @@ def compensate_program(
 ) -> CompensatedProgram:
     """Correct every joint and pose target of a program.
 
-    A joint target gets the joints that bring the calibrated robot where the nominal one would be; a pose target, solved
-    on the branch of its configuration data, gets the pose at which the controller's own model (the nominal robot unless
-    given) is at the corrected joints, in its own frame and with its own tool. program_format: one of docs/programs; name
-    stands in messages; options: exact, stop at the first failure, unless given.
+    A joint target gets the joints that bring the calibrated robot where the nominal one would be; a
+    pose target, solved on the branch of its configuration data, gets the pose at which the
+    controller's own model (the nominal robot unless given) is at the corrected joints, in its own
+    frame and with its own tool. program_format: one of docs/programs; name stands in messages;
+    options: exact, stop at the first failure, unless given.
 
-    Raises InputError for bad data and NoSolutionError for targets without an answer, both with the line; with on_error
-    `skip` such targets stay as they are and are listed. Raises UsageError for poses without the controller's model where
-    the robot's description says that it may differ from the nominal robot.
+    Raises InputError for bad data and NoSolutionError for targets without an answer, both with the
+    line; with on_error `skip` such targets stay as they are and are listed. Raises UsageError for
+    poses without the controller's model where the robot's description says that it may differ from
+    the nominal robot.
     """
     options = options or ProgramOptions()
     if b"\0" in data:
@@ -233,7 +235,7 @@ def _corrected(calibration: Calibration, solved: list[_Solved], q: Array, option
 def _edits(
     controller: Controller, program: Program, item: _Solved, q: Array, nominal: Array, new: Array
 ) -> tuple[list[tuple[int, int, str]], bool]:
-    """What has to be written for corrected joints q (n,), and whether configuration data are among it.
+    """What has to be written for corrected joints q (n,), configuration data among it or not.
 
     nominal (4, 4): where the nominal robot is at the commanded joints; new (4, 4): where the
     controller's model, which may be another one, is at q.

@@ -98,9 +98,11 @@ class Coupling(_Strict):
 
 
 class ControllerTable(_Strict):
-    """What is known of this robot's controllers: they compute poses with a calibration of each arm, made in the factory.
+    """What is known of this robot's controllers: that they compute poses with a calibration of each
+    arm, made in the factory.
 
-    `always`: every one does; `optional`: those for which it was bought. `reason` says so in a few words.
+    `always`: every one does; `optional`: those for which it was bought. `reason` says so in a few
+    words.
     """
 
     factory_calibration: Literal["always", "optional"]

@@ -115,7 +115,7 @@ class Robot:
         return self.to_controller(q) if values == "controller" else q
 
     def joint_values(self, place: str, *said: JointValues | None) -> JointValues:
-        """Whose joint values `place` holds by what is said of them, see `coupling.settled_values`. May raise UsageError."""
+        """Whose joint values `place` holds, by what is said of them; see `settled_values`."""
         return settled_values(self.coupling, place, *said)
 
     @cached_property
@@ -147,10 +147,13 @@ class Robot:
     def columns(self, values: JointValues | None) -> list[str]:
         """Headers of joint positions in tables for people: `j1_deg`, or `j1_mm` if prismatic.
 
-        The joints for which the controller shows other values than the serial chain's say which they are:
-        `j3_serial_deg`, `j3_controller_deg`; with None they do not.
+        The joints for which the controller shows other values than the serial chain's say which
+        they are: `j3_serial_deg`, `j3_controller_deg`; with None they do not.
         """
-        return [self.column(j, "mm" if prismatic else "deg", values) for j, prismatic in enumerate(self.prismatic)]
+        return [
+            self.column(j, "mm" if prismatic else "deg", values)
+            for j, prismatic in enumerate(self.prismatic)
+        ]
 
     def column(self, joint: int, unit: str, values: JointValues | None) -> str:
         """The header of one joint (from 0) in a unit, see `columns`."""

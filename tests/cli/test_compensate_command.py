@@ -10,7 +10,14 @@ from scipy.spatial.transform import Rotation
 from calibtool.robot.catalogue import load_robot
 
 PLANAR = ["j1_deg", "j2_deg", "j3_deg"]
-SIX = ["j1_deg", "j2_deg", "j3_serial_deg", "j4_deg", "j5_deg", "j6_deg"]  # of a FANUC: says whose joint 3
+SIX = [
+    "j1_deg",
+    "j2_deg",
+    "j3_serial_deg",
+    "j4_deg",
+    "j5_deg",
+    "j6_deg",
+]  # of a FANUC: says whose joint 3
 SERIAL = ["--joint-values", "serial"]
 ANGLES = [[0, 10, -10, 0, -70, 0], [10, 20, -30, 5, -60, 10], [-15, 5, 0, -10, -80, 30]]
 
@@ -178,7 +185,9 @@ def test_an_unreachable_pose(files: Files) -> None:
     T = poses_of_angles()
     T[1, 0, 3] += 10.0
     pose_table("poses.csv", T, id=["a", "b", "c"])
-    result = run("compensate", files.six_network, "poses.csv", *SERIAL, "-o", "corrected.csv", code=4)
+    result = run(
+        "compensate", files.six_network, "poses.csv", *SERIAL, "-o", "corrected.csv", code=4
+    )
     rows = rows_of(Path("corrected.csv").read_text())
     assert [row["status"] for row in rows] == ["ok", "unreachable", "ok"]
     assert [row["id"] for row in rows] == ["a", "b", "c"]
@@ -254,7 +263,9 @@ def test_joint_values_of_a_controller(files: Files) -> None:
     write_table("serial.csv", joints, [[5, 10, -15, 4, -60, 9]])
     write_table("shown.csv", joints, [[5, 10, -25, 4, -60, 9]])
     (serial,) = rows_of(run("compensate", files.six_network, "serial.csv", *SERIAL).stdout)
-    (shown,) = rows_of(run("compensate", files.six_network, "shown.csv", "--joint-values", "controller").stdout)
+    (shown,) = rows_of(
+        run("compensate", files.six_network, "shown.csv", "--joint-values", "controller").stdout
+    )
     for joint in joints:
         if joint != "j3_deg":
             assert float(shown[joint]) == pytest.approx(float(serial[joint]), abs=1e-9)

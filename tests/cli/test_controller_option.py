@@ -1,4 +1,4 @@
-"""calibtool compensate --controller: poses of programs for the controller's own model, asked for where it matters."""
+"""calibtool compensate --controller: poses of programs for the controller's own model."""
 
 from pathlib import Path
 

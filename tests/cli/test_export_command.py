@@ -64,7 +64,9 @@ def test_c_corrects_as_the_command_does(files: Files, name: str, more: list[str]
     n = 6 if name.startswith("six") else 3
     names = [f"j{k}_rad" for k in range(1, n + 1)]
     write_table("t.csv", names, [row[:n] for row in rows])
-    corrected = rows_of(run("compensate", calibration, "t.csv", "--method", "one-step", *more).stdout)
+    corrected = rows_of(
+        run("compensate", calibration, "t.csv", "--method", "one-step", *more).stdout
+    )
     expected = [[float(cell) for cell in list(row.values())[:n]] for row in corrected]
 
     run("export", calibration, "--format", "c", *more, "-o", "comp.c")

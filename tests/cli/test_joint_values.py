@@ -1,4 +1,4 @@
-"""Whose joint values they are, at every command that reads or writes them: said by header or option, or refused."""
+"""Whose joint values they are: said by header or option, or refused, at every command."""
 
 from pathlib import Path
 
@@ -226,7 +226,10 @@ def test_what_the_controller_read_is_converted_too() -> None:
 
 def test_a_column_map_says_it_or_the_option_does() -> None:
     run("simulate", "fanuc-m1000ia", "-n", 12, "-o", "m.h5")
-    q, points = stored("m.h5", "measurements/joint_positions"), stored("m.h5", "measurements/points")
+    q, points = (
+        stored("m.h5", "measurements/joint_positions"),
+        stored("m.h5", "measurements/points"),
+    )
     rows = np.hstack([np.rad2deg(q), points[:, 0] * 1e3])
     names = ["a", "b", "c", "d", "e", "f", "x", "y", "z"]
     write_table("t.csv", names, rows.tolist())
@@ -245,13 +248,23 @@ def test_a_column_map_says_it_or_the_option_does() -> None:
 @pytest.mark.parametrize(
     ("name", "word"),
     [
-        ("weld.ls", "joint values are the controller's, q3 = J3 + J2; if not: --joint-values serial"),
-        ("drill.src", "joint values are the serial chain's; if not, q3 = J3 + J2: --joint-values controller"),
+        (
+            "weld.ls",
+            "joint values are the controller's, q3 = J3 + J2; if not: --joint-values serial",
+        ),
+        (
+            "drill.src",
+            "joint values are the serial chain's; if not, q3 = J3 + J2: --joint-values controller",
+        ),
     ],
 )
-def test_a_program_s_format_says_it_and_so_does_the_summary(files: Files, name: str, word: str) -> None:
+def test_a_program_s_format_says_it_and_so_does_the_summary(
+    files: Files, name: str, word: str
+) -> None:
     sample = Path(__file__).parent.parent / "programs" / name
-    assert f"{name}: note: {word}" in run("compensate", files.six_network, sample, "-o", "out").stderr
+    assert (
+        f"{name}: note: {word}" in run("compensate", files.six_network, sample, "-o", "out").stderr
+    )
 
 
 def test_a_robot_s_page_says_which_limits_it_shows() -> None:

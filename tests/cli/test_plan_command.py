@@ -58,7 +58,11 @@ def test_constraints_hold_in_the_table() -> None:
     limits = ["--floor-mm", -1000, "--joint-margin", 5, "--min-singularity-distance", 0.06]
     sight = ["--instrument", "6000,2000,500", "--cone-deg", 70]
     free, bound = (
-        joints(run("plan", "fanuc-m1000ia", "-n", 5, "--workspace", "full", *SERIAL, *FEW, *more).stdout)
+        joints(
+            run(
+                "plan", "fanuc-m1000ia", "-n", 5, "--workspace", "full", *SERIAL, *FEW, *more
+            ).stdout
+        )
         for more in ([], ["--keep-out", box, *limits, *sight])
     )
     assert free.shape == bound.shape == (5, 6)
@@ -67,7 +71,18 @@ def test_constraints_hold_in_the_table() -> None:
 
 
 def test_poses_of_an_acceptance_test_and_their_figures(files: Files) -> None:
-    run("plan", "fanuc-m1000ia", "--iso9283", "--cycles", 5, "--cube-mm", 600, *SERIAL, "-o", "test.csv")
+    run(
+        "plan",
+        "fanuc-m1000ia",
+        "--iso9283",
+        "--cycles",
+        5,
+        "--cube-mm",
+        600,
+        *SERIAL,
+        "-o",
+        "test.csv",
+    )
     rows = rows_of(Path("test.csv").read_text())
     assert [row["pose"] for row in rows[:6]] == ["P5", "P4", "P3", "P2", "P1", "P5"]
     assert [row["cycle"] for row in rows] == [str(1 + k // 5) for k in range(25)]

@@ -124,8 +124,8 @@ def read_table(
     robot_targets: the targets are those of the robot's description, in their order. format, sheet, layout: see
     `sources.read_source`. stated: units and convention where the header is silent. joints: their own file. joint_values:
     whose they are where the header does not say it (`Robot.joint_values`); overrides the map's.
-    Raises InputError for a bad cell, column or target set, UsageError for options that do not fit the file, and for joint
-    values that are the controller's or the serial chain's, and nothing says which.
+    Raises InputError for a bad cell, column or target set, UsageError for options that do not fit
+    the file, and for joint values of which nothing says whose they are, where it matters.
     """
     how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
     source = read_source(data, name, format, sheet=sheet, layout=layout, **how)
@@ -140,8 +140,11 @@ def read_table(
     mapped = columns is not None and columns.joints is not None
     complete = complete_map(source, joint_table, robot, columns, stated)
     assert complete.joints is not None
-    said = (joint_values or complete.joints.values,) if mapped else (complete.joints.values, joint_values)
-    complete = complete.with_joint_values(robot.joint_values(joint_table.name, *said))
+    said = complete.joints.values
+    if mapped and joint_values is not None:
+        said = joint_values
+    values = robot.joint_values(joint_table.name, said, joint_values)
+    complete = complete.with_joint_values(values)
     assert complete.joints is not None
     table = source.table
     q = read_joints(joint_table, robot, complete.joints)

@@ -30,7 +30,7 @@ class JointColumns(_Strict):
 
     columns: list[str]
     unit: Literal["deg", "rad", "mm", "m"] | list[Literal["deg", "rad", "mm", "m"]]
-    values: JointValues | None = None  # the robot's [coupling] converts those of a controller; needed if it has one
+    values: JointValues | None = None  # needed on a robot with [coupling], which converts them
 
     def units(self) -> list[str]:
         """One unit per joint."""
@@ -140,7 +140,7 @@ class ColumnMap(_Strict):
     noise: Noise = Noise()
 
     def with_joint_values(self, values: JointValues) -> "ColumnMap":
-        """The same with whose joint values are commanded, and read back where that part does not say it."""
+        """The same with whose joint values they are; those read back too, unless they say it."""
         joints, read = self.joints, self.joints_read
         if joints is not None:
             joints = joints.model_copy(update={"values": values})

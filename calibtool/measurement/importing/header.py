@@ -90,15 +90,19 @@ def _temperature(table: Table) -> TemperatureColumn | None:
 def _joints(table: Table, robot: Robot, source: Source, stated: Stated) -> JointColumns:
     columns = joint_columns_of(table, robot)
     if columns is not None:
-        found = {"columns": columns, "unit": list(map(unit_of, columns)), "values": stated_values(table, columns)}
+        found = {
+            "columns": columns,
+            "unit": list(map(unit_of, columns)),
+            "values": stated_values(table, columns),
+        }
         return JointColumns.model_validate(found)
     if source.points is not None and table is source.table:
         raise InputError(f"{table.name}: a list of points holds no joint values; give their file with --joints FILE")
     bare = [f"j{i + 1}" for i in range(robot.n)]
     if not all(column in table.header for column in bare):
         raise InputError(
-            f"{table.name}: no joint columns {robot.columns(None)[0]} …; name the columns so, or map them with --columns "
-            "MAP.toml"
+            f"{table.name}: no joint columns {robot.columns(None)[0]} …; name the columns so, or "
+            "map them with --columns MAP.toml"
         )
     units = [stated.unit if prismatic else stated.angle_unit for prismatic in robot.prismatic]
     if None in units or "in" in units:

@@ -80,7 +80,7 @@ def _joints(columns: ColumnMap, robot: Robot) -> str:
     text = ", ".join(f"j{i + 1} = {column} [{unit}]" for i, (column, unit) in enumerate(pairs))
     if not robot.coupled:
         return text
-    return f"{text}; {'converted from the controller' if columns.joints.values == 'controller' else 'serial'}"
+    return f"{text}; {columns.joints.values}"
 
 
 def _beside(imported: Imported) -> list[str]:
