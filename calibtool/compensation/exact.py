@@ -71,11 +71,14 @@ class _Search:
 
         A (N, k, n) and e (N, k) are the Jacobian and E at q; proposed (N, n) as for `bounded_step`.
         """
-        change, distance, squares = bounded_step(A, e, self.lower, self.upper, proposed)
+        change, distance, _ = bounded_step(A, e, self.lower, self.upper, proposed)
         left = e.copy()
         part = np.clip(2.0 * (DAMPED_BELOW - distance) / DAMPED_BELOW, 0.0, 1.0)
-        # Where joints are held, the damping of the others counts only if there was none: no jumps.
-        squares = np.where(part > 0.0, np.maximum(0.0, DAMPED_BELOW - distance) ** 2, squares)
+        nearest = distance.copy()
+        held = (change <= self.lower) | (change >= self.upper)
+        rows = np.flatnonzero((part == 0.0) & held.any(axis=-1))
+        nearest[rows] = _free_distance(A[rows], held[rows])
+        squares = np.maximum(0.0, DAMPED_BELOW - nearest) ** 2
         rows = np.flatnonzero(part < 1.0)
         search = self.of(rows)
         found, left[rows] = search._damped_twice(task, A[rows], e[rows], squares[rows])
@@ -185,3 +188,13 @@ class _Search:
         error = weighted_error(pose, commanded, robot.length)
         weighted = weighted_jacobian(jacobian[:, :, : robot.n], pose, robot.length)
         return task.of_error(error, commanded), task.of_jacobian(weighted, commanded)
+
+
+def _free_distance(A: Array, held: np.ndarray) -> Array:
+    """Singularity distance (N,) of the joints that are not held: A (N, k, n), held (N, n)."""
+    sigma = np.linalg.svd(np.where(held[:, None, :], 0.0, A), compute_uv=False)
+    rank = np.minimum((~held).sum(axis=-1), A.shape[1])
+    counted = np.arange(sigma.shape[1]) < rank[:, None]
+    inverse = np.where(counted, 1.0 / np.maximum(sigma, 1e-15) ** 2, 0.0)
+    distance: Array = 1.0 / np.sqrt(np.maximum(inverse.sum(axis=-1), 1e-15))
+    return distance
