@@ -104,7 +104,7 @@ def test_only_numbers_change(sample: str) -> None:
     assert before != after
     lines = {
         target.line + k
-        for target in reader(program_format)(before, load_robot(SAMPLES[sample])).targets
+        for target in reader(program_format)(before, load_robot(SAMPLES[sample])).literals
         for k in range(7)
     }
     for k, (one, other) in enumerate(zip(before.splitlines(), after.splitlines(), strict=True), start=1):
@@ -145,7 +145,7 @@ def test_frames_and_tools() -> None:
         tail = re.sub(rf"{key} = +{was}", f"{key} = {value:.7f}", tail, count=1)
     options = ProgramOptions(frames=frames)
     result = compensate_program(calibration, (head + tail).encode(), "a", "fanuc-ls", options)
-    framed = next(t for t in reader("fanuc-ls")(result.data.decode(), robot).targets if t.frame == "3")
+    framed = next(t for t in reader("fanuc-ls")(result.data.decode(), robot).literals if t.name == "P[5]")
     T_new = frames.frames["3"] @ pose(framed.values, "wpr") @ inverse(frames.tools["2"])
     np.testing.assert_allclose(T_new, robot.mechanism.forward(compensate_joints(calibration, q).q)[0], atol=2e-7)
 
@@ -171,7 +171,7 @@ def test_joint_values_of_the_controller_and_of_the_chain() -> None:
     written = np.array([0.0, 10, -20, 0, -70, 0])
     for joint_values, j3 in (("controller", -10.0), ("serial", -20.0)):
         result = compensate_program(calibration, data, "a", "fanuc-ls", ProgramOptions(joint_values=joint_values))
-        target = reader("fanuc-ls")(result.data.decode(), robot).targets[0]
+        target = reader("fanuc-ls")(result.data.decode(), robot).literals[0]
         chain = written.copy()
         chain[2] = j3
         expected = np.rad2deg(compensate_joints(calibration, np.deg2rad(chain[None])).q[0])
@@ -200,11 +200,11 @@ def test_poses_without_configuration_data_are_corrected_as_poses() -> None:
         reader("ur-script")(text.decode(), robot)
         for text in (data, compensate_program(calibration, data, "a", "ur-script").data)
     )
-    tool = before.tools["set_tcp of line 3"]
-    q_near = np.array([before.targets[0].values])
-    T = pose(before.targets[1].values, "rotation vector") @ inverse(tool)
+    tool = pose([0, 0, 0.1, 0, 0, 0], "rotation vector")
+    q_near = np.array([before.literals[0].values])
+    T = pose(before.literals[1].values, "rotation vector") @ inverse(tool)
     expected = robot.mechanism.forward(compensate_poses(calibration, T[None], q_near).q)[0]
-    np.testing.assert_allclose(pose(after.targets[1].values, "rotation vector") @ inverse(tool), expected, atol=1e-7)
+    np.testing.assert_allclose(pose(after.literals[1].values, "rotation vector") @ inverse(tool), expected, atol=1e-7)
 
 
 def test_the_summary() -> None:

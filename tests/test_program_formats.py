@@ -1,12 +1,16 @@
 """Every format: what is found in the small programs of tests/programs, what is left alone, and what is refused, by line."""
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
+from calibtool.programs import fanuc as fanuc_ls
+from calibtool.programs import kuka, ros2, ur
+from calibtool.programs.formats import PROGRAM_FORMATS, detected
+from calibtool.programs.formats import reader as reader_of_motions
 from calibtool.programs.targets import Program, Target, number_at
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
@@ -25,6 +29,11 @@ SAMPLES = {
 @cache
 def robot(name: str = "fanuc-m1000ia") -> Robot:
     return load_robot(name)
+
+
+def reader(name: str) -> Callable[[str, Robot], Program]:
+    """Readers of the languages that still report targets in the order of the text."""
+    return {"fanuc-ls": fanuc_ls.read, "kuka-krl": kuka.read, "ur-script": ur.read, "ros2-trajectory": ros2.read}[name]
 
 
 def robot_of(sample: str) -> Robot:
@@ -77,18 +86,20 @@ def test_the_name_tells_where_the_contents_do_not(name: str, expected: str) -> N
 
 @pytest.mark.parametrize("program_format", PROGRAM_FORMATS)
 def test_nothing_in_it(program_format: str) -> None:
-    program = reader(program_format)("", robot())
-    assert (program.targets, program.remarks) == ((), ())
+    program = reader_of_motions(program_format)("", robot())
+    assert (program.literals, program.remarks) == ((), ())
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_numbers_stand_where_they_are_said_to(sample: str) -> None:
-    program = read(sample)
-    for target in program.targets:
-        for number in (*target.numbers, *target.joints):
+    text = text_of(sample)
+    literals = reader_of_motions(SAMPLES[sample])(text, robot_of(sample)).literals
+    assert len(literals) > 1
+    for literal in (literal for literal in literals if not literal.left):
+        for number in literal.numbers:
             factor = {"deg": np.pi / 180, "mm": 1e-3}.get(number.unit, 1.0)
-            assert float(program.text[number.start : number.end]) * factor == pytest.approx(number.value, abs=1e-15)
-        assert program.text[: min(number.start for number in target.numbers)].count("\n") + 1 == target.line
+            assert float(text[number.start : number.end]) * factor == pytest.approx(number.value, abs=1e-15)
+        assert text[: min(number.start for number in literal.numbers)].count("\n") + 1 == literal.line
 
 
 # --- FANUC ----------------------------------------------------------------------------------------------------------
@@ -234,82 +245,6 @@ def test_kuka_axes_of_another_robot() -> None:
     assert "has 4 joints" in bad("kuka-krl", text, "scara")[2]
 
 
-# --- ABB ------------------------------------------------------------------------------------------------------------
-
-
-def test_abb() -> None:
-    assert found("pick.mod") == {
-        5: ("joint", "home"),
-        6: ("pose", "p10"),
-        7: ("pose", "p20"),
-        15: ("joint", "MoveAbsJ […]"),
-        16: ("pose", "MoveL […]"),
-        17: ("pose", "MoveL […]"),
-    }
-    assert left("pick.mod") == {
-        8: "no instruction of this file moves there: its tool and work object are not known",
-        12: "a relative motion; the point it starts from is treated by itself",
-        14: "a variable that this file gives no position",
-    }
-    program = read("pick.mod")
-    assert [(t.frame, t.tool) for t in program.targets if t.kind == "pose"] == [
-        ("", ""),
-        ("table", "gripper"),
-        ("", ""),
-        ("vise", ""),
-    ]
-    np.testing.assert_allclose(program.tools["gripper"][:3, 3], [0, 0, 0.1])
-    np.testing.assert_allclose(program.frames["table"][:3, 3], [1, 0, 0])
-
-
-EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
-
-
-@pytest.mark.parametrize(
-    ("target", "why"),
-    [
-        (f"[[1,2,3],[1,0.1,0,0],[0,0,0,0],{EXTERNAL}]", "quaternion of length 1.005"),
-        (f"[[1,2,nan],[1,0,0,0],[0,0,0,0],{EXTERNAL}]", "'nan'"),
-        (f"[[1,2,3],[1,0,0,0],[0,0,0],{EXTERNAL}]", "is no robtarget"),
-        ("[[1,2,3],[1,0,0,0],[0,0,0,0]]", "is no robtarget"),
-    ],
-)
-def test_abb_errors(target: str, why: str) -> None:
-    assert why in bad("abb-rapid", f"MODULE A\nPROC m()\n MoveL {target},v10,fine,tool0;\nENDPROC\n")[3]
-
-
-def test_abb_positions_left_alone() -> None:
-    def why(target: str, before: str = "", after: str = "") -> str:
-        text = f"MODULE A\nPROC m()\n{before}\n MoveL {target},v10,fine,tool0;\n{after}ENDPROC\n"
-        (remark,) = reader("abb-rapid")(text, robot()).remarks
-        assert not remark.bad
-        return remark.why
-
-    good = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]"
-    assert "external axes" in why("[[1,2,3],[1,0,0,0],[0,0,0,0],[100,9E9,9E9,9E9,9E9,9E9]]")
-    assert "expression (x+1)" in why(f"[[x+1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]")
-    assert "displacement (line 3)" in why(good, before="PDispOn p1,tool0;")
-    both = f"MODULE A\nCONST robtarget p:={good};\nPROC m()\nMoveL p,v1,fine,tool0;\nMoveL p,v1,fine,grip;\nENDPROC\n"
-    assert "several tools" in reader("abb-rapid")(both, robot()).remarks[0].why
-
-
-def test_abb_joints_that_a_robot_does_not_have() -> None:
-    text = f"MODULE A\nCONST jointtarget a:=[[1,2,3,4,9E9,9E9],{EXTERNAL}];\n"
-    (target,) = reader("abb-rapid")(text, robot("scara")).targets
-    assert len(target.values) == 4
-    assert "has 6" in bad("abb-rapid", text)[2]
-
-
-def test_abb_arrays_and_switched_off_configurations() -> None:
-    point = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]"
-    text = f"MODULE A\nCONST robtarget p{{2}}:=[{point},\n{point}];\nPROC m()\nMoveL p{{1}},v1,fine,tool0;\nENDPROC\n"
-    program = reader("abb-rapid")(text, robot())
-    assert [(t.name, t.line) for t in program.targets] == [("p{1}", 2), ("p{2}", 3)]
-    assert all(t.configuration for t in program.targets)
-    off = reader("abb-rapid")(text.replace("PROC m()", "PROC m()\nConfL\\Off;"), robot())
-    assert not any(t.configuration for t in off.targets)
-
-
 # --- Universal Robots -----------------------------------------------------------------------------------------------
 
 
@@ -409,16 +344,6 @@ def test_ur_a_variable_moved_to_with_several_tools_is_left_alone() -> None:
     program = reader("ur-script")(text, robot("ur5"))
     assert program.targets == ()
     assert "used with several tools" in {remark.why for remark in program.remarks}
-
-
-def test_abb_an_instruction_that_does_not_end_or_close_is_said() -> None:
-    def whys(move: str) -> set[str]:
-        text = f"MODULE A\nPROC m()\n {move}\nENDPROC\nENDMODULE\n"
-        return {remark.why for remark in reader("abb-rapid")(text, robot("fanuc-m1000ia")).remarks}
-
-    assert "no ; at its end" in whys("MoveL p10,v10,fine,tool0")
-    assert "a bracket is not closed" in whys("MoveL [[1,2,3],v10,fine,tool0;")
-    assert whys("MoveExtJ p10,v10,fine;") == set()
 
 
 def test_kuka_an_external_tool_makes_both_frames_unknown() -> None:

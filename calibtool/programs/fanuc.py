@@ -2,9 +2,10 @@
 
 import re
 
-from calibtool.programs.configurations import Fanuc
+from calibtool.programs.configurations import Fanuc, has_postures
 from calibtool.programs.targets import Lines, Number, Program, Remark, Target, by_position, is_not_finite, number_at
 from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array
 
 NAME = "fanuc-ls"
 SUFFIXES = (".ls",)
@@ -24,6 +25,15 @@ _POSE = (("X", "mm"), ("Y", "mm"), ("Z", "mm"), ("W", "deg"), ("P", "deg"), ("R"
 def matches(text: str) -> bool:
     """Whether this is a FANUC program."""
     return _START.search(text) is not None
+
+
+def coupling(robot: Robot) -> Array:
+    """Controllers state joint values of the description; without a coupling there, six-joint arms state J3 against the
+    horizontal: q3 = J3 + J2. (n, n)"""
+    matrix = robot.coupling.copy()
+    if not robot.coupled and has_postures(robot):
+        matrix[2, 1] = 1.0
+    return matrix
 
 
 def read(text: str, robot: Robot) -> Program:

@@ -62,48 +62,80 @@ def read_frames(text: str, name: str) -> Frames:
     )
 
 
-def pose(values: Sequence[float], orientation: str) -> Array:
-    """Pose (4, 4) of x, y, z (m) and an orientation (rad), see `Target.orientation`."""
-    T = np.eye(4)
-    T[:3, 3] = values[:3]
-    turn = np.asarray(values[3:], dtype=float)
+def poses(values: Array, orientation: str) -> Array:
+    """Poses (N, 4, 4) of x, y, z (m) and an orientation (rad), (N, 6) or (N, 7), see `Literal.orientation`."""
+    values = np.asarray(values, dtype=float)
+    T = np.zeros((len(values), 4, 4))
+    T[:, :3, 3], T[:, 3, 3] = values[:, :3], 1.0
+    if len(values):
+        T[:, :3, :3] = _rotation(values[:, 3:], orientation).as_matrix()
+    return T
+
+
+def _rotation(turn: Array, orientation: str) -> Rotation:
     if orientation == "quaternion":
-        rotation = Rotation.from_quat(turn, scalar_first=True)
+        return Rotation.from_quat(turn, scalar_first=True)
+    if orientation == "rotation vector":
+        return Rotation.from_rotvec(turn)
+    reverse = orientation == "abc"
+    return Rotation.from_euler("xyz", turn[:, ::-1] if reverse else turn)  # lower case: fixed axes
+
+
+def poses_values(T: Array, orientation: str, near: Array) -> Array:
+    """Numbers of poses T (N, 4, 4), inverse of `poses`; of several answers that nearest to the numbers `near`."""
+    near = np.asarray(near, dtype=float)
+    if not len(T):
+        return near.copy()
+    old, R = near[:, 3:], T[:, :3, :3]
+    if orientation == "quaternion":
+        turn = Rotation.from_matrix(R).as_quat(scalar_first=True)
+        turn = np.where((turn * old).sum(axis=1, keepdims=True) < 0, -turn, turn)
     elif orientation == "rotation vector":
-        rotation = Rotation.from_rotvec(turn)
+        turn = _rotation_vectors(Rotation.from_matrix(R).as_rotvec(), old)
+    elif orientation == "abc":
+        turn = _fixed_angles(R, old[:, ::-1])[:, ::-1]
     else:
-        rotation = Rotation.from_euler("xyz", turn[::-1] if orientation == "abc" else turn)  # lower case: fixed axes
-    T[:3, :3] = rotation.as_matrix()
+        turn = _fixed_angles(R, old)
+    return np.concatenate([T[:, :3, 3], turn], axis=1)
+
+
+def pose(values: Sequence[float], orientation: str) -> Array:
+    """The same for one pose: (4, 4)."""
+    T: Array = poses(np.array([values]), orientation)[0]
     return T
 
 
 def pose_values(T: Array, orientation: str, near: Sequence[float]) -> list[float]:
-    """The numbers of a pose T (4, 4), inverse of `pose`; of several answers the one nearest to the numbers `near`."""
-    R, old = T[:3, :3], np.asarray(near[3:], dtype=float)
-    if orientation == "quaternion":
-        turn = Rotation.from_matrix(R).as_quat(scalar_first=True)
-        turn = -turn if turn @ old < 0 else turn
-    elif orientation == "rotation vector":
-        vector = Rotation.from_matrix(R).as_rotvec()
-        angle = np.linalg.norm(vector)
-        axis = vector / angle if angle > 1e-12 else old / max(float(np.linalg.norm(old)), 1e-12)
-        turn = min((axis * (angle + 2 * np.pi * k) for k in (-2, -1, 0, 1, 2)), key=lambda v: np.linalg.norm(v - old))
-    elif orientation == "abc":
-        turn = _fixed_angles(R, old[::-1])[::-1]
-    else:
-        turn = _fixed_angles(R, old)
-    return [*T[:3, 3].tolist(), *turn.tolist()]
+    """The same for one pose T (4, 4)."""
+    return [float(x) for x in poses_values(T[None], orientation, np.array([near]))[0]]
+
+
+def _rotation_vectors(vectors: Array, old: Array) -> Array:
+    """Rotation vectors (N, 3) of the same rotations nearest to `old`, up to two turns away."""
+    angle = np.linalg.norm(vectors, axis=1, keepdims=True)
+    size = np.linalg.norm(old, axis=1, keepdims=True)
+    axis = np.where(angle > 1e-12, vectors / np.maximum(angle, 1e-300), old / np.maximum(size, 1e-12))
+    choices = axis * (angle + 2 * np.pi * np.arange(-2, 3)[:, None, None])
+    nearest = np.linalg.norm(choices - old, axis=-1).argmin(axis=0)
+    result: Array = choices[nearest, np.arange(len(old))]
+    return result
 
 
 def _fixed_angles(R: Array, old: Array) -> Array:
-    """Angles about the fixed axes x, y, z nearest to `old`; where the middle one is ±90 deg the first one is kept."""
-    horizontal = float(np.hypot(R[0, 0], R[1, 0]))
-    pitch = np.arctan2(-R[2, 0], horizontal)
-    if horizontal < 1e-9:
-        left = R @ Rotation.from_euler("xyz", [old[0], pitch, 0.0]).as_matrix().T
-        found = [np.array([old[0], pitch, np.arctan2(left[1, 0], left[0, 0])])]
-    else:
-        roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
-        found = [np.array([roll, pitch, yaw]), np.array([roll + np.pi, np.pi - pitch, yaw + np.pi])]
-    near = [angles - 2 * np.pi * np.round((angles - old) / (2 * np.pi)) for angles in found]
-    return min(near, key=lambda angles: float(np.linalg.norm(angles - old)))
+    """Angles about the fixed axes x, y, z (N, 3) nearest to `old`; with the middle one at ±90 deg the first is kept."""
+    horizontal = np.hypot(R[:, 0, 0], R[:, 1, 0])
+    pitch = np.arctan2(-R[:, 2, 0], horizontal)
+    roll, yaw = np.arctan2(R[:, 2, 1], R[:, 2, 2]), np.arctan2(R[:, 1, 0], R[:, 0, 0])
+    choices = np.array([[roll, pitch, yaw], [roll + np.pi, np.pi - pitch, yaw + np.pi]])
+    choices = choices.transpose(0, 2, 1)
+    locked = np.flatnonzero(horizontal < 1e-9)
+    if len(locked):
+        kept = np.stack([old[locked, 0], pitch[locked], np.zeros(len(locked))], axis=1)
+        turn = Rotation.from_euler("xyz", kept).as_matrix()
+        left = R[locked] @ np.swapaxes(turn, -1, -2)
+        kept[:, 2] = np.arctan2(left[:, 1, 0], left[:, 0, 0])
+        choices[:, locked] = kept
+    near = choices - 2 * np.pi * np.round((choices - old) / (2 * np.pi))
+    nearest = np.linalg.norm(near - old, axis=-1).argmin(axis=0)
+    result: Array = near[nearest, np.arange(len(old))]
+    return result

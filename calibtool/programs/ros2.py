@@ -8,6 +8,7 @@ from calibtool.programs.targets import Lines, Program, Remark, Target, is_not_fi
 from calibtool.robot.model import Robot
 
 NAME = "ros2-trajectory"
+IN_ORDER = True
 SUFFIXES = (".yaml", ".yml", ".json")
 _COMMENT = re.compile(r"(?:^|(?<=\s))#[^\r\n]*", re.MULTILINE)
 _LIST = re.compile(r"""(?:^|(?<=[\s{,\-]))(["']?)(joint_names|positions)\1\s*:""", re.MULTILINE)

@@ -17,7 +17,7 @@ _NUMBER = re.compile(NUMBER)
 _NOT_FINITE = re.compile(r"[-+]?\.?(?:nan|inf|infinity)", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Number:
     """A number in the text: characters start to end, its unit (`""` for a quaternion's component), its SI value."""
 
@@ -60,12 +60,16 @@ class Target:
 
 @dataclass(frozen=True)
 class Remark:
-    """Something in the program that is not corrected: its line, its name and why; bad: it is an error of the program."""
+    """Something in the program that is not corrected: its line, its name and why; bad: it is an error of the program.
+
+    source: number of its text
+    """
 
     line: int
     name: str
     why: str
     bad: bool = False
+    source: int = 0
 
 
 @dataclass(frozen=True)
