@@ -95,16 +95,19 @@ def test_errors(target: str, why: str) -> None:
 
 def test_positions_left_alone() -> None:
     def why(target: str, before: str = "") -> str:
-        (found,) = whys(f"MODULE A\nPROC m()\n{before}\n MoveL {target},v10,fine,tool0;\nENDPROC\n").values()
+        (found,) = whys(
+            f"MODULE A\nPROC m()\n{before}\n MoveL {target},v10,fine,tool0;\nENDPROC\n"
+        ).values()
         return found
 
     assert "external axes" in why("[[1,2,3],[1,0,0,0],[0,0,0,0],[100,9E9,9E9,9E9,9E9,9E9]]")
     assert "expression (x+1)" in why(f"[[x+1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]")
     assert "displacement (line 3)" in why(GOOD, before="PDispOn p1,tool0;")
     both = f"CONST robtarget p:={GOOD};"
-    assert "several tools (lines 4, 5)" in whys(
-        procedure("MoveL p,v1,fine,tool0;", "MoveL p,v1,fine,grip;", before=both + grip)
-    )[2]
+    assert (
+        "several tools (lines 4, 5)"
+        in whys(procedure("MoveL p,v1,fine,tool0;", "MoveL p,v1,fine,grip;", before=both + grip))[2]
+    )
 
 
 grip = "PERS tooldata grip:=[TRUE,[[0,0,9],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];"
@@ -118,7 +121,9 @@ def test_joints_that_a_robot_does_not_have() -> None:
 
 
 def test_arrays_and_switched_off_configurations() -> None:
-    text = procedure("MoveL p{1},v1,fine,tool0;", before=f"CONST robtarget p{{2}}:=[{GOOD},{GOOD}];")
+    text = procedure(
+        "MoveL p{1},v1,fine,tool0;", before=f"CONST robtarget p{{2}}:=[{GOOD},{GOOD}];"
+    )
     program, flow, _, left = followed(text)
     assert [literal.name for literal in program.literals] == ["p{1}", "p{2}"]
     assert [(use.literal, use.obeyed) for use in flow.uses] == [(0, True)]

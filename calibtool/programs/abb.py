@@ -334,9 +334,7 @@ class _Reader:
         line = self.text.lines(statement.position)
         if not statement.ended:
             if _MOTION.fullmatch(name):
-                self.remarks.append(
-                    Remark(line, name, "no ; at its end", source=self.text.number)
-                )
+                self.remarks.append(Remark(line, name, "no ; at its end", source=self.text.number))
             return
         if low == "goto":
             yield Jump(self.code[statement.start : statement.end].strip().lower())

@@ -177,9 +177,7 @@ def _from_random(controller: Controller, T: Array, near: Array, q: Array, asked:
     return found, answers
 
 
-def _nearest(
-    controller: Controller, T: Array, near: Array, seeds: Array, asked: _Asked
-) -> _Found:
+def _nearest(controller: Controller, T: Array, near: Array, seeds: Array, asked: _Asked) -> _Found:
     """Of the answers from seeds (N, k, n) the one nearest to `near` that is what is asked for."""
     robot, (count, tries) = controller.robot, seeds.shape[:2]
     solved = solve_poses(

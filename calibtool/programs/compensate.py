@@ -207,9 +207,7 @@ class _Correction:
             if not len(here):
                 continue
             T = answers.T[rows[here]] if kind == POSE else None
-            part = guarded(
-                self.calibration, q[here], T, self.options.method, self.options.outside
-            )
+            part = guarded(self.calibration, q[here], T, self.options.method, self.options.outside)
             for name in ("q", "status", "position", "orientation"):
                 getattr(result, name)[here] = getattr(part, name)
         return result
@@ -243,7 +241,9 @@ class _Correction:
                 )
                 self._leave(position.literal, why, NoSolutionError)
             elif np.abs(written[start:end] - written[start]).max() > _AGREE:
-                self._leave(position.literal, "reached on several branches, which need different numbers")
+                self._leave(
+                    position.literal, "reached on several branches, which need different numbers"
+                )
             else:
                 good.append(start)
         numbers = self._numbers([found[rows[k]] for k in good], written[good], finite[good])
@@ -262,7 +262,10 @@ class _Correction:
             digits = self._digits(literal, q[start], corrected.q[start])
             if digits:
                 self.looks.append(
-                    _remark(literal, "a joint passes into another turn: its configuration data are changed too")
+                    _remark(
+                        literal,
+                        "a joint passes into another turn: its configuration data are changed too",
+                    )
                 )
             self.edits[number] = edits + [(d.start, d.end, str(value)) for d, value in digits]
             if self.edits[number]:

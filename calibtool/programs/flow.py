@@ -279,9 +279,7 @@ class _Analysis:
             self._remark(move.line, move.name, aim.relative, routine)
         return frozenset(reached | before | {_NOWHERE}) if unknown else frozenset(reached)
 
-    def _remark(
-        self, line: int, name: str, why: str, routine: Routine, bad: bool = False
-    ) -> None:
+    def _remark(self, line: int, name: str, why: str, routine: Routine, bad: bool = False) -> None:
         remark = Remark(line, name, why, bad, routine.source)
         self.remarks.setdefault((line, f"{routine.source} {name} {why}"), remark)
 

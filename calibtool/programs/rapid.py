@@ -36,7 +36,9 @@ _ASSIGNED = re.compile(
 )
 _INSTRUCTION = re.compile(r"(?P<name>\w+)")
 _SEPARATOR = re.compile(r"[,\\()\[\]{}]")
-_OPERAND = re.compile(r"[\w\])]\s*+(?<=\s)(?!(?:AND|OR|XOR|NOT|DIV|MOD)\b)(?=[A-Za-z%])", re.IGNORECASE)
+_OPERAND = re.compile(
+    r"[\w\])]\s*+(?<=\s)(?!(?:AND|OR|XOR|NOT|DIV|MOD)\b)(?=[A-Za-z%])", re.IGNORECASE
+)
 _OPERATOR = re.compile(r"\b(?:AND|OR|XOR|NOT|DIV|MOD|IF)\s*$", re.IGNORECASE)
 
 
@@ -79,7 +81,11 @@ def statements(code: str) -> Iterator[Statement]:
             yield from _simple(code, position)
             position = _after(code, position)
             continue
-        at = position + len(code[position : block.end()]) - len(code[position : block.end()].lstrip())
+        at = (
+            position
+            + len(code[position : block.end()])
+            - len(code[position : block.end()].lstrip())
+        )
         position = block.end()
         if block["head"]:
             position = _parameters(code, position)

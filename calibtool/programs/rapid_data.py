@@ -58,7 +58,9 @@ class Text:
     lines: Lines
     robot: Robot
     literals: list[Literal]
-    taken: set[int] = field(default_factory=set)  # where positions begin that are among the literals
+    taken: set[int] = field(
+        default_factory=set
+    )  # where positions begin that are among the literals
 
     def position(self, type_: str, start: int, end: int, name: str) -> int:
         """The number of the literal in code[start:end]."""

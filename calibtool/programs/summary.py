@@ -66,12 +66,18 @@ class CompensatedProgram:
 
     def summary(self, name: str) -> list[str]:
         """Lines for people: counts, the largest change, and every reason with its lines."""
-        most = f", at most {self.largest_mm:.3f} mm and {self.largest_deg:.4f} deg" if self.changed else ""
+        most = (
+            f", at most {self.largest_mm:.3f} mm and {self.largest_deg:.4f} deg"
+            if self.changed
+            else ""
+        )
         alone = f"; {len(self.left_alone)} left alone" if self.left_alone else ""
         lines = [f"{name}: {self.changed} of {self.targets} targets changed{most}{alone}"]
         for what, remarks in (("left alone", self.left_alone), ("changed, but look", self.remarks)):
             ordered = sorted(remarks, key=lambda remark: (remark.source, remark.why, remark.line))
-            for (source, why), group in groupby(ordered, key=lambda remark: (remark.source, remark.why)):
+            for (source, why), group in groupby(
+                ordered, key=lambda remark: (remark.source, remark.why)
+            ):
                 place = name if len(self.names) == 1 else self.names[source]
                 lines.append(f"{place}: {what}: {why}: {_places(list(group))}")
         return lines + [f"{name}: note: {note}" for note in self.notes]

@@ -102,7 +102,11 @@ class Evaluation:
         T, line = np.eye(4), 0
         for part in parts:
             if not isinstance(part, Frame):
-                return part if isinstance(part, Unknown) else Unknown("a product of what are no frames")
+                return (
+                    part
+                    if isinstance(part, Unknown)
+                    else Unknown("a product of what are no frames")
+                )
             if part.values is None:
                 return part
             T, line = T @ part.T, max(line, part.line)
