@@ -49,6 +49,7 @@ def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, s
 def agreed(which: str, uses: Iterable[Use]) -> Frame | str:
     """The frame or tool of all uses, or why there is not one."""
     lines: dict[tuple[float, ...], int] = {}
+    set_anew: set[int] = set()
     result: Frame | None = None
     for use in uses:
         for atom in sorted(use.frames if which == FRAME else use.tools, key=str):
@@ -57,13 +58,19 @@ def agreed(which: str, uses: Iterable[Use]) -> Frame | str:
             if atom.values is None:
                 return _not_given(atom)
             lines.setdefault(atom.values, use.line)
+            set_anew.add(atom.line)
             result = atom
     if len(lines) > 1:
-        where = sorted(set(lines.values()))
-        places = ", ".join(map(str, where[:_LINES])) + (" …" if len(where) > _LINES else "")
-        return f"used with several {which}s (line{'s' if len(where) > 1 else ''} {places})"
+        anew = f"; set in {_places(set_anew - {0})}" if set_anew - {0} else ""
+        return f"used with several {which}s ({_places(set(lines.values()))}{anew})"
     assert result is not None
     return result
+
+
+def _places(lines: set[int]) -> str:
+    where = sorted(lines)
+    more = " …" if len(where) > _LINES else ""
+    return f"line{'s' if len(where) > 1 else ''} {', '.join(map(str, where[:_LINES]))}{more}"
 
 
 def _not_given(frame: Frame) -> str:

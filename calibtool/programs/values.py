@@ -1,6 +1,6 @@
 """What variables of a program can hold: sets of values, and what is computed from them."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -43,11 +43,13 @@ class Evaluation:
     """Values of variables and of what is made of them.
 
     given    frames and tools by name, which win over those that the program declares
-    spoiled  literals that are no constants, because a component of them is assigned, and why
+    owners   of each literal the variables that it is assigned to
+    spoiled  literals that are no constants, because a component of such a variable is assigned, and why
     """
 
     given: Frames
-    spoiled: dict[int, str]
+    owners: Mapping[int, set[str]]
+    spoiled: dict[int, str] = field(default_factory=dict)
     _products: dict[tuple[str, str | None, tuple[Atom, ...]], Atom] = field(default_factory=dict)
 
     def atoms(self, value: Value, variable: Callable[[str], Atoms]) -> Atoms:
@@ -114,8 +116,11 @@ class Evaluation:
 
     def _edited(self, value: Edited, base: Atom) -> Atom:
         if isinstance(base, int):
-            self.spoiled.setdefault(base, value.why)
-            return Unknown(value.why, quiet=True)
+            name = value.base.name if isinstance(value.base, Entry) else value.base
+            own = name in self.owners.get(base, ())  # otherwise a copy of it is changed
+            if own:
+                self.spoiled.setdefault(base, value.why)
+            return Unknown(value.why, quiet=own)
         if isinstance(base, Entry | Product | Edited):
             return replace(value, base=base)
         if not isinstance(base, Frame) or base.values is None or not value.components:
