@@ -68,13 +68,15 @@ class Flow:
 
     uses     in the order in which routines are followed: callees before those that call them
     spoiled  literals that are no constants, and why
-    seeds    literals that only choose the branch of others
+    seeds    literals that choose the branch of others
+    frames   literals that are frames or tools
     remarks  motions that go to nothing written
     """
 
     uses: tuple[Use, ...]
     spoiled: dict[int, str]
     seeds: frozenset[int]
+    frames: frozenset[int]
     remarks: tuple[Remark, ...]
 
 
@@ -127,7 +129,7 @@ class _Analysis:
         self.graphs = {routine.name: blocks(routine.body) for routine in program.routines}
         self.kept = kept
         self.assigned = self._assigned()
-        self.evaluation = Evaluation(given, self.owners)
+        self.evaluation = Evaluation(program.literals, given, self.owners)
         self.constants: dict[str, Atoms | None] = {}
         self.nodes: list[_Node] = []
         self.numbers: dict[tuple[int, int | Entry], int] = {}
@@ -315,9 +317,10 @@ class _Analysis:
             before, sure = _before(atoms, found_at)
             result.append(replace(use, before=before, sure=sure))
         seeds = frozenset(k for use in result for k in use.near)
-        used = {use.literal for use in result} | seeds
+        frames = frozenset(self.evaluation.frames)
+        used = {use.literal for use in result} | seeds | frames
         result += self._alone(used, len(result))
-        return Flow(tuple(result), self.evaluation.spoiled, seeds, tuple(self.remarks.values()))
+        return Flow(tuple(result), self.evaluation.spoiled, seeds, frames, tuple(self.remarks.values()))
 
     def _entered(self, entry: _State) -> Callable[[str], Atoms]:
         return lambda name: entry.get(name) or self.begin(name)

@@ -1,6 +1,6 @@
 """What variables of a program can hold: sets of values, and what is computed from them."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -9,10 +9,12 @@ import numpy as np
 from calibtool.programs.frames import Frames, pose, pose_values
 from calibtool.programs.motions import (
     FRAME,
+    POSE,
     Edited,
     Either,
     Entry,
     Frame,
+    Literal,
     Product,
     Setting,
     Unknown,
@@ -42,14 +44,17 @@ def joined(one: Atoms, other: Atoms) -> Atoms:
 class Evaluation:
     """Values of variables and of what is made of them.
 
+    literals  positions by their numbers; frames: those that are used as frames or tools
     given    frames and tools by name, which win over those that the program declares
     owners   of each literal the variables that it is assigned to
     spoiled  literals that are no constants, because a component of such a variable is assigned, and why
     """
 
+    literals: Sequence[Literal]
     given: Frames
     owners: Mapping[int, set[str]]
     spoiled: dict[int, str] = field(default_factory=dict)
+    frames: set[int] = field(default_factory=set)
     _products: dict[tuple[str, str | None, tuple[Atom, ...]], Atom] = field(default_factory=dict)
 
     def atoms(self, value: Value, variable: Callable[[str], Atoms]) -> Atoms:
@@ -103,6 +108,13 @@ class Evaluation:
             return replace(value, parts=parts)
         T, line = np.eye(4), 0
         for part in parts:
+            if isinstance(part, int):
+                self.frames.add(part)
+                literal = self.literals[part]
+                if literal.kind != POSE or not literal.numbers:
+                    return Unknown(f"'{literal.name}' is no frame (line {literal.line})")
+                T = T @ pose(literal.values, literal.orientation)
+                continue
             if not isinstance(part, Frame):
                 return (
                     part
