@@ -1,25 +1,62 @@
-"""FANUC programs in ASCII (.LS): the positions of the /POS section."""
+"""FANUC programs in ASCII (.LS): their motions, and what their instructions do to frames and to the order."""
 
 import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
-from calibtool.programs.configurations import Fanuc, has_postures
-from calibtool.programs.targets import Lines, Number, Program, Remark, Target, by_position, is_not_finite, number_at
+from calibtool.programs.characters import beyond_ascii_blanked
+from calibtool.programs.configurations import has_postures
+from calibtool.programs.motions import (
+    FRAME,
+    JOINT,
+    TOOL,
+    Aim,
+    Begin,
+    Call,
+    Else,
+    End,
+    Jump,
+    Label,
+    Literal,
+    Move,
+    Program,
+    Return,
+    Routine,
+    Source,
+    Unknown,
+    Value,
+)
+from calibtool.programs.motions import Statement as Step
+from calibtool.programs.targets import Lines, Remark
+from calibtool.programs.tp import Motion, Point, Section, Statement, motion, parts, sections, statements
+from calibtool.programs.tp_frames import Listed, Selection, is_listing
+from calibtool.programs.tp_positions import HELD, Positions, Taught, turn_axes
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 
 NAME = "fanuc-ls"
 SUFFIXES = (".ls",)
-_START = re.compile(r"^/(?:PROG\b|POS\s*$)", re.MULTILINE)
-_POSITION = re.compile(r"^[ \t]*P\[(\d+)[^\]\n]*\][ \t]*\{", re.MULTILINE)
-_END = re.compile(r"\}[ \t]*;")
-_GROUP = re.compile(r"\bGP(\d+)[ \t]*:")
-_ITEM = re.compile(r"(?:'[^']*'|[^,'])+")
-_VALUE = re.compile(r"([A-Z]\d*)\s*=\s*(\S+)\s*(mm|deg)?")
-_FRAME = re.compile(r"(UF|UT)\s*:\s*(\w+)")
-_CONFIG = re.compile(r"CONFIG\s*:\s*'([^']*)'")
-_SIX_JOINTS = re.compile(r"([NF])\s+(?:[LR]\s+)?([UD])\s+([TB])\s*((?:,\s*-?\d+\s*)*)")
-_MOTION = re.compile(r"^[ \t]*\d*:[ \t]*(?:[JLCAS][ \t]+)?(P|PR)\[(\d+)[^\]\n]*\]([^;\n]*)", re.MULTILINE)
-_POSE = (("X", "mm"), ("Y", "mm"), ("Z", "mm"), ("W", "deg"), ("P", "deg"), ("R", "deg"))
+_START = re.compile(r"(?:^|[\r\n])[ \t]*/(?:PROG\b|POS[ \t]*(?:[\r\n]|$))")
+_INC = frozenset({"INC", "INK", "INKR"})
+_OFFSETS = frozenset({"OFFSET", "TOOL_OFFSET", "VOFFSET", "WKZ_OFFSET"})
+_SELECT = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)_NUM\s*(?:\[([^\]]*)\])?\s*=\s*(.+)", re.IGNORECASE)
+_SET = re.compile(
+    r"(UFRAME|BENUTZER|UTOOL|WKZ)\s*\[\s*(?:GP(\d)\s*:)?\s*([^\]]*)\]\s*=", re.IGNORECASE
+)
+_WRITTEN = re.compile(r"P\s*\[\s*(\d+)[^\]]*\]\s*=")
+_CALL = re.compile(r"(?:CALL|AUFRUF)\s+([\w-]+)", re.IGNORECASE)
+_JUMP = re.compile(r"(?:JMP|SPRUNG)\s+(?:LBL|LABEL)\s*\[\s*([^\]:]*)", re.IGNORECASE)
+_LABEL = re.compile(r"(?:LBL|LABEL)\s*\[\s*(\d+)", re.IGNORECASE)
+_IF = re.compile(r"(?:IF|WENN)\b", re.IGNORECASE)
+_CASE = re.compile(r"(?:SELECT|IST|ELSE|SONST)\b|=", re.IGNORECASE)
+_THEN = re.compile(r"\b(?:THEN|DANN)$", re.IGNORECASE)
+_TIMEOUT = re.compile(r",\s*(?:LBL|LABEL)\s*\[\s*(\d+)[^\]]*\]$", re.IGNORECASE)
+_PLAIN: dict[str, tuple[Step, ...]] = {
+    "ELSE": (Else(last=True),), "SONST": (Else(last=True),), "ENDIF": (End(),), "ENDWENN": (End(),),
+    "ENDFOR": (End(),), "END": (Return(),), "ENDE": (Return(),), "ABORT": (Return(),),
+}  # fmt: skip
+_FOR = re.compile(r"FOR\b", re.IGNORECASE)
+_LISTED = 5  # lines in a note
 
 
 def matches(text: str) -> bool:
@@ -36,118 +73,213 @@ def coupling(robot: Robot) -> Array:
     return matrix
 
 
-def read(text: str, robot: Robot) -> Program:
-    """Targets of motion group 1. Incremental motions, other groups and positions not taught are left alone."""
-    lines = Lines(text)
-    cut = re.search(r"^/POS[ \t]*\r?$", text, re.MULTILINE)
-    split = cut.end() if cut else len(text)
-    remarks: list[Remark] = []
-    notes: list[str] = []
-    incremental: dict[str, int] = {}
-    for motion in _MOTION.finditer(text, 0, split):
-        kind, number, options = motion.groups()
-        if kind == "PR":
-            remarks.append(
-                Remark(lines(motion.start(1)), f"PR[{number}]", "a register: its value is not in the program")
-            )
-        elif re.search(r"\bINC\b", options):
-            incremental[number] = lines(motion.start(1))
-        elif re.search(r"\b(?:V?OFFSET|TOOL_OFFSET)\b", options, re.IGNORECASE):
-            notes.append(f"line {lines(motion.start(1))}: P[{number}] is corrected without its offset")
-    targets = []
-    positions = list(_POSITION.finditer(text, split))
-    following = [position.start() for position in positions[1:]] + [len(text)]
-    for position, limit in zip(positions, following, strict=False):
-        name, line = f"P[{position[1]}]", lines(position.start(1))
-        closed = _END.search(text, position.end(), limit)
-        if closed is None:
-            remarks.append(Remark(line, name, "is not closed by };", bad=True))
-            continue
-        if position[1] in incremental:
-            why = f"a relative motion (INC in line {incremental[position[1]]})"
-            remarks.append(Remark(line, name, why))
-            continue
-        groups = list(_GROUP.finditer(text, position.end(), closed.start()))
-        ends = [group.start() for group in groups[1:]] + [closed.start()]
-        if not groups:
-            remarks.append(Remark(line, name, "no motion group; expected GP1:", bad=True))
-        for group, end in zip(groups, ends, strict=False):
-            if group[1] != "1":
-                remarks.append(
-                    Remark(lines(group.start()), f"{name} GP{group[1]}", "external axes (another motion group)")
-                )
-                continue
-            found = _target(text, group.end(), end, name, lines, robot)
-            if isinstance(found, Target):
-                targets.append(found)
-            else:
-                remarks.append(found)
-    return Program(text, by_position(targets), tuple(remarks), notes=tuple(notes))
-
-
-def _target(text: str, start: int, end: int, name: str, lines: Lines, robot: Robot) -> Target | Remark:
-    frame = tool = ""
-    config = None
-    values: dict[str, Number] = {}
-    line = lines(start)
-    for item in _ITEM.finditer(text, start, end):
-        word = item[0].strip()
-        line = lines(item.start() + len(item[0]) - len(item[0].lstrip()))
-        if not word:
-            continue
-        if match := _FRAME.fullmatch(word):
-            which = "" if match[2] == "0" else match[2]
-            frame, tool = (which, tool) if match[1] == "UF" else (frame, which)
-        elif match := _CONFIG.fullmatch(word):
-            config = match[1]
-        elif match := _VALUE.fullmatch(word):
-            first = item.start() + item[0].index(word)
-            number = number_at(text, first + match.start(2), first + match.end(2), match[3] or "")
-            if "*" in match[2]:
-                return Remark(line, name, "not taught")
-            if number is None or not match[3]:
-                return Remark(line, name, f"{match[1]} is '{match[2]}'; expected a number with mm or deg", bad=True)
-            values[match[1]] = number
-        elif is_not_finite(word):
-            return Remark(line, name, f"'{word}' is not a number", bad=True)
+def program(sources: Sequence[Source], robot: Robot) -> Program:
+    """The positions of motion group 1 and the motions to them; listings of variables give frames and tools."""
+    listed = Listed()
+    texts: dict[int, str] = {}
+    for number, source in enumerate(sources):
+        text = re.sub(r"\r(?!\n)", "\n", source.text)
+        if is_listing(text):
+            listed.read(text, number)
         else:
-            return Remark(line, name, f"'{word[:30]}' is not known in a position", bad=True)
-    extended = any(re.fullmatch(r"E\d", key) for key in values)
-    values = {key: value for key, value in values.items() if not re.fullmatch(r"E\d", key)}
-    if "J1" in values:
-        return _joints(values, lines, name, robot)
-    if set(values) != {key for key, _ in _POSE}:
-        return Remark(line, name, f"holds {', '.join(values) or 'nothing'}; expected J1 … or X Y Z W P R", bad=True)
-    for key, unit in _POSE:
-        if values[key].unit != unit:
-            place = lines(values[key].start)
-            return Remark(place, name, f"{key} is in {values[key].unit}; expected {unit}", bad=True)
-    line = lines(values["X"].start)
-    if extended:
-        return Remark(line, name, "external axes beside a pose")
-    match = _SIX_JOINTS.fullmatch((config or "").strip())
-    if match is None:
-        return Remark(line, name, f"a configuration that is not of a six-joint arm ('{config}')")
-    if re.search("[1-9]", match[4]):
-        return Remark(line, name, f"turn numbers other than 0 ('{config}'): which joints they count is a setting")
-    return Target(
-        kind="pose",
-        numbers=tuple(values[key] for key, _ in _POSE),
-        line=line,
-        name=name,
-        orientation="wpr",
-        frame=frame,
-        tool=tool,
-        configuration=Fanuc(match[1], match[2], match[3]),
+            texts[number] = beyond_ascii_blanked(text)
+    axes = listed.turn_axes or turn_axes(list(texts.values()), robot)
+    literals: list[Literal] = []
+    remarks = listed.remarks
+    routines: list[_Routine] = []
+    for number, code in texts.items():
+        lines = Lines(code)
+        reader = Positions(
+            sources[number].text, code, number, lines, robot, axes, literals, remarks
+        )
+        routines += [_Routine(code, section, lines, reader) for section in sections(code)]
+    changed = _changed(routines)
+    selections = tuple(
+        Selection(
+            kind,
+            frozenset(word for one in routines for word in one.words(kind)),
+            listed.frames,
+            changed[kind],
+        )
+        for kind in (FRAME, TOOL)
+    )
+    names = {routine.name: routine.key for routine in reversed(routines)}
+    for routine in routines:
+        routine.alone(selections, literals)
+    return Program(
+        tuple(sources),
+        tuple(literals),
+        tuple(
+            Routine(one.key, tuple(one.steps(selections, names)), one.source) for one in routines
+        ),
+        selections[0].declared() | selections[1].declared(),
+        tuple(remarks),
+        tuple(note for routine in routines for note in routine.notes()),
     )
 
 
-def _joints(values: dict[str, Number], lines: Lines, name: str, robot: Robot) -> Target | Remark:
-    line = lines(values["J1"].start)
-    if sorted(values) != sorted(f"J{k + 1}" for k in range(robot.n)):
-        return Remark(line, name, f"holds {', '.join(values)}, but {robot.name} has {robot.n} joints", bad=True)
-    numbers = tuple(values[f"J{k + 1}"] for k in range(robot.n))
-    for k, (number, prismatic) in enumerate(zip(numbers, robot.prismatic, strict=True)):
-        if (number.unit == "mm") != prismatic:
-            return Remark(line, name, f"J{k + 1} is in {number.unit}, which does not fit the joint", bad=True)
-    return Target("joint", numbers, line, name)
+def _changed(routines: Sequence["_Routine"]) -> dict[str, dict[str, str]]:
+    """Why frames and tools are no constants, by kind and number: they are assigned."""
+    changed: dict[str, dict[str, str]] = {FRAME: {}, TOOL: {}}
+    for statement in (one for routine in routines for one in routine.statements):
+        for part in parts(statement.text):
+            match = _SET.match(part)
+            if match and match[2] in (None, "1"):
+                number = str(int(match[3])) if match[3].strip().isdecimal() else ""
+                why = f"it is assigned (line {statement.line})"
+                changed[_kind(match[1])].setdefault(number, why)
+    return changed
+
+
+def _kind(word: str) -> str:
+    return FRAME if word.upper() in ("UFRAME", "BENUTZER") else TOOL
+
+
+class _Routine:
+    """One program: its statements, its positions, and the steps that come of them."""
+
+    def __init__(self, code: str, section: Section, lines: Lines, reader: Positions) -> None:
+        self.name, self.source, self.section = section.name, reader.source, section
+        self.key = f"{reader.source}|{section.instructions[0]}|{section.name}"
+        self.statements = list(statements(code, section.instructions, lines))
+        self.motions = {
+            k: found
+            for k, one in enumerate(self.statements)
+            if (found := motion(one)) is not None
+        }
+        self.labels = [m[1] for one in self.statements if (m := _LABEL.match(one.text))]
+        self.taught = reader.read(section.positions, self._no_targets())
+
+    def _no_targets(self) -> Callable[[int], str]:
+        """Why positions of this program are none to correct, by their numbers."""
+        left: dict[int, str] = {}
+        moved_to: set[int] = set()
+        somewhere = ""
+        for found in self.motions.values():
+            relative = found.options & _INC
+            for point in found.points:
+                if point.kind != "P":
+                    continue
+                if point.number is None and relative:
+                    somewhere = f"may be used by a relative motion ({point.text[:30]} with INC in line {found.line})"
+                elif point.number is not None and relative:
+                    left.setdefault(point.number, f"a relative motion (INC in line {found.line})")
+                elif point.number is not None:
+                    moved_to.add(point.number)
+        for one in self.statements:
+            if match := _WRITTEN.match(one.text):
+                left[int(match[1])] = f"it is assigned (line {one.line})"
+        return lambda number: left.get(number, "" if number in moved_to else somewhere)
+
+    def words(self, kind: str) -> set[str]:
+        """How its positions name their frames or tools."""
+        return {one.frame if kind == FRAME else one.tool for one in self.taught.values()}
+
+    def alone(self, selections: tuple[Selection, Selection], literals: list[Literal]) -> None:
+        """Let positions that no motion goes to be corrected in their own frame."""
+        for taught in self.taught.values():
+            literal = literals[taught.literal]
+            if not literal.left:
+                aim = self._aim(taught, selections)
+                if literal.kind == JOINT:
+                    aim = Aim(taught.literal)
+                literals[taught.literal] = replace(literal, alone=aim)
+
+    def _aim(self, taught: Taught, selections: tuple[Selection, Selection]) -> Aim:
+        frame, tool = selections
+        where: Value = frame.variable(taught.frame)
+        if self.section.tracking:
+            where = Unknown("line tracking: a conveyor moves it")
+        return Aim(taught.literal, where, tool.variable(taught.tool))
+
+    # --- steps -------------------------------------------------------------------------------------------------------
+
+    def steps(
+        self, selections: tuple[Selection, Selection], names: dict[str, str]
+    ) -> Iterator[Step]:
+        """What the statements do, in their order."""
+        self._selections, self._names = selections, names
+        for k, statement in enumerate(self.statements):
+            found = self.motions.get(k)
+            if found is None:
+                yield from self._instruction(statement.line, statement.text)
+                continue
+            aims = tuple(self._point(point, found) for point in found.points)
+            yield Move(found.line, found.letter, aims)
+            if found.label:
+                yield Jump(found.label, always=False)
+
+    def _point(self, point: Point, found: Motion) -> Aim:
+        if point.kind == "PR":
+            return Aim(Unknown("a register: its value is not in the program"))
+        if point.number is None:
+            which = f"which position it is, a register tells ({point.text[:30]})"
+            relative = "a relative motion (INC): " if found.options & _INC else ""
+            return Aim(Unknown(relative + which))
+        taught = self.taught.get(point.number)
+        if taught is None:
+            return Aim(Unknown(f"P[{point.number}] is not among the positions for group 1"))
+        if found.options & _INC:
+            return Aim(Unknown("a relative motion", quiet=True))
+        aim = self._aim(taught, self._selections)
+        if "RTCP" in found.options:
+            return replace(aim, tool=Unknown(f"a remote TCP (RTCP in line {found.line}): {HELD}"))
+        return aim
+
+    def _instruction(self, line: int, text: str) -> Iterator[Step]:
+        """What an instruction does that is no motion."""
+        plain = _PLAIN.get(text.upper())
+        if plain is not None:
+            yield from plain
+        elif _IF.match(text) and _THEN.search(text):
+            yield Begin()
+        elif _FOR.match(text):
+            yield Begin(loop=True)
+        elif _IF.match(text) or _CASE.match(text):
+            yield Begin()
+            for action in parts(text)[1:]:
+                yield from self._instruction(line, action)
+            yield End()
+        elif match := _JUMP.match(text):
+            if match[1].strip().isdecimal():
+                yield Jump(match[1].strip())
+            else:
+                for label in self.labels:
+                    yield Jump(label, always=False)
+        elif match := _LABEL.match(text):
+            yield Label(match[1])
+        elif match := _CALL.match(text):
+            yield from self._call(line, match[1])
+        elif match := _SELECT.match(text):
+            if match[2] is None or match[2].strip().upper() in ("1", "GP1"):
+                kind = _kind(match[1])
+                selection = next(one for one in self._selections if one.kind == kind)
+                yield from selection.select(line, match[3].strip())
+        elif match := _TIMEOUT.search(text):
+            yield Jump(match[1], always=False)
+
+    def _call(self, line: int, name: str) -> Iterator[Step]:
+        key = self._names.get(name.upper())
+        if key is not None:
+            yield Call(line, key)
+            return
+        for selection in self._selections:
+            yield from selection.called(line, name)
+
+    def notes(self) -> Iterator[str]:
+        """What a reader of the summary has to know: motions whose offsets are not in the program."""
+        places = [
+            (one.line, point)
+            for one in self.motions.values()
+            if one.options & _OFFSETS and not one.options & _INC
+            for point in one.points
+            if point.kind == "P" and point.number in self.taught
+        ]
+        if len(places) == 1:
+            line, point = places[0]
+            yield f"line {line}: P[{point.number}] is corrected without its offset"
+        elif places:
+            lines = list(dict.fromkeys(line for line, _ in places))
+            more = f" and {len(lines) - _LISTED} more" if len(lines) > _LISTED else ""
+            shown = ", ".join(map(str, lines[:_LISTED]))
+            yield f"lines {shown}{more}: positions are corrected without their offsets"

@@ -1,0 +1,42 @@
+"""Texts as bytes: a byte that looks like a bracket or a quote may be half of a character."""
+
+import re
+
+_BEYOND_ASCII = re.compile(r"[^\r\n]*[\x80-\xff][^\r\n]*")
+_BYTES = re.compile(r"[\x80-\xff]")
+_ENCODINGS = (
+    re.compile(r"[\x81-\x9f\xe0-\xfc][\x40-\x7e\x80-\xfc]|[\xa1-\xdf]"),  # Shift JIS
+    re.compile(r"[\x81-\xfe][\x40-\x7e\x80-\xfe]"),  # GBK
+    _BYTES,  # one byte each, and characters that are cut in two
+)
+
+
+def beyond_ascii_blanked(text: str) -> str:
+    """A text (Latin-1, so that every byte is one character) with `?` for every byte of a character beyond ASCII.
+
+    Positions stay. UTF-8 shows itself; of the encodings with two bytes, whose second one may look like ASCII, each line is
+    taken to be in the first with which its square brackets are in order.
+    """
+    return _BEYOND_ASCII.sub(lambda line: _blanked(line[0]), text)
+
+
+def _blanked(line: str) -> str:
+    try:
+        line.encode("latin-1").decode("utf-8")
+    except UnicodeDecodeError:
+        pass
+    else:
+        return _BYTES.sub("?", line)
+    readings = [encoding.sub(lambda one: "?" * len(one[0]), line) for encoding in _ENCODINGS]
+    whole = [reading for reading in readings if _BYTES.search(reading) is None]
+    return next((reading for reading in whole if _in_order(reading)), whole[0])
+
+
+def _in_order(line: str) -> bool:
+    """Whether every square bracket has its partner."""
+    depth = 0
+    for mark in line:
+        depth += (mark == "[") - (mark == "]")
+        if depth < 0:
+            return False
+    return depth == 0
