@@ -2,7 +2,7 @@
 
 import re
 
-_BEYOND_ASCII = re.compile(r"[^\r\n]*[\x80-\xff][^\r\n]*")
+_LINE = re.compile(r"[^\r\n]+")
 _BYTES = re.compile(r"[\x80-\xff]")
 _ENCODINGS = (
     re.compile(r"[\x81-\x9f\xe0-\xfc][\x40-\x7e\x80-\xfc]|[\xa1-\xdf]"),  # Shift JIS
@@ -17,7 +17,9 @@ def beyond_ascii_blanked(text: str) -> str:
     Positions stay. UTF-8 shows itself; of the encodings with two bytes, whose second one may look like ASCII, each line is
     taken to be in the first with which its square brackets are in order.
     """
-    return _BEYOND_ASCII.sub(lambda line: _blanked(line[0]), text)
+    if text.isascii():
+        return text
+    return _LINE.sub(lambda line: line[0] if line[0].isascii() else _blanked(line[0]), text)
 
 
 def _blanked(line: str) -> str:

@@ -14,7 +14,7 @@ HELD = "the robot holds the work piece and not the tool"
 _POSITION = re.compile(r"^[ \t]*P[ \t]*\[[ \t]*(\d+)[ \t]*(?::[^\n]*?)?\][ \t]*\{", re.MULTILINE)
 _END = re.compile(r"\}[ \t]*;")
 _GROUP = re.compile(r"\bGP(\d+)[ \t]*:")
-_ITEM = re.compile(r"(?:'[^'\n]*'|[^,'])+")
+_ITEM = re.compile(r"(?:'[^'\n]*'|[^,'\n])+")
 _VALUE = re.compile(r"(R?[XYZWPR]|[JE]\d+)\s*=\s*(\S+?)\s*(mm|deg)?")
 _FRAME = re.compile(r"(UF|UT)\s*:\s*(\w+)")
 _CONFIG = re.compile(r"[CK]ONFIG\s*:\s*'([^']*)'")
