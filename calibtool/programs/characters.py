@@ -4,10 +4,13 @@ import re
 
 _LINE = re.compile(r"[^\r\n]+")
 _BYTES = re.compile(r"[\x80-\xff]")
+_SHIFT_JIS = r"[\x81-\x9f\xe0-\xfc]", r"[\x40-\x7e\x80-\xfc]", r"|[\xa1-\xdf]"
+_GBK = r"[\x81-\xfe]", r"[\x40-\x7e\x80-\xfe]", ""
+_CUT = r"(?:(?!\][\s\"])%s|(?=\][\s\"]))"  # the second byte is missing, where a name was too long
 _ENCODINGS = (
-    re.compile(r"[\x81-\x9f\xe0-\xfc][\x40-\x7e\x80-\xfc]|[\xa1-\xdf]"),  # Shift JIS
-    re.compile(r"[\x81-\xfe][\x40-\x7e\x80-\xfe]"),  # GBK
-    _BYTES,  # one byte each, and characters that are cut in two
+    *(re.compile(first + second + more) for first, second, more in (_SHIFT_JIS, _GBK)),
+    *(re.compile(first + _CUT % second + more) for first, second, more in (_SHIFT_JIS, _GBK)),
+    _BYTES,
 )
 
 
