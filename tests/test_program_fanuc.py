@@ -125,7 +125,7 @@ def one(**parts: str) -> str:
         (one(z="1e999 mm"), 9, "Z is '1e999'"),
         (one(z="3 deg"), 9, "Z is in deg"),
         (one(z="3"), 9, "Z is '3'"),
-        (one(more=", J9 = 1 mm"), 9, "holds"),
+        (one(more=", Q = 1 mm"), 10, "holds"),
         (one(more=", HELLO"), 10, "'HELLO' is not known"),
         ("/POS\nP[1]{\n GP1:\n UF : 0, UT : 0,\n J1= 1 deg, J2= 2 deg\n};\n", 5, "has 6 joints"),
         ("/POS\nP[1]{\n};\n", 2, "no motion group"),
@@ -231,7 +231,6 @@ def test_arcs_of_single_points_and_every_kind_of_motion() -> None:
         "TA .10sec,P-INC",
         "Offset,PR[5:INC]",
         "SPOT[SD=3,INC=1]",
-        "; ! INC",
         "DB 5.0mm,DO[3:INC]=ON",
     ],
 )
@@ -303,33 +302,35 @@ def test_current_frames_are_those_that_are_selected() -> None:
     assert whys == {"P[2]": "its frame: UFRAME_NUM is told by R[1] (line 7)"}
 
 
-@pytest.mark.parametrize(
-    ("frame", "tool"), [("UFRAME_NUM", "UTOOL_NUM"), ("BENUTZER_NUM", "WKZ_NUM"), ("UFRAME_NUM[GP1]", "UTOOL_NUM[1]")]
-)
-def test_a_position_of_another_frame_than_the_selected_one(frame: str, tool: str) -> None:
-    """The controller refuses the motion; and the selection of another group does not matter."""
-    text = written(f"{frame}=1", "L P[1] 1mm/sec FINE", f"{tool}=3", "L P[2] 1mm/sec FINE",
-                   P1=pose(uf="2"), P2=pose(uf="1"))  # fmt: skip
-    assert left(text) == {
-        "P[1]": "its frame: its number is 2, but UFRAME_NUM is 1 (line 4)",
-        "P[2]": "its tool: its number is 0, but UTOOL_NUM is 3 (line 6)",
-    }
-    other = written("UFRAME_NUM[GP2]=1", "L P[1] 1mm/sec FINE", P1=pose(uf="2"))
-    assert corrected(other) == ["P[1]"]
+@pytest.mark.parametrize(("frame", "tool"), [("UFRAME_NUM", "UTOOL_NUM"), ("BENUTZER_NUM", "WKZ_NUM"), ("UFRAME_NUM[GP1]", "UTOOL_NUM[1]")])
+def test_a_position_goes_with_the_frame_that_it_names(frame: str, tool: str) -> None:
+    """Whatever is selected: with another selection the controller does not move. `F` goes with the selection."""
+    text = written(f"{frame}=1", f"{tool}=3", "UFRAME_NUM[GP2]=4", "L P[1] 1mm/sec FINE", "L P[2] 1mm/sec FINE",
+                   P1=pose(uf="2"), P2=pose(uf="F", ut="F"))  # fmt: skip
+    _, _, found, _ = followed(text)
+    assert [(p.frame.name, p.tool.name) for p in found if p.frame and p.tool] == [("2", ""), ("1", "3")]
 
 
 def test_branches_that_select_and_jumps() -> None:
     """What may be selected in one branch is in force behind both; a jump goes around it."""
-    select = ("IF R[1]=1,UFRAME_NUM=1", "L P[1] 1mm/sec FINE")
-    assert "UFRAME_NUM is 1 (line 4)" in left(written(*select, P1=pose(uf="2")))["P[1]"]
-    block = ("IF (R[1]=1) THEN", "UFRAME_NUM=1", "ELSE", "UFRAME_NUM=2", "ENDIF", "L P[1] 1mm/sec FINE")
-    assert "several frames" in left(written(*block, P1=pose(uf="F")))["P[1]"]
-    jump = ("UFRAME_NUM=2", "JMP LBL[1]", "UFRAME_NUM=1", "LBL[1:go]", "L P[1] 1mm/sec FINE")
-    assert corrected(written(*jump, P1=pose(uf="2"))) == ["P[1]"]
-    german = ("BENUTZER_NUM=2", "SPRUNG LABEL[1]", "BENUTZER_NUM=1", "LABEL[1]", "L P[1] 1mm/sek FEIN")
-    assert corrected(written(*german, P1=pose(uf="2"))) == ["P[1]"]
-    assert "several frames" in left(written("UFRAME_NUM=2", "SELECT R[1]=1,JMP LBL[1]", "       =2,JMP LBL[2]",
-        "UFRAME_NUM=1", "LBL[1]", "L P[1] 1mm/sec FINE", "LBL[2]", P1=pose(uf="F")))["P[1]"]  # fmt: skip
+    go, taught = "L P[1] 1mm/sec FINE", pose(uf="F")
+    for several in (
+        ("UFRAME_NUM=2", "IF R[1]=1 OR R[3,2]=1,UFRAME_NUM=1", go),
+        ("IF (R[1]=1) THEN", "UFRAME_NUM=1", "ELSE", "UFRAME_NUM=2", "ENDIF", go),
+        ("UFRAME_NUM=2", "SELECT R[1]=1,JMP LBL[1]", "       =2,JMP LBL[2]", "UFRAME_NUM=1", "LBL[1]", go, "LBL[2]"),
+        ("UFRAME_NUM=2", "LBL[1]", go, "UFRAME_NUM=1", "IF R[1]<4,JMP LBL[1]"),
+        ("UFRAME_NUM=2", "JMP LBL[R[1]]", "LBL[1]", "UFRAME_NUM=1", "LBL[2]", go),
+        ("UFRAME_NUM=2", "FOR R[1]=1 TO 5", go, "UFRAME_NUM=1", "ENDFOR"),
+        ("UFRAME_NUM=2", "WAIT DI[1]=ON TIMEOUT,LBL[1]", "UFRAME_NUM=1", "LBL[1]", go),
+        ("UFRAME_NUM=2", "L P[2] 1mm/sec FINE Skip,LBL[1]", "UFRAME_NUM=1", "LBL[1]", go),
+        ("BENUTZER_NUM=2", "WENN E[1]=AN,SPRUNG LABEL[1]", "BENUTZER_NUM=1", "LABEL[1]", go),
+    ):
+        assert "several frames" in left(written(*several, P1=taught, P2=pose()))["P[1]"]
+    for word, jump, label in (("UFRAME", "JMP LBL[1]", "LBL[1:go]"), ("BENUTZER", "SPRUNG LABEL[1]", "LABEL[1]")):
+        text = written(f"{word}_NUM=2", jump, f"{word}_NUM=1", label, go, P1=taught)
+        assert [p.frame.name for p in followed(text)[2] if p.frame] == ["2"]
+    ended = written("UFRAME_NUM=2", go, "END", "UFRAME_NUM=1", P1=taught)
+    assert corrected(ended) == ["P[1]"]
 
 
 def test_calls() -> None:
@@ -445,10 +446,10 @@ def test_names_in_any_encoding(name: str, encoding: str) -> None:
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_line_ends(end: str) -> None:
-    text = written("UFRAME_NUM=1", "C P[1] \n  : P[2] 1mm/sec FINE", P1=pose(uf="1"), P2=pose(uf="2"))
+    text = written("UFRAME_NUM=1", "C P[1] \n  : P[2] 1mm/sec FINE", "UTOOL[2]=PR[1]", P1=pose(), P2=pose(ut="2"))
     program, _, found, whys = followed(text.replace("\n", end))
     assert [program.literals[p.literal].name for p in found] == ["P[1]"]
-    assert whys == {"P[2]": "its frame: its number is 2, but UFRAME_NUM is 1 (line 4)"}
+    assert whys == {"P[2]": "its tool: it is assigned (line 7)"}
 
 
 def test_programs_one_after_the_other_in_a_text() -> None:

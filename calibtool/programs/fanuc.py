@@ -1,7 +1,7 @@
 """FANUC programs in ASCII (.LS): their motions, and what their instructions do to frames and to the order."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from calibtool.programs.characters import beyond_ascii_blanked
@@ -40,9 +40,7 @@ _START = re.compile(r"(?:^|[\r\n])[ \t]*/(?:PROG\b|POS[ \t]*(?:[\r\n]|$))")
 _INC = frozenset({"INC", "INK", "INKR"})
 _OFFSETS = frozenset({"OFFSET", "TOOL_OFFSET", "VOFFSET", "WKZ_OFFSET"})
 _SELECT = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)_NUM\s*(?:\[([^\]]*)\])?\s*=\s*(.+)", re.IGNORECASE)
-_SET = re.compile(
-    r"(UFRAME|BENUTZER|UTOOL|WKZ)\s*\[\s*(?:GP(\d)\s*:)?\s*([^\]]*)\]\s*=", re.IGNORECASE
-)
+_SET = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)\s*\[\s*(?:GP(\d)\s*:)?\s*([^=]*)\]\s*=", re.IGNORECASE)
 _WRITTEN = re.compile(r"P\s*\[\s*(\d+)[^\]]*\]\s*=")
 _CALL = re.compile(r"(?:CALL|AUFRUF)\s+([\w-]+)", re.IGNORECASE)
 _JUMP = re.compile(r"(?:JMP|SPRUNG)\s+(?:LBL|LABEL)\s*\[\s*([^\]:]*)", re.IGNORECASE)
@@ -95,13 +93,7 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
         routines += [_Routine(code, section, lines, reader) for section in sections(code)]
     changed = _changed(routines)
     selections = tuple(
-        Selection(
-            kind,
-            frozenset(word for one in routines for word in one.words(kind)),
-            listed.frames,
-            changed[kind],
-        )
-        for kind in (FRAME, TOOL)
+        Selection(kind, listed.frames, changed[kind]) for kind in (FRAME, TOOL)
     )
     names = {routine.name: routine.key for routine in reversed(routines)}
     for routine in routines:
@@ -110,7 +102,7 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
         tuple(sources),
         tuple(literals),
         tuple(
-            Routine(one.key, tuple(one.steps(selections, names)), one.source) for one in routines
+            Routine(one.key, tuple(_reached(one.steps(selections, names))), one.source) for one in routines
         ),
         selections[0].declared() | selections[1].declared(),
         tuple(remarks),
@@ -129,6 +121,22 @@ def _changed(routines: Sequence["_Routine"]) -> dict[str, dict[str, str]]:
                 why = f"it is assigned (line {statement.line})"
                 changed[_kind(match[1])].setdefault(number, why)
     return changed
+
+
+def _reached(steps: Iterable[Step]) -> Iterator[Step]:
+    """The steps without those between a jump and the next label or end of a branch: nothing leads there."""
+    level, dead = 0, -1  # of nested branches; that of the jump, -1 where there was none
+    for step in steps:
+        if isinstance(step, Begin):
+            level += 1
+        if isinstance(step, Label) or (isinstance(step, Else | End) and level <= dead):
+            dead = -1
+        if isinstance(step, End):
+            level -= 1
+        if dead < 0 or isinstance(step, Begin | Else | End):
+            yield step
+        if dead < 0 and (isinstance(step, Return) or (isinstance(step, Jump) and step.always)):
+            dead = level
 
 
 def _kind(word: str) -> str:
@@ -171,10 +179,6 @@ class _Routine:
                 left[int(match[1])] = f"it is assigned (line {one.line})"
         return lambda number: left.get(number, "" if number in moved_to else somewhere)
 
-    def words(self, kind: str) -> set[str]:
-        """How its positions name their frames or tools."""
-        return {one.frame if kind == FRAME else one.tool for one in self.taught.values()}
-
     def alone(self, selections: tuple[Selection, Selection], literals: list[Literal]) -> None:
         """Let positions that no motion goes to be corrected in their own frame."""
         for taught in self.taught.values():
@@ -187,10 +191,10 @@ class _Routine:
 
     def _aim(self, taught: Taught, selections: tuple[Selection, Selection]) -> Aim:
         frame, tool = selections
-        where: Value = frame.variable(taught.frame)
+        where = frame.of(taught.frame)
         if self.section.tracking:
             where = Unknown("line tracking: a conveyor moves it")
-        return Aim(taught.literal, where, tool.variable(taught.tool))
+        return Aim(taught.literal, where, tool.of(taught.tool))
 
     # --- steps -------------------------------------------------------------------------------------------------------
 
@@ -254,7 +258,7 @@ class _Routine:
             if match[2] is None or match[2].strip().upper() in ("1", "GP1"):
                 kind = _kind(match[1])
                 selection = next(one for one in self._selections if one.kind == kind)
-                yield from selection.select(line, match[3].strip())
+                yield selection.select(line, match[3].strip())
         elif match := _TIMEOUT.search(text):
             yield Jump(match[1], always=False)
 
@@ -264,7 +268,7 @@ class _Routine:
             yield Call(line, key)
             return
         for selection in self._selections:
-            yield from selection.called(line, name)
+            yield selection.called(line, name)
 
     def notes(self) -> Iterator[str]:
         """What a reader of the summary has to know: motions whose offsets are not in the program."""

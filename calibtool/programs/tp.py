@@ -11,7 +11,7 @@ _SECTION = re.compile(r"^[ \t]*/(MN|POS)[ \t]*\r?$", re.MULTILINE)
 _TRACKING = re.compile(r"\bLINE_TRACK_SCHEDULE_NUMBER\s*:\s*0*[1-9]", re.IGNORECASE)
 # A statement has a number; without one its line goes on with the statement before, if that has no semicolon yet.
 _LINE = re.compile(r"[ \t]*(?:(?P<number>\d*)[ \t]*(?P<colon>:)[ \t]*)?(?P<body>[^\n]*)\n?")
-_BRACKETS = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
+_BRACKETS = r"\[(?:[^\[\]]|\[(?:[^\[\]]|\[[^\[\]]*\])*\])*\]"  # three of them in each other at most
 _MOTION = re.compile(r"([JLCAS])[ \t]+(?=PR?[ \t]*\[)")
 _TARGET = re.compile(rf"[ \t]*:?[ \t]*(PR?)[ \t]*({_BRACKETS})")
 _NUMBER = re.compile(r"\[\s*(\d+)\s*(?::.*)?\]", re.DOTALL)

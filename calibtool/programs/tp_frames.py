@@ -1,7 +1,7 @@
 """Frames and tools of FANUC controllers: listings of variables, and what UFRAME_NUM and UTOOL_NUM select."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from calibtool.programs.frames import pose
@@ -63,52 +63,33 @@ class Listed:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """UFRAME_NUM or UTOOL_NUM as one variable for each number that positions have.
+    """Frames or tools by the numbers that positions have, and the one that UFRAME_NUM or UTOOL_NUM selects.
 
-    A position names its number, and the controller refuses it while another one is selected. So the variable of a number
-    holds that frame, or why the position is refused; that of `F`, the current one, holds what is selected.
+    A position that names its number goes with that frame; the controller refuses it while another one is selected. One
+    that says `F` goes with what is selected.
 
     kind     FRAME or TOOL
-    used     the numbers, and `F`
     listed   poses of frames by number
     changed  why a frame is no constant, by its number; that of "" is valid for all
     """
 
     kind: str
-    used: frozenset[str]
     listed: Mapping[tuple[str, str], Array]
     changed: Mapping[str, str]
 
+    @property
+    def variable(self) -> str:
+        """The name of the variable that holds what is selected."""
+        return f"selected {self.kind}"
+
     def declared(self) -> dict[str, Value]:
-        """What the variables hold where a program begins: nothing selected is taken for the right one."""
-        return {self.variable(word): self._frame(word) for word in self.used}
+        """What is selected where a program begins."""
+        return {self.variable: Frame(self.kind, None)}
 
-    def variable(self, word: str) -> str:
-        """The variable of a position's number."""
-        return f"{self.kind} {word}"
-
-    def select(self, line: int, text: str) -> Iterator[Assign]:
-        """What `UFRAME_NUM=text` does."""
-        number = str(int(text)) if text.isdecimal() else None
-        name = "UFRAME_NUM" if self.kind == FRAME else "UTOOL_NUM"
-        for word in sorted(self.used):
-            value: Value = self._frame(word)
-            if word == "F":
-                told = Unknown(f"{name} is told by {text[:30]} (line {line})")
-                value = told if number is None else self._frame(number)
-            elif number not in (None, word):
-                value = Unknown(f"its number is {word}, but {name} is {number} (line {line})")
-            yield Assign(line, self.variable(word), value)
-
-    def called(self, line: int, routine: str) -> Iterator[Assign]:
-        """What the call of a program that is not at hand may do: select anything."""
-        for word in sorted(self.used):
-            why = Unknown(f"may be selected by {routine}, which is not at hand (line {line})")
-            yield Assign(line, self.variable(word), why if word == "F" else self._frame(word))
-
-    def _frame(self, number: str) -> Frame | Unknown:
+    def of(self, number: str) -> Value:
+        """The frame of a position that says this number, or `F`."""
         if number == "F":
-            return Frame(self.kind, None)
+            return self.variable
         if number == "0":
             return Frame(self.kind, "")
         why = self.changed.get(number) or self.changed.get("")
@@ -116,3 +97,15 @@ class Selection:
             return Unknown(why)
         T = self.listed.get((self.kind, number))
         return Frame(self.kind, number) if T is None else frame_of(self.kind, number, T)
+
+    def select(self, line: int, text: str) -> Assign:
+        """What `UFRAME_NUM=text` does."""
+        if text.isdecimal():
+            return Assign(line, self.variable, self.of(str(int(text))))
+        name = "UFRAME_NUM" if self.kind == FRAME else "UTOOL_NUM"
+        return Assign(line, self.variable, Unknown(f"{name} is told by {text[:30]} (line {line})"))
+
+    def called(self, line: int, routine: str) -> Assign:
+        """What the call of a program that is not at hand may do: select anything."""
+        why = f"may be selected by {routine}, which is not at hand (line {line})"
+        return Assign(line, self.variable, Unknown(why))

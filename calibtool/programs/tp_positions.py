@@ -15,7 +15,7 @@ _POSITION = re.compile(r"^[ \t]*P[ \t]*\[[ \t]*(\d+)[ \t]*(?::[^\n]*?)?\][ \t]*\
 _END = re.compile(r"\}[ \t]*;")
 _GROUP = re.compile(r"\bGP(\d+)[ \t]*:")
 _ITEM = re.compile(r"(?:'[^'\n]*'|[^,'\n])+")
-_VALUE = re.compile(r"(R?[XYZWPR]|[JE]\d+)\s*=\s*(\S+?)\s*(mm|deg)?")
+_VALUE = re.compile(r"([A-Z]+\d*)\s*=\s*(\S+?)\s*(mm|deg)?")
 _FRAME = re.compile(r"(UF|UT)\s*:\s*(\w+)")
 _CONFIG = re.compile(r"[CK]ONFIG\s*:\s*'([^']*)'")
 _SIX_JOINTS = re.compile(r"\s*([NF])\s*(?:[LR]\s*)?([UD])\s*([TB])\s*((?:,\s*[-+]?\d+\s*)*)")
@@ -37,6 +37,7 @@ class _Group:
     """What is written of a position for one motion group."""
 
     line: int
+    end: int = 0  # where its last item begins
     frame: str = "F"
     tool: str = "F"
     config: re.Match[str] | None = None
@@ -71,7 +72,7 @@ class Positions:
         limits = [position.start() for position in found[1:]] + [span[1]]
         twice = Counter(int(position[1]) for position in found)
         taught: dict[int, Taught] = {}
-        for position, limit in zip(found, limits, strict=True):
+        for position, limit in zip(found, limits, strict=False):
             number, line = int(position[1]), self.lines(position.start(1))
             name = f"P[{number}]"
             closed = _END.search(self.code, position.end(), limit)
@@ -82,7 +83,7 @@ class Positions:
             if not groups:
                 self._bad(line, name, "no motion group; expected GP1:")
             ends = [group.start() for group in groups[1:]] + [closed.start()]
-            for group, end in zip(groups, ends, strict=True):
+            for group, end in zip(groups, ends, strict=False):
                 read = self._group(group.end(), end)
                 if group[1] != "1":
                     why = "another motion group: only group 1 is this robot"
@@ -111,6 +112,7 @@ class Positions:
             first = item.start() + len(item[0]) - len(item[0].lstrip())
             if not word or group.bad:
                 continue
+            group.end = first
             if match := _FRAME.fullmatch(word):
                 which = match[2] if match[2].isdigit() else "F"
                 number = str(int(which)) if which != "F" else which
@@ -183,7 +185,7 @@ class Positions:
         numbers = tuple(number for key, _ in _POSE if (number := values.get(key)) is not None)
         if set(values) != {key for key, _ in _POSE}:
             what = ", ".join(values) or "nothing"
-            group.refuse(group.line, f"holds {what}; expected J1 … or X Y Z W P R")
+            group.refuse(self.lines(group.end), f"holds {what}; expected J1 … or X Y Z W P R")
         for (key, unit), number in zip(_POSE, numbers, strict=False):
             if number.unit != unit and not group.bad:
                 line = self.lines(number.start)
