@@ -79,7 +79,7 @@ class _Instruction:
         """Whether an argument can only be a position: a list of lists, a function, or data of these types."""
         word, argument = self.word(number), self.given[number]
         if word.startswith("["):
-            if any(shape.fullmatch(word) for shape in SHAPES.values()):
+            if self.values.text.shape(argument.start, argument.end) is not None:
                 return True
             parts = self.values.parts(argument.start, argument.end)
             lists = [self.values.code[first] == "[" for first, _ in parts]
@@ -90,17 +90,15 @@ class _Instruction:
         function = _FUNCTION.match(word)
         if function:
             return function[1].lower() in _POSITIONS
-        return any(self.values.reference(word, type_) is not None for type_ in SHAPES)
+        data = self.values.data(word)
+        return data is not None and data.type in SHAPES
 
     def _aim(self, number: int) -> Aim:
         start, end = self.given[number].start, self.given[number].end
         word = self.word(number)
         if word.startswith("["):
             axes = re.search("AbsJ", self.name, re.IGNORECASE)
-            type_ = next(
-                (shape for shape in SHAPES if SHAPES[shape].fullmatch(word)),
-                "jointtarget" if axes else "robtarget",
-            )
+            type_ = self.values.text.shape(start, end) or ("jointtarget" if axes else "robtarget")
             return Aim(self.values.text.position(type_, start, end, f"{self.name} […]"))
         function = _FUNCTION.match(word)
         if function and function[1].lower() in _POSITIONS[:2]:
@@ -110,10 +108,10 @@ class _Instruction:
             if value is not None:
                 return Aim(value, relative=_RELATIVE)
             return Aim(Unknown(f"a relative motion from an expression ({first[:30]})"))
-        for shape in SHAPES:
-            value = self.values.reference(word, shape)
-            if value is not None:
-                return Aim(value)
+        data = self.values.data(word)
+        value = self.values.reference(word, data.type) if data and data.type in SHAPES else None
+        if value is not None:
+            return Aim(value)
         if re.fullmatch(r"\w+", word):
             return Aim(Unknown(f"'{word}' is a variable that no file gives a position"))
         return Aim(Unknown(f"an expression ({word[:40]})"))

@@ -32,8 +32,10 @@ MANY = Unknown("takes too many different values")
 
 def joined(one: Atoms, other: Atoms) -> Atoms:
     """Values of either set."""
-    if one is other:
+    if one == other or not other:
         return one
+    if not one:
+        return other
     both = one | other
     if MANY in both or sum(isinstance(atom, Frame) for atom in both) > _DIFFERENT:
         return frozenset([MANY])
@@ -55,6 +57,7 @@ class Evaluation:
     owners: Mapping[int, set[str]]
     spoiled: dict[int, str] = field(default_factory=dict)
     frames: set[int] = field(default_factory=set)
+    _constants: dict[Value, Atoms] = field(default_factory=dict)
     _products: dict[tuple[str, str | None, tuple[Atom, ...]], Atom] = field(default_factory=dict)
 
     def atoms(self, value: Value, variable: Callable[[str], Atoms]) -> Atoms:
@@ -63,8 +66,11 @@ class Evaluation:
             return variable(value)
         if isinstance(value, Entry):
             return variable(value.name)
-        if isinstance(value, Frame):
-            return frozenset([self._known(value)])
+        if isinstance(value, Frame | Setting | int):
+            if value not in self._constants:
+                known = self._known(value) if isinstance(value, Frame) else value
+                self._constants[value] = frozenset([known])
+            return self._constants[value]
         if isinstance(value, Either):
             result: Atoms = frozenset()
             for part in value.parts:
@@ -81,6 +87,8 @@ class Evaluation:
 
     def entered(self, atoms: Atoms, variable: Callable[[str], Atoms]) -> Atoms:
         """The values with those of the routine's beginning put in."""
+        if not any(isinstance(atom, Entry | Product | Edited) for atom in atoms):
+            return atoms
         result: Atoms = frozenset()
         for atom in atoms:
             pending = isinstance(atom, Entry | Product | Edited)
