@@ -54,6 +54,29 @@ RIGHT: dict[str, dict[int, Sequence[float] | str]] = {
         2: (2301.487, 704.841, 458.732),
         3: (11.946, 13.985, -5.962, 188.064, 65.897, -165.191),
     },
+    "plain.ls": {10: (2301.123, 439.518, 608.298), 11: ()},
+    "cr_only.ls": {10: (2301.123, 439.518, 608.298), 11: ()},
+    "shift_jis_name.ls": {
+        11: (2301.123, 439.518, 608.298),
+        12: (),
+        17: (2300.400, 707.454, 458.716),
+        18: (),
+    },
+    "inc_in_names.ls": {
+        11: (2301.123, 439.518, 608.298),
+        12: (),
+        17: (2300.400, 707.454, 458.716),
+        18: (),
+    },
+    "inc_index.ls": {
+        6: r"relative motion .*register tells \(P\[R\[1\]\]\)",
+        12: (2301.123, 439.518, 608.298),
+        13: (),
+        18: "may be used by a relative motion .* in line 6",
+    },
+    "konfig.ls": {10: (2301.123, 439.518, 608.298), 11: ()},
+    "werkzeug_offset.ls": {10: (2301.123, 439.518, 608.298), 11: ()},
+    "remote_tcp.ls": {10: "the robot holds the work piece"},
     "plain.script": {3: HOME, 4: (-0.523596, -0.154949, 0.290828)},
     "polyscope.script": {3: (-0.523596, -0.154949, 0.290828)},
     "named_arguments.script": {3: HOME, 4: (-0.480681, -0.220857, 0.361791)},
@@ -84,7 +107,8 @@ def corrected(name: str) -> tuple[list[str], list[str], CompensatedProgram]:
     program_format = detected(data.decode("latin-1"), name)
     assert program_format is not None
     result = compensate_program(calibration(robot), data, name, program_format)
-    return data.decode().splitlines(), result.data.decode().splitlines(), result
+    before, after = (text.decode("latin-1").splitlines() for text in (data, result.data))
+    return before, after, result
 
 
 @pytest.mark.parametrize("name", RIGHT)

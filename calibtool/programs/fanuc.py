@@ -156,27 +156,35 @@ class _Routine:
             if (found := motion(one)) is not None
         }
         self.labels = [m[1] for one in self.statements if (m := _LABEL.match(one.text))]
-        self.taught = reader.read(section.positions, self._no_targets())
+        relative = self._relative()
+        left = self._left(relative)
+        self.taught = reader.read(section.positions, left, relative)
 
-    def _no_targets(self) -> Callable[[int], str]:
+    def _relative(self) -> dict[int, int]:
+        """Numbers of positions that are distances, and lines of their motions."""
+        return {
+            point.number: found.line
+            for found in reversed(self.motions.values())
+            for point in found.points
+            if found.options & _INC and point.kind == "P" and point.number is not None
+        }
+
+    def _left(self, relative: dict[int, int]) -> Callable[[int], str]:
         """Why positions of this program are none to correct, by their numbers."""
-        left: dict[int, str] = {}
-        moved_to: set[int] = set()
-        somewhere = ""
-        for found in self.motions.values():
-            relative = found.options & _INC
-            for point in found.points:
-                if point.kind != "P":
-                    continue
-                if point.number is None and relative:
-                    somewhere = f"may be used by a relative motion ({point.text[:30]} with INC in line {found.line})"
-                elif point.number is not None and relative:
-                    left.setdefault(point.number, f"a relative motion (INC in line {found.line})")
-                elif point.number is not None:
-                    moved_to.add(point.number)
+        left = {number: f"a relative motion (INC in line {line})" for number, line in relative.items()}
         for one in self.statements:
             if match := _WRITTEN.match(one.text):
                 left[int(match[1])] = f"it is assigned (line {one.line})"
+        points = [(found, point) for found in self.motions.values() for point in found.points]
+        moved_to = {point.number for _, point in points if point.kind == "P"}
+        somewhere = next(
+            (
+                f"may be used by a relative motion ({point.text[:30]} with INC in line {found.line})"
+                for found, point in points
+                if found.options & _INC and point.kind == "P" and point.number is None
+            ),
+            "",
+        )
         return lambda number: left.get(number, "" if number in moved_to else somewhere)
 
     def alone(self, selections: tuple[Selection, Selection], literals: list[Literal]) -> None:

@@ -2,8 +2,8 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass, field, replace
 
 from calibtool.programs.configurations import Digit, Fanuc
 from calibtool.programs.motions import JOINT, POSE, Literal
@@ -66,8 +66,13 @@ class Positions:
     literals: list[Literal]
     remarks: list[Remark]
 
-    def read(self, span: tuple[int, int], left: Callable[[int], str]) -> dict[int, Taught]:
-        """The positions for motion group 1 in a part of the text; left: why one is none to correct, by its number."""
+    def read(
+        self, span: tuple[int, int], left: Callable[[int], str], relative: Container[int]
+    ) -> dict[int, Taught]:
+        """The positions for motion group 1 in a part of the text.
+
+        left: why one is none to correct, by its number; relative: those that are distances
+        """
         found = list(_POSITION.finditer(self.code, *span))
         limits = [position.start() for position in found[1:]] + [span[1]]
         twice = Counter(int(position[1]) for position in found)
@@ -91,10 +96,11 @@ class Positions:
                     self._add(Literal(kind, (), self.lines(group.start()), f"{name} GP{group[1]}",
                                       source=self.source, left=why))  # fmt: skip
                     continue
-                why = left(number)
-                if twice[number] > 1:
-                    why = "is written more than once"
-                self._add(self._literal(read, name, why))
+                why = "is written more than once" if twice[number] > 1 else left(number)
+                literal = self._literal(read, name, why)
+                if why and not literal.numbers and not literal.bad and number in relative:
+                    literal = replace(literal, line=line)  # it is no position, and its numbers are none
+                self._add(literal)
                 taught[number] = Taught(len(self.literals) - 1, read.frame, read.tool)
         return taught
 
