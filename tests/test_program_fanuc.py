@@ -28,9 +28,7 @@ def read(*texts: str, name: str = "fanuc-m1000ia") -> Program:
     return read_program("fanuc-ls", sources, robot(name))
 
 
-def followed(
-    *texts: str, given: Frames = ANY_FRAME
-) -> tuple[Program, Flow, list[Position], dict[str, str]]:
+def followed(*texts: str, given: Frames = ANY_FRAME) -> tuple[Program, Flow, list[Position], dict[str, str]]:
     """The program, its uses, positions that can be corrected, and why others are left, by name."""
     program = read(*texts)
     flow = follow(program, given)
@@ -271,7 +269,9 @@ def test_offsets_are_noted(option: str) -> None:
     assert read(many).notes == ("lines 4, 5, 6, 7, 8 and 4 more: positions are corrected without their offsets",)
 
 
-@pytest.mark.parametrize("line", ["L P[1] 100mm/sec FINE RTCP", "L P[1] 100mm/sec CNT0 ACC100\n    :  TB .1sec,P-SPS RTCP"])
+@pytest.mark.parametrize(
+    "line", ["L P[1] 100mm/sec FINE RTCP", "L P[1] 100mm/sec CNT0 ACC100\n    :  TB .1sec,P-SPS RTCP"]
+)
 def test_remote_tcp(line: str) -> None:
     assert left(written(line, P1=pose())) == {
         "P[1]": "its tool: a remote TCP (RTCP in line 4): the robot holds the work piece and not the tool"
@@ -302,7 +302,9 @@ def test_current_frames_are_those_that_are_selected() -> None:
     assert whys == {"P[2]": "its frame: UFRAME_NUM is told by R[1] (line 7)"}
 
 
-@pytest.mark.parametrize(("frame", "tool"), [("UFRAME_NUM", "UTOOL_NUM"), ("BENUTZER_NUM", "WKZ_NUM"), ("UFRAME_NUM[GP1]", "UTOOL_NUM[1]")])
+@pytest.mark.parametrize(
+    ("frame", "tool"), [("UFRAME_NUM", "UTOOL_NUM"), ("BENUTZER_NUM", "WKZ_NUM"), ("UFRAME_NUM[GP1]", "UTOOL_NUM[1]")]
+)
 def test_a_position_goes_with_the_frame_that_it_names(frame: str, tool: str) -> None:
     """Whatever is selected: with another selection the controller does not move. `F` goes with the selection."""
     text = written(f"{frame}=1", f"{tool}=3", "UFRAME_NUM[GP2]=4", "L P[1] 1mm/sec FINE", "L P[2] 1mm/sec FINE",

@@ -12,12 +12,8 @@ from calibtool.robot.se3 import Array
 _VARIABLE = re.compile(r"^\[\*?\w+\*?\]\$?\w+[ \t]+Storage:", re.MULTILINE)
 _TABLE = re.compile(r"^\[\*SYSTEM\*\]\$MNU(FRAME|TOOL)[ \t]+Storage:[^\n]*\n", re.MULTILINE)
 _NUMBERS = r"\s*".join(rf"{key}:\s*({NUMBER})" for key in "XYZWPR")
-_ENTRY = re.compile(
-    rf"^[ \t]*\[1,(\d+)\][ \t]*=[ \t]*(?:'[^\n]*')?\s*(?:Group:[^\n]*\n)?\s*{_NUMBERS}", re.MULTILINE
-)
-_TURN_AXIS = re.compile(
-    r"\$SCR_GRP\[1\]\.\$TURN_AXIS\b[^\n]*\n((?:[ \t]*\[\d+\][ \t]*=[ \t]*\d+[ \t]*\r?\n?)+)"
-)
+_ENTRY = re.compile(rf"^[ \t]*\[1,(\d+)\][ \t]*=[ \t]*(?:'[^\n]*')?\s*(?:Group:[^\n]*\n)?\s*{_NUMBERS}", re.MULTILINE)
+_TURN_AXIS = re.compile(r"\$SCR_GRP\[1\]\.\$TURN_AXIS\b[^\n]*\n((?:[ \t]*\[\d+\][ \t]*=[ \t]*\d+[ \t]*\r?\n?)+)")
 _ELEMENT = re.compile(r"=[ \t]*(\d+)")
 
 
@@ -42,9 +38,7 @@ class Listed:
             after = _VARIABLE.search(text, table.end())
             for entry in _ENTRY.finditer(text, table.end(), after.start() if after else len(text)):
                 units = ("mm",) * 3 + ("deg",) * 3
-                numbers = [
-                    number_at(text, *entry.span(k + 2), unit) for k, unit in enumerate(units)
-                ]
+                numbers = [number_at(text, *entry.span(k + 2), unit) for k, unit in enumerate(units)]
                 values = [number.value for number in numbers if number is not None]
                 if len(values) == 6:
                     name = f"$MNU{table[1]}[1,{entry[1]}]"
@@ -70,21 +64,17 @@ class Selection:
 
     kind     FRAME or TOOL
     listed   poses of frames by number
-    changed  why a frame is no constant, by its number; that of "" is valid for all
+    changed  why a frame is no constant, by kind and number; with the number "" it is valid for all
     """
 
     kind: str
     listed: Mapping[tuple[str, str], Array]
-    changed: Mapping[str, str]
+    changed: Mapping[tuple[str, str], str]
 
     @property
     def variable(self) -> str:
         """The name of the variable that holds what is selected."""
         return f"selected {self.kind}"
-
-    def declared(self) -> dict[str, Value]:
-        """What is selected where a program begins."""
-        return {self.variable: Frame(self.kind, None)}
 
     def of(self, number: str) -> Value:
         """The frame of a position that says this number, or `F`."""
@@ -92,7 +82,7 @@ class Selection:
             return self.variable
         if number == "0":
             return Frame(self.kind, "")
-        why = self.changed.get(number) or self.changed.get("")
+        why = self.changed.get((self.kind, number)) or self.changed.get((self.kind, ""))
         if why:
             return Unknown(why)
         T = self.listed.get((self.kind, number))

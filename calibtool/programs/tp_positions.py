@@ -66,9 +66,7 @@ class Positions:
     literals: list[Literal]
     remarks: list[Remark]
 
-    def read(
-        self, span: tuple[int, int], left: Callable[[int], str], relative: Container[int]
-    ) -> dict[int, Taught]:
+    def read(self, span: tuple[int, int], left: Callable[[int], str], relative: Container[int]) -> dict[int, Taught]:
         """The positions for motion group 1 in a part of the text.
 
         left: why one is none to correct, by its number; relative: those that are distances
@@ -122,9 +120,7 @@ class Positions:
             if match := _FRAME.fullmatch(word):
                 which = match[2] if match[2].isdigit() else "F"
                 number = str(int(which)) if which != "F" else which
-                group.frame, group.tool = (
-                    (number, group.tool) if match[1] == "UF" else (group.frame, number)
-                )
+                group.frame, group.tool = (number, group.tool) if match[1] == "UF" else (group.frame, number)
             elif match := _CONFIG.fullmatch(word):
                 group.config, group.offset = match, first
             elif match := _VALUE.fullmatch(word):
@@ -204,10 +200,7 @@ class Positions:
         if match is None or group.config is None:
             return None, f"a configuration that is not of a six-joint arm ('{text}')"
         first = group.offset + group.config.start(1) + match.start(4)
-        turns = [
-            Digit(first + turn.start(), first + turn.end(), int(turn[0]))
-            for turn in _TURN.finditer(match[4])
-        ]
+        turns = [Digit(first + turn.start(), first + turn.end(), int(turn[0])) for turn in _TURN.finditer(match[4])]
         return Fanuc(match[1], match[2], match[3], tuple(turns), self.axes), ""
 
 
