@@ -1,6 +1,6 @@
 """Joint positions for the poses of a program: inverse kinematics on the branch that is meant, for many at once."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -16,7 +16,7 @@ from calibtool.robot.starts import Starts, drawn, starts_of
 
 _NEAR = 8  # starts near the pose, on the branch that is asked for
 _RANDOM = 96  # random starts that find the branches of a pose where those do not
-_TOGETHER = 64  # poses that get several starts at once
+_TOGETHER = 128  # poses that get several starts at once
 _SAME = 1e-6  # rad or m: nearer joint positions are one answer
 
 
@@ -98,14 +98,14 @@ def solve(
         meant, turned = search.meant(rows, q[rows])
         q[rows[meant]], obeyed[rows[meant]] = turned[meant], True
         for seeds, which in ((search.near_starts, asked), (search.random, asked & strict)):
-            for rows in _few(np.flatnonzero(which & possible & ~obeyed)):
-                found, answers = search.nearest(rows, seeds(rows))
+            for rows, starts in _few(np.flatnonzero(which & possible & ~obeyed), seeds):
+                found, answers = search.nearest(rows, starts)
                 q[rows[found]], obeyed[rows[found]] = answers[found], True
     answered |= obeyed
     search.configurations = [None] * count  # any branch will do
     for seeds in (search.near_starts, search.random):
-        for rows in _few(np.flatnonzero(possible & ~answered)):
-            found, answers = search.nearest(rows, seeds(rows))
+        for rows, starts in _few(np.flatnonzero(possible & ~answered), seeds):
+            found, answers = search.nearest(rows, starts)
             q[rows[found]], answered[rows[found]] = answers[found], True
     why = [""] * count
     for k in np.flatnonzero(~answered).tolist():
@@ -226,10 +226,12 @@ class _Search:
         return meant, turned
 
 
-def _few(rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Rows in groups whose starts fit into memory."""
+def _few(
+    rows: np.ndarray, seeds: Callable[[np.ndarray], Array]
+) -> Iterator[tuple[np.ndarray, Array]]:
+    """Rows with their starts, so many at once that they fit into memory."""
     for first in range(0, len(rows), _TOGETHER):
-        yield rows[first : first + _TOGETHER]
+        yield rows[first : first + _TOGETHER], seeds(rows[first : first + _TOGETHER])
 
 
 def _text(configuration: Configuration | None) -> str:
