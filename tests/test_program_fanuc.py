@@ -466,6 +466,13 @@ def test_a_program_that_calls_itself_is_an_error() -> None:
     assert [(r.line, r.why, r.bad) for r in flow.remarks] == [(4, "calls itself", True)]
 
 
+def test_a_statement_that_never_ends_takes_linear_time() -> None:
+    """Quadratic readers of lines or brackets would take hours."""
+    for line in ("  : TB .1sec,\n", "[x", "P[1:"):
+        text = written("L P[1] 1mm/sec FINE", P1=pose()).replace("FINE ;", "FINE " + line * 300_000)
+        assert corrected(text) == ["P[1]"]
+
+
 def test_what_is_cut_off_or_wrong_is_read_as_far_as_it_goes() -> None:
     """Unclosed brackets, no semicolons, labels that are not there."""
     for text in ("L P[1 100mm/sec", "C P[1] :", "JMP LBL[9]", "UFRAME_NUM=", "IF R[1]=1,", "CALL", "L P[1]] FINE INC]"):

@@ -11,7 +11,7 @@ _SECTION = re.compile(r"^[ \t]*/(MN|POS)[ \t]*\r?$", re.MULTILINE)
 _TRACKING = re.compile(r"\bLINE_TRACK_SCHEDULE_NUMBER\s*:\s*0*[1-9]", re.IGNORECASE)
 # A statement has a number; without one its line goes on with the statement before, if that has no semicolon yet.
 _LINE = re.compile(r"[ \t]*(?:(?P<number>\d*)[ \t]*(?P<colon>:)[ \t]*)?(?P<body>[^\n]*)\n?")
-_BRACKETS = r"\[(?:[^\[\]]|\[(?:[^\[\]]|\[[^\[\]]*\])*\])*\]"  # three of them in each other at most
+_BRACKETS = r"\[(?:[^\[\]]++|\[(?:[^\[\]]++|\[[^\[\]]*+\])*+\])*+\]"  # three in each other at most
 _MOTION = re.compile(r"([JLCAS])[ \t]+(?=PR?[ \t]*\[)")
 _TARGET = re.compile(rf"[ \t]*:?[ \t]*(PR?)[ \t]*({_BRACKETS})")
 _NUMBER = re.compile(r"\[\s*(\d+)\s*(?::.*)?\]", re.DOTALL)
@@ -81,26 +81,25 @@ def sections(code: str) -> Iterator[Section]:
 
 def statements(code: str, span: tuple[int, int], lines: Lines) -> Iterator[Statement]:
     """The statements in a part of the text; remarks are left out."""
-    waiting, first = "", 0
-    position = span[0]
+    waiting: list[str] = []
+    first, position = 0, span[0]
     while position < span[1]:
         found = _LINE.match(code, position, span[1])
         assert found is not None
         position = max(found.end(), position + 1)
         body = found["body"].strip()
-        if waiting and not found["number"]:
-            waiting = f"{waiting} {body}"
-        else:
-            if waiting:
-                yield Statement(first, waiting)
-            waiting, first = body, lines(found.start("body"))
-        if waiting.startswith(("!", "//", "--")):
-            waiting = ""
-        elif waiting.endswith(";"):
-            yield Statement(first, waiting[:-1].rstrip())
-            waiting = ""
+        if found["number"] and waiting:
+            yield Statement(first, " ".join(waiting))
+            waiting = []
+        if not waiting:
+            first = lines(found.start("body"))
+        if body and (waiting or not body.startswith(("!", "//", "--"))):
+            waiting.append(body)
+        if body.endswith(";") and waiting:
+            yield Statement(first, " ".join(waiting)[:-1].rstrip())
+            waiting = []
     if waiting:
-        yield Statement(first, waiting)
+        yield Statement(first, " ".join(waiting))
 
 
 def motion(statement: Statement) -> Motion | None:
