@@ -14,7 +14,7 @@ _LINE = re.compile(r"[ \t]*(?:(?P<number>\d*)[ \t]*(?P<colon>:)[ \t]*)?(?P<body>
 _BRACKETS = r"\[(?:[^\[\]]++|\[(?:[^\[\]]++|\[[^\[\]]*+\])*+\])*+\]"  # three in each other at most
 _MOTION = re.compile(r"([JLCAS])[ \t]+(?=PR?[ \t]*\[)")
 _TARGET = re.compile(rf"[ \t]*:?[ \t]*(PR?)[ \t]*({_BRACKETS})")
-_NUMBER = re.compile(r"\[\s*(\d+)\s*(?::.*)?\]", re.DOTALL)
+_NUMBER = re.compile(r"\[\s*(\d{1,9})\s*(?::.*)?\]", re.DOTALL)
 _CALLED = re.compile(r"\b(?:CALL|AUFRUF)\s+[\w-]+(?:\([^)]*\))?|\bP-\w+", re.IGNORECASE)
 _WORD = re.compile(r"[A-Z_]\w*", re.IGNORECASE)
 _LABEL = re.compile(r",\s*(?:LBL|LABEL)\s*\[\s*(\d+)", re.IGNORECASE)

@@ -14,7 +14,7 @@ _TABLE = re.compile(r"^\[\*SYSTEM\*\]\$MNU(FRAME|TOOL)[ \t]+Storage:[^\n]*\n", r
 _NUMBERS = r"\s*".join(rf"{key}:\s*({NUMBER})" for key in "XYZWPR")
 _ENTRY = re.compile(rf"^[ \t]*\[1,(\d+)\][ \t]*=[ \t]*(?:'[^\n]*')?\s*(?:Group:[^\n]*\n)?\s*{_NUMBERS}", re.MULTILINE)
 _TURN_AXIS = re.compile(r"\$SCR_GRP\[1\]\.\$TURN_AXIS\b[^\n]*\n((?:[ \t]*\[\d+\][ \t]*=[ \t]*\d+[ \t]*\r?\n?)+)")
-_ELEMENT = re.compile(r"=[ \t]*(\d+)")
+_ELEMENT = re.compile(r"=[ \t]*(\d{1,3})\b")
 
 
 def is_listing(text: str) -> bool:
@@ -91,7 +91,7 @@ class Selection:
     def select(self, line: int, text: str) -> Assign:
         """What `UFRAME_NUM=text` does."""
         if text.isdecimal():
-            return Assign(line, self.variable, self.of(str(int(text))))
+            return Assign(line, self.variable, self.of(text.lstrip("0") or "0"))
         name = "UFRAME_NUM" if self.kind == FRAME else "UTOOL_NUM"
         return Assign(line, self.variable, Unknown(f"{name} is told by {text[:30]} (line {line})"))
 

@@ -30,7 +30,7 @@ _INC = frozenset({"INC", "INK", "INKR"})
 _OFFSETS = frozenset({"OFFSET", "TOOL_OFFSET", "VOFFSET", "WKZ_OFFSET"})
 _SELECT = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)_NUM\s*(?:\[([^\]]*)\])?\s*=\s*(.+)", re.IGNORECASE)
 _SET = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)\s*\[\s*(?:GP(\d)\s*:)?\s*([^=]*)\]\s*=", re.IGNORECASE)
-_WRITTEN = re.compile(r"P\s*\[\s*(\d+)[^\]]*\]\s*=")
+_WRITTEN = re.compile(r"P\s*\[\s*(\d{1,9})[^\]]*\]\s*=")
 _CALL = re.compile(r"(?:CALL|AUFRUF)\s+([\w-]+)", re.IGNORECASE)
 _JUMP = re.compile(r"(?:JMP|SPRUNG)\s+(?:LBL|LABEL)\s*\[\s*([^\]:]*)", re.IGNORECASE)
 _LABEL = re.compile(r"(?:LBL|LABEL)\s*\[\s*(\d+)", re.IGNORECASE)
@@ -65,7 +65,7 @@ class Instructions:
             for part in parts(one.text) if "[" in one.text else ():
                 match = _SET.match(part)
                 if match and match[2] in (None, "1"):
-                    number = str(int(match[3])) if match[3].strip().isdecimal() else ""
+                    number = match[3].strip().lstrip("0") if match[3].strip().isdecimal() else ""
                     yield (_kind(match[1]), number), f"it is assigned (line {one.line})"
 
     def select_from(self, frame: Selection, tool: Selection) -> None:

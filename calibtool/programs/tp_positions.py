@@ -11,14 +11,14 @@ from calibtool.programs.targets import Lines, Number, Remark, is_not_finite, num
 from calibtool.robot.model import Robot
 
 HELD = "the robot holds the work piece and not the tool"
-_POSITION = re.compile(r"^[ \t]*P[ \t]*\[[ \t]*(\d+)[ \t]*(?::[^\n]*?)?\][ \t]*\{", re.MULTILINE)
+_POSITION = re.compile(r"^[ \t]*P[ \t]*\[[ \t]*(\d{1,9})[ \t]*(?::[^\n]*?)?\][ \t]*\{", re.MULTILINE)
 _END = re.compile(r"\}[ \t]*;")
 _GROUP = re.compile(r"\bGP(\d+)[ \t]*:")
 _ITEM = re.compile(r"(?:'[^'\n]*'|[^,'\n])+")
 _VALUE = re.compile(r"([A-Z]+\d*)\s*=\s*(\S+?)\s*(mm|deg)?")
 _FRAME = re.compile(r"(UF|UT)\s*:\s*(\w+)")
 _CONFIG = re.compile(r"[CK]ONFIG\s*:\s*'([^']*)'")
-_SIX_JOINTS = re.compile(r"\s*([NF])\s*(?:[LR]\s*)?([UD])\s*([TB])\s*((?:,\s*[-+]?\d+\s*)*)")
+_SIX_JOINTS = re.compile(r"\s*([NF])\s*(?:[LR]\s*)?([UD])\s*([TB])\s*((?:,\s*[-+]?\d{1,4}\s*)*)")
 _TURN = re.compile(r"[-+]?\d+")
 _POSE = (("X", "mm"), ("Y", "mm"), ("Z", "mm"), ("W", "deg"), ("P", "deg"), ("R", "deg"))
 
@@ -118,8 +118,7 @@ class Positions:
                 continue
             group.end = first
             if match := _FRAME.fullmatch(word):
-                which = match[2] if match[2].isdigit() else "F"
-                number = str(int(which)) if which != "F" else which
+                number = (match[2].lstrip("0") or "0") if match[2].isdecimal() else "F"
                 group.frame, group.tool = (number, group.tool) if match[1] == "UF" else (group.frame, number)
             elif match := _CONFIG.fullmatch(word):
                 group.config, group.offset = match, first
@@ -209,7 +208,7 @@ def turn_axes(codes: Sequence[str], robot: Robot) -> tuple[int, ...]:
 
     Joints 1, 4 and 6; or 4, 5 and 6 where the programs count turns with the first number that joint 1 does not have.
     """
-    pattern = re.compile(r"[CK]ONFIG\s*:\s*'[^',\n]*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)")
+    pattern = re.compile(r"[CK]ONFIG\s*:\s*'[^',\n]*,\s*([-+]?\d{1,4})\s*,\s*([-+]?\d{1,4})\b")
     numbers = {(int(m[1]), int(m[2])) for code in codes for m in pattern.finditer(code)}
     reach = max(abs(float(robot.lower[0])), abs(float(robot.upper[0])))
     first = any(first for first, _ in numbers) and not any(second for _, second in numbers)
