@@ -36,7 +36,8 @@ def test_files_and_pipes_give_the_same_bytes(calibration: str, name: str) -> Non
 
 
 def test_in_a_real_pipe(calibration: str, tmp_path: Path) -> None:
-    done = shell(f"cat {SAMPLES}/weld.ls | calibtool compensate {calibration} --partial 2>said | tee out.ls | wc -l", tmp_path)
+    command = f"calibtool compensate {calibration} --partial 2>said"
+    done = shell(f"cat {SAMPLES}/weld.ls | {command} | tee out.ls | wc -l", tmp_path)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) == (SAMPLES / "weld.ls").read_bytes().count(b"\n")
     assert b"5 targets changed" in (tmp_path / "said").read_bytes()
