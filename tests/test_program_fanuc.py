@@ -463,7 +463,7 @@ def test_programs_one_after_the_other_in_a_text() -> None:
 
 def test_a_program_that_calls_itself_is_an_error() -> None:
     _, flow, _, _ = followed(written("CALL A", P1=pose()))
-    assert [(r.line, r.why, r.bad) for r in flow.remarks] == [(4, "calls itself", True)]
+    assert [(r.line, r.why, r.bad) for r in flow.remarks] == [(4, "calls itself without end", True)]
 
 
 def test_a_statement_that_never_ends_takes_linear_time() -> None:

@@ -138,6 +138,18 @@ def test_the_turn_that_changes_is_said() -> None:
     assert len(looks) == 1
 
 
+def test_external_axes_that_are_ignored() -> None:
+    """The arm's numbers are those without the axis, whether a motion goes there or not."""
+    one = group(np.array([10.0, 20, -20, 30, -60, 40]))
+    texts = [program([one.rstrip() + more + "\n"]) for more in ("", ",\n\tE1 = 250.000  mm")]
+    for text, other in (texts, [text.replace("L P[1]", "!L P[1]") for text in texts]):
+        plain = compensate_program(calibrations()[1], text.encode(), "a", "fanuc-ls")
+        assert compensate_program(calibrations()[1], other.encode(), "a", "fanuc-ls").data == other.encode()
+        options = ProgramOptions(ignore_external=True)
+        ignored = compensate_program(calibrations()[1], other.encode(), "a", "fanuc-ls", options)
+        assert ignored.data.replace(b",\n\tE1 = 250.000  mm", b"") == plain.data != text.encode()
+
+
 # --- programs of every kind ------------------------------------------------------------------------------------------
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from calibtool.programs.motions import (
+    EXTERNAL,
     FRAME,
     JOINT,
     TOOL,
@@ -103,7 +104,7 @@ class Instructions:
         """Let positions that no motion goes to be corrected in their own frame."""
         for one in self.taught.values():
             literal = literals[one.literal]
-            if not literal.left:
+            if literal.left in ("", EXTERNAL):
                 aim = Aim(one.literal) if literal.kind == JOINT else self._aim(one)
                 literals[one.literal] = replace(literal, alone=aim)
 

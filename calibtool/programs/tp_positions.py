@@ -6,7 +6,7 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 
 from calibtool.programs.configurations import Digit, Fanuc
-from calibtool.programs.motions import JOINT, POSE, Literal
+from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal
 from calibtool.programs.targets import Lines, Number, Remark, is_not_finite, number_at
 from calibtool.robot.model import Robot
 
@@ -138,30 +138,26 @@ class Positions:
 
     def _literal(self, group: _Group, name: str, left: str) -> Literal:
         """The literal of group 1; left: why it is none to correct, where it is otherwise in order."""
-        values = group.values
-        axes = {key: value for key, value in values.items() if key[0] != "E"}
+        axes = {key: value for key, value in group.values.items() if key[0] != "E"}
         kind = JOINT if "J1" in axes else POSE
+        remote = set(axes) == {f"R{key}" for key, _ in _POSE}
         numbers: tuple[Number, ...] = ()
         configuration = None
-        if not group.bad and not left and None in values.values():
+        if not group.bad and not left and None in group.values.values():
             left = "not taught"
-        if not group.bad and not left:
-            if kind == JOINT:
-                numbers, left = self._joints(group, axes)
-            elif set(axes) == {f"R{key}" for key, _ in _POSE}:
+        if not group.bad and not left and kind == JOINT:
+            numbers, left = self._joints(group, axes)
+        elif not group.bad and not left:
+            numbers = self._pose(group, {k[1:]: v for k, v in axes.items()} if remote else axes)
+            configuration, left = self._configuration(group)
+            if remote:
                 left = f"a remote TCP position (RX, RY, …): {HELD}"
-            else:
-                numbers, left = self._pose(group, axes)
-                external = [value for key, value in values.items() if key[0] == "E" and value]
-                if not left and any(value.value for value in external):
-                    left = "external axes beside a pose"
-                elif not left:
-                    configuration, left = self._configuration(group)
+            elif not left and any(v.value for k, v in group.values.items() if k[0] == "E" and v):
+                left = EXTERNAL
         first = next((value for value in axes.values() if value is not None), None)
         line = self.lines(first.start) if first and not group.bad else group.line
         return Literal(
-            kind, () if left or group.why else numbers, line, name,
-            "wpr" if kind == POSE else "",
+            kind, () if group.bad else numbers, line, name, "wpr" if kind == POSE else "",
             configuration, self.source, group.why or left, group.bad,
             blank=kind == POSE and not any(number.value for number in numbers),
         )  # fmt: skip
@@ -182,7 +178,7 @@ class Positions:
         zero = not any(number.value for number in found)
         return found, "a mastering position: all joints are zero" if zero else ""
 
-    def _pose(self, group: _Group, values: dict[str, Number | None]) -> tuple[tuple[Number, ...], str]:
+    def _pose(self, group: _Group, values: dict[str, Number | None]) -> tuple[Number, ...]:
         numbers = tuple(number for key, _ in _POSE if (number := values.get(key)) is not None)
         if set(values) != {key for key, _ in _POSE}:
             what = ", ".join(values) or "nothing"
@@ -191,7 +187,7 @@ class Positions:
             if number.unit != unit and not group.bad:
                 line = self.lines(number.start)
                 group.refuse(line, f"{key} is in {number.unit}; expected {unit}")
-        return numbers, ""
+        return numbers
 
     def _configuration(self, group: _Group) -> tuple[Fanuc | None, str]:
         text = group.config[1] if group.config else ""
