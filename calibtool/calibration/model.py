@@ -56,6 +56,7 @@ class Calibration:
     nominal_setup   the set-up as it was known, or registered with the nominal robot
     noise_position, noise_orientation   stated noise of the measurements used, m and rad
     q               (N, n) the configurations used, rad or m
+    simulated       the measurements came from a simulation, whose controller has the nominal model
     provenance      command line, seed, input checksums, versions: text by name
     frame           which base and tool frame it speaks in; None where nothing was free to choose
 
@@ -73,6 +74,7 @@ class Calibration:
     noise_orientation: float
     q: Array
     provenance: dict[str, str] = field(default_factory=dict)
+    simulated: bool = False
     frame: ChosenFrame | None = None
 
     @property
