@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from calibtool.programs.krl import Declared, Factor, Statement, product, reference
 from calibtool.programs.krl_data import Text
-from calibtool.programs.krl_names import COMPONENTS, POSITIONS, Names
+from calibtool.programs.krl_names import COMPONENTS, FORM_NAMES, FORM_PARTS, POSITIONS, Names
 from calibtool.programs.krl_values import (
     AS_FRAME,
     BASE_NOW,
@@ -57,29 +57,30 @@ class Motions(Values):
         """What an assignment gives to variables; line: where, 0 in a data list."""
         name, (index, parts) = statement.name.lower(), statement.more
         index, part = re.sub(r"[\s\[\]]", "", index).lower(), parts.lower().strip(".")
-        item = Declared(name, index, statement.start, statement.end)
+        item = Declared(statement.name, index, statement.start, statement.end)
         if name == MODE_NOW:
             yield Assign(line, MODE_NOW, self.mode(self.code[item.start : item.end], line))
         elif name in _KINDS:
             yield from self._system(item, part, line)
-        elif name == FORM or part in ("tool_no", "base_no", "ipo_frame"):
+        elif name == FORM or part in FORM_NAMES or self.names.type(name, self.scopes) == "FDAT":
             yield from self._form(item, part, line)
         elif part in COMPONENTS:
             yield from self._component(item, part, line)
         elif part:
-            member = f"{name}{f'[{index}]' if index else ''}.{part}"
+            member = f"{statement.name}{f'[{index}]' if index else ''}.{part}"
             yield from self.given(Declared(member, "", item.start, item.end), "", line)
         else:
             yield from self.given(item, self.names.type(name, self.scopes), line)
 
     def _system(self, item: Declared, part: str, line: int) -> Iterator[Assign]:
         """$BASE, $TOOL, BASE_DATA[n], TOOL_DATA[n], or a component of one."""
-        kind = _KINDS[item.name]
-        target: Value = item.name
-        if "data" in item.name:
-            target = self.numbered(item.name, item.index, line)
+        name = item.name.lower()
+        kind = _KINDS[name]
+        target: Value = name
+        if "data" in name:
+            target = self.numbered(name, item.index, line)
             if isinstance(target, Unknown):
-                known = [k for k in self.declared if k.startswith(f"{item.name}[")]
+                known = [k for k in self.declared if k.startswith(f"{name}[")]
                 why = Unknown(f"may be changed (its number is a variable, line {line})")
                 yield from (Assign(line, key, Either((key, why))) for key in known)
                 return
@@ -90,7 +91,7 @@ class Motions(Values):
             yield Assign(line, target, Edited(target, self._number(item, part), "abc", line, why))
             return
         value = self.frame(item.start, item.end, kind, line)
-        if isinstance(value, Frame) and value.values is not None and "data" in item.name:
+        if isinstance(value, Frame) and value.values is not None and "data" in name:
             value = frame_of(kind, item.index, value.T, line)
         yield Assign(line, target, value)
 
@@ -103,7 +104,8 @@ class Motions(Values):
 
     def _form(self, item: Declared, part: str, line: int) -> Iterator[Assign]:
         """Frame data of inline forms: `FDAT_ACT=FP1`, `FDAT_ACT={TOOL_NO 1,…}`, `FP1.BASE_NO=2`."""
-        key = FORM if item.name == FORM else self.names.key(item.name, self.scopes)
+        name = item.name.lower()
+        key = FORM if name == FORM else self.names.key(name, self.scopes)
         word = self.code[item.start : item.end]
         if part:
             which = {"tool_no": "tool", "base_no": "base", "ipo_frame": "mode"}.get(part)
@@ -116,7 +118,7 @@ class Motions(Values):
                 yield Assign(line, f"{key}.{which}", value)
             return
         items = self.form_items(item.start, item.end, line) if word.startswith("{") else None
-        for which in ("base", "tool", "mode"):
+        for which in FORM_PARTS:
             value = self.form(word, which, line) if items is None else items[which]
             yield Assign(line, f"{key}.{which}", value)
 
@@ -131,7 +133,7 @@ class Motions(Values):
         for key in keys:
             if isinstance(key, str):
                 yield Assign(line, key, Edited(key, (), "abc", line, why))
-                if item.name in self.names.framed:
+                if item.name.lower() in self.names.framed:
                     twin = f"{key}{AS_FRAME}"
                     yield Assign(line, twin, Edited(twin, numbers, "abc", line, why))
 
@@ -140,7 +142,7 @@ class Motions(Values):
         index = re.sub(r"[\s\[\]]", "", item.index).lower()
         key = self.names.key(item.name.lower(), self.scopes)
         if item.name.lower() in _KINDS:
-            yield from self._system(Declared(item.name.lower(), index, item.start, item.end), "", line)
+            yield from self._system(Declared(item.name, index, item.start, item.end), "", line)
         elif not index or re.fullmatch(r"\d+(?:,\d+)*", index):
             key = f"{key}[{index}]" if index else key
             yield from self.held_by(key, item, type_, line)
@@ -155,7 +157,7 @@ class Motions(Values):
         name, word = item.name, self.code[item.start : item.end]
         low = name.lower()
         here = line or self.text.lines(item.start)
-        shown = f"{name}{item.index and '['}{item.index.strip('[] ')}{item.index and ']'}"
+        shown = f"{name}[{item.index.strip('[] ')}]" if item.index else name
         if word.startswith("{"):
             if not word.endswith("}"):
                 self._unclosed(item.start, shown)
@@ -169,11 +171,9 @@ class Motions(Values):
         plain = bool(factors) and not self.code[stop : item.end].strip()
         if low in self.names.framed:
             yield Assign(line, f"{key}{AS_FRAME}", self.frame(item.start, item.end, FRAME, here))
-        if not plain or (type_ and type_ not in (*POSITIONS, low) and low not in self.names.driven):
-            if key in self.names.valued and (type_ in POSITIONS or low in self.names.driven):
-                yield Assign(line, key, Unknown(f"is computed (line {here})"))
+        if type_ not in POSITIONS and low not in self.names.driven:
             return
-        value = self._copied(factors, here)
+        value = self._copied(factors, here) if plain else Unknown(f"is computed (line {here})")
         if value is not None:
             yield Assign(line, key, value)
 
@@ -208,7 +208,7 @@ class Motions(Values):
         driven = low in self.names.driven
         if type_ == "FRAME" and line_framed is not None and not driven:
             return  # a frame, which is no position
-        if type_ not in POSITIONS and not driven and (type_ not in ("", low) or not self.text.complete(start, end)):
+        if type_ not in POSITIONS and not driven and (type_ or not self.text.complete(start, end)):
             return  # load data, motion parameters, something else
         if type_ == "" and line_framed is not None and not driven:
             return

@@ -13,6 +13,8 @@ CALLED = re.compile(r"(?<![\w$#.])([A-Za-z_]\w*)\s*(?=\()")
 COMPONENTS = frozenset(
     ("x", "y", "z", "a", "b", "c", "s", "t", *(f"{c}{k}" for c in "ae" for k in range(1, 7)))
 )
+FORM_PARTS = ("base", "tool", "mode")
+FORM_NAMES = ("base_no", "tool_no", "ipo_frame")
 _FRAMES = re.compile(r"\$(?:TOOL|BASE)|(?:TOOL|BASE)_DATA", re.IGNORECASE)
 _NAMES = re.compile(r"(?<![\w$#.'])(\$?[A-Za-z_]\w*)(?![\w$]*\s*\()")
 _ITEMS = re.compile(r"\{[^{}]*\}")
@@ -36,7 +38,7 @@ class Names:
     elements  names of an array's elements that are given a value, by the array's name
     driven    names of variables that motions go to; framed: that are used as frames, and the line
     used      names that stand in other expressions
-    changed   routine and parameter that it assigns to
+    changed   routines and names that they assign to; rewritten: those names alone
     """
 
     inside: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -48,6 +50,7 @@ class Names:
     framed: dict[str, int] = field(default_factory=dict)
     used: set[str] = field(default_factory=set)
     changed: set[tuple[str, str]] = field(default_factory=set)
+    rewritten: set[str] = field(default_factory=set)
 
     def key(self, name: str, scopes: Sequence[str]) -> str:
         """The name of a variable in motions, where these scopes, the innermost first, are in force."""
@@ -118,7 +121,9 @@ class Names:
             for item in declared(code, start, end):
                 if item.start >= 0:
                     index = re.sub(r"[\s\[\]]", "", item.index).lower()
-                    self.value(item.name.lower(), index, scopes)
+                    key = self.value(item.name.lower(), index, scopes)
+                    if statement.name == "FDAT":
+                        self.valued |= {f"{key}.{which}" for which in FORM_PARTS}
         elif statement.word == "assign":
             self._assigned(text, statement, scopes)
         elif statement.word == "move":
@@ -131,11 +136,16 @@ class Names:
         name = statement.name.lower()
         index = re.sub(r"[\s\[\]]", "", statement.more[0]).lower()
         part = statement.more[1].lower().strip(".")
-        if not part or part in COMPONENTS:
+        if name == "fdat_act" or "_NO" in code[start:end].upper() or part in FORM_NAMES:
+            key = name if name == "fdat_act" else self.value(name, index, scopes)
+            self.valued |= {f"{key}.{which}" for which in FORM_PARTS}
+        elif not part or part in COMPONENTS:
             self.value(name, index, scopes)
         else:
             self.value(f"{name}{f'[{index}]' if index else ''}.{part}", "", scopes)
-        self.changed.add((scopes[0], name))
+        if len(scopes) > 1:
+            self.changed.add((scopes[0], name))
+            self.rewritten.add(name)
         factors, stop = product(code, start, end)
         plain = len(factors) == 1 and stop == end and not factors[0].call
         if _FRAMES.fullmatch(statement.name):
@@ -161,7 +171,7 @@ class Names:
                 break
 
     def _spread(self, texts: Sequence[Text]) -> None:
-        """What is copied to a variable that is used as a frame is so too."""
+        """What is copied to a variable that is used as a frame, or as a target, is so too."""
         copies: dict[str, set[str]] = {}
         for text in texts:
             for statement in text.statements:
@@ -169,12 +179,15 @@ class Names:
                     found, _ = product(text.code, statement.start, statement.end)
                     words = {_first(factor.word) for factor in found if factor.word}
                     copies.setdefault(statement.name.lower(), set()).update(words)
-        waiting = list(self.framed)
+        waiting = [*self.framed, *self.driven]
         while waiting:
             name = waiting.pop()
             for word in copies.get(name, ()):
-                if word not in self.framed:
+                if name in self.framed and word not in self.framed:
                     self.framed[word] = self.framed[name]
+                    waiting.append(word)
+                if name in self.driven and word not in self.driven:
+                    self.driven.add(word)
                     waiting.append(word)
 
 

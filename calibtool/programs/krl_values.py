@@ -67,9 +67,11 @@ class Values:
         elements = tuple(self.names.elements.get(key, ()))
         if not elements:
             return None
+        if name in self.names.rewritten:
+            return Either(elements)
         every = f"{key}[]"
         self.declared.setdefault(every, Either(elements))
-        return every if not any(e in self.names.changed for e in elements) else Either(elements)
+        return every
 
     def frame(self, start: int, end: int, kind: str, line: int) -> Value:
         """A frame in code[start:end], a product of frames among them; line: where it is assigned."""

@@ -198,7 +198,8 @@ class _Reader(Motions):
         for parameter, (first, last) in zip(parameters, given, strict=False):
             key, word = f"{routine}|{parameter}", self.code[first:last]
             item = Declared(parameter, "", first, last)
-            found = [(step.name, step.value) for step in self.held_by(key, item, parameter, line)]
+            type_ = self.names.type(parameter, (routine,))
+            found = [(step.name, step.value) for step in self.held_by(key, item, type_, line)]
             passed += found
             value = self.target(word)
             if (routine, parameter) in self.names.changed and isinstance(value, str):
