@@ -66,7 +66,7 @@ def test_a_module() -> None:
         16: "MoveL […]",
     }
     assert left == {
-        8: "no instruction of this program moves there: its tool and work object are not known",
+        8: "no instruction of the program moves there: its tool and work object are not known",
         17: "frame 'vise' is not known; give it with --frames, [frames.vise]",
     }
     assert whys(text) == left | {

@@ -223,7 +223,7 @@ def test_a_summary_of_many_lines_is_short() -> None:
     text = "def a():\n" + "  movej(q)\n" * 50
     result = compensate_program(calibrations("ur5")[1], text.encode(), "a", "ur-script")
     (_, line) = result.summary("a")
-    assert line.startswith("a: left alone: a variable: lines 2, 3, 4, ")
+    assert line.startswith("a: left alone: a variable that no file gives a value: lines 2, 3, 4, ")
     assert line.endswith(" and 30 more")
 
 

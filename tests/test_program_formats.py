@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibtool.programs import fanuc as fanuc_ls
-from calibtool.programs import kuka, ros2, ur
+from calibtool.programs import kuka
 from calibtool.programs.formats import PROGRAM_FORMATS, detected
 from calibtool.programs.formats import reader as reader_of_motions
 from calibtool.programs.targets import Program, Target, number_at
@@ -33,7 +33,7 @@ def robot(name: str = "fanuc-m1000ia") -> Robot:
 
 def reader(name: str) -> Callable[[str, Robot], Program]:
     """Readers of the languages that still report targets in the order of the text."""
-    return {"fanuc-ls": fanuc_ls.read, "kuka-krl": kuka.read, "ur-script": ur.read, "ros2-trajectory": ros2.read}[name]
+    return {"fanuc-ls": fanuc_ls.read, "kuka-krl": kuka.read}[name]
 
 
 def robot_of(sample: str) -> Robot:
@@ -243,107 +243,6 @@ def test_kuka_errors(position: str, why: str) -> None:
 def test_kuka_axes_of_another_robot() -> None:
     text = "DEF a()\nPTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\nEND\n"
     assert "has 4 joints" in bad("kuka-krl", text, "scara")[2]
-
-
-# --- Universal Robots -----------------------------------------------------------------------------------------------
-
-
-def test_ur() -> None:
-    assert found("pick.script") == {
-        4: ("joint", "home"),
-        5: ("pose", "above"),
-        9: ("joint", "movej"),
-        10: ("pose", "movej"),
-        11: ("pose", "movep"),
-    }
-    assert left("pick.script") == {12: "an expression (d2r(90))", 13: "a relative motion", 15: "a variable"}
-    program = read("pick.script")
-    assert {t.tool for t in program.targets if t.kind == "pose"} == {"set_tcp of line 3"}
-    assert program.tools["set_tcp of line 3"][2, 3] == pytest.approx(0.1)
-    assert program.notes == ()
-
-
-def test_ur_without_a_tool_says_what_it_assumes() -> None:
-    (note,) = reader("ur-script")("movel(p[0.1, 0.2, 0.3, 0, 0, 0])\n", robot("ur5")).notes
-    assert "no set_tcp" in note
-
-
-@pytest.mark.parametrize(
-    ("text", "why"),
-    [
-        ("movej([0, 1, 2])", "holds 3 values"),
-        ("movel(p[0, 1, 2])", "holds 3 values"),
-        ("movej([0, 1, 2, 3, 4, nan])", "'nan'"),
-        ("movej([0, 1", "not closed"),
-    ],
-)
-def test_ur_errors(text: str, why: str) -> None:
-    assert why in bad("ur-script", f"def a():\n  {text}\n", "ur5")[2]
-
-
-def test_ur_joints_beside_a_pose() -> None:
-    text = "movej(get_inverse_kin(p[0.1, 0.2, 0.3, 0, 0, 0], qnear=[0, 1, 2, 3, 4, 5]))\n"
-    (target,) = reader("ur-script")(text, robot("ur5")).targets
-    assert [number.value for number in target.joints] == [0, 1, 2, 3, 4, 5]
-
-
-# --- ROS 2 ----------------------------------------------------------------------------------------------------------
-
-EXPECTED = [
-    [0.0, -1.396263, 1.745329, -1.919862, -1.570796, 0.0],
-    [0.174533, -1.48353, 1.832596, -1.745329, -1.396263, 0.349066],
-]
-
-
-def test_ros2_joints_by_name_in_both_list_styles() -> None:
-    program = read("path.yaml")
-    assert [list(target.values) for target in program.targets] == EXPECTED
-    assert [target.line for target in program.targets] == [4, 8]
-    (remark,) = program.remarks
-    assert (remark.name, remark.why) == ("gripper", "external axes: not joints of the calibration")
-    assert program.notes == ("velocities and accelerations are left as they are",)
-
-
-def test_ros2_json() -> None:
-    names = ", ".join(f'"{n}"' for n in robot("ur5").chain.model.names[1:])
-    points = ", ".join(f'{{"positions": {row}, "time_from_start": {{"sec": 1}}}}' for row in EXPECTED)
-    for text in (
-        f'{{"joint_names": [{names}], "points": [{points}]}}',
-        f'{{"points": [{points}],\n "joint_names": [{names}]}}',
-    ):
-        assert detected(text, "a.json") == "ros2-trajectory"
-        assert [list(t.values) for t in reader("ros2-trajectory")(text, robot("ur5")).targets] == EXPECTED
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "why"),
-    [
-        ("elbow_joint,", "elbow,", "no 'elbow_joint' of ur5; did you mean elbow"),
-        ("0.0, 0.04]", "0.04]", "holds 6 positions for 7 joint_names"),
-        ("[1.745329", "[.nan", "elbow_joint holds '.nan', which is not finite"),
-        ("0.0, 0.04]", "0.0, 0.04", "a bracket is not closed"),
-        ("[1.745329", "[up", "elbow_joint holds 'up', which is not a number"),
-    ],
-)
-def test_ros2_errors(before: str, after: str, why: str) -> None:
-    assert why in bad("ros2-trajectory", text_of("path.yaml").replace(before, after, 1), "ur5")[4]
-
-
-@pytest.mark.parametrize("value", ["[]", "[ ]"])
-def test_ros2_an_empty_list_is_not_a_target(value: str) -> None:
-    text = text_of("path.yaml")
-    first = text.index("[", text.index("positions:"))
-    changed = text[:first] + value + text[text.index("]", first) + 1 :]
-    program = reader("ros2-trajectory")(changed, robot("ur5"))
-    assert [list(target.values) for target in program.targets] == EXPECTED[1:]
-    assert not any(remark.bad for remark in program.remarks)
-
-
-def test_ur_a_variable_moved_to_with_several_tools_is_left_alone() -> None:
-    text = "a = p[0.4, 0.2, 0.3, 0, 3.1, 0]\nset_tcp(p[0,0,0.1,0,0,0])\nmovel(a)\nset_tcp(p[0,0,0.2,0,0,0])\nmovel(a)\n"
-    program = reader("ur-script")(text, robot("ur5"))
-    assert program.targets == ()
-    assert "used with several tools" in {remark.why for remark in program.remarks}
 
 
 def test_kuka_an_external_tool_makes_both_frames_unknown() -> None:

@@ -21,8 +21,8 @@ from calibtool.programs.targets import Program as TargetProgram
 from calibtool.robot.se3 import Array
 
 
-def adapted(read: TargetProgram, source: Source, in_order: bool) -> Program:
-    """A program in which each target is a motion, in the order of the text; in_order: as in `Program`."""
+def adapted(read: TargetProgram, source: Source) -> Program:
+    """A program in which each target is a motion, in the order of the text."""
     literals: list[Literal] = []
     moves: list[Move] = []
     for target in read.targets:
@@ -52,7 +52,6 @@ def adapted(read: TargetProgram, source: Source, in_order: bool) -> Program:
         (Routine("", tuple(moves)),),
         remarks=read.remarks,
         notes=read.notes,
-        in_order=in_order,
     )
 
 

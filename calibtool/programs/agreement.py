@@ -7,6 +7,7 @@ from calibtool.programs.flow import Flow, Use
 from calibtool.programs.motions import FRAME, JOINT, Frame, Program, Unknown
 
 SEED = "only a start of the controller's inverse kinematics"
+AS_FRAME = "a frame or tool of others"
 _LINES = 5  # lines named in one reason
 
 
@@ -33,6 +34,8 @@ def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, s
             left[number] = literal.left
         elif number in flow.spoiled:
             left[number] = flow.spoiled[number]
+        elif number in flow.frames:
+            left[number] = AS_FRAME
         elif not here:
             left[number] = SEED if number in flow.seeds else program.unused
         elif literal.kind == JOINT:
@@ -48,7 +51,9 @@ def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, s
 
 def agreed(which: str, uses: Iterable[Use]) -> Frame | str:
     """The frame or tool of all uses, or why there is not one."""
-    lines: dict[tuple[float, ...], int] = {}
+    uses = list(uses)
+    values: set[tuple[float, ...]] = set()
+    set_anew: set[int] = set()
     result: Frame | None = None
     for use in uses:
         for atom in sorted(use.frames if which == FRAME else use.tools, key=str):
@@ -56,14 +61,20 @@ def agreed(which: str, uses: Iterable[Use]) -> Frame | str:
                 return f"its {which}: {atom.why}"
             if atom.values is None:
                 return _not_given(atom)
-            lines.setdefault(atom.values, use.line)
+            values.add(atom.values)
+            set_anew.add(atom.line)
             result = atom
-    if len(lines) > 1:
-        where = sorted(set(lines.values()))
-        places = ", ".join(map(str, where[:_LINES])) + (" …" if len(where) > _LINES else "")
-        return f"used with several {which}s (line{'s' if len(where) > 1 else ''} {places})"
+    if len(values) > 1:
+        anew = f"; set in {_places(set_anew - {0})}" if set_anew - {0} else ""
+        return f"used with several {which}s ({_places({use.line for use in uses})}{anew})"
     assert result is not None
     return result
+
+
+def _places(lines: set[int]) -> str:
+    where = sorted(lines)
+    more = " …" if len(where) > _LINES else ""
+    return f"line{'s' if len(where) > 1 else ''} {', '.join(map(str, where[:_LINES]))}{more}"
 
 
 def _not_given(frame: Frame) -> str:

@@ -11,7 +11,7 @@ from calibtool.compensation.backlash import BacklashPath
 from calibtool.compensation.program import OutsidePolicy, guarded
 from calibtool.compensation.solve import OK, OUTSIDE, Compensation, Method
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
-from calibtool.programs.agreement import SEED, Position, positions
+from calibtool.programs.agreement import AS_FRAME, SEED, Position, positions
 from calibtool.programs.branches import Controller
 from calibtool.programs.configurations import Digit
 from calibtool.programs.flow import Flow, follow
@@ -152,7 +152,7 @@ class _Correction:
     def _leave(self, number: int, why: str, failure: _Failure | None = None) -> None:
         """A literal is left as it is; failure: unless it may be, that is an error."""
         self.why[number] = why
-        if why != SEED and self.program.sources[self.program.literals[number].source].edited:
+        if why not in (SEED, AS_FRAME) and self.program.sources[self.program.literals[number].source].edited:
             remark = _remark(self.program.literals[number], why)
             if failure is None:
                 self.left.append(remark)
@@ -318,7 +318,7 @@ class _Correction:
             if not program.sources[literal.source].edited:
                 continue
             own = self.edits.get(number)
-            targets += not literal.left and self.why.get(number) != SEED
+            targets += not literal.left and self.why.get(number) not in (SEED, AS_FRAME)
             edits[literal.source] += own or []
             what = "left" if own is None else "corrected" if own else "unchanged"
             place = (literal.source, literal.line, literal.name)

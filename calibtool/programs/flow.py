@@ -14,6 +14,7 @@ from calibtool.programs.motions import (
     Aim,
     Assign,
     Call,
+    Either,
     Entry,
     Frame,
     Move,
@@ -67,13 +68,15 @@ class Flow:
 
     uses     in the order in which routines are followed: callees before those that call them
     spoiled  literals that are no constants, and why
-    seeds    literals that only choose the branch of others
+    seeds    literals that choose the branch of others
+    frames   literals that are frames or tools
     remarks  motions that go to nothing written
     """
 
     uses: tuple[Use, ...]
     spoiled: dict[int, str]
     seeds: frozenset[int]
+    frames: frozenset[int]
     remarks: tuple[Remark, ...]
 
 
@@ -122,12 +125,11 @@ class _Analysis:
 
     def __init__(self, program: Program, given: Frames, kept: _State) -> None:
         self.program = program
-        self.spoiled: dict[int, str] = {}
-        self.evaluation = Evaluation(given, self.spoiled)
         self.routines = {routine.name: routine for routine in program.routines}
         self.graphs = {routine.name: blocks(routine.body) for routine in program.routines}
         self.kept = kept
         self.assigned = self._assigned()
+        self.evaluation = Evaluation(program.literals, given, self.owners)
         self.constants: dict[str, Atoms | None] = {}
         self.nodes: list[_Node] = []
         self.numbers: dict[tuple[int, int | Entry], int] = {}
@@ -142,12 +144,16 @@ class _Analysis:
         """What is assigned to variables somewhere, without those that hold one literal all the time."""
         found: dict[str, list[Value]] = {}
         parameters: set[str] = set()
+        self.owners: dict[int, set[str]] = {}
+        for name, value in self.program.declared.items():
+            _own(self.owners, name, value)
         size = 0
         for graph in self.graphs.values():
             size += len(graph)
             for action in (action for block in graph for action in block.actions):
                 if isinstance(action, Assign):
                     found.setdefault(action.name, []).append(action.value)
+                    _own(self.owners, action.name, action.value)
                 elif isinstance(action, Call):
                     parameters |= {name for name, _ in action.arguments}
                     for name, value in action.arguments:
@@ -311,9 +317,10 @@ class _Analysis:
             before, sure = _before(atoms, found_at)
             result.append(replace(use, before=before, sure=sure))
         seeds = frozenset(k for use in result for k in use.near)
-        used = {use.literal for use in result} | seeds
+        frames = frozenset(self.evaluation.frames)
+        used = {use.literal for use in result} | seeds | frames
         result += self._alone(used, len(result))
-        return Flow(tuple(result), self.spoiled, seeds, tuple(self.remarks.values()))
+        return Flow(tuple(result), self.evaluation.spoiled, seeds, frames, tuple(self.remarks.values()))
 
     def _entered(self, entry: _State) -> Callable[[str], Atoms]:
         return lambda name: entry.get(name) or self.begin(name)
@@ -366,6 +373,13 @@ def _frames(atoms: Atoms) -> frozenset[Frame | Unknown]:
 def _agreed(atoms: Atoms) -> bool | None:
     found = {atom.on if isinstance(atom, Setting) else None for atom in atoms}
     return next(iter(found)) if len(found) == 1 else None
+
+
+def _own(owners: dict[int, set[str]], name: str, value: Value) -> None:
+    """Note that a variable holds literals themselves."""
+    for part in value.parts if isinstance(value, Either) else (value,):
+        if isinstance(part, int):
+            owners.setdefault(part, set()).add(name)
 
 
 def _merge(

@@ -46,8 +46,7 @@ def read_program(name: str, sources: Sequence[Source], robot: Robot) -> Program:
     if hasattr(module, "program"):
         program: Program = module.program(sources, robot)
         return program
-    in_order = getattr(module, "IN_ORDER", False)
-    return adapted(module.read(sources[0].text, robot), sources[0], in_order)
+    return adapted(module.read(sources[0].text, robot), sources[0])
 
 
 def reader(name: str) -> Callable[[str, Robot], Program]:

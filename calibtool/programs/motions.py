@@ -74,7 +74,10 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Product:
-    """Frames one in the other: T_1 T_2 …. name: what `--frames` calls the whole, where it can."""
+    """Frames one in the other, T_1 T_2 …, or one alone; a pose that is written may be one of them.
+
+    name: what `--frames` calls the whole, where it can
+    """
 
     kind: str
     parts: tuple["Value", ...]

@@ -62,6 +62,13 @@ class Text:
         default_factory=set
     )  # where positions begin that are among the literals
 
+    def shape(self, start: int, end: int) -> str | None:
+        """The type of the position that code[start:end] writes in full."""
+        for type_, shape in SHAPES.items():
+            if shape.fullmatch(self.code, start, end):
+                return type_
+        return None
+
     def position(self, type_: str, start: int, end: int, name: str) -> int:
         """The number of the literal in code[start:end]."""
         self.taken.add(start)

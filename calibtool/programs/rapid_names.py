@@ -1,7 +1,7 @@
 """Names of RAPID modules: which data or routine a name means at a place."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from calibtool.programs.rapid import Statement, statements
@@ -12,6 +12,20 @@ _PARAMETER = re.compile(
     r"\s*(?P<optional>\\)?\s*(?:(?:INOUT|VAR|PERS|REF)\s+)*(?P<type>\w+)\s+(?P<name>\w+)",
     re.IGNORECASE,
 )
+
+
+def placed(code: str, number: int) -> Iterator[tuple[Statement, tuple[str, ...]]]:
+    """The statements of a text with the scopes in force at each, the innermost first: routine and module, or module."""
+    inside = f"{number}"
+    scopes: tuple[str, ...] = (inside,)
+    for statement in statements(code):
+        if statement.word == "module":
+            inside = f"{number}.{statement.name.lower()}"
+        if statement.word == "routine":
+            scopes = (f"{inside}|{statement.name.lower()}", inside)
+        elif statement.word in ("module", "endmodule", "endproc", "endfunc", "endtrap"):
+            scopes = (inside,)
+        yield statement, scopes
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,27 +79,21 @@ class Names:
         return self.routines.get(f"{module}|{name.lower()}") or self.routines.get(name.lower())
 
     def read(self, text: Text) -> None:
-        """Take in the names of a module."""
-        module, routine = f"{text.number}", ""
-        for statement in statements(text.code):
+        """Take in the names of a text."""
+        for statement, scopes in placed(text.code, text.number):
+            name = statement.name.lower()
             if statement.word == "routine":
                 local = text.code[statement.position : statement.position + 5].upper() == "LOCAL"
-                name = statement.name.lower()
-                routine = f"{module}|{name}"
-                procedure = Procedure(routine, self._parameters(text, statement, routine))
-                self.routines[routine if local else name] = procedure
-            elif statement.word in ("endproc", "endfunc", "endtrap", "endmodule"):
-                routine = ""
+                procedure = Procedure(scopes[0], self._parameters(text, statement, scopes[0]))
+                self.routines[scopes[0] if local else name] = procedure
             elif statement.word == "data" and statement.more[2] in TYPES:
                 scope, _, type_, dimensions = statement.more
-                inner = routine or (module if scope == "local" else "")
-                name = statement.name.lower()
-                key = f"{inner}|{name}" if inner else name
-                count = dimensions.count(",") + 1 if dimensions else 0
-                space = self.inside.setdefault(inner, {}) if inner else self.everywhere
-                space[name] = Data(type_, key, count)
+                inside = scopes[0] if len(scopes) > 1 or scope == "local" else ""
+                key = f"{inside}|{name}" if inside else name
+                space = self.inside.setdefault(inside, {}) if inside else self.everywhere
+                space[name] = Data(type_, key, dimensions.count(",") + 1 if dimensions else 0)
             elif statement.word == "assign":
-                self.changed.add(statement.name.lower())
+                self.changed.add(name)
 
     def _parameters(
         self, text: Text, statement: Statement, routine: str

@@ -19,7 +19,10 @@ _NOT_FINITE = re.compile(r"[-+]?\.?(?:nan|inf|infinity)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number in the text: characters start to end, its unit (`""` for a quaternion's component), its SI value."""
+    """A number in the text: characters start to end, its unit (`""` for a quaternion's component), its SI value.
+
+    It may be a constant expression, such as `pi/2`, in place of which the number is written.
+    """
 
     start: int
     end: int
@@ -148,7 +151,13 @@ def rewritten(text: str, numbers: Sequence[Number], values: Sequence[float]) -> 
     edits = []
     for number, value in zip(numbers, values, strict=True):
         old = text[number.start : number.end]
-        new = written(old, value / TO_SI.get(number.unit, 1.0), number.unit)
+        factor = TO_SI.get(number.unit, 1.0)
+        if _NUMBER.fullmatch(old) is None:
+            decimals = DECIMALS[number.unit]
+            stays = abs(value - number.value) / factor < 0.5 * 10.0**-decimals
+            new = old if stays else f"{value / factor:.{decimals}f}"
+        else:
+            new = written(old, value / factor, number.unit)
         if new != old:
             edits.append((number.start, number.end, new))
     return edits

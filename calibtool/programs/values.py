@@ -1,6 +1,6 @@
 """What variables of a program can hold: sets of values, and what is computed from them."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -9,10 +9,12 @@ import numpy as np
 from calibtool.programs.frames import Frames, pose, pose_values
 from calibtool.programs.motions import (
     FRAME,
+    POSE,
     Edited,
     Either,
     Entry,
     Frame,
+    Literal,
     Product,
     Setting,
     Unknown,
@@ -30,8 +32,10 @@ MANY = Unknown("takes too many different values")
 
 def joined(one: Atoms, other: Atoms) -> Atoms:
     """Values of either set."""
-    if one is other:
+    if one == other or not other:
         return one
+    if not one:
+        return other
     both = one | other
     if MANY in both or sum(isinstance(atom, Frame) for atom in both) > _DIFFERENT:
         return frozenset([MANY])
@@ -42,12 +46,18 @@ def joined(one: Atoms, other: Atoms) -> Atoms:
 class Evaluation:
     """Values of variables and of what is made of them.
 
+    literals  positions by their numbers; frames: those that are used as frames or tools
     given    frames and tools by name, which win over those that the program declares
-    spoiled  literals that are no constants, because a component of them is assigned, and why
+    owners   of each literal the variables that it is assigned to
+    spoiled  literals that are no constants, because a component of such a variable is assigned, and why
     """
 
+    literals: Sequence[Literal]
     given: Frames
-    spoiled: dict[int, str]
+    owners: Mapping[int, set[str]]
+    spoiled: dict[int, str] = field(default_factory=dict)
+    frames: set[int] = field(default_factory=set)
+    _constants: dict[Value, Atoms] = field(default_factory=dict)
     _products: dict[tuple[str, str | None, tuple[Atom, ...]], Atom] = field(default_factory=dict)
 
     def atoms(self, value: Value, variable: Callable[[str], Atoms]) -> Atoms:
@@ -56,8 +66,11 @@ class Evaluation:
             return variable(value)
         if isinstance(value, Entry):
             return variable(value.name)
-        if isinstance(value, Frame):
-            return frozenset([self._known(value)])
+        if isinstance(value, Frame | Setting | int):
+            if value not in self._constants:
+                known = self._known(value) if isinstance(value, Frame) else value
+                self._constants[value] = frozenset([known])
+            return self._constants[value]
         if isinstance(value, Either):
             result: Atoms = frozenset()
             for part in value.parts:
@@ -74,6 +87,8 @@ class Evaluation:
 
     def entered(self, atoms: Atoms, variable: Callable[[str], Atoms]) -> Atoms:
         """The values with those of the routine's beginning put in."""
+        if not any(isinstance(atom, Entry | Product | Edited) for atom in atoms):
+            return atoms
         result: Atoms = frozenset()
         for atom in atoms:
             pending = isinstance(atom, Entry | Product | Edited)
@@ -101,6 +116,13 @@ class Evaluation:
             return replace(value, parts=parts)
         T, line = np.eye(4), 0
         for part in parts:
+            if isinstance(part, int):
+                self.frames.add(part)
+                literal = self.literals[part]
+                if literal.kind != POSE or not literal.numbers:
+                    return Unknown(f"'{literal.name}' is no frame (line {literal.line})")
+                T = T @ pose(literal.values, literal.orientation)
+                continue
             if not isinstance(part, Frame):
                 return (
                     part
@@ -114,8 +136,11 @@ class Evaluation:
 
     def _edited(self, value: Edited, base: Atom) -> Atom:
         if isinstance(base, int):
-            self.spoiled.setdefault(base, value.why)
-            return Unknown(value.why, quiet=True)
+            name = value.base.name if isinstance(value.base, Entry) else value.base
+            own = name in self.owners.get(base, ())  # otherwise a copy of it is changed
+            if own:
+                self.spoiled.setdefault(base, value.why)
+            return Unknown(value.why, quiet=own)
         if isinstance(base, Entry | Product | Edited):
             return replace(value, base=base)
         if not isinstance(base, Frame) or base.values is None or not value.components:
