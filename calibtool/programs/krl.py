@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 NAME = r"\$?[A-Za-z_][\w$]*"
 _INDEX = r"\[[^\[\]]*\]"
@@ -140,6 +141,7 @@ def product(code: str, start: int, end: int) -> tuple[list[Factor], int]:
     return [], start
 
 
+@lru_cache(maxsize=4096)
 def reference(word: str) -> tuple[str, str, str] | None:
     """Name, index without brackets, and components of a variable, blanks dropped; None for another expression."""
     match = _REFERENCE.fullmatch(word.strip())

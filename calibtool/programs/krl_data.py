@@ -63,6 +63,19 @@ class Text:
         """The statements of the text."""
         return tuple(statements(self.code))
 
+    @cached_property
+    def scoped(self) -> list[tuple[Statement, tuple[str, ...]]]:
+        """The statements, each with the routine, if it stands in one, and the module that it belongs to."""
+        found: list[tuple[Statement, tuple[str, ...]]] = []
+        scopes: tuple[str, ...] = (self.module,)
+        for statement in self.statements:
+            if statement.word == "routine":
+                scopes = (f"{self.module}|{statement.name.lower()}", self.module)
+            found.append((statement, scopes))
+            if statement.word in ("end", "endfct"):
+                scopes = (self.module,)
+        return found
+
     def items(self, start: int, end: int) -> Spans:
         """Component → span of its value in the aggregate code[start:end]; a type in front (`E6POS:`) is skipped."""
         first, last = start + 1, end - 1

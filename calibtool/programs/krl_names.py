@@ -82,10 +82,10 @@ class Names:
         """Take in all texts: first what they declare, then what is done with it."""
         _modules(texts)
         for text in texts:
-            for statement, scopes in scoped(text):
+            for statement, scopes in text.scoped:
                 self._declare(text, statement, scopes)
         for text in texts:
-            for statement, scopes in scoped(text):
+            for statement, scopes in text.scoped:
                 self._use(text, statement, scopes)
         self._spread(texts)
 
@@ -189,19 +189,6 @@ class Names:
                 if name in self.driven and word not in self.driven:
                     self.driven.add(word)
                     waiting.append(word)
-
-
-def scoped(text: Text) -> list[tuple[Statement, tuple[str, ...]]]:
-    """The statements of a text, each with the routine, if it stands in one, and the module that it belongs to."""
-    found: list[tuple[Statement, tuple[str, ...]]] = []
-    scopes: tuple[str, ...] = (text.module,)
-    for statement in text.statements:
-        if statement.word == "routine":
-            scopes = (f"{text.module}|{statement.name.lower()}", text.module)
-        found.append((statement, scopes))
-        if statement.word in ("end", "endfct"):
-            scopes = (text.module,)
-    return found
 
 
 def call_arguments(text: Text, start: int, end: int) -> list[tuple[int, int]]:

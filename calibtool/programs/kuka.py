@@ -7,7 +7,7 @@ from dataclasses import replace
 from calibtool.programs.krl import Declared, Statement, declared
 from calibtool.programs.krl_data import Text
 from calibtool.programs.krl_motions import Motions
-from calibtool.programs.krl_names import CALLED, Names, call_arguments, scoped
+from calibtool.programs.krl_names import CALLED, Names, call_arguments
 from calibtool.programs.krl_values import BASE_NOW, MODE_NOW, ON_BASE, TOOL_NOW
 from calibtool.programs.motions import (
     FRAME,
@@ -92,7 +92,7 @@ class _Reader(Motions):
     def declare(self) -> None:
         """What the text's data lists say, and declarations outside of routines."""
         inside = False
-        for statement, self.scopes in scoped(self.text):
+        for statement, self.scopes in self.text.scoped:
             if statement.word == "routine":
                 inside = True
             elif statement.word in ("end", "endfct"):
@@ -127,7 +127,7 @@ class _Reader(Motions):
         steps: list[Step] | None = None
         cases: list[bool] = []  # of open SWITCH: whether a CASE was seen
         name = ""
-        for statement, self.scopes in scoped(self.text):
+        for statement, self.scopes in self.text.scoped:
             if statement.word == "routine":
                 if steps is not None:
                     yield Routine(name, tuple(steps), self.text.number)
