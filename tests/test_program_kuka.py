@@ -304,7 +304,7 @@ def test_a_component_that_is_assigned(change: str) -> None:
 @pytest.mark.parametrize(
     ("lines", "line", "why"),
     [
-        ([f"XP1={FIRST}", f"XP2=XP1:{SHIFT}", "LIN XP2"], 6, "a relative motion to XP1 (line 5)"),
+        ([f"XP1={FIRST}", f"XP2=XP1:{SHIFT}", "LIN XP2"], 6, "is relative to XP1 (line 5)"),
         ([f"DECL E6POS XP1={FIRST}", "PART=XP1", f"LIN {SHIFT}:XP1"], 4, "is used as a frame too (line 6)"),
         (["XP1=$POS_ACT", "LIN XP1"], 5, "is read from the robot ($POS_ACT, line 4)"),
         (["LIN $POS_INT"], 4, "read from the robot ($POS_INT)"),
@@ -343,7 +343,8 @@ def test_parameters_and_local_names() -> None:
     )
     _, flow, _, left = followed(text)
     assert {(use.line, use.literal) for use in flow.uses} >= {(13, 1)}
-    assert "a component of it is assigned" in left[4]
+    assert left[4] == "is changed by a routine (line 6)"
+    assert 4 not in whys(text.replace("Q:OUT", "Q:IN"))
     assert 11 not in left
 
 

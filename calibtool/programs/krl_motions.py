@@ -126,16 +126,11 @@ class Motions(Values):
         target = self.target(f"{item.name}[{item.index}]" if item.index else item.name)
         why = f"a component of it is assigned (line {self.text.lines(item.start)})"
         numbers = self._number(item, part)
-        keys = target.parts if isinstance(target, Either) else (target,)
-        if isinstance(target, str) and target.endswith("[]"):
-            held = self.declared[target]
-            keys = held.parts if isinstance(held, Either) else ()
-        for key in keys:
-            if isinstance(key, str):
-                yield Assign(line, key, Edited(key, (), "abc", line, why))
-                if item.name.lower() in self.names.framed:
-                    twin = f"{key}{AS_FRAME}"
-                    yield Assign(line, twin, Edited(twin, numbers, "abc", line, why))
+        for key in self.variables(target):
+            yield Assign(line, key, Edited(key, (), "abc", line, why))
+            if item.name.lower() in self.names.framed:
+                twin = f"{key}{AS_FRAME}"
+                yield Assign(line, twin, Edited(twin, numbers, "abc", line, why))
 
     def given(self, item: Declared, type_: str, line: int) -> Iterator[Assign]:
         """What a variable holds that is given the value in code[item.start:item.end]."""
@@ -182,7 +177,7 @@ class Motions(Values):
         if first.call:
             return Unknown(f"is computed (line {line})")
         if len(factors) > 1:
-            return Unknown(f"{_RELATIVE} to {first.word or 'a position'} (line {line})")
+            return Unknown(f"is relative to {first.word or 'a position'} (line {line})")
         if first.word.startswith("$"):
             return Unknown(f"is read from the robot ({first.word}, line {line})")
         found = reference(first.word)
@@ -300,7 +295,7 @@ class Motions(Values):
         first = factors[0]
         word = f"{first.word}{first.call}"[:40]
         if len(factors) > 1:
-            why = f"{_RELATIVE} to {word or 'a position'}; the point itself is treated by itself"
+            why = f"relative to {word or 'a position'}; the point itself is treated by itself"
             found = reference(first.word) if first.word and not first.call else None
             value = self.target(first.word) if found and self.is_position(found[0]) else None
             return Aim(value, relative=why) if value is not None else Aim(Unknown(why))

@@ -23,10 +23,11 @@ _CONFIG = "$config"
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """A routine: its unique name and its parameters, names in lower case."""
+    """A routine: its unique name and its parameters, names in lower case; copied: those that it gets by value (`:IN`)."""
 
     key: str
     parameters: tuple[str, ...]
+    copied: frozenset[str] = frozenset()
 
 
 @dataclass(eq=False)
@@ -96,9 +97,10 @@ class Names:
             head = code[statement.position : statement.start].upper()
             inner = code[statement.start : statement.end].strip().removeprefix("(")
             parts = inner.partition(")")[0].split(",")
-            found = (re.match(r"\s*(\w+)", part) for part in parts)
-            parameters = tuple(match[1].lower() for match in found if match)
-            procedure = Procedure(scopes[0], parameters)
+            found = [m for part in parts if (m := re.match(r"\s*(\w+)[^:]*(:\s*IN\b)?", part, re.IGNORECASE))]
+            parameters = tuple(match[1].lower() for match in found)
+            copied = frozenset(match[1].lower() for match in found if match[2])
+            procedure = Procedure(scopes[0], parameters, copied)
             self.routines[f"{text.module}|{name}"] = procedure
             space = self.inside.setdefault(scopes[0], {})
             space.update(dict.fromkeys(parameters, ""))

@@ -73,6 +73,12 @@ class Values:
         self.declared.setdefault(every, Either(elements))
         return every
 
+    def variables(self, target: Value | None) -> tuple[str, ...]:
+        """The variables that `target` may mean."""
+        held = self.declared[target] if isinstance(target, str) and target.endswith("[]") else target
+        parts = held.parts if isinstance(held, Either) else (held,)
+        return tuple(part for part in parts if isinstance(part, str))
+
     def frame(self, start: int, end: int, kind: str, line: int) -> Value:
         """A frame in code[start:end], a product of frames among them; line: where it is assigned."""
         factors, stop = product(self.code, start, end)
@@ -104,13 +110,7 @@ class Values:
         value = self.target(factor.word)
         if value is None or parts.strip(".") in COMPONENTS:
             return Unknown(f"is computed from {factor.word[:30]}, which no file gives a value (line {line})")
-        if isinstance(value, Either):
-            return Either(tuple(f"{part}{AS_FRAME}" for part in value.parts))
-        if isinstance(value, str) and value.endswith("[]"):
-            elements = self.declared[value]
-            assert isinstance(elements, Either)
-            return Either(tuple(f"{part}{AS_FRAME}" for part in elements.parts))
-        return f"{value}{AS_FRAME}"
+        return Either(tuple(f"{part}{AS_FRAME}" for part in self.variables(value)))
 
     def _called(self, factor: Factor, kind: str, line: int) -> Value:
         """`STOOL2(FP1)` and `SBASE(FP1.BASE_NO)`, which the inline forms of spline motions write."""

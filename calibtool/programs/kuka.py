@@ -7,8 +7,8 @@ from dataclasses import replace
 from calibtool.programs.krl import Declared, Statement, declared
 from calibtool.programs.krl_data import Text
 from calibtool.programs.krl_motions import Motions
-from calibtool.programs.krl_names import CALLED, Names, call_arguments
-from calibtool.programs.krl_values import BASE_NOW, MODE_NOW, ON_BASE, TOOL_NOW
+from calibtool.programs.krl_names import CALLED, Names, Procedure, call_arguments
+from calibtool.programs.krl_values import AS_FRAME, BASE_NOW, MODE_NOW, ON_BASE, TOOL_NOW
 from calibtool.programs.motions import (
     FRAME,
     TOOL,
@@ -16,6 +16,7 @@ from calibtool.programs.motions import (
     Begin,
     Break,
     Call,
+    Edited,
     Else,
     End,
     Frame,
@@ -26,7 +27,6 @@ from calibtool.programs.motions import (
     Return,
     Routine,
     Source,
-    Unknown,
     Value,
 )
 from calibtool.programs.motions import Statement as Step
@@ -187,25 +187,25 @@ class _Reader(Motions):
                 if statement.word == "other" and match.start() == statement.start:
                     self.missing.add(match[1])
             else:
-                yield from self._call(procedure.key, procedure.parameters, match.end(), statement.end, line)
+                yield from self._call(procedure, match.end(), statement.end, line)
 
-    def _call(
-        self, routine: str, parameters: Sequence[str], start: int, end: int, line: int
-    ) -> Iterator[Step]:
+    def _call(self, procedure: Procedure, start: int, end: int, line: int) -> Iterator[Step]:
+        """A routine of the program. What it assigns to a parameter by reference is no longer what the caller holds."""
         passed: list[tuple[str, Value]] = []
         written: list[Assign] = []
         given = call_arguments(self.text, start, end)
-        for parameter, (first, last) in zip(parameters, given, strict=False):
-            key, word = f"{routine}|{parameter}", self.code[first:last]
+        for parameter, (first, last) in zip(procedure.parameters, given, strict=False):
             item = Declared(parameter, "", first, last)
-            type_ = self.names.type(parameter, (routine,))
-            found = [(step.name, step.value) for step in self.held_by(key, item, type_, line)]
-            passed += found
-            value = self.target(word)
-            if (routine, parameter) in self.names.changed and isinstance(value, str):
-                why = Unknown(f"is changed by a routine (line {line})")
-                written += [Assign(line, value + end_, why) for end_ in ("", "~")]
-        yield Call(line, routine, tuple(passed))
+            type_ = self.names.type(parameter, (procedure.key,))
+            key = f"{procedure.key}|{parameter}"
+            passed += [(step.name, step.value) for step in self.held_by(key, item, type_, line)]
+            changed = (procedure.key, parameter) in self.names.changed
+            if changed and parameter not in procedure.copied:
+                why = f"is changed by a routine (line {line})"
+                for variable in self.variables(self.target(self.code[first:last])):
+                    for name in (variable, f"{variable}{AS_FRAME}"):
+                        written.append(Assign(line, name, Edited(name, (), "abc", line, why)))
+        yield Call(line, procedure.key, tuple(passed))
         yield from written
 
     def _bad(self, position: int, name: str, why: str) -> None:
