@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify
 from calibtool.errors import InputError, NoSolutionError
@@ -19,6 +20,7 @@ from calibtool.programs.formats import read_program
 from calibtool.programs.frames import Frames, pose, poses
 from calibtool.programs.motions import Program, Source
 from calibtool.robot.catalogue import load_robot
+from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, inverse
 
@@ -222,7 +224,9 @@ def test_a_base_that_a_routine_sets() -> None:
 
 def test_a_routine_that_no_file_holds_is_noted() -> None:
     text = routine("GRIP_OPEN( )", f"LIN {FIRST}")
-    assert read(text).notes == ("no file holds GRIP_OPEN: taken to leave $BASE and $TOOL as they are",)
+    assert read(text).notes == (
+        "no file holds GRIP_OPEN: taken to leave $BASE and $TOOL as they are",
+    )
     assert read(text + "DEF GRIP_OPEN( )\nEND\n").notes == ()
 
 
@@ -234,11 +238,14 @@ LIST = (
     'DECL FDAT FP1={TOOL_NO 2,BASE_NO 1,IPO_FRAME #BASE,POINT2[] " "}\n'
     "ENDDAT\n"
 )
-TABLES = f"DEFDAT $CONFIG\nDECL FRAME TOOL_DATA[16]\nTOOL_DATA[2]={SHIFT}\nBASE_DATA[1]={TURN}\nENDDAT\n"
+TABLES = (
+    f"DEFDAT $CONFIG\nDECL FRAME TOOL_DATA[16]\nTOOL_DATA[2]={SHIFT}\nBASE_DATA[1]={TURN}\nENDDAT\n"
+)
 FORMS = [
     ["FDAT_ACT=FP1", "BAS(#CP_PARAMS,2)", "LIN XP1 C_DIS"],
     ["FDAT_ACT={TOOL_NO 2,BASE_NO 1,IPO_FRAME #BASE}", "BAS(#FRAMES)", "PTP XP1"],
-    ["SLIN XP1 WITH $VEL=SVEL_CP(2,,LC), $TOOL=STOOL2( FP1), $BASE= SBASE(FP1.BASE_NO),$IPO_MODE=SIPO_MODE(FP1.IPO_FRAME) C_SPL"],
+    ["SLIN XP1 WITH $VEL=SVEL_CP(2,,LC), $TOOL=STOOL2( FP1), $BASE= SBASE(FP1.BASE_NO),"
+     "$IPO_MODE=SIPO_MODE(FP1.IPO_FRAME) C_SPL"],
     ["SPLINE WITH $TOOL=STOOL2(FP1), $BASE=SBASE(FP1.BASE_NO)", "SPL XP1", "ENDSPLINE"],
     ["$TOOL=TOOL_DATA[2]", "$BASE=BASE_DATA[1]", "SPTP XP1 C_SPL"],
 ]  # fmt: skip
@@ -273,7 +280,8 @@ def test_a_point_of_a_data_list_alone_has_the_frames_of_its_form() -> None:
 
 
 @pytest.mark.parametrize(
-    "circle", [f"CIRC XP1,{SECOND},CA 90 C_DIS", f"SCIRC {FIRST} , XP2 WITH $VEL.CP=1", "CIRC P[1],P[2]"]
+    "circle",
+    [f"CIRC XP1,{SECOND},CA 90 C_DIS", f"SCIRC {FIRST} , XP2 WITH $VEL.CP=1", "CIRC P[1],P[2]"],
 )
 def test_both_points_of_a_circle(circle: str) -> None:
     points = f"XP1={FIRST}", f"XP2={SECOND}", f"P[1]={FIRST}", f"P[2]={SECOND}"
@@ -368,7 +376,8 @@ def test_jumps_and_loops_that_are_left() -> None:
 
 def test_lists_that_disagree_are_refused() -> None:
     other = TABLES.replace("X 100", "X 200").replace("$CONFIG", "cell")
-    texts = [(n, t.encode(), e) for n, t, e in [("a.dat", LIST, True), ("$config.dat", TABLES, False), ("cell.dat", other, False)]]  # fmt: skip
+    files = [("a.dat", LIST, True), ("$config.dat", TABLES, False), ("cell.dat", other, False)]
+    texts = [(name, text.encode(), edited) for name, text, edited in files]
     with pytest.raises(InputError, match=r"cell\.dat:3: tool_data\[2\]: .* gives it another value"):
         compensate_texts(calibration(), texts, "kuka-krl")
 
@@ -378,7 +387,9 @@ def test_a_list_beside_a_program_is_corrected_with_it() -> None:
     data = LIST.replace("TOOL_NO 2,BASE_NO 1", "TOOL_NO 0,BASE_NO 0")
     texts = [("a.src", program.encode(), True), ("a.dat", data.encode(), True)]
     result = compensate_texts(calibration(), texts, "kuka-krl")
-    alone = compensate_program(calibration(), routine(HOME, f"LIN {FIRST}").encode(), "a", "kuka-krl")
+    alone = compensate_program(
+        calibration(), routine(HOME, f"LIN {FIRST}").encode(), "a", "kuka-krl"
+    )
     assert (result.targets, result.changed, result.left_alone) == (2, 2, ())
     new = result.texts[1].decode().split("=")[1].partition(",S")[0]
     assert new in alone.data.decode()
@@ -386,8 +397,12 @@ def test_a_list_beside_a_program_is_corrected_with_it() -> None:
 
 def test_line_ends_and_comments_of_any_bytes() -> None:
     """CR alone, comments in Shift JIS and GBK whose second bytes look like brackets, a semicolon in a string."""
-    comment = ";\x83[\x83\x7b {X 1,Y 2,Z 3,A 0,B 0,C 0} \xd7\x7d \"\r"
-    text = routine(HOME, 'MsgNotify("a;b{")', f"LIN {FIRST}").replace("\n", "\r").replace("PTP", comment + "PTP")
+    comment = ';\x83[\x83\x7b {X 1,Y 2,Z 3,A 0,B 0,C 0} \xd7\x7d "\r'
+    text = (
+        routine(HOME, 'MsgNotify("a;b{")', f"LIN {FIRST}")
+        .replace("\n", "\r")
+        .replace("PTP", comment + "PTP")
+    )
     data = text.encode("latin-1")
     result = compensate_program(calibration(), data, "a.src", "kuka-krl")
     assert (result.targets, result.changed, result.left_alone) == (2, 2, ())
@@ -429,8 +444,6 @@ def reached() -> Array:
 
 def written(T: Array, base: Array, tool: Array) -> str:
     """A pose (4, 4) in a base and with a tool as KRL writes it."""
-    from scipy.spatial.transform import Rotation
-
     here = inverse(base) @ T @ tool
     angles = Rotation.from_matrix(here[:3, :3]).as_euler("ZYX", degrees=True)
     numbers = [*here[:3, 3] * 1e3, *angles]
@@ -440,13 +453,19 @@ def written(T: Array, base: Array, tool: Array) -> str:
 @st.composite
 def programs(draw: st.DrawFn) -> tuple[str, list[int]]:
     """A program with bases, tools, arrays, circles and branches, and the configuration of each literal in order."""
-    frames = {"$NULLFRAME": np.eye(4), SHIFT: frame(SHIFT), f"{TURN}:{SHIFT}": frame(TURN) @ frame(SHIFT)}
+    frames = {
+        "$NULLFRAME": np.eye(4),
+        SHIFT: frame(SHIFT),
+        f"{TURN}:{SHIFT}": frame(TURN) @ frame(SHIFT),
+    }
     base = tool = np.eye(4)
     poses_ = robot().mechanism.forward(np.deg2rad(reached()))
     lines, rows = [HOME], [-1]
     for k in range(draw(st.integers(1, 6))):
         row = draw(st.integers(0, len(poses_) - 1))
-        kind = draw(st.sampled_from(["LIN", "PTP", "named", "array", "circle", "axes", "base", "tool"]))
+        kind = draw(
+            st.sampled_from(["LIN", "PTP", "named", "array", "circle", "axes", "base", "tool"])
+        )
         if kind in ("base", "tool"):
             choice = draw(st.sampled_from(sorted(frames)))
             lines.append(f"${kind.upper()}={choice}")
@@ -455,7 +474,11 @@ def programs(draw: st.DrawFn) -> tuple[str, list[int]]:
         here = written(poses_[row], base, tool)
         rows.append(row)
         if kind == "axes":
-            lines.append("PTP {" + ", ".join(f"A{j + 1} {v:.3f}" for j, v in enumerate(reached()[row])) + "} ; axes")
+            lines.append(
+                "PTP {"
+                + ", ".join(f"A{j + 1} {v:.3f}" for j, v in enumerate(reached()[row]))
+                + "} ; axes"
+            )
         elif kind == "named":
             lines += [f"XP{k}={here}", "IF $IN[1] THEN", f"LIN XP{k} C_DIS", "ENDIF"]
         elif kind == "array":
@@ -496,15 +519,17 @@ def test_corrections_come_back_and_other_bytes_stay(made: tuple[str, list[int]])
         else:
             assert position.frame is not None
             assert position.tool is not None
-            T = position.frame.T @ poses(np.array([literal.values]), "abc")[0] @ inverse(position.tool.T)
-            from calibtool.robot.inverse import inverse_kinematics
-
+            T = (
+                position.frame.T
+                @ poses(np.array([literal.values]), "abc")[0]
+                @ inverse(position.tool.T)
+            )
             nominal = inverse_kinematics(robot(), T[None], np.deg2rad(q[None]))
             assert nominal.reached[0]
             T = calibration().forward(nominal.q)[0]
         np.testing.assert_allclose(T, asked, atol=2e-6)
 
 
-@given(st.text(alphabet="LINPTCRXP1{}[]:,=.() $;\"\n\rAE69IFEND", max_size=200))
+@given(st.text(alphabet='LINPTCRXP1{}[]:,=.() $;"\n\rAE69IFEND', max_size=200))
 def test_any_text_is_read(text: str) -> None:
     follow(read(f"DEF a( )\n{text}\nEND\n"), Frames())

@@ -102,8 +102,8 @@ def _statement(code: str, position: int, end: int) -> Statement:
     if head["block"]:
         return Statement(head["block"].lower(), "", position, start, end)
     if head["name"]:
-        more = head["index"] or "", re.sub(r"\s", "", head["parts"])
-        return Statement("assign", head["name"], position, start, end, more)
+        assigned = head["index"] or "", re.sub(r"\s", "", head["parts"])
+        return Statement("assign", head["name"], position, start, end, assigned)
     if head["declares"]:
         type_ = head["type"] or head["known"]
         more = tuple(code[position : head.end()].upper().split()[:-1])

@@ -104,7 +104,12 @@ class Text:
         return pose(values, "abc") if len(values) == len(_POSE) else None
 
     def position(
-        self, start: int, end: int, name: str, left: str = "", frames: tuple[Value, Value] | None = None
+        self,
+        start: int,
+        end: int,
+        name: str,
+        left: str = "",
+        frames: tuple[Value, Value] | None = None,
     ) -> int:
         """The number of the literal in code[start:end].
 
@@ -121,7 +126,9 @@ class Text:
         """Positions within an aggregate of aggregates, as members of a structure: they are not followed."""
         for inner in _INNER.finditer(self.code, start, end):
             first = inner.end(1) + len(self.code[inner.end(1) : inner.start(2)]) - 1
-            if inner[1].upper() not in ("AX", "CM", "J", "ROOT", "OFFSET") and self.complete(first, inner.end()):
+            if inner[1].upper() not in ("AX", "CM", "J", "ROOT", "OFFSET") and self.complete(
+                first, inner.end()
+            ):
                 why = "stands in a structure, which is not followed"
                 self.literals.append(self._left(POSE, first, f"{name}.{inner[1]}", why))
 

@@ -97,7 +97,11 @@ class Names:
             head = code[statement.position : statement.start].upper()
             inner = code[statement.start : statement.end].strip().removeprefix("(")
             parts = inner.partition(")")[0].split(",")
-            found = [m for part in parts if (m := re.match(r"\s*(\w+)[^:]*(:\s*IN\b)?", part, re.IGNORECASE))]
+            found = [
+                m
+                for part in parts
+                if (m := re.match(r"\s*(\w+)[^:]*(:\s*IN\b)?", part, re.IGNORECASE))
+            ]
             parameters = tuple(match[1].lower() for match in found)
             copied = frozenset(match[1].lower() for match in found if match[2])
             procedure = Procedure(scopes[0], parameters, copied)
@@ -105,7 +109,9 @@ class Names:
             space = self.inside.setdefault(scopes[0], {})
             space.update(dict.fromkeys(parameters, ""))
             self.valued |= {f"{scopes[0]}|{parameter}" for parameter in parameters}
-            first = not any(p.key.startswith(f"{text.module}|") for p in list(self.routines.values())[:-1])
+            first = not any(
+                p.key.startswith(f"{text.module}|") for p in list(self.routines.values())[:-1]
+            )
             if first or head.startswith("GLOBAL"):
                 self.routines[name] = procedure
         elif statement.word == "decl":
@@ -130,7 +136,9 @@ class Names:
             self._assigned(text, statement, scopes)
         elif statement.word == "move":
             self._moved(text, statement)
-        elif statement.word in ("if", "while", "other", "return", "aside") and "(" in code[start:end]:
+        elif (
+            statement.word in ("if", "while", "other", "return", "aside") and "(" in code[start:end]
+        ):
             self.used |= _words(code, start, end)
 
     def _assigned(self, text: Text, statement: Statement, scopes: tuple[str, ...]) -> None:

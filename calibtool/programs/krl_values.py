@@ -23,7 +23,9 @@ from calibtool.programs.motions import (
 BASE_NOW, TOOL_NOW, MODE_NOW = "$base", "$tool", "$ipo_mode"
 AS_FRAME = "~"  # behind the name of a variable: what it holds where it is used as a frame
 FORM = "fdat_act"
-ON_BASE = frame_of(FRAME, None, np.eye(4))  # $IPO_MODE=#BASE: nothing stands between base and position
+ON_BASE = frame_of(
+    FRAME, None, np.eye(4)
+)  # $IPO_MODE=#BASE: nothing stands between base and position
 ORDER = ("x", "y", "z", "a", "b", "c")
 _ITEM = {
     key: re.compile(rf"\b{key}\s+#?(-?\w+)", re.IGNORECASE)
@@ -75,7 +77,9 @@ class Values:
 
     def variables(self, target: Value | None) -> tuple[str, ...]:
         """The variables that `target` may mean."""
-        held = self.declared[target] if isinstance(target, str) and target.endswith("[]") else target
+        held = (
+            self.declared[target] if isinstance(target, str) and target.endswith("[]") else target
+        )
         parts = held.parts if isinstance(held, Either) else (held,)
         return tuple(part for part in parts if isinstance(part, str))
 
@@ -109,7 +113,9 @@ class Values:
             return Unknown(f"is read from the robot ({factor.word}, line {line})")
         value = self.target(factor.word)
         if value is None or parts.strip(".") in COMPONENTS:
-            return Unknown(f"is computed from {factor.word[:30]}, which no file gives a value (line {line})")
+            return Unknown(
+                f"is computed from {factor.word[:30]}, which no file gives a value (line {line})"
+            )
         return Either(tuple(f"{part}{AS_FRAME}" for part in self.variables(value)))
 
     def _called(self, factor: Factor, kind: str, line: int) -> Value:

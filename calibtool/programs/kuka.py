@@ -63,7 +63,9 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     called = {step.routine for r in routines for step in r.body if isinstance(step, Call)}
     start = tuple(Assign(0, name, value) for name, value in _UNSAID.items())
     missing = sorted({name for reader in readers for name in reader.missing})
-    direct = any(step.name == BASE_NOW for r in routines for step in r.body if isinstance(step, Assign))
+    direct = any(
+        step.name == BASE_NOW for r in routines for step in r.body if isinstance(step, Assign)
+    )
     return Program(
         tuple(sources),
         tuple(literals),
@@ -87,12 +89,12 @@ class _Reader(Motions):
     def __init__(self, text: Text, names: Names, values: dict[str, Value], held: bool) -> None:
         super().__init__(text, names, values, held)
         self.missing: set[str] = set()
-        self.by: dict[str, tuple[str, int]] = {}
 
     def declare(self) -> None:
         """What the text's data lists say, and declarations outside of routines."""
         inside = False
-        for statement, self.scopes in self.text.scoped:
+        for statement, scopes in self.text.scoped:
+            self.scopes = scopes
             if statement.word == "routine":
                 inside = True
             elif statement.word in ("end", "endfct"):
@@ -105,13 +107,15 @@ class _Reader(Motions):
         old = self.declared.get(key)
         given = old is not None and not (isinstance(old, Frame) and old.values is None)
         if given and old != value and key not in _UNSAID:
-            other = isinstance(old, int) and isinstance(value, int)
-            same = other and self.text.literals[old].source == self.text.number
-            if not same:
-                why = "an other file, or line, gives it another value"
+            again = isinstance(value, int) and self._source(old) == self.text.number
+            if not again:
+                why = "another file, or another line, gives it another value"
                 self._bad(statement.position, key.split("|")[-1], why)
                 return
         self.declared[key] = value
+
+    def _source(self, value: Value | None) -> int:
+        return self.text.literals[value].source if isinstance(value, int) else -1
 
     def _data(self, statement: Statement, line: int) -> Iterator[Assign]:
         """What a declaration or an assignment gives to variables; line: 0 in a data list."""
@@ -127,7 +131,8 @@ class _Reader(Motions):
         steps: list[Step] | None = None
         cases: list[bool] = []  # of open SWITCH: whether a CASE was seen
         name = ""
-        for statement, self.scopes in self.text.scoped:
+        for statement, scopes in self.text.scoped:
+            self.scopes = scopes
             if statement.word == "routine":
                 if steps is not None:
                     yield Routine(name, tuple(steps), self.text.number)
