@@ -360,7 +360,22 @@ def test_a_structure_is_followed_by_its_member() -> None:
     text = routine(f"Pick.Above={FIRST}", "LIN Pick.Above")
     assert list(places(text)) == [4]
     inside = f"DEFDAT a\nDECL PICK P={{N 1,POS {FIRST}}}\nENDDAT\n"
-    assert whys(inside) == {2: "stands in a structure, which is not followed"}
+    assert whys(inside) == {2: "stands in something that is not followed"}
+    assert whys(routine(f"MOVE_TO({SECOND},100)"))[4] == "stands in something that is not followed"
+    assert whys(f"DEFDAT a\nDECL LOAD L={{M 1,CM {FIRST},J {{X 0,Y 0,Z 0}}}}\nENDDAT\n") == {}
+
+
+def test_a_frame_that_leads_a_product_is_no_position() -> None:
+    text = routine("DECL FRAME PALLET", f"PALLET={SHIFT}", f"XP1={FIRST}", "LIN PALLET:XP1")
+    assert whys(text) == {
+        6: "is used as a frame too (line 7)",
+        7: "relative to PALLET; the point itself is treated by itself",
+    }
+
+
+def test_tables_that_are_changed_by_a_variable_number() -> None:
+    text = routine(f"BASE_DATA[1]={TURN}", f"BASE_DATA[nr]={SHIFT}", "BAS(#BASE,1)", f"LIN {FIRST}")
+    assert "may be changed (its number is a variable, line 5)" in whys(text)[7]
 
 
 def test_jumps_and_loops_that_are_left() -> None:

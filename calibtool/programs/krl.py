@@ -8,13 +8,13 @@ from functools import lru_cache
 NAME = r"\$?[A-Za-z_][\w$]*"
 _INDEX = r"\[[^\[\]]*\]"
 _PART = rf"\.\s*\w+\s*(?:{_INDEX})?\s*"
-_TYPES = "INT|REAL|BOOL|CHAR|FRAME|POS|E6POS|AXIS|E6AXIS"
+_TYPES = "INT|REAL|BOOL|CHAR|FRAME|(?:E3|E6)?(?:POS|AXIS)"
 _LINE = re.compile(r"[^\r\n]+")
 _HEAD = re.compile(
     r"(?P<move>S?(?:PTP|LIN|CIRC)|SPL)(?P<relative>_REL)?(?![\w$=.\[]|\s*=)"
     rf"|(?:GLOBAL\s+)?(?:DEF|DEFFCT\s+[\w$]+(?:\s*{_INDEX})?)\s+(?P<routine>{NAME})(?=\s*(?:\(|$))"
     rf"|DEFDAT\s+(?P<data>{NAME})"
-    r"|(?P<block>IF|ELSE|ENDIF|SWITCH|CASE|DEFAULT|ENDSWITCH|FOR|ENDFOR|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|ENDLOOP|EXIT"
+    r"|(?P<block>IF|ELSEIF|ELSE|ENDIF|SWITCH|CASE|DEFAULT|ENDSWITCH|FOR|ENDFOR|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|ENDLOOP|EXIT"
     r"|RETURN|GOTO|END|ENDFCT|ENDDAT|SPLINE|PTP_SPLINE|ENDSPLINE)(?![\w$]|\s*[=.\[])"
     r"|(?P<aside>(?:GLOBAL\s+)?INTERRUPT|TRIGGER|EXTFCTP?|EXTP?|STRUC|ENUM|SIGNAL|IMPORT|CONTINUE)(?![\w$]|\s*[=.\[])"
     rf"|(?P<declares>(?:(?:GLOBAL|DECL|CONST|PUBLIC)\s+)+(?P<type>[\w$]+)(?:\s*\[\s*\d*\s*\])?|(?P<known>{_TYPES}))\s+(?={NAME})"
@@ -85,8 +85,12 @@ def statements(code: str) -> Iterator[Statement]:
             position = end
             if statement.word == "else":
                 position = statement.start
-            elif statement.word == "if" and (then := _THEN.search(code, statement.start, end)):
-                statement = Statement("if", "", statement.position, statement.start, then.start())
+            elif statement.word in ("if", "elseif") and (
+                then := _THEN.search(code, statement.start, end)
+            ):
+                statement = Statement(
+                    statement.word, "", statement.position, statement.start, then.start()
+                )
                 position = then.end()
             yield statement
 

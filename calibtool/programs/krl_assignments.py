@@ -27,7 +27,6 @@ from calibtool.programs.motions import (
 from calibtool.programs.targets import Remark, number_at
 
 _KINDS = {"$base": FRAME, "base_data": FRAME, "$tool": TOOL, "tool_data": TOOL}
-_TABLES = ("load_data", "machine_def", "$load", "$robroot")
 _BAS = re.compile(r"\(\s*#(\w+)\s*(?:,\s*([^,)]*?)\s*)?\)")
 _WITH = re.compile(r"\$(TOOL|BASE|IPO_MODE)\s*=\s*", re.IGNORECASE)
 _STANDS = ("$pos_act", "$axis_act", "$pos_act_mes", "$axis_act_mes", "$pos_for", "$axis_for")
@@ -149,13 +148,11 @@ class Assignments(Values):
         if word.startswith("{"):
             if not word.endswith("}"):
                 self._unclosed(item.start, shown)
-            elif "{" in word[1:]:
-                if low not in _TABLES:
-                    self.text.inside(item.start, item.end, shown)
-            else:
+            elif "{" not in word[1:]:
                 yield from self._aggregate(key, item, type_, line, shown)
             return
         factors, stop = product(self.code, item.start, item.end)
+        self.text.taken.update(factor.start for factor in factors)
         plain = bool(factors) and not self.code[stop : item.end].strip()
         if low in self.names.framed:
             yield Assign(line, f"{key}{AS_FRAME}", self.frame(item.start, item.end, FRAME, here))
@@ -198,8 +195,6 @@ class Assignments(Values):
             return  # a frame, which is no position
         if type_ not in POSITIONS and not driven and (type_ or not self.text.complete(start, end)):
             return  # load data, motion parameters, something else
-        if type_ == "" and line_framed is not None and not driven:
-            return
         left = ""
         if type_ == "FRAME" and not driven:
             left = "a FRAME that no motion of this program goes to"

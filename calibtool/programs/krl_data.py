@@ -1,7 +1,7 @@
 """KRL's aggregates: positions and frames as they are written."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from calibtool.programs.configurations import Digit, Kuka
@@ -29,7 +29,12 @@ _UNITS = ("mm", "mm", "mm", "deg", "deg", "deg")
 _TYPE = re.compile(r"\s*[A-Za-z]\w*\s*:")
 _ITEM = re.compile(r"\s*(?:([A-Za-z]\w*)(?:\[\s*\])?)?\s*([^,]*),?")
 _INTEGER = re.compile(r"(-?\d{1,9})|'B([01]{1,32})'|'H([0-9A-Fa-f]{1,8})'")
-_INNER = re.compile(r"(\w+)\s*\{([^{}]*)\}")
+_GROUP = re.compile(r"\{[^{}]*\}")
+_MEMBER = (
+    re.compile(  # of structures: accelerations, centre of mass and the like, which are no positions
+        r"\b(?:AX|CM|J|ROOT|OFFSET)\s*=?\s*$", re.IGNORECASE
+    )
+)
 
 Spans = dict[str, tuple[int, int]]
 
@@ -39,6 +44,7 @@ class Text:
     """A text, its code, where comments and strings are blank, and the positions found so far.
 
     module  what its names belong to where they are not global
+    taken   where aggregates begin that are read
     """
 
     number: int
@@ -47,6 +53,7 @@ class Text:
     robot: Robot
     literals: list[Literal]
     module: str = ""
+    taken: set[int] = field(default_factory=set)
 
     @cached_property
     def code(self) -> str:
@@ -96,6 +103,7 @@ class Text:
 
     def frame(self, start: int, end: int) -> Array | None:
         """T (4, 4) of the aggregate in code[start:end]; None if it is no frame with six numbers."""
+        self.taken.add(start)
         spans = self.items(start, end)
         if not spans.keys() >= set(_POSE):
             return None
@@ -116,21 +124,23 @@ class Text:
         left: why it is no position to correct, whatever its numbers; frames: its base and tool where no motion goes
         there, None if they are not known.
         """
+        self.taken.add(start)
         literal = self._literal(start, end, name, frames)
         if left and not literal.bad and not literal.left:
             literal = self._left(literal.kind, start, name, left)
         self.literals.append(literal)
         return len(self.literals) - 1
 
-    def inside(self, start: int, end: int, name: str) -> None:
-        """Positions within an aggregate of aggregates, as members of a structure: they are not followed."""
-        for inner in _INNER.finditer(self.code, start, end):
-            first = inner.end(1) + len(self.code[inner.end(1) : inner.start(2)]) - 1
-            if inner[1].upper() not in ("AX", "CM", "J", "ROOT", "OFFSET") and self.complete(
-                first, inner.end()
-            ):
-                why = "stands in a structure, which is not followed"
-                self.literals.append(self._left(POSE, first, f"{name}.{inner[1]}", why))
+    def others(self) -> None:
+        """Note positions in anything that is not followed: structures, arguments of routines that no file holds."""
+        for group in _GROUP.finditer(self.code):
+            start = group.start()
+            if start in self.taken or _MEMBER.search(self.code, max(0, start - 20), start):
+                continue
+            if self.complete(start, group.end()):
+                why = "stands in something that is not followed"
+                kind = POSE if "X" in self.items(start, group.end()) else JOINT
+                self.literals.append(self._left(kind, start, "{…}", why))
 
     def _left(self, kind: str, start: int, name: str, why: str, bad: bool = False) -> Literal:
         return Literal(kind, (), self.lines(start), name, source=self.number, left=why, bad=bad)

@@ -116,6 +116,7 @@ class Motions(Assignments):
 
     def _aim(self, factors: list[Factor], name: str, line: int) -> Aim:
         first = factors[0]
+        self.text.taken.update(factor.start for factor in factors)
         word = f"{first.word}{first.call}"[:40]
         if len(factors) > 1:
             why = f"relative to {word or 'a position'}; the point itself is treated by itself"

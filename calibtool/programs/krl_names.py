@@ -8,7 +8,7 @@ from pathlib import PurePath
 from calibtool.programs.krl import Statement, arguments, declared, product, reference
 from calibtool.programs.krl_data import Text
 
-POSITIONS = ("POS", "E6POS", "AXIS", "E6AXIS", "FRAME")
+POSITIONS = ("POS", "E3POS", "E6POS", "AXIS", "E3AXIS", "E6AXIS", "FRAME")
 CALLED = re.compile(r"(?<![\w$#.])([A-Za-z_]\w*)\s*(?=\()")
 COMPONENTS = frozenset(
     ("x", "y", "z", "a", "b", "c", "s", "t", *(f"{c}{k}" for c in "ae" for k in range(1, 7)))
@@ -38,6 +38,7 @@ class Names:
     valued    variables that are given a value somewhere
     elements  names of an array's elements that are given a value, by the array's name
     driven    names of variables that motions go to; framed: that are used as frames, and the line
+    leading   FRAMEs to the left in products that motions go to, and the line
     used      names that stand in other expressions
     changed   routines and names that they assign to; rewritten: those names alone
     """
@@ -49,6 +50,7 @@ class Names:
     elements: dict[str, list[str]] = field(default_factory=dict)
     driven: set[str] = field(default_factory=set)
     framed: dict[str, int] = field(default_factory=dict)
+    leading: dict[str, int] = field(default_factory=dict)
     used: set[str] = field(default_factory=set)
     changed: set[tuple[str, str]] = field(default_factory=set)
     rewritten: set[str] = field(default_factory=set)
@@ -135,7 +137,7 @@ class Names:
         elif statement.word == "assign":
             self._assigned(text, statement, scopes)
         elif statement.word == "move":
-            self._moved(text, statement)
+            self._moved(text, statement, scopes)
         elif (
             statement.word in ("if", "while", "other", "return", "aside") and "(" in code[start:end]
         ):
@@ -167,13 +169,17 @@ class Names:
             for factor in factors[1:]:
                 self.framed.setdefault(_first(factor.word), text.lines(start))
 
-    def _moved(self, text: Text, statement: Statement) -> None:
+    def _moved(self, text: Text, statement: Statement, scopes: tuple[str, ...]) -> None:
         code, position = text.code, statement.start
         while position < statement.end:
             factors, stop = product(code, position, statement.end)
             if not factors:
                 break
-            self.driven.add(_first(factors[0].word))
+            first = _first(factors[0].word)
+            if len(factors) > 1 and self.type(first, scopes) == "FRAME":
+                self.leading.setdefault(first, text.lines(position))
+            else:
+                self.driven.add(first)
             for factor in factors[1:]:
                 self.framed.setdefault(_first(factor.word), text.lines(position))
             position = stop + 1
@@ -189,6 +195,9 @@ class Names:
                     found, _ = product(text.code, statement.start, statement.end)
                     words = {_first(factor.word) for factor in found if factor.word}
                     copies.setdefault(statement.name.lower(), set()).update(words)
+        for name, line in self.leading.items():
+            if name not in self.driven:
+                self.framed.setdefault(name, line)
         waiting = [*self.framed, *self.driven]
         while waiting:
             name = waiting.pop()

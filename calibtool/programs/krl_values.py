@@ -179,4 +179,4 @@ class Values:
 
     def is_position(self, name: str) -> bool:
         """Whether a name is declared as a position or a motion goes to it."""
-        return self.names.type(name, self.scopes) in POSITIONS[:4] or name in self.names.driven
+        return self.names.type(name, self.scopes) in POSITIONS[:-1] or name in self.names.driven

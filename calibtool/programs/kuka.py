@@ -40,6 +40,10 @@ _START = re.compile(
     re.MULTILINE | re.IGNORECASE,
 )
 _UNSAID = {BASE_NOW: Frame(FRAME, None), TOOL_NOW: Frame(TOOL, None), MODE_NOW: ON_BASE}
+_OPEN = re.compile(r"(?:BASE|TOOL)_DATA\s*\[\s*[A-Z_$][^\[\]]*\][\s.\w]*=(?!=)", re.IGNORECASE)
+_NUMBERED = re.compile(
+    r"(BASE|TOOL)(?:_DATA\s*\[|_NO\s|\s*,)\s*(\d+)", re.IGNORECASE
+)  # BASE_DATA[1], BASE_NO 1, BAS(#BASE,1)
 _LISTED = 5  # routines named in a note
 
 
@@ -55,11 +59,17 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     names = Names()
     names.read(texts)
     held = any(re.search(r"#TCP\b", text.code, re.IGNORECASE) for text in texts)
+    open_tables = any(_OPEN.search(text.code) for text in texts)
     values: dict[str, Value] = dict(_UNSAID)
     readers = [_Reader(text, names, values, held) for text in texts]
+    for text in texts:
+        for table, index in _NUMBERED.findall(text.code) if open_tables else ():
+            readers[0].numbered(f"{table.lower()}_data", index, 0)
     for reader in readers:
         reader.declare()
     routines = [routine for reader in readers for routine in reader.routines()]
+    for text in texts:
+        text.others()
     called = {step.routine for r in routines for step in r.body if isinstance(step, Call)}
     start = tuple(Assign(0, name, value) for name, value in _UNSAID.items())
     missing = sorted({name for reader in readers for name in reader.missing})
@@ -156,8 +166,8 @@ class _Reader(Motions):
             yield Begin(loop=word not in ("if", "switch"), once=word in ("repeat", "loop"))
             if word == "switch":
                 cases.append(False)
-        elif word == "else":
-            yield Else(last=True)
+        elif word in ("elseif", "else"):
+            yield Else(last=word == "else")
         elif word in ("case", "default"):
             if cases and not cases[-1]:
                 cases[-1] = True
