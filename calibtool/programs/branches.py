@@ -1,6 +1,6 @@
 """Joint positions for the poses of a program: inverse kinematics on the branch that is meant, for many at once."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -10,12 +10,13 @@ import numpy as np
 from calibtool.programs.configurations import Configuration, Posture, has_postures, postures
 from calibtool.robot.inverse import inverse_kinematics, solve_poses
 from calibtool.robot.model import Robot
+from calibtool.robot.reach import excluded
 from calibtool.robot.se3 import Array
-from calibtool.robot.starts import Starts, starts_of
+from calibtool.robot.starts import Starts, drawn, starts_of
 
-_NEAR = 6  # starts on the branch that is asked for, near the pose
+_NEAR = 8  # starts near the pose, on the branch that is asked for
 _RANDOM = 96  # random starts that find the branches of a pose where those do not
-_TOGETHER = 64  # poses that get random starts at once
+_TOGETHER = 128  # poses that get several starts at once
 _SAME = 1e-6  # rad or m: nearer joint positions are one answer
 
 
@@ -81,42 +82,41 @@ def solve(
 ) -> Answers:
     """Joint positions of the nominal robot within its limits for poses (N, 4, 4), each row by itself.
 
-    near (N, n): of several answers the one that Newton's method reaches from there. configurations: the branch and
-    turns that are asked for; then the answer from `near` if it is one of those, otherwise the nearest that is. strict
-    (N,): a row without such an answer has none; otherwise it gets the one from `near`.
+    near (N, n): of several answers the one that Newton's method reaches from there, if it reaches one, otherwise the
+    nearest that is found. configurations: the branch and turns that are asked for; then the answer from `near` if it is
+    one of those, otherwise the nearest that is. strict (N,): a row without such an answer has none.
     """
-    robot = controller.robot
-    solved = inverse_kinematics(robot, T_base_tool, near)
-    q = solved.q.copy()
-    why = [""] * len(q)
-    for k in np.flatnonzero(~solved.reached).tolist():
-        why[k] = f"the pose is unreachable ({solved.position[k] * 1e3:.3g} mm are missing)"
-    obeyed = np.zeros(len(q), dtype=bool)
-    reached = np.flatnonzero(solved.reached).tolist()
-    asked = [k for k in reached if configurations[k] is not None]
-    if asked and not has_postures(robot):
-        for k in asked:
-            configuration = configurations[k]
-            if strict[k] and configuration is not None:
-                why[k] = (
-                    f"the configuration {configuration.text} is that of a six-joint arm, "
-                    f"and {robot.name} is none"
-                )
-        return Answers(q, why, obeyed)
-    rows = np.array(asked, dtype=int)
-    for search in (_here, _from_starts, _from_random):
-        if search is _from_random:
-            rows = rows[strict[rows]]
-        if not len(rows):
-            break
-        found, answers = search(controller, T_base_tool[rows], near[rows], q[rows],
-                                [configurations[k] for k in rows])  # fmt: skip
-        q[rows[found]], obeyed[rows[found]] = answers[found], True
-        rows = rows[~found]
-    for k in rows[strict[rows]].tolist():
-        configuration = configurations[k]
-        assert configuration is not None
-        why[k] = f"the pose cannot be reached with the configuration {configuration.text}"
+    search = _Search(controller, T_base_tool, near, configurations)
+    robot, count = controller.robot, len(near)
+    first = inverse_kinematics(robot, T_base_tool, near, starts=0)
+    q, answered = first.q.copy(), first.reached.copy()
+    asked = np.array([configuration is not None for configuration in configurations], dtype=bool)
+    obeyed = np.zeros(count, dtype=bool)
+    possible = answered | ~excluded(robot, T_base_tool, search.tolerance)
+    if has_postures(robot):
+        rows = np.flatnonzero(asked & answered)
+        meant, turned = search.meant(rows, q[rows])
+        q[rows[meant]], obeyed[rows[meant]] = turned[meant], True
+        for seeds, which in ((search.near_starts, asked), (search.random, asked & strict)):
+            for rows, starts in _few(np.flatnonzero(which & possible & ~obeyed), seeds):
+                found, answers = search.nearest(rows, starts)
+                q[rows[found]], obeyed[rows[found]] = answers[found], True
+    answered |= obeyed
+    search.configurations = [None] * count  # any branch will do
+    for seeds in (search.near_starts, search.random):
+        for rows, starts in _few(np.flatnonzero(possible & ~answered), seeds):
+            found, answers = search.nearest(rows, starts)
+            q[rows[found]], answered[rows[found]] = answers[found], True
+    why = [""] * count
+    for k in np.flatnonzero(~answered).tolist():
+        why[k] = f"the pose is unreachable ({first.position[k] * 1e3:.3g} mm are missing)"
+    for k in np.flatnonzero(answered & strict & asked & ~obeyed).tolist():
+        why[k] = f"the pose cannot be reached with the configuration {_text(configurations[k])}"
+        if not has_postures(robot):
+            text = _text(configurations[k])
+            why[k] = (
+                f"the configuration {text} is that of a six-joint arm, and {robot.name} is none"
+            )
     return Answers(q, why, obeyed)
 
 
@@ -134,71 +134,108 @@ def solve_pose(
     return answers.why[0] or row
 
 
-_Found = tuple[np.ndarray, Array]
-_Asked = Sequence[Configuration | None]
+@dataclass(eq=False)
+class _Search:
+    """Answers for poses T (N, 4, 4) from several starts, nearest to `near` (N, n) and on the branches that are asked for."""
+
+    controller: Controller
+    T: Array
+    near: Array
+    configurations: Sequence[Configuration | None]
+
+    @property
+    def tolerance(self) -> float:
+        """What counts as reached, as in `inverse_kinematics`."""
+        return 1e-8 if self.controller.robot.n >= 6 else 1e-5
+
+    def near_starts(self, rows: np.ndarray) -> Array:
+        """Starts near the poses of rows, on branches that are asked for: (rows, _NEAR, n)."""
+        robot = self.controller.robot
+        every = starts_of(robot)
+        seeds = np.empty((len(rows), _NEAR, robot.n))
+        if not has_postures(robot):
+            return every.nearest(self.T[rows], _NEAR)
+        choices = [Posture(*bits) for bits in product((False, True), repeat=3)]
+        groups: dict[tuple[bool, ...], list[int]] = {}
+        for k, row in enumerate(rows):
+            asked = self.configurations[row]
+            allowed = tuple(
+                asked is None or asked.branch(choice, self.controller.zero) for choice in choices
+            )
+            groups.setdefault(allowed, []).append(k)
+        number = self.controller.start_branches @ np.array([4, 2, 1])
+        for allowed, group in groups.items():
+            there = np.array(allowed)[number]
+            if not there.any():
+                there = np.ones(len(number), dtype=bool)
+            some = Starts(every.q[there], every.features[:, there], every.length)
+            found = some.nearest(self.T[rows[group]], min(_NEAR, int(there.sum())))
+            seeds[group] = np.resize(found, (len(group), _NEAR, robot.n))
+        return seeds
+
+    def random(self, rows: np.ndarray) -> Array:
+        """Starts from everywhere, the same for each row: (rows, _RANDOM, n)."""
+        robot = self.controller.robot
+        seeds = drawn(robot, _RANDOM, np.random.default_rng(0))
+        return np.broadcast_to(seeds, (len(rows), *seeds.shape))
+
+    def nearest(self, rows: np.ndarray, seeds: Array) -> tuple[np.ndarray, Array]:
+        """Which rows have an answer from their seeds (rows, k, n) that is asked for, and the nearest one."""
+        robot, (count, tries) = self.controller.robot, seeds.shape[:2]
+        solved = solve_poses(
+            robot.mechanism.forward_and_jacobian,
+            np.repeat(self.T[rows], tries, axis=0),
+            seeds.reshape(-1, robot.n),
+            length=robot.length,
+            lower=robot.lower,
+            upper=robot.upper,
+            tolerance=self.tolerance,
+        )
+        distinct = solved.reached & ~_repeated(solved.q.reshape(seeds.shape)).ravel()
+        answers = np.flatnonzero(distinct)
+        owners = answers // tries
+        meant, turned = self.meant(rows[owners], solved.q[answers])
+        found, best = np.zeros(count, dtype=bool), self.near[rows].copy()
+        distance = np.full(count, np.inf)
+        for k, q in zip(owners[meant], turned[meant], strict=True):
+            away = float(np.linalg.norm(q - self.near[rows[k]]))
+            if away < distance[k] - _SAME:
+                found[k], best[k], distance[k] = True, q, away
+        return found, best
+
+    def meant(self, rows: np.ndarray, q: Array) -> tuple[np.ndarray, Array]:
+        """Which joint positions q (rows, n) are on the branch that their row asks for, and the turn that is meant."""
+        robot = self.controller.robot
+        turned = _near_turn(robot, q, self.near[rows])
+        meant = np.array([self.configurations[k] is None for k in rows], dtype=bool)
+        if meant.all():
+            return meant, turned
+        q_controller = self.controller.to_controller(turned)
+        branches = postures(robot, q, self.controller.to_controller(q)).tolist()
+        for k in np.flatnonzero(~meant):
+            asked = self.configurations[rows[k]]
+            if asked is None or not asked.branch(Posture(*branches[k]), self.controller.zero):
+                continue
+            if asked.turns(q_controller[k]):
+                meant[k] = True
+                continue
+            for answer in _turns(robot, turned[k]):
+                if asked.turns(self.controller.to_controller(answer)):
+                    meant[k], turned[k] = True, answer
+                    break
+        return meant, turned
 
 
-def _here(controller: Controller, T: Array, near: Array, q: Array, asked: _Asked) -> _Found:
-    """Rows whose answer is already what is asked for, perhaps in another turn."""
-    return _meant(controller, q, asked)
+def _few(
+    rows: np.ndarray, seeds: Callable[[np.ndarray], Array]
+) -> Iterator[tuple[np.ndarray, Array]]:
+    """Rows with their starts, so many at once that they fit into memory."""
+    for first in range(0, len(rows), _TOGETHER):
+        yield rows[first : first + _TOGETHER], seeds(rows[first : first + _TOGETHER])
 
 
-def _from_starts(controller: Controller, T: Array, near: Array, q: Array, asked: _Asked) -> _Found:
-    """The same from starts near the pose that are on the branch."""
-    robot, every = controller.robot, starts_of(controller.robot)
-    seeds = np.empty((len(T), _NEAR, robot.n))
-    groups: dict[tuple[bool, ...], list[int]] = {}
-    choices = [Posture(*bits) for bits in product((False, True), repeat=3)]
-    for k, configuration in enumerate(asked):
-        assert configuration is not None
-        allowed = tuple(configuration.branch(choice, controller.zero) for choice in choices)
-        groups.setdefault(allowed, []).append(k)
-    number = controller.start_branches @ np.array([4, 2, 1])
-    for allowed, rows in groups.items():
-        there = np.array(allowed)[number]
-        if not there.any():
-            there = np.ones(len(number), dtype=bool)
-        some = Starts(every.q[there], every.features[:, there], every.length)
-        count = min(_NEAR, int(there.sum()))
-        seeds[rows] = np.resize(some.nearest(T[rows], count), (len(rows), _NEAR, robot.n))
-    return _nearest(controller, T, near, seeds, asked)
-
-
-def _from_random(controller: Controller, T: Array, near: Array, q: Array, asked: _Asked) -> _Found:
-    """The same from random starts, few rows at a time."""
-    robot = controller.robot
-    low, high = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
-    drawn = low + (high - low) * np.random.default_rng(0).random((_RANDOM, robot.n))
-    found, answers = np.zeros(len(T), dtype=bool), q.copy()
-    for first in range(0, len(T), _TOGETHER):
-        rows = slice(first, first + _TOGETHER)
-        seeds = np.broadcast_to(drawn, (len(T[rows]), *drawn.shape))
-        found[rows], answers[rows] = _nearest(controller, T[rows], near[rows], seeds, asked[rows])
-    return found, answers
-
-
-def _nearest(controller: Controller, T: Array, near: Array, seeds: Array, asked: _Asked) -> _Found:
-    """Of the answers from seeds (N, k, n) the one nearest to `near` that is what is asked for."""
-    robot, (count, tries) = controller.robot, seeds.shape[:2]
-    solved = solve_poses(
-        robot.mechanism.forward_and_jacobian,
-        np.repeat(T, tries, axis=0),
-        seeds.reshape(-1, robot.n),
-        length=robot.length,
-        lower=robot.lower,
-        upper=robot.upper,
-        tolerance=1e-8,
-    )
-    distinct = solved.reached & ~_repeated(solved.q.reshape(seeds.shape)).ravel()
-    rows = np.flatnonzero(distinct)
-    meant, turned = _meant(controller, solved.q[rows], [asked[k // tries] for k in rows])
-    found, best = np.zeros(count, dtype=bool), near.copy()
-    distance = np.full(count, np.inf)
-    for k, q in zip(rows[meant] // tries, turned[meant], strict=True):
-        away = float(np.linalg.norm(q - near[k]))
-        if away < distance[k] - _SAME:
-            found[k], best[k], distance[k] = True, q, away
-    return found, best
+def _text(configuration: Configuration | None) -> str:
+    return "" if configuration is None else configuration.text
 
 
 def _repeated(q: Array) -> np.ndarray:
@@ -209,24 +246,11 @@ def _repeated(q: Array) -> np.ndarray:
     return result
 
 
-def _meant(controller: Controller, q: Array, asked: _Asked) -> _Found:
-    """Which rows q (N, n) are on the branch that is asked for, in a turn that is, and that turn (N, n)."""
-    robot = controller.robot
-    q_controller = controller.to_controller(q)
-    branches = postures(robot, q, q_controller).tolist()
-    meant, turned = np.zeros(len(q), dtype=bool), q.copy()
-    for k, configuration in enumerate(asked):
-        assert configuration is not None
-        if not configuration.branch(Posture(*branches[k]), controller.zero):
-            continue
-        if configuration.turns(q_controller[k]):
-            meant[k] = True
-            continue
-        for answer in _turns(robot, q[k]):
-            if configuration.turns(controller.to_controller(answer)):
-                meant[k], turned[k] = True, answer
-                break
-    return meant, turned
+def _near_turn(robot: Robot, q: Array, near: Array) -> Array:
+    """The same poses with every angle within half a turn of `near`, where the limits allow it."""
+    turned = q - 2 * np.pi * np.round((q - near) / (2 * np.pi))
+    allowed = (turned >= robot.lower) & (turned <= robot.upper) & ~np.array(robot.prismatic)
+    return np.where(allowed, turned, q)
 
 
 def _turns(robot: Robot, q: Array) -> list[Array]:

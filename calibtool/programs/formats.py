@@ -9,6 +9,7 @@ import numpy as np
 from calibtool.programs import abb, fanuc, kuka, ros2, ur
 from calibtool.programs.adapter import adapted
 from calibtool.programs.motions import Program, Source
+from calibtool.programs.targets import BYTE_ORDER_MARK
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
@@ -46,7 +47,7 @@ def read_program(name: str, sources: Sequence[Source], robot: Robot) -> Program:
     if hasattr(module, "program"):
         program: Program = module.program(sources, robot)
         return program
-    return adapted(module.read(sources[0].text, robot), sources[0])
+    return adapted([module.read(source.text, robot) for source in sources], sources)
 
 
 def reader(name: str) -> Callable[[str, Robot], Program]:
@@ -69,6 +70,7 @@ def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Ar
 
 def detected(text: str, name: str) -> str | None:
     """The format of a program: by what it holds, with the end of its name where that is not clear; None if nothing tells."""
+    text = text.removeprefix(BYTE_ORDER_MARK)
     suffix = PurePath(name).suffix.lower()
     named = [module.NAME for module in _MODULES.values() if suffix in module.SUFFIXES]
     held = [module.NAME for module in _MODULES.values() if module.matches(text[:_HEAD])]

@@ -16,6 +16,7 @@ from calibtool.programs.targets import Number, Remark
 from calibtool.robot.se3 import Array, readonly
 
 JOINT, POSE = "joint", "pose"
+EXTERNAL = "external axes beside a pose"  # why such a pose is left unless they may be ignored
 FRAME, TOOL = "frame", "tool"
 
 

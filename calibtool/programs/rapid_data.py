@@ -11,6 +11,7 @@ from calibtool.programs.frames import UNIT_TOLERANCE, pose
 from calibtool.programs.lists import Item, item
 from calibtool.programs.motions import (
     BASE,
+    EXTERNAL,
     FRAME,
     JOINT,
     POSE,
@@ -174,7 +175,7 @@ class Text:
             return self._literal(POSE, found.start(), name, why, bad=True)
         digits = [Digit(found.start(k), found.end(k), int(found[k])) for k in range(8, 12)]
         external = [float(found[k]) for k in range(12, 18)]
-        left = "external axes beside a pose" if any(0 != e < UNUSED for e in external) else ""
+        left = EXTERNAL if any(0 != e < UNUSED for e in external) else ""
         return Literal(
             POSE,
             tuple(numbers),

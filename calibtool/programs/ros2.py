@@ -13,7 +13,7 @@ NAME = "ros2-trajectory"
 SUFFIXES = (".yaml", ".yml", ".json")
 _COMMENT = re.compile(r"(?:^|(?<=\s))#[^\r\n]*", re.MULTILINE)
 _LIST = re.compile(r"""(?:^|(?<=[\s{,\-]))(["']?)(joint_names|positions)\1\s*:""", re.MULTILINE)
-_BULLET = re.compile(r"(?:[ \t]*\r?\n)*[ \t]*-[ \t]+(\S[^\r\n]*)")
+_BULLET = re.compile(r"(?:[ \t]*[\r\n])*+[ \t]*-[ \t]+(\S[^\r\n]*)")
 
 
 def matches(text: str) -> bool:
@@ -126,7 +126,7 @@ def _elements(code: str, start: int) -> list[tuple[int, int]]:
             return []
         return [_trimmed(code, *span) for span in split(code, flow.end(), end)]
     spans = []
-    rest = re.compile(r"[ \t]*\r?\n").match(code, start)
+    rest = re.compile(r"[ \t]*(?:\r\n|\n|\r)").match(code, start)
     position = rest.end() if rest else start
     while bullet := _BULLET.match(code, position):
         if re.match(r"[\"']?\w+[\"']?\s*:", bullet[1]):  # the next mapping, not an element

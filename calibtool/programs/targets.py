@@ -12,6 +12,7 @@ from calibtool.units import LARGEST, TO_SI
 # Decimals that keep 1e-6 deg and 1e-4 mm; a quaternion's components are as fine as 1e-6 deg.
 DECIMALS = {"deg": 6, "rad": 8, "mm": 4, "m": 7, "": 9}
 
+BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, as Latin-1
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _NUMBER = re.compile(NUMBER)
 _NOT_FINITE = re.compile(r"[-+]?\.?(?:nan|inf|infinity)", re.IGNORECASE)
@@ -122,7 +123,7 @@ def comments_blanked(text: str, comment: str, string: str = r'"[^"\n]*"') -> str
     def blank(match: re.Match[str]) -> str:
         return re.sub(r"[^\r\n]", " ", match[0])
 
-    return re.sub(f"{string}|{comment}", blank, text, flags=re.MULTILINE)
+    return re.sub(f"\\A{BYTE_ORDER_MARK}|{string}|{comment}", blank, text, flags=re.MULTILINE)
 
 
 def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
