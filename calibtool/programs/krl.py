@@ -1,4 +1,4 @@
-"""The syntax of KRL: statements, each a line or a part of one, and frames joined by the geometric operator, as spans."""
+"""The syntax of KRL: statements and products of frames, as spans of the text."""
 
 import re
 from collections.abc import Iterator
@@ -14,10 +14,13 @@ _HEAD = re.compile(
     r"(?P<move>S?(?:PTP|LIN|CIRC)|SPL)(?P<relative>_REL)?(?![\w$=.\[]|\s*=)"
     rf"|(?:GLOBAL\s+)?(?:DEF|DEFFCT\s+[\w$]+(?:\s*{_INDEX})?)\s+(?P<routine>{NAME})(?=\s*(?:\(|$))"
     rf"|DEFDAT\s+(?P<data>{NAME})"
-    r"|(?P<block>IF|ELSEIF|ELSE|ENDIF|SWITCH|CASE|DEFAULT|ENDSWITCH|FOR|ENDFOR|WHILE|ENDWHILE|REPEAT|UNTIL|LOOP|ENDLOOP|EXIT"
-    r"|RETURN|GOTO|END|ENDFCT|ENDDAT|SPLINE|PTP_SPLINE|ENDSPLINE)(?![\w$]|\s*[=.\[])"
-    r"|(?P<aside>(?:GLOBAL\s+)?INTERRUPT|TRIGGER|EXTFCTP?|EXTP?|STRUC|ENUM|SIGNAL|IMPORT|CONTINUE)(?![\w$]|\s*[=.\[])"
-    rf"|(?P<declares>(?:(?:GLOBAL|DECL|CONST|PUBLIC)\s+)+(?P<type>[\w$]+)(?:\s*\[\s*\d*\s*\])?|(?P<known>{_TYPES}))\s+(?={NAME})"
+    r"|(?P<block>IF|ELSEIF|ELSE|ENDIF|SWITCH|CASE|DEFAULT|ENDSWITCH|FOR|ENDFOR|WHILE|ENDWHILE"
+    r"|REPEAT|UNTIL|LOOP|ENDLOOP|EXIT|RETURN|GOTO|END|ENDFCT|ENDDAT|SPLINE|PTP_SPLINE|ENDSPLINE)"
+    r"(?![\w$]|\s*[=.\[])"
+    r"|(?P<aside>(?:GLOBAL\s+)?INTERRUPT|TRIGGER|EXTFCTP?|EXTP?|STRUC|ENUM|SIGNAL|IMPORT|CONTINUE)"
+    r"(?![\w$]|\s*[=.\[])"
+    r"|(?P<declares>(?:(?:GLOBAL|DECL|CONST|PUBLIC)\s+)+(?P<type>[\w$]+)(?:\s*\[\s*\d*\s*\])?"
+    rf"|(?P<known>{_TYPES}))\s+(?={NAME})"
     rf"|(?P<name>{NAME})\s*(?P<index>{_INDEX})?\s*(?P<parts>(?:{_PART})*)=(?!=)\s*"
     rf"|(?P<label>[A-Za-z_]\w*)\s*:\s*$",
     re.IGNORECASE,
@@ -38,8 +41,8 @@ _REFERENCE = re.compile(rf"({NAME})\s*({_INDEX})?\s*((?:{_PART})*)")
 class Statement:
     """A statement, with what stands behind its first words in code[start:end].
 
-    word      `move`, `relative`, `routine`, `data`, `decl`, `assign`, `label`, `aside` (is declared or happens aside),
-              `other`, or a word of a block in lower case
+    word      `move`, `relative`, `routine`, `data`, `decl`, `assign`, `label`, `other`,
+              `aside` (is declared, or happens beside the motions), or a word of a block in lower case
     name      the motion, routine, data list, type, variable or label, as it is written
     more      of an assignment its index and components; of a declaration the words before its type
     position  where it begins
@@ -65,7 +68,7 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A frame or position in an expression: an aggregate `{…}`, or a word, which may be called as a function."""
+    """A frame or position in an expression: an aggregate `{…}`, or a word, perhaps called."""
 
     start: int
     end: int
@@ -75,7 +78,7 @@ class Factor:
 
 
 def statements(code: str) -> Iterator[Statement]:
-    """The statements of a text, comments and strings blanked. What follows THEN or ELSE in a line is one of its own."""
+    """The statements of a text, comments and strings blanked; another one may follow THEN or ELSE."""
     for line in _LINE.finditer(code):
         inner = line[0]
         position = line.start() + len(inner) - len(inner.lstrip())
@@ -129,7 +132,7 @@ def declared(code: str, start: int, end: int) -> Iterator[Declared]:
 
 
 def product(code: str, start: int, end: int) -> tuple[list[Factor], int]:
-    """The factors of `a : b : …` that begin at start, and where they end; none if there is something else."""
+    """The factors of `a : b : …` that begin at start, and where they end; none of anything else."""
     found: list[Factor] = []
     position = start
     while factor := _FACTOR.match(code, position, end):
@@ -147,7 +150,7 @@ def product(code: str, start: int, end: int) -> tuple[list[Factor], int]:
 
 @lru_cache(maxsize=4096)
 def reference(word: str) -> tuple[str, str, str] | None:
-    """Name, index without brackets, and components of a variable, blanks dropped; None for another expression."""
+    """Name, index without brackets and components of a variable; None for another expression."""
     match = _REFERENCE.fullmatch(word.strip())
     if match is None:
         return None
@@ -156,7 +159,7 @@ def reference(word: str) -> tuple[str, str, str] | None:
 
 
 def arguments(code: str, start: int, end: int) -> list[tuple[int, int]]:
-    """Spans of what stands between the commas of code[start:end] outside of brackets, blanks dropped."""
+    """Spans between the commas of code[start:end] outside of brackets, blanks dropped."""
     spans, depth, first = [], 0, start
     for mark in re.compile(r"[,(){}\[\]]").finditer(code, start, end):
         depth += (mark[0] in "({[") - (mark[0] in ")}]")

@@ -40,7 +40,7 @@ class Assignments(Values):
         super().__init__(text, names, declared, held)
         self.remarks: list[Remark] = []
 
-    # --- assignments -------------------------------------------------------------------------------------------------
+    # --- assignments ---
 
     def assigned(self, statement: Statement, line: int) -> Iterator[Assign]:
         """What an assignment gives to variables; line: where, 0 in a data list."""

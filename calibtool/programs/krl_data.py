@@ -72,7 +72,7 @@ class Text:
 
     @cached_property
     def scoped(self) -> list[tuple[Statement, tuple[str, ...]]]:
-        """The statements, each with the routine, if it stands in one, and the module that it belongs to."""
+        """The statements, each with the routine, if it stands in one, and the module."""
         found: list[tuple[Statement, tuple[str, ...]]] = []
         scopes: tuple[str, ...] = (self.module,)
         for statement in self.statements:
@@ -84,7 +84,7 @@ class Text:
         return found
 
     def items(self, start: int, end: int) -> Spans:
-        """Component → span of its value in the aggregate code[start:end]; a type in front (`E6POS:`) is skipped."""
+        """Component → span of its value in an aggregate; a type in front (`E6POS:`) is skipped."""
         first, last = start + 1, end - 1
         prefix = _TYPE.match(self.code, first, last)
         position = prefix.end() if prefix else first
@@ -121,8 +121,8 @@ class Text:
     ) -> int:
         """The number of the literal in code[start:end].
 
-        left: why it is no position to correct, whatever its numbers; frames: its base and tool where no motion goes
-        there, None if they are not known.
+        left: why it is no position to correct, whatever its numbers; frames: its base and tool where
+        no motion goes there, None if they are not known.
         """
         self.taken.add(start)
         literal = self._literal(start, end, name, frames)
@@ -132,7 +132,7 @@ class Text:
         return len(self.literals) - 1
 
     def others(self) -> None:
-        """Note positions in anything that is not followed: structures, arguments of routines that no file holds."""
+        """Note positions in what is not followed: structures, arguments of unknown routines."""
         for group in _GROUP.finditer(self.code):
             start = group.start()
             if start in self.taken or _MEMBER.search(self.code, max(0, start - 20), start):

@@ -43,7 +43,7 @@ class Motions(Assignments):
         super().__init__(text, names, declared, held)
         self.block: dict[str, Value] = {}
 
-    # --- base and tool -----------------------------------------------------------------------------------------------
+    # --- base and tool ---
 
     def bas(self, start: int, end: int, line: int) -> Iterator[Step]:
         """`BAS(#command,value)`: what KUKA's own routine of that name does to base, tool and mode."""
@@ -80,7 +80,7 @@ class Motions(Assignments):
             return self.form(re.split(r"[(.)]", word)[1], "mode", line)
         return self.mode(re.split(r"[\s,]", word)[0], line)
 
-    # --- motions -----------------------------------------------------------------------------------------------------
+    # --- motions ---
 
     def motion(self, statement: Statement, line: int) -> Iterator[Step]:
         """The motion of an instruction through its points: a circle has two."""

@@ -1,4 +1,4 @@
-"""Names of KRL texts: which variable or routine a name means at a place, and what is done with it somewhere."""
+"""Names of KRL texts: which variable or routine a name means, and what is done with it."""
 
 import re
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ _CONFIG = "$config"
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """A routine: its unique name and its parameters, names in lower case; copied: those that it gets by value (`:IN`)."""
+    """A routine: its unique name, its parameters, and those that it gets by value (`:IN`)."""
 
     key: str
     parameters: tuple[str, ...]
@@ -34,7 +34,7 @@ class Procedure:
 class Names:
     """Variables and routines of the texts of one program, names in lower case.
 
-    inside    types of variables, by the routine or module that they belong to, "" for global ones, and their name
+    inside    types of variables, by their routine or module, "" for global ones, and by name
     valued    variables that are given a value somewhere
     elements  names of an array's elements that are given a value, by the array's name
     driven    names of variables that motions go to; framed: that are used as frames, and the line

@@ -1,4 +1,4 @@
-"""What expressions of KRL mean: positions, frames, and the frame data of inline forms, as values of variables."""
+"""What expressions of KRL mean: positions, frames, and frame data of inline forms."""
 
 import re
 
@@ -36,9 +36,11 @@ _MEMBER = re.compile(r"(.*?)\s*\.\s*(?:TOOL_NO|BASE_NO|IPO_FRAME)", re.IGNORECAS
 
 
 class Values:
-    """Values in one text. declared: what variables hold from the start, to which frames and tools by number are added.
+    """Values in one text.
 
-    scopes: the routine, if one is read, and the module. held: whether a tool that does not move is among the texts.
+    declared  what variables hold from the start; frames and tools by number are added to it
+    held      whether the robot holds the work piece somewhere in the program
+    scopes    the routine that is read, if one is, and the module
     """
 
     def __init__(self, text: Text, names: Names, declared: dict[str, Value], held: bool) -> None:
@@ -47,7 +49,7 @@ class Values:
         self.scopes: tuple[str, ...] = (text.module,)
 
     def target(self, word: str) -> Value | None:
-        """The variable that a word means: a name, an array's elements, a structure's member; None for none that is known."""
+        """The variable that a word means, or elements of an array; None for none with a value."""
         found = reference(word)
         if found is None:
             return None
@@ -147,7 +149,7 @@ class Values:
         if word.strip().upper() in ("#BASE", "#NONE", "BASE", "NONE"):
             return ON_BASE
         return Unknown(
-            f"the robot holds the work piece and not the tool ($IPO_MODE={word.strip()}, line {line})"
+            f"the robot holds the work piece and not the tool ($IPO_MODE=#TCP, line {line})"
             if word.strip().upper().endswith("TCP")
             else f"$IPO_MODE is computed (line {line})"
         )

@@ -1,4 +1,4 @@
-"""KUKA programs (KRL, .src and .dat): what their routines assign, and their motions in order of execution."""
+"""KUKA programs (KRL, .src and .dat): what their routines assign, and their motions."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -90,7 +90,8 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
 
 def _missing(names: list[str]) -> str:
     more = " …" if len(names) > _LISTED else ""
-    return f"no file holds {', '.join(names[:_LISTED])}{more}: taken to leave $BASE and $TOOL as they are"
+    which = ", ".join(names[:_LISTED]) + more
+    return f"no file holds {which}: taken to leave $BASE and $TOOL as they are"
 
 
 class _Reader(Motions):
@@ -205,7 +206,7 @@ class _Reader(Motions):
                 yield from self._call(procedure, match.end(), statement.end, line)
 
     def _call(self, procedure: Procedure, start: int, end: int, line: int) -> Iterator[Step]:
-        """A routine of the program. What it assigns to a parameter by reference is no longer what the caller holds."""
+        """A routine of the program; what it assigns to a parameter by reference changes there too."""
         passed: list[tuple[str, Value]] = []
         written: list[Assign] = []
         given = call_arguments(self.text, start, end)
