@@ -445,6 +445,15 @@ def test_many_lines_take_no_time_in_vain() -> None:
     """Unclosed braces and brackets on many lines are found by each line for itself."""
     text = "DEF a( )\n" + "LIN {X 1,Y (((([[[[\n" * 20000 + "END\n"
     assert len(bad(text)) == 20000
+    blanks = " " * 50000
+    for line in (
+        f"a{blanks}b",
+        f"a.b{blanks}c",
+        f"BAS(#BASE,{blanks}",
+        f"LIN a{blanks}(",
+        f"$BASE=SBASE({blanks}",
+    ):
+        assert bad(routine(line)) == {}
 
 
 # --- laws -----------------------------------------------------------------------------------------------------------

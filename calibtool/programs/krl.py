@@ -7,34 +7,34 @@ from functools import lru_cache
 
 NAME = r"\$?[A-Za-z_][\w$]*"
 _INDEX = r"\[[^\[\]]*\]"
-_PART = rf"\.\s*\w+\s*(?:{_INDEX})?\s*"
+_PART = rf"\.\s*+\w+\s*+(?:{_INDEX})?\s*+"
 _TYPES = "INT|REAL|BOOL|CHAR|FRAME|(?:E3|E6)?(?:POS|AXIS)"
 _LINE = re.compile(r"[^\r\n]+")
 _HEAD = re.compile(
-    r"(?P<move>S?(?:PTP|LIN|CIRC)|SPL)(?P<relative>_REL)?(?![\w$=.\[]|\s*=)"
-    rf"|(?:GLOBAL\s+)?(?:DEF|DEFFCT\s+[\w$]+(?:\s*{_INDEX})?)\s+(?P<routine>{NAME})(?=\s*(?:\(|$))"
+    r"(?P<move>S?(?:PTP|LIN|CIRC)|SPL)(?P<relative>_REL)?(?![\w$=.\[]|\s*+=)"
+    rf"|(?:GLOBAL\s+)?(?:DEF|DEFFCT\s+[\w$]+(?:\s*+{_INDEX})?)\s+(?P<routine>{NAME})(?=\s*+(?:\(|$))"
     rf"|DEFDAT\s+(?P<data>{NAME})"
     r"|(?P<block>IF|ELSEIF|ELSE|ENDIF|SWITCH|CASE|DEFAULT|ENDSWITCH|FOR|ENDFOR|WHILE|ENDWHILE"
     r"|REPEAT|UNTIL|LOOP|ENDLOOP|EXIT|RETURN|GOTO|END|ENDFCT|ENDDAT|SPLINE|PTP_SPLINE|ENDSPLINE)"
-    r"(?![\w$]|\s*[=.\[])"
+    r"(?![\w$]|\s*+[=.\[])"
     r"|(?P<aside>(?:GLOBAL\s+)?INTERRUPT|TRIGGER|EXTFCTP?|EXTP?|STRUC|ENUM|SIGNAL|IMPORT|CONTINUE)"
-    r"(?![\w$]|\s*[=.\[])"
-    r"|(?P<declares>(?:(?:GLOBAL|DECL|CONST|PUBLIC)\s+)+(?P<type>[\w$]+)(?:\s*\[\s*\d*\s*\])?"
+    r"(?![\w$]|\s*+[=.\[])"
+    r"|(?P<declares>(?:(?:GLOBAL|DECL|CONST|PUBLIC)\s+)+(?P<type>[\w$]+)(?:\s*+\[\s*+\d*\s*+\])?"
     rf"|(?P<known>{_TYPES}))\s+(?={NAME})"
-    rf"|(?P<name>{NAME})\s*(?P<index>{_INDEX})?\s*(?P<parts>(?:{_PART})*)=(?!=)\s*"
-    rf"|(?P<label>[A-Za-z_]\w*)\s*:\s*$",
+    rf"|(?P<name>{NAME})\s*+(?P<index>{_INDEX})?\s*+(?P<parts>(?:{_PART})*)=(?!=)\s*+"
+    rf"|(?P<label>[A-Za-z_]\w*)\s*+:\s*+$",
     re.IGNORECASE,
 )
-_THEN = re.compile(r"\bTHEN\b\s*", re.IGNORECASE)
+_THEN = re.compile(r"\bTHEN\b\s*+", re.IGNORECASE)
 _DECLARED = re.compile(
-    rf"\s*(?P<name>{NAME})\s*(?P<index>{_INDEX})?\s*"
-    r"(?:=\s*(?P<value>\{(?:[^{}]|\{[^{}]*\})*\}|\{.*|[^,]*))?\s*(?:,|$)"
+    rf"\s*+(?P<name>{NAME})\s*+(?P<index>{_INDEX})?\s*+"
+    r"(?:=\s*+(?P<value>\{(?:[^{}]|\{[^{}]*\})*\}|\{.*|[^,]*))?\s*+(?:,|$)"
 )
 _FACTOR = re.compile(
-    rf"\s*(?:(?P<items>\{{[^{{}}]*\}})|(?P<word>{NAME}(?:\s*{_INDEX})?(?:\s*{_PART})*)"
-    r"(?P<call>\s*\((?:[^()]|\([^()]*\))*\))?)\s*"
+    rf"\s*+(?:(?P<items>\{{[^{{}}]*\}})|(?P<word>{NAME}(?:\s*+{_INDEX})?(?:\s*+{_PART})*)"
+    r"(?P<call>\s*+\((?:[^()]|\([^()]*\))*\))?)\s*+"
 )
-_REFERENCE = re.compile(rf"({NAME})\s*({_INDEX})?\s*((?:{_PART})*)")
+_REFERENCE = re.compile(rf"({NAME})\s*+({_INDEX})?\s*+((?:{_PART})*)")
 
 
 @dataclass(frozen=True, slots=True)

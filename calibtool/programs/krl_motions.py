@@ -30,7 +30,7 @@ from calibtool.programs.motions import Statement as Step
 
 _KINDS = {"$base": FRAME, "base_data": FRAME, "$tool": TOOL, "tool_data": TOOL}
 _TABLES = ("load_data", "machine_def", "$load", "$robroot")
-_BAS = re.compile(r"\(\s*#(\w+)\s*(?:,\s*([^,)]*?)\s*)?\)")
+_BAS = re.compile(r"\(\s*#(\w+)\s*(?:,([^,)]*))?\)")
 _WITH = re.compile(r"\$(TOOL|BASE|IPO_MODE)\s*=\s*", re.IGNORECASE)
 _STANDS = ("$pos_act", "$axis_act", "$pos_act_mes", "$axis_act_mes", "$pos_for", "$axis_for")
 _RELATIVE = "a relative motion"
@@ -48,7 +48,9 @@ class Motions(Assignments):
     def bas(self, start: int, end: int, line: int) -> Iterator[Step]:
         """`BAS(#command,value)`: what KUKA's own routine of that name does to base, tool and mode."""
         found = _BAS.match(self.code, start, end)
-        command, number = (found[1].lower(), (found[2] or "").lower()) if found else ("", "")
+        command, number = (
+            (found[1].lower(), (found[2] or "").strip().lower()) if found else ("", "")
+        )
         if command == "initmov":
             yield Assign(line, BASE_NOW, BASE)
             yield Assign(line, TOOL_NOW, self.numbered("tool_data", "1", line))

@@ -31,8 +31,8 @@ _ITEM = {
     key: re.compile(rf"\b{key}\s+#?(-?\w+)", re.IGNORECASE)
     for key in ("TOOL_NO", "BASE_NO", "IPO_FRAME")
 }
-_OF_FORM = re.compile(r"(?:STOOL2?|SBASE|SIPO_MODE)\s*\(\s*(.*?)\s*\)", re.IGNORECASE)
-_MEMBER = re.compile(r"(.*?)\s*\.\s*(?:TOOL_NO|BASE_NO|IPO_FRAME)", re.IGNORECASE)
+_OF_FORM = re.compile(r"(?:STOOL2?|SBASE|SIPO_MODE)\s*\(([^()]*)\)", re.IGNORECASE)
+_MEMBER = re.compile(r"([^.]*)\.\s*(?:TOOL_NO|BASE_NO|IPO_FRAME)", re.IGNORECASE)
 
 
 class Values:
@@ -127,10 +127,11 @@ class Values:
         if found is None:
             return Unknown(f"is computed ({word[:30]}, line {line})")
         which = "tool" if kind == TOOL else "base"
-        member = _MEMBER.fullmatch(found[1])
-        if re.fullmatch(r"-?\d+", found[1]):
-            return self.numbered(f"{which}_data", found[1], line)
-        return self.form(member[1] if member else found[1], which, line)
+        inner = found[1].strip()
+        member = _MEMBER.fullmatch(inner)
+        if re.fullmatch(r"-?\d+", inner):
+            return self.numbered(f"{which}_data", inner, line)
+        return self.form(member[1] if member else inner, which, line)
 
     def numbered(self, table: str, index: str, line: int) -> Value:
         """`BASE_DATA[index]` or `TOOL_DATA[index]`; 0 is the robot's root or the flange."""
