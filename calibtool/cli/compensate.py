@@ -1,11 +1,12 @@
 """calibtool compensate: poses or joints in, corrected joints out."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, input_stream, message, one_stdin, output_stream, shown, text_lines
+from calibtool.cli.files import STREAM, check_output, input_stream, message, one_stdin, output_stream, shown, text_lines
 from calibtool.cli.load import load_calibration
 from calibtool.cli.options import (
     EXACT,
@@ -18,13 +19,19 @@ from calibtool.cli.options import (
     choice,
 )
 from calibtool.cli.programs import (
+    EXTERNAL,
     FORMATS,
     ROWS,
+    External,
     Format,
     FramesFile,
     OnError,
+    Partial,
+    Report,
+    WithFiles,
     check_not_input,
     compensate_file,
+    compensate_folder,
     program_options,
     recognised,
 )
@@ -59,6 +66,10 @@ def compensate(
     kind: Format = "auto",
     on_error: OnError = "stop",
     frames: FramesFile = None,
+    with_: WithFiles = [],  # noqa: B006
+    external: External = "leave",
+    report: Report = None,
+    partial: Partial = False,
     line_buffered: Annotated[
         bool,
         typer.Option("--line-buffered", help="Answer every row at once, for a program at the other end of a pipe."),
@@ -74,15 +85,22 @@ def compensate(
     motion.
 
     Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how many, by how
-    much at most, and what was left alone and why. A target without an answer stops it, and nothing is written.
+    much at most, and what was left alone and why. A target without an answer stops it, and nothing is written. A program
+    of which some poses are corrected and others, which it moves to, are left is written, and the exit code is 4
+    (--partial: 0). The programs of a folder are corrected together: give a folder for -o.
 
     Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv
     """
-    check_output(output, force)
-    one_stdin(calibration, targets, frames)
+    folder = targets != STREAM and Path(targets).is_dir()
+    if not folder:
+        check_output(output, force)
+    if report is not None:
+        check_output(report, force)
+    one_stdin(calibration, targets, frames, *with_)
     choice(method, ("exact", "one-step"), "--method")
     choice(kind, FORMATS, "--format")
     choice(on_error, ("stop", "skip"), "--on-error")
+    choice(external, EXTERNAL, "--external")
     from typing import cast
 
     from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
@@ -96,19 +114,26 @@ def compensate(
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
     values = cast(JointValues | None, joint_values)
     loaded, _ = load_calibration(calibration)
+    if folder:
+        check_for_rows(f"{targets} is a folder", uncertainty, verify, line_buffered)
+        how = program_options(solver, policy, on_error, values, frames, backlash, external)
+        compensate_folder(loaded, targets, kind, output, force, how, with_, report, partial)
+        return
     with input_stream(targets) as stream:
         found = recognised(targets, stream.peek()) if kind == "auto" else kind
         if found not in ROWS:
-            if uncertainty or verify or line_buffered:
-                raise UsageError(
-                    f"--uncertainty, --verify and --line-buffered are for rows, but {shown(targets)} is {found}"
-                )
-            check_not_input(output, targets, calibration)
-            how = program_options(solver, policy, on_error, values, frames, backlash)
-            compensate_file(loaded, stream.read(), targets, found, output, force, how)
+            check_for_rows(f"{shown(targets)} is {found}", uncertainty, verify, line_buffered)
+            for path in (output, *([] if report is None else [report])):
+                check_not_input(path, targets, calibration, *with_)
+            how = program_options(solver, policy, on_error, values, frames, backlash, external)
+            data = stream.read()
+            compensate_file(loaded, data, targets, found, output, force, how, with_, report, partial)
             return
-        if on_error != "stop" or frames is not None:
-            raise UsageError(f"--on-error and --frames are for programs, but {shown(targets)} holds rows")
+        if on_error != "stop" or frames is not None or with_ or report is not None or partial:
+            raise UsageError(
+                "--on-error, --frames, --with, --report and --partial are for programs, "
+                f"but {shown(targets)} holds rows"
+            )
         options = StreamOptions(
             method=solver,
             outside=policy,
@@ -120,6 +145,12 @@ def compensate(
         )
         lines = text_lines(stream, shown(targets))
         compensate_rows(loaded, lines, shown(targets), cast(RowFormat, found), options, output, force)
+
+
+def check_for_rows(what: str, uncertainty: bool, verify: bool, line_buffered: bool) -> None:
+    """UsageError for options that programs do not have."""
+    if uncertainty or verify or line_buffered:
+        raise UsageError(f"--uncertainty, --verify and --line-buffered are for rows, but {what}")
 
 
 def compensate_rows(

@@ -39,7 +39,8 @@ from calibtool.robot.model import Robot
 NAME = "abb-rapid"
 SUFFIXES = (".mod", ".modx", ".prg", ".sys", ".sysx")
 _START = re.compile(
-    r"^[^\S\n]*(?:MODULE\s+\w+|%%%)|\b(?:robtarget|jointtarget)\s+\w+\s*:=",
+    r"^[^\S\n]*(?:MODULE\s+\w+|%%%)|\b(?:robtarget|jointtarget)\s+\w+\s*:="
+    r"|\bMove(?:AbsJ|[JLC])\w*\s*+\[\s*+\[",
     re.MULTILINE | re.IGNORECASE,
 )
 _ENDS = ("endproc", "endfunc", "endtrap", "endmodule")

@@ -1,5 +1,7 @@
 """A controller program in, the corrected program and a summary out."""
 
+import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -17,7 +19,7 @@ from calibtool.programs.configurations import Digit
 from calibtool.programs.flow import Flow, follow
 from calibtool.programs.formats import coupling_of, read_program
 from calibtool.programs.frames import Frames, poses_values
-from calibtool.programs.motions import JOINT, POSE, Literal, Program, Source
+from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, Source
 from calibtool.programs.nominal import Stands, placed, stands
 from calibtool.programs.summary import CompensatedProgram, Fate
 from calibtool.programs.targets import Remark, replaced, rewritten
@@ -26,6 +28,7 @@ from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array
 
 ON_ERROR = ("stop", "skip")
+_KINDS = 4  # of errors, told in one message
 _NO_CHANGE = 1e-9  # rad or m: below, a target's text stays as it is
 _AGREE = 1e-7  # rad or m: what is written for several branches may differ by so much
 
@@ -44,6 +47,7 @@ class ProgramOptions:
     frames: Frames = field(default_factory=Frames)
     backlash: bool = True  # taken up where the text is in the order of motion
     controller_model: Mechanism | None = None
+    ignore_external: bool = False  # poses beside external axes are those of the arm alone
 
 
 def compensate_program(
@@ -82,6 +86,8 @@ def compensate_texts(
     sources = [Source(name, data.decode("latin-1"), edited) for name, data, edited in texts]
     robot = calibration.robot
     program = read_program(program_format, sources, robot)
+    if options.ignore_external:
+        program = replace(program, literals=tuple(map(_alone, program.literals)))
     controller = Controller(robot, coupling_of(robot, program_format, options.joint_values))
     return _Correction(calibration, program, controller, options, program_format).result()
 
@@ -146,13 +152,16 @@ class _Correction:
     def _list(self, remark: Remark) -> None:
         if remark.bad:
             self.failures.append((remark, InputError))
-        else:
+        elif self.program.sources[remark.source].edited:
             self.left.append(remark)
 
     def _leave(self, number: int, why: str, failure: _Failure | None = None) -> None:
         """A literal is left as it is; failure: unless it may be, that is an error."""
         self.why[number] = why
-        if why not in (SEED, AS_FRAME) and self.program.sources[self.program.literals[number].source].edited:
+        if (
+            why not in (SEED, AS_FRAME)
+            and self.program.sources[self.program.literals[number].source].edited
+        ):
             remark = _remark(self.program.literals[number], why)
             if failure is None:
                 self.left.append(remark)
@@ -163,8 +172,7 @@ class _Correction:
         if not self.failures or self.options.on_error != "stop":
             return
         first, kind = min(self.failures, key=lambda one: (one[0].source, one[0].line))
-        count = len(self.failures)
-        more = f"; and {count - 1} more" if count > 1 else ""
+        more = _others([failure for failure, _ in self.failures if failure is not first])
         label = f"{first.name}: " if first.name else ""
         raise kind(
             f"{self.program.sources[first.source].name}:{first.line}: {label}{first.why}{more}; "
@@ -345,6 +353,21 @@ class _Correction:
             fates=tuple(fates),
             inconsistent=alone if corrected else 0,
         )
+
+
+def _alone(literal: Literal) -> Literal:
+    """A literal without its external axes."""
+    return replace(literal, left="") if literal.left == EXTERNAL and literal.numbers else literal
+
+
+def _others(failures: Sequence[Remark]) -> str:
+    """How many there are, and of which kinds if there are several."""
+    if not failures:
+        return ""
+    kinds = Counter(re.sub(r"\s*[('\d].*", "", failure.why) for failure in failures)
+    listed = ", ".join(f"{count} × {kind}" for kind, count in kinds.most_common(_KINDS))
+    more = ", …" if len(kinds) > _KINDS else ""
+    return f"; and {len(failures)} more" + (f" ({listed}{more})" if len(kinds) > 1 else "")
 
 
 def _nothing(program_format: str) -> str:

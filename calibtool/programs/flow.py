@@ -14,6 +14,7 @@ from calibtool.programs.motions import (
     Aim,
     Assign,
     Call,
+    Edited,
     Either,
     Entry,
     Frame,
@@ -103,7 +104,7 @@ class _Node:
     aim: Aim
     move: Move
     routine: Routine
-    atom: int | Entry
+    atom: int | Entry | Edited
     frames: Atoms = frozenset()
     tools: Atoms = frozenset()
     obeyed: Atoms = frozenset()
@@ -132,10 +133,11 @@ class _Analysis:
         self.evaluation = Evaluation(program.literals, given, self.owners)
         self.constants: dict[str, Atoms | None] = {}
         self.nodes: list[_Node] = []
-        self.numbers: dict[tuple[int, int | Entry], int] = {}
+        self.numbers: dict[tuple[int, int | Entry | Edited], int] = {}
         self.remarks: dict[tuple[int, str], Remark] = {}
         self.summaries: dict[str, _Summary] = {}
         self.order = _callees_first(self.graphs)
+        self.recursive: dict[str, int] = {}  # routines that call one that is not ended, and where
         self.called = {name for graph in self.graphs.values() for name in _called(graph)}
 
     # --- variables ----------------------------------------------------------------------------------------------------
@@ -194,13 +196,27 @@ class _Analysis:
     # --- routines ----------------------------------------------------------------------------------------------------
 
     def run(self) -> _State:
-        """Follow every routine, callees first: what variables hold when those that nobody calls have ended."""
+        """Follow every routine, callees first: what variables hold when those that nobody calls have ended.
+
+        Where a routine calls itself, what it leaves is at first that of its ways without such a call, and then grows.
+        """
+        for _ in range(_ROUNDS):
+            before = {name: summary.after for name, summary in self.summaries.items()}
+            for name in self.order:
+                self.summaries[name] = self._routine(self.routines[name], name not in self.called)
+            after = {name: summary.after for name, summary in self.summaries.items()}
+            if not self.recursive or after == before:
+                break
+        else:
+            for name in self.recursive:
+                unsettled = frozenset(
+                    [Unknown(f"is assigned by {_said(name)}, which calls itself")]
+                )
+                self.summaries[name].after |= dict.fromkeys(self.assigned, unsettled)
         end: _State = {}
         for name in self.order:
-            root = name not in self.called
-            self.summaries[name] = self._routine(self.routines[name], root)
-            for variable, atoms in self.summaries[name].after.items() if root else ():
-                if variable != _STANDS:
+            for variable, atoms in self.summaries[name].after.items():
+                if variable != _STANDS and name not in self.called:
                     end[variable] = joined(end.get(variable, frozenset()), atoms)
         return end
 
@@ -221,11 +237,16 @@ class _Analysis:
             for number in sorted(waiting):
                 waiting.discard(number)
                 state = dict(states[number] or {})
-                for action in graph[number].actions:
+                returns = [
                     self._act(action, state, entry, routine, summary)
-                for following in graph[number].next:
+                    for action in graph[number].actions
+                ]
+                for following in graph[number].next if all(returns) else ():
                     if _merge(states, following, state, entry):
                         waiting.add(following)
+        if states[-1] is None and routine.name in self.recursive:
+            line = self.recursive[routine.name]
+            self._remark(line, _said(routine.name), "calls itself without end", routine, bad=True)
         summary.after = states[-1] or {}
         return summary
 
@@ -236,7 +257,9 @@ class _Analysis:
         entry: Callable[[str], Atoms],
         routine: Routine,
         summary: _Summary,
-    ) -> None:
+    ) -> bool:
+        """Take an action in; whether the routine goes on behind it."""
+
         def variable(name: str) -> Atoms:
             return state[name] if name in state else entry(name)
 
@@ -256,7 +279,9 @@ class _Analysis:
             for name, atoms in callee.after.items():
                 state[name] = self.evaluation.entered(atoms, asked.__getitem__)
         elif action.routine in self.routines:
-            self._remark(action.line, action.routine, "calls itself", routine, bad=True)
+            self.recursive.setdefault(routine.name, action.line)
+            return False
+        return True
 
     def _aim(
         self, move: Move, aim: Aim, variable: Callable[[str], Atoms], routine: Routine
@@ -264,7 +289,7 @@ class _Analysis:
         """Note what a motion goes to; where the robot stands then."""
         before, reached, unknown = variable(_STANDS), set[Atom](), False
         for atom in self.evaluation.atoms(aim.value, variable):
-            if not isinstance(atom, int | Entry):
+            if not isinstance(atom, int | Entry | Edited):
                 unknown = True
                 if not (isinstance(atom, Unknown) and atom.quiet):
                     why = atom.why if isinstance(atom, Unknown) else "is no position"
@@ -320,7 +345,9 @@ class _Analysis:
         frames = frozenset(self.evaluation.frames)
         used = {use.literal for use in result} | seeds | frames
         result += self._alone(used, len(result))
-        return Flow(tuple(result), self.evaluation.spoiled, seeds, frames, tuple(self.remarks.values()))
+        return Flow(
+            tuple(result), self.evaluation.spoiled, seeds, frames, tuple(self.remarks.values())
+        )
 
     def _entered(self, entry: _State) -> Callable[[str], Atoms]:
         return lambda name: entry.get(name) or self.begin(name)
@@ -399,6 +426,11 @@ def _merge(
             old[name] = both
             changed = changed or both != here
     return changed
+
+
+def _said(name: str) -> str:
+    """How a routine is called in messages, without the names of its module and text."""
+    return name.rpartition("|")[2]
 
 
 def _called(graph: list[Block]) -> set[str]:

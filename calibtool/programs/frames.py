@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, RootModel, ValidationError, model_validator
 from scipy.spatial.transform import Rotation
 
-from calibtool.errors import InputError
+from calibtool.errors import InputError, near_names
 from calibtool.robot.description import parse_toml
 from calibtool.robot.se3 import Array
+from calibtool.units import TO_SI
 
 UNIT_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1; four decimals make 1e-4
 
@@ -22,19 +24,52 @@ class Frames:
     tools: dict[str, Array] = field(default_factory=dict)
 
 
-class _Pose(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-    x_mm: float = 0.0
-    y_mm: float = 0.0
-    z_mm: float = 0.0
-    roll_deg: float = 0.0
-    pitch_deg: float = 0.0
-    yaw_deg: float = 0.0
+# Orientation conventions: the names of their numbers, and how `poses` calls them.
+_TURNS = {
+    ("roll_deg", "pitch_deg", "yaw_deg"): "wpr",
+    ("w_deg", "p_deg", "r_deg"): "wpr",
+    ("a_deg", "b_deg", "c_deg"): "abc",
+    ("rx_rad", "ry_rad", "rz_rad"): "rotation vector",
+    ("rx_deg", "ry_deg", "rz_deg"): "rotation vector",
+    ("qw", "qx", "qy", "qz"): "quaternion",
+}
+_PLACES = (("x_mm", "y_mm", "z_mm"), ("x_m", "y_m", "z_m"))
+
+
+class _Pose(RootModel[dict[str, Annotated[float, Field(strict=False, allow_inf_nan=False)]]]):
+    """Numbers of a place and of one orientation convention; those that are left out are 0."""
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        groups = [*_PLACES, *_TURNS]
+        known = [name for group in groups for name in group]
+        for name in self.root:
+            if name not in known:
+                raise ValueError(f"unknown '{name}'; {near_names(name, known)}")
+        for kind in (_PLACES, tuple(_TURNS)):
+            used = [next((n for n in group if n in self.root), "") for group in kind]
+            used = [name for name in used if name]
+            if len(used) > 1:
+                raise ValueError(f"{used[0]} and {used[1]} in one pose; give one of them")
+        turn = [self.root.get(name, 0.0) for name in ("qw", "qx", "qy", "qz")]
+        if "qw" in self.root or any(turn):
+            length = float(np.linalg.norm(turn))
+            if abs(length - 1.0) > UNIT_TOLERANCE:
+                raise ValueError(f"a quaternion of length {length:.4g}; expected 1")
+        return self
 
     @property
     def matrix(self) -> Array:
-        position = [1e-3 * self.x_mm, 1e-3 * self.y_mm, 1e-3 * self.z_mm]
-        return pose([*position, *np.deg2rad([self.roll_deg, self.pitch_deg, self.yaw_deg])], "wpr")
+        """T (4, 4) in m."""
+        names = next(
+            (g for g in (*_TURNS,) if set(g) & self.root.keys()), ("w_deg", "p_deg", "r_deg")
+        )
+        place = next((g for g in _PLACES if set(g) & self.root.keys()), _PLACES[0])
+        values = [
+            self.root.get(name, 0.0) * TO_SI.get(name.rpartition("_")[2], 1.0)
+            for name in (*place, *names)
+        ]
+        return pose(values, _TURNS[names])
 
 
 class _File(BaseModel):
@@ -44,17 +79,20 @@ class _File(BaseModel):
 
 
 def read_frames(text: str, name: str) -> Frames:
-    """Frames and tools from TOML: `[frames.NAME]` and `[tools.NAME]` with x_mm … and roll_deg pitch_deg yaw_deg.
+    """Frames and tools from TOML: `[frames.NAME]` and `[tools.NAME]` with x_mm … and an orientation.
 
-    Angles are about the fixed axes x, y, z; what is left out is 0. Raises InputError for anything else in the file.
+    Orientations: roll_deg pitch_deg yaw_deg or w_deg p_deg r_deg about the fixed axes x, y, z; a_deg b_deg c_deg about
+    z, the new y and the new x; rx_rad ry_rad rz_rad, a rotation vector; qw qx qy qz. What is left out is 0. Raises
+    InputError for anything else in the file.
     """
     try:
         file = _File.model_validate(parse_toml(text, name))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
+        what = first["msg"].removeprefix("Value error, ")
         raise InputError(
-            f"{name}: {place}: {first['msg']}; expected [frames.NAME] or [tools.NAME] with x_mm …"
+            f"{name}: {place}: {what}; expected [frames.NAME] or [tools.NAME] with x_mm …"
         ) from None
     return Frames(
         {key: value.matrix for key, value in file.frames.items()},
@@ -114,7 +152,9 @@ def _rotation_vectors(vectors: Array, old: Array) -> Array:
     """Rotation vectors (N, 3) of the same rotations nearest to `old`, up to two turns away."""
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
     size = np.linalg.norm(old, axis=1, keepdims=True)
-    axis = np.where(angle > 1e-12, vectors / np.maximum(angle, 1e-300), old / np.maximum(size, 1e-12))
+    axis = np.where(
+        angle > 1e-12, vectors / np.maximum(angle, 1e-300), old / np.maximum(size, 1e-12)
+    )
     choices = axis * (angle + 2 * np.pi * np.arange(-2, 3)[:, None, None])
     nearest = np.linalg.norm(choices - old, axis=-1).argmin(axis=0)
     result: Array = choices[nearest, np.arange(len(old))]
