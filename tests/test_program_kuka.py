@@ -438,7 +438,7 @@ def test_untaught_axes_and_poses_are_said() -> None:
 
 def test_a_routine_that_calls_itself() -> None:
     flow = followed("DEF a( )\na( )\nEND\n")[1]
-    assert [(r.line, r.why, r.bad) for r in flow.remarks] == [(2, "calls itself", True)]
+    assert [(r.line, r.why, r.bad) for r in flow.remarks] == [(2, "calls itself without end", True)]
 
 
 def test_many_lines_take_no_time_in_vain() -> None:
