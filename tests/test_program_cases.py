@@ -18,6 +18,7 @@ from calibtool.robot.catalogue import load_robot
 FOLDER = Path(__file__).parent / "programs" / "cases"
 NUMBER = re.compile(r"-?\d+\.\d+")
 
+JOINTS = (12.007, 14.056, -5.875, 7.961, -66.182, 14.965)
 HOME = (0.086828, -1.400321, 1.751188, -1.921143, -1.573112, 0.179126)
 # File → line → numbers after correction, or why the line is left. Computed with Pinocchio from the
 # nominal URDF and the one of `export --format urdf`: each literal solved on its branch in its frame and
@@ -90,6 +91,37 @@ RIGHT: dict[str, dict[int, Sequence[float] | str]] = {
     "ik_qnear_variable.script": {3: HOME, 5: (-0.527946, -0.155022, 0.289387)},
     "declared_order.script": {3: (-0.527946, -0.155022, 0.289387), 4: ()},
     "block_comment.yaml": dict(enumerate(((value,) for value in HOME), start=4)),
+    "plain.src": {5: JOINTS, 6: (2301.123, 439.518, 608.298)},
+    "array_points.src": {
+        7: (2301.123, 439.518, 608.298),
+        8: (2300.400, 707.454, 458.716),
+        9: JOINTS,
+    },
+    "array_axes.dat": {4: JOINTS},
+    "circle_named.src": {
+        7: (2300.400, 707.454, 458.716),
+        8: (2047.065, 891.278, 480.529),
+        9: JOINTS,
+    },
+    "component.src": {6: r"a component of it is assigned \(line 7\)", 8: JOINTS},
+    "base_twice.src": {
+        7: JOINTS,
+        8: (1701.123, 339.518, 808.298),
+        11: (2300.400, 857.454, 758.716),
+    },
+    "base_component.src": {6: JOINTS, 7: (1701.123, 439.518, 908.298)},
+    "base_product.src": {6: JOINTS, 7: (1734.236, -11.037, 688.298)},
+    "base_null_product.src": {6: JOINTS, 7: (1734.236, 38.963, 808.298)},
+    "base_switch.src": {6: JOINTS, 13: "several frames"},
+    "offset_point.src": {
+        6: (2301.123, 439.518, 608.298),
+        7: JOINTS,
+        9: "relative to XP1",
+    },
+    "lin_status.src": {5: JOINTS, 6: (2300.400, 707.454, 458.716)},
+    "untaught.dat": {3: "not taught", 5: (2301.123, 439.518, 608.298)},
+    "declared_order.src": {6: (2301.487, 704.841, 458.732), 7: ()},
+    "fixed_tool.src": {6: JOINTS, 7: r"the robot holds the work piece.*\(\$IPO_MODE=#TCP, line 5\)"},
 }
 
 
