@@ -3,6 +3,7 @@
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
