@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import examples
+from exported import STATUS, undisturbed, weighted_sizes
 from hypothesis import example, given
 from hypothesis import strategies as st
-from plain import Array, adjoint, exponential, logarithm, poses_along
+from json_reader import correct_from_json
+from plain import Array, logarithm
 from strategies import (
     DrawnChain,
     calibrated,
@@ -30,7 +32,7 @@ from calibtool.compensation.status import NEAR_SINGULAR, OK, UNCORRECTED
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE, at_point
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion
@@ -138,44 +140,6 @@ def test_a_commanded_pose_is_corrected_as_its_joints_are(robot: Robot, seed: int
 # --- exported code ---------------------------------------------------------------------------------------------------
 
 
-def correct_as_the_formula_says(c: dict, q: Array) -> Array:
-    """`formula` of the JSON file in numpy, with joint motions and torques; nothing of calibtool."""
-    n, base = len(c["joints"]), c["base_model"]
-    M, xi = np.array(c["nominal_placements_m"]), np.array(c["nominal_twists_per_rad_or_m"])
-    N = np.zeros(c["equivalent_robot"]["p"])
-    if (net := c["network"]) is not None:
-        s = (q - net["input_centre_rad_or_m"]) / net["input_scale_rad_or_m"]
-        hidden = np.tanh(np.array(net["hidden_weights"]) @ s + net["hidden_bias"])
-        N = (np.array(net["output_weights"]) @ hidden + net["output_bias"]) * net["output_scale_rad_or_m"]
-    if base["name"] == "nominal":
-        return q - N[:n]
-    *F, T_nominal = poses_along(M, xi, q)
-    motion = np.zeros(n)
-    for j in range(n):
-        for k, factor in enumerate(base["harmonics_rad"][j]):
-            motion[j] += factor * (np.cos if k % 2 else np.sin)((k // 2 + 1) * q[j])
-        column, torque = adjoint(F[j]) @ xi[j], 0.0
-        for i in range(j, n):
-            centre = (F[i] @ [*base["centres_of_mass_m"][i], 1.0])[:3]
-            velocity = column[:3] + np.cross(column[3:], centre)
-            torque -= base["link_masses_kg"][i] * (base["gravity_m_per_s2"] @ velocity)
-        motion[j] -= base["compliance_rad_per_nm"][j] * torque
-    xi = xi + base["twist_errors_per_rad_or_m"]
-    *F, T_base = poses_along(np.array(base["placements_m"]), xi, q + base["offset_errors_rad_or_m"] + motion)
-    columns = [adjoint(F[j]) @ xi[j] for j in range(n)]
-    columns += [adjoint(T_base)[:, k] for k in c["equivalent_robot"]["virtual_joint_columns"]]
-    J = np.stack(columns, axis=1)
-    T_calibrated = exponential(J @ N) @ T_base
-    e = logarithm(T_calibrated @ np.linalg.inv(T_nominal))
-    weigh = np.eye(6)
-    weigh[:3, 3:] = -adjoint(T_calibrated)[:3, 3:] @ T_calibrated[:3, :3].T
-    weigh[:3] /= c["characteristic_length_m"]
-    e, J = weigh @ e, weigh @ J
-    G = J @ J.T + c["gram_regularisation"] * np.eye(6)
-    damping = max(0.0, c["min_singularity_distance"] - 1 / np.sqrt(np.trace(np.linalg.inv(G))))
-    return q - (J.T @ np.linalg.solve(G + damping**2 * np.eye(6), e))[:n]
-
-
 @examples(12)
 @given(robots(), seeds, st.booleans(), st.booleans())
 def test_the_formulas_of_the_json_file_are_the_one_step_correction(
@@ -184,11 +148,12 @@ def test_the_formulas_of_the_json_file_are_the_one_step_correction(
     rng = np.random.default_rng(seed)
     calibration = calibrated(robot, rng, with_network=with_network, with_motion=with_motion)
     q = configurations(robot, 5, rng)
-    expected, distance = one_step(calibration, q)
+    expected, plain = one_step(calibration, q), undisturbed(calibration, q)
     contents = json.loads(calibration_as_json(calibration))
-    for k in np.flatnonzero(distance > 1e-4):
-        found = correct_as_the_formula_says(contents, q[k])
-        np.testing.assert_allclose(found, expected[k], atol=1e-13 / min(distance[k], 0.1) ** 2)
+    for k in range(len(q)):
+        found, status = correct_from_json(contents, q[k])
+        np.testing.assert_allclose(found, expected.q[k], atol=1e-11 if plain[k] else 1e-7)
+        assert status == expected.status[k]
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
@@ -230,12 +195,14 @@ def test_compiled_c_is_the_one_step_correction(tmp_path: Path) -> None:
     library, pointer = ctypes.CDLL(str(whole)), ctypes.POINTER(ctypes.c_double)
     for i, calibration in enumerate(made):
         q = configurations(calibration.robot, 200, np.random.default_rng(i))
-        expected, distance = one_step(calibration, q)
-        found = np.empty_like(q)
+        expected, plain = one_step(calibration, q), undisturbed(calibration, q)
+        found, names = np.empty_like(q), []
         correct = getattr(library, f"arm{i}_correct")
         for row, result in zip(q, found, strict=True):
             code = correct(row.ctypes.data_as(pointer), result.ctypes.data_as(pointer))
-            assert code in (0, 1)
-        off = np.abs(found - expected).max(axis=-1)
-        assert (off < 1e-13 / np.clip(distance, 1e-4, 0.1) ** 2).all(), calibration.robot.source.urdf_text
-        assert (off[distance > 2 * MIN_SINGULARITY_DISTANCE] < 1e-12).all(), calibration.robot.source.urdf_text
+            names.append(STATUS[code])
+        off = np.abs(found - expected.q).max(axis=-1)
+        assert (off < np.where(plain, 1e-12, 1e-7)).all(), calibration.robot.source.urdf_text
+        assert names == expected.status.tolist(), calibration.robot.source.urdf_text
+        before, after = (weighted_sizes(calibration, x, q) for x in (q, found))
+        assert (after <= before + 1e-15).all(), calibration.robot.source.urdf_text
