@@ -21,7 +21,7 @@ from calibtool.compensation.stream import compensate_text
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.branches import Controller, coupling_of, solve_pose
-from calibtool.programs.compensate import compensate_program
+from calibtool.programs.compensate import ProgramOptions, compensate_program
 from calibtool.programs.configurations import posture
 from calibtool.programs.formats import PROGRAM_FORMATS, reader
 from calibtool.programs.frames import pose
@@ -166,10 +166,11 @@ def main() -> None:
         q = configurations(robot, count)
         text = WRITERS[program_format](robot, q)
         data = text.encode()
-        same = compensate_program(identity, data, "bench", program_format).data
+        options = ProgramOptions(controller_model=robot.mechanism)
+        same = compensate_program(identity, data, "bench", program_format, options).data
         changed = abs(len(same) - len(data)) + sum(a != b for a, b in zip(same, data, strict=False))
         start = time.perf_counter()
-        result = compensate_program(calibration, data, "bench", program_format)
+        result = compensate_program(calibration, data, "bench", program_format, options)
         seconds = time.perf_counter() - start
         expected = compensate_joints(calibration, read_joints(robot, text, program_format, q)).q
         again = read_joints(robot, result.data.decode(), program_format, expected)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from calibtool.calibration import Calibration
+from calibtool.calibration.frame_report import frame_report
 from calibtool.calibration.learning_curve import LearningCurve
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.training import TrainingReport
@@ -10,6 +11,7 @@ from calibtool.identification.model import Identification, Posterior
 from calibtool.identification.report import backlash_text, parameter_rows, strongest_correlations
 from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.robot.coupling import coupling_text
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, log6
 
@@ -49,6 +51,7 @@ def robot_summary(robot: Robot) -> dict[str, object]:
         "tool_frame": description.kinematics.tool_frame,
         "characteristic_length_m": round(robot.length, 6),
         "joint_table": joints,
+        **({"joint_values": f"serial ({coupling_text(robot.coupling)})"} if robot.coupled else {}),
         "targets_mm": [[round(float(v) * 1e3, 6) for v in point] for point in robot.targets],
         "home_tool_position_mm": [round(float(v) * 1e3, 3) for v in home[:3, 3]],
         "workspace_table": {
@@ -71,6 +74,7 @@ def measurements_summary(measurements: Measurements) -> dict[str, object]:
         "noise_position_mm": measurements.noise_position * 1e3,
         "registration": _setup_summary(measurements.setup),
         "directions": "unknown" if measurements.direction is None else "known",
+        "commanded": "the joints" if measurements.commanded is None else "poses, apart from the joints",
         "simulated": measurements.truth is not None,
     }
     if measurements.kind == "pose":
@@ -149,7 +153,8 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         "base": base_summary,
         "network": network,
         "virtual_joints": list(calibration.equivalent.virtual_joints),
-        "registration": _setup_summary(base.setup),
+        "registration": _setup_summary(calibration.setup),
+        "frame": None if (report := frame_report(calibration)) is None else report.as_json(),
     }
 
 
@@ -165,6 +170,8 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         result += _complete_lines(calibration)
     elif base.model == "local-poe":
         result += _rank_lines(base)
+    report = frame_report(calibration)
+    result += [] if report is None else report.lines()
     result += [str(finding) for finding in design_findings(calibration.robot, calibration.q)]
     if base.flagged is not None and len(base.flagged.rows):
         result += _flagged_lines(calibration)

@@ -27,6 +27,7 @@ ROOMS = (
     "equivalent",
     "calibration",
     "compensation",
+    "controller",
     "programs",
     "export",
     "evaluation",

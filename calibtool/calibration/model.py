@@ -1,18 +1,20 @@
 """Calibration: what it predicts."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
 
+from calibtool.calibration.frame import ChosenFrame, FrameName, taught_frame
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network, averaged
 from calibtool.equivalent.training import TrainingReport
 from calibtool.errors import InputError
 from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.robot.geometry import mechanism
+from calibtool.robot.geometry import GeometricErrors, mechanism
 from calibtool.robot.mechanism import Frames, Mechanism
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6
@@ -46,7 +48,7 @@ class CrossValidation:
 class Calibration:
     """T_calibrated(q) = exp6(J_ρ(q) N(q)) · T_base-model(q), N = 0 without a network.
 
-    base            identified base model, with the set-up fitted in it
+    base            identified base model, with the set-up fitted in it, both in the frames of the fit
     equivalent      the equivalent robot, whose Jacobian is J_ρ
     networks        members whose mean is N; none when a base model stands alone or networks do not help
     training        how the networks came about; None when a base model stands alone
@@ -55,6 +57,9 @@ class Calibration:
     noise_position, noise_orientation   stated noise of the measurements used, m and rad
     q               (N, n) the configurations used, rad or m
     provenance      command line, seed, input checksums, versions: text by name
+    frame           which base and tool frame it speaks in; None where nothing was free to choose
+
+    `geometry`, `setup` and every pose are in the chosen frames; only the parameters of `base` are those of the fit.
     """
 
     robot: Robot
@@ -68,6 +73,7 @@ class Calibration:
     noise_orientation: float
     q: Array
     provenance: dict[str, str] = field(default_factory=dict)
+    frame: ChosenFrame | None = None
 
     @property
     def configurations(self) -> int:
@@ -80,9 +86,51 @@ class Calibration:
         return averaged(self.networks) if self.networks else None
 
     @cached_property
+    def geometry(self) -> GeometricErrors:
+        """Geometric errors of the base model, in the chosen frames."""
+        fitted = self.base.geometry
+        return fitted if self.frame is None else self.frame.geometry(self.robot.chain, fitted)
+
+    @cached_property
+    def setup(self) -> Setup:
+        """The set-up that belongs to `forward`, in the chosen frames."""
+        fitted = self.base.setup
+        return fitted if self.frame is None else self.frame.setup(fitted)
+
+    @cached_property
     def base_mechanism(self) -> Mechanism:
-        """Mechanism of the base model's geometry."""
-        return mechanism(self.robot.chain, self.base.geometry)
+        """Mechanism of `geometry`."""
+        return mechanism(self.robot.chain, self.geometry)
+
+    @property
+    def frame_is_free(self) -> bool:
+        """There is a choice: the set-up is unknown, and the base model is not the drawing itself."""
+        return not self.base.setup.known and self.base.model != "nominal"
+
+    def in_frame(self, name: FrameName) -> Self:
+        """The same calibration in the frames of the fit, or in those that move taught poses least.
+
+        Itself where nothing is free. Raises InputError for networks with virtual joints, which are
+        fixed in the tool frame of the training.
+        """
+        if not self.frame_is_free or (self.frame is not None and self.frame.name == name):
+            return self
+        if self.networks and self.equivalent.virtual_joints:
+            raise InputError(
+                f"{self.robot.name}: the network's virtual joints are fixed in the tool frame it "
+                f"was trained in; train again with --frame {name}"
+            )
+        frame = self.frame
+        if frame is None:
+            fitted = mechanism(self.robot.chain, self.base.geometry)
+            frame = taught_frame(
+                fitted.forward(self._driven(self.q, None)),
+                self.robot.mechanism.forward(self.q),
+                self.base.setup,
+                self.noise_position,
+                self.noise_orientation,
+            )
+        return replace(self, frame=replace(frame, name=name))
 
     @property
     def model(self) -> pin.Model:
@@ -145,7 +193,7 @@ def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup
     """
     if measurements.setup.known:
         return measurements.setup
-    setup, other = calibration.base.setup, measurements.setup
+    setup, other = calibration.setup, measurements.setup
     if len(setup.targets) != len(other.targets) or (setup.R_tool_sensor is None) != (other.R_tool_sensor is None):
         raise InputError(
             "the calibration was made with other targets than these measurements; evaluate with --refit-setup"

@@ -12,21 +12,26 @@ from calibtool.cli.options import (
     CalibrationFile,
     CompensationMethod,
     Force,
+    FrameOption,
     JointValuesOption,
     LargestChange,
     Output,
     Outside,
     choice,
+    joint_values_of,
 )
 from calibtool.cli.options import largest_change as in_rad
 from calibtool.cli.programs import (
     FORMATS,
     ROWS,
+    ControllerFile,
+    Dh,
     Format,
     FramesFile,
     OnError,
     check_not_input,
     compensate_file,
+    controller_mechanism,
     program_options,
     recognised,
 )
@@ -67,9 +72,12 @@ def compensate(
     backlash: Annotated[
         bool, typer.Option("--backlash/--no-backlash", help="Take up backlash; --no-backlash: the rows are no path.")
     ] = True,
+    frame: FrameOption = None,
     kind: Format = "auto",
     on_error: OnError = "stop",
     frames: FramesFile = None,
+    controller: ControllerFile = None,
+    dh: Dh = None,
     line_buffered: Annotated[
         bool,
         typer.Option("--line-buffered", help="Answer every row at once, for a program at the other end of a pipe."),
@@ -86,30 +94,32 @@ def compensate(
     jumps of the joints are reported. A calibration with backlash takes it up by the direction of each joint's corrected
     motion: rows must be in the order of motion.
 
-    Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how many, by how
-    much at most, and what was left alone and why. A target without an answer stops it, and nothing is written.
+    Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how
+    many, by how much at most, and what was left alone and why. A target without an answer stops it,
+    and nothing is written. Poses are written for the controller's own model, --controller.
 
     Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv
     """
     check_output(output, force)
-    one_stdin(calibration, targets, frames)
+    one_stdin(calibration, targets, frames, controller)
     choice(method, ("exact", "one-step"), "--method")
     choice(kind, FORMATS, "--format")
     choice(on_error, ("stop", "skip"), "--on-error")
     from typing import cast
 
+    from calibtool.calibration.frame_report import frame_report
     from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
     from calibtool.compensation.stream import BATCH, RowFormat, StreamOptions
-    from calibtool.robot.coupling import JOINT_VALUES, JointValues
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
-    if joint_values is not None:
-        choice(joint_values, JOINT_VALUES, "--joint-values")
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
-    values = cast(JointValues | None, joint_values)
+    values = joint_values_of(joint_values)
     most, weighed = in_rad(largest_change_deg), _weights(weights)
-    loaded, _ = load_calibration(calibration)
+    loaded, _ = load_calibration(calibration, frame)
+    found_frame = frame_report(loaded)
+    if found_frame is not None and found_frame.name == "fitted":
+        message(f"frame fitted: every target moves by the common part, too: {found_frame.common}")
     bounds = _bounds(loaded, most, weighed)
     with input_stream(targets) as stream:
         found = recognised(targets, stream.peek()) if kind == "auto" else kind
@@ -119,18 +129,24 @@ def compensate(
                     f"--uncertainty, --verify and --line-buffered are for rows, but {shown(targets)} is {found}"
                 )
             check_not_input(output, targets, calibration)
-            how = program_options(solver, policy, on_error, values, frames, backlash, most, weighed)
+            model = controller_mechanism(controller, dh, loaded.robot)
+            how = program_options(
+                solver, policy, on_error, values, frames, backlash, most, weighed, model
+            )
             compensate_file(loaded, stream.read(), targets, found, output, force, how)
             message(bounds)
             return
-        if on_error != "stop" or frames is not None:
-            raise UsageError(f"--on-error and --frames are for programs, but {shown(targets)} holds rows")
+        if on_error != "stop" or frames is not None or controller is not None or dh is not None:
+            raise UsageError(
+                "--on-error, --frames and --controller are for programs, but "
+                f"{shown(targets)} holds rows"
+            )
         options = StreamOptions(
             method=solver,
             outside=policy,
             uncertainty=uncertainty,
             verify=verify,
-            joint_values=values or "serial",
+            joint_values=values,
             backlash=backlash,
             largest_change=most,
             weights=weighed,

@@ -1,8 +1,11 @@
 """Options that several commands share."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
+
+if TYPE_CHECKING:
+    from calibtool.robot.coupling import JointValues
 
 Output = Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Output file; '-' is stdout.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite an existing output.")]
@@ -27,7 +30,7 @@ LargestChange = Annotated[
     typer.Option(
         "--largest-change-deg",
         metavar="DEG",
-        help="A joint changes by no more (default: 20 times the size of the identified errors; stderr says it).",
+        help="A joint changes by no more (default: 50 times the size of the identified errors; stderr says it).",
     ),
 ]
 RefitSetup = Annotated[
@@ -36,7 +39,29 @@ RefitSetup = Annotated[
 ]
 Require = Annotated[
     list[str] | None,
-    typer.Option(metavar="LIMIT", help="Acceptance limit, such as position_max_mm=0.2; exit code 5 if not met."),
+    typer.Option(
+        metavar="LIMIT",
+        help="Acceptance limit, such as position_max_mm=0.2 or ap_max_mm=0.1; exit code 5 if not met.",
+    ),
+]
+
+FrameOption = Annotated[
+    str | None,
+    typer.Option(
+        "--frame",
+        metavar="fitted|taught",
+        help="Unknown instrument and targets: base and tool as fitted, or those that move taught poses least "
+        "(default: the calibration's, a new one's is taught).",
+    ),
+]
+
+Before = Annotated[
+    str | None,
+    typer.Option(
+        "--before",
+        metavar="MEASUREMENTS",
+        help="The same commands measured before the correction, where --on was measured after it.",
+    ),
 ]
 
 JointValuesOption = Annotated[
@@ -44,9 +69,21 @@ JointValuesOption = Annotated[
     typer.Option(
         "--joint-values",
         metavar="serial|controller",
-        help="Joint values of the serial chain (default; FANUC programs: controller), or the controller's, converted.",
+        help="Whose joint values are read and written; "
+        "needed where they differ and no header or program format says it.",
     ),
 ]
+
+
+def joint_values_of(value: str | None) -> "JointValues | None":
+    """What `--joint-values` says; UsageError for another word."""
+    from calibtool.robot.coupling import JOINT_VALUES
+
+    return (
+        None
+        if value is None
+        else cast("JointValues", choice(value, JOINT_VALUES, "--joint-values"))
+    )
 
 
 def choice(value: str, allowed: tuple[str, ...], option: str) -> str:

@@ -3,11 +3,12 @@
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 from calibtool.cli.files import STREAM, message, read_text, same_file, shown, write_output
+from calibtool.cli.options import choice
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -16,9 +17,12 @@ if TYPE_CHECKING:
     from calibtool.compensation.weighed import Weights
     from calibtool.programs.compensate import ProgramOptions
     from calibtool.robot.coupling import JointValues
+    from calibtool.robot.mechanism import Mechanism
+    from calibtool.robot.model import Robot
 
-_OBJECT = re.compile(r"\s*\{.*\"(j[1-9]\d*_(deg|rad|mm|m)|x_mm|x_m)\"\s*:")  # a row of JSON
-_HEADER = re.compile(r"(^|[,;\s\"])(j[1-9]\d*_(deg|rad|mm|m)|x_mm|x_m)($|[,;\s\"])")
+_COLUMN = r"(j[1-9]\d*(_serial|_controller)?_(deg|rad|mm|m)|x_mm|x_m)"
+_OBJECT = re.compile(rf"\s*\{{.*\"{_COLUMN}\"\s*:")  # a row of JSON
+_HEADER = re.compile(rf"(^|[,;\s\"]){_COLUMN}($|[,;\s\"])")
 
 ROWS = ("csv", "ndjson")
 FORMATS = ("auto", *ROWS, "fanuc-ls", "kuka-krl", "abb-rapid", "ur-script", "ros2-trajectory")
@@ -39,6 +43,21 @@ OnError = Annotated[
 FramesFile = Annotated[
     str | None,
     typer.Option("--frames", metavar="FRAMES.toml", help="Frames and tools that poses of a program refer to."),
+]
+ControllerFile = Annotated[
+    str | None,
+    typer.Option(
+        "--controller",
+        metavar="nominal|FILE",
+        help="By which model the controller solves poses: "
+        "URDF, UR calibration yaml, calibration.conf, DH table.",
+    ),
+]
+Dh = Annotated[
+    str | None,
+    typer.Option(
+        "--dh", metavar="standard|modified", help="Convention of a DH table of --controller."
+    ),
 ]
 
 
@@ -65,6 +84,7 @@ def program_options(
     backlash: bool,
     largest_change: float | None,
     weights: "Weights | None",
+    controller_model: "Mechanism | None",
 ) -> "ProgramOptions":
     """The options of a program. InputError for a bad frames file."""
     from calibtool.programs.compensate import ProgramOptions
@@ -79,7 +99,34 @@ def program_options(
         backlash=backlash,
         largest_change=largest_change,
         weights=weights,
+        controller_model=controller_model,
     )
+
+
+def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "Mechanism | None":
+    """The kinematics that `--controller` names, None without it; says how far they are off."""
+    if given is None and dh is None:
+        return None
+    from calibtool.controller.denavit_hartenberg import DH_CONVENTIONS, DhConvention
+    from calibtool.controller.model import read_controller_model
+    from calibtool.errors import UsageError
+
+    if dh is not None:
+        choice(dh, DH_CONVENTIONS, "--dh")
+    if given is None or (given == "nominal" and dh is not None):
+        raise UsageError(
+            "--dh is for a table of DH parameters; give it with --controller TABLE.csv"
+        )
+    if given == "nominal":
+        return robot.mechanism
+    model = read_controller_model(
+        read_text(given), shown(given), robot, cast("DhConvention | None", dh)
+    )
+    message(
+        f"{shown(given)}: the controller's tool is up to {model.position * 1e3:.2f} mm and "
+        f"{model.orientation * 1e3:.2f} mrad from the nominal one, over the whole joint range"
+    )
+    return model.mechanism
 
 
 def check_not_input(output: str, *inputs: str) -> None:

@@ -7,7 +7,7 @@ import typer
 
 from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output
 from calibtool.cli.load import load_measurements
-from calibtool.cli.options import Force, Output, Seed
+from calibtool.cli.options import Force, JointValuesOption, Output, Seed, joint_values_of
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import InputError, UsageError
@@ -42,16 +42,27 @@ def simulate(
     at: Annotated[
         str | None, typer.Option(metavar="POSES", help="Measure at these configurations: a CSV of joints or poses.")
     ] = None,
+    commanded: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TARGETS",
+            help="The joints of --at are corrected ones: what went into compensate.",
+        ),
+    ] = None,
+    joint_values: JointValuesOption = None,
     force: Force = False,
 ) -> None:
     """Measure a perturbed robot, made up from a seed.
 
-    Its targets are observed with noise at configurations of a workspace; the truth is kept in a group of its own.
+    Its targets are observed with noise at configurations of a workspace; the truth is kept in a group of its own. A
+    correction is rehearsed with --same-robot FILE.h5 --at corrected.csv --commanded targets.csv (see `evaluate`).
 
     Example: calibtool simulate fanuc-m1000ia -n 100 --seed 1 -o measurements.h5
     """
     check_output(output, force, binary=True)
-    one_stdin(same_robot, at)
+    one_stdin(same_robot, at, commanded)
+    if commanded is not None and at is None:
+        raise UsageError("--commanded belongs to --at: those joints are corrected for these targets")
     sizes = {
         "--length-error-mm": length_error_mm,
         "--angle-error-mrad": angle_error_mrad,
@@ -67,12 +78,17 @@ def simulate(
     from dataclasses import replace
 
     from calibtool.compensation.program import read_configurations
+    from calibtool.measurement.importing.commanded import commanded_poses
     from calibtool.measurement.simulate import Simulation
     from calibtool.measurement.simulate import simulate as run
     from calibtool.robot.actual import ERROR_KINDS, ErrorScales
     from calibtool.robot.catalogue import load_robot
     from calibtool.storage import to_bytes
+    from calibtool.tables import parse_table
 
+    values = joint_values_of(joint_values)
+    if values is not None and at is None:
+        raise UsageError("--joint-values is for the joints of --at")
     model = load_robot(robot)
     kinds = ERROR_KINDS if errors == "all" else tuple(kind.strip() for kind in errors.split(","))
     unknown = [kind for kind in kinds if kind not in ERROR_KINDS]
@@ -96,7 +112,16 @@ def simulate(
     if at is not None:
         text = read_text(at)
         inputs["at"] = text.encode()
-        q_at = read_configurations(text, shown(at), model)
+        q_at = read_configurations(text, shown(at), model, values)
+    asked = None
+    if commanded is not None and at is not None and q_at is not None:
+        text = read_text(commanded)
+        inputs["commanded"] = text.encode()
+        table = parse_table(text, shown(commanded))
+        if len(table) != len(q_at):
+            counts = f"{len(table)} rows, but {shown(at)} has {len(q_at)}"
+            raise InputError(f"{shown(commanded)}: {counts}")
+        asked = commanded_poses(table, model, values)
     scales = ErrorScales(
         kinds=kinds,
         length=length_error_mm * 1e-3,
@@ -121,4 +146,5 @@ def simulate(
                 same_robot=truth,
             ),
         )
-    write_output(output, to_bytes(replace(measurements, provenance=provenance(seed, **inputs))), force)
+    measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))
+    write_output(output, to_bytes(measurements), force)

@@ -9,8 +9,8 @@ from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
 from calibtool.export.formula import FORMULA
 from calibtool.export.rendering import LARGEST_POSITION
-from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Setup
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.damped import GRAM_REGULARISATION
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import link_masses
@@ -18,11 +18,12 @@ from calibtool.robot.motion import link_masses
 SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 2
 
 
-def calibration_as_json(calibration: Calibration) -> str:
+def calibration_as_json(calibration: Calibration, joint_values: JointValues = "serial") -> str:
     """One JSON object, schema `calibtool/compensator`: how q_m is computed (`one_step`), and every number for it.
 
-    Units stand in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under `formula`. A float is written
-    with as many digits as it takes to read exactly the same one; the same calibration gives the same text.
+    Units stand in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under
+    `formula`. A float is written with as many digits as it takes to read exactly the same one; the
+    same calibration gives the same text. joint_values: whose joint values q and q_m are.
     """
     robot, equivalent = calibration.robot, calibration.equivalent
     bounds = default_bounds(calibration)
@@ -33,9 +34,10 @@ def calibration_as_json(calibration: Calibration) -> str:
         "formula": FORMULA,
         "joints": _joints(robot),
         "joint_coupling": robot.coupling.tolist(),
+        "joint_values": joint_values,
         "nominal_placements_m": robot.chain.placements.tolist(),
         "nominal_twists_per_rad_or_m": robot.chain.twists.tolist(),
-        "base_model": _base_model(robot, calibration.base),
+        "base_model": _base_model(calibration),
         "equivalent_robot": {
             "p": equivalent.p,
             "virtual_joints": list(equivalent.virtual_joints),
@@ -48,7 +50,8 @@ def calibration_as_json(calibration: Calibration) -> str:
         "damped_below": DAMPED_BELOW,
         "gram_regularisation": GRAM_REGULARISATION,
         "network": None if calibration.network is None else _network(calibration.network),
-        "setup": _setup(calibration.base.setup),
+        "setup": _setup(calibration.setup),
+        "frame": None if calibration.frame is None else calibration.frame.name,
         "configurations": calibration.configurations,
         "noise_position_m": calibration.noise_position,
         "noise_orientation_rad": calibration.noise_orientation,
@@ -70,8 +73,8 @@ def _joints(robot: Robot) -> list[dict[str, Any]]:
     ]
 
 
-def _base_model(robot: Robot, base: Identification) -> dict[str, Any]:
-    geometry = base.geometry
+def _base_model(calibration: Calibration) -> dict[str, Any]:
+    robot, base, geometry = calibration.robot, calibration.base, calibration.geometry
     masses, centres, gravity = link_masses(robot)
     return {
         "name": base.model,

@@ -13,6 +13,7 @@ from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
 from calibtool.identification.report import backlash_text
+from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.damped import GRAM_REGULARISATION
 from calibtool.robot.model import Robot
 from calibtool.robot.motion import JointMotion, link_masses
@@ -58,10 +59,16 @@ def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
     )
 
 
-def compensator_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
-    """The numbers of a calibration, by the names that the templates know; units as in `as_json`."""
+def compensator_values(
+    calibration: Calibration, precision: Precision, joint_values: JointValues
+) -> dict[str, Any]:
+    """The numbers of a calibration, by the names that the templates know; units as in `as_json`.
+
+    joint_values: whose joint values the code takes and gives.
+    """
     robot, equivalent, network = calibration.robot, calibration.equivalent, calibration.network
-    geometry, bounds = calibration.base.geometry, default_bounds(calibration)
+    geometry, bounds = calibration.geometry, default_bounds(calibration)
+    converted = joint_values == "controller" and robot.coupled
     return {
         "robot": robot.name,
         "base_model": calibration.base.model,
@@ -76,6 +83,11 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "joints": _joints(robot),
         "coupling": robot.coupling if robot.coupled else None,
         "uncoupling": np.linalg.inv(robot.coupling),
+        "converted": converted,  # the code takes and gives the controller's joint values …
+        "q": "serial"
+        if converted
+        else "q",  # … and this is what it calls those of the serial chain
+        "coupled_joints": coupling_text(robot.coupling),
         "n": robot.n,
         "p": equivalent.p,
         "rank": min(robot.n, 6),
@@ -103,7 +115,7 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "task_flags": [int(k not in equivalent.virtual_columns) for k in range(6)],
         # In single precision smaller pivots are rounding, and powers of their inverse must stay finite.
         "smallest_pivot": 1e-30 if precision == "double" else 1e-8,
-        "cost": _cost(calibration),
+        "cost": _cost(calibration, converted),
     }
 
 
@@ -145,7 +157,7 @@ def left_out(calibration: Calibration) -> str:
     return f"backlash ({backlash_text(calibration.robot, backlash)}): it needs the direction of motion"
 
 
-def _cost(calibration: Calibration) -> str:
+def _cost(calibration: Calibration, converted: bool) -> str:
     """Arithmetic of one correction, as counted in the generated C code where the whole step is taken undamped."""
     n, p, network = calibration.robot.n, calibration.equivalent.p, calibration.network
     motion = calibration.base.motion
@@ -155,6 +167,7 @@ def _cost(calibration: Calibration) -> str:
     moves = bool(motion.harmonics.any() or motion.compliance.any())
     steps = 1 if n >= 6 else 2  # of the task components, and of all
     flops = (1241 if kinematic else 537) * n + 560 + (steps - 1) * 157 * n
+    flops += 4 * n * n * converted
     calls = 2 * n * (1 if kinematic and not moves else 2) + steps * (min(n, 6) + 1) + 4
     if network is not None:
         runs = 2 if kinematic else 3

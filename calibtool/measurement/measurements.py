@@ -8,7 +8,7 @@ import numpy as np
 from calibtool.errors import InputError
 from calibtool.robot.actual import ActualRobot
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.se3 import Array, check_poses, readonly
 
 _SMALLEST_NOISE = 1e-15  # m or rad: smaller or larger than its inverse, and squares of weighted residuals overflow
 _COLLINEAR = 1e-3  # smallest extent across the line over the largest one along it
@@ -49,7 +49,7 @@ class Truth:
 class Measurements:
     """N configurations and what was measured there.
 
-    q            (N, n) commanded joint positions, rad or m
+    q            (N, n) joint positions that the arm was driven to, rad or m
     points       (N, m, 3) measured target points in the instrument's frame, m; NaN for a target that was not seen
     rotations    (N, 3, 3) measured R_instrument_sensor of a 6-D instrument, or None
     setup        where instrument and targets are, known or estimated
@@ -57,6 +57,8 @@ class Measurements:
     truth        the actual robot and set-up of a simulation; None for real measurements
     direction    (N, n) −1, 0, +1: direction of each joint's last motion before the row, 0 where unknown; None: all unknown
     provenance   command line, seed, input checksums, versions: text by name
+    commanded    (N, 4, 4) T_base_tool that was asked for in K_0, where q are joints corrected for it; None where q itself
+                 is the command
     """
 
     robot: Robot
@@ -69,6 +71,7 @@ class Measurements:
     truth: Truth | None = None
     direction: Array | None = None
     provenance: dict[str, str] = field(default_factory=dict)
+    commanded: Array | None = None
 
     def __post_init__(self) -> None:
         self.robot.check_positions(self.q, "measurements")
@@ -92,6 +95,10 @@ class Measurements:
             self.direction.shape != self.q.shape or not np.isin(self.direction, (-1, 0, 1)).all()
         ):
             raise InputError("measurements: the directions are not -1, 0 or 1 for every joint of every row")
+        if self.commanded is not None:
+            check_poses(self.commanded, "measurements: commanded poses")
+            if len(self.commanded) != len(self.q):
+                raise InputError("measurements: the commanded poses are not as many as the rows")
         if self.truth is not None and self.truth.setup.targets.shape != self.setup.targets.shape:
             raise InputError("measurements: the true targets are not as many as the measured ones")
         if not all(
@@ -122,8 +129,11 @@ class Measurements:
         """The same measurements at some configurations only: their indices (k,)."""
         rotations = None if self.rotations is None else readonly(self.rotations[index])
         direction = None if self.direction is None else readonly(self.direction[index])
+        commanded = None if self.commanded is None else readonly(self.commanded[index])
         q, points = readonly(self.q[index]), readonly(self.points[index])
-        return replace(self, q=q, points=points, rotations=rotations, direction=direction)
+        return replace(
+            self, q=q, points=points, rotations=rotations, direction=direction, commanded=commanded
+        )
 
 
 def determines_orientation(targets: Array) -> bool:

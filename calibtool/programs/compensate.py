@@ -14,10 +14,12 @@ from calibtool.compensation.status import MEANING, OK, OUTSIDE, UNCORRECTED
 from calibtool.compensation.weighed import Weights
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
 from calibtool.programs.branches import Controller, coupling_of, solve_pose
+from calibtool.programs.controller_poses import check_controller_known, poses_to_write
 from calibtool.programs.formats import reader
 from calibtool.programs.frames import Frames, pose, pose_values
 from calibtool.programs.targets import Program, Remark, Target, replaced, rewritten
-from calibtool.robot.coupling import JointValues
+from calibtool.robot.coupling import JointValues, coupling_text
+from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, inverse
 
 ON_ERROR = ("stop", "skip")
@@ -28,16 +30,26 @@ _LISTED = 20  # lines named for one reason
 
 @dataclass(frozen=True)
 class ProgramOptions:
-    """How a program is compensated; see the command's help."""
+    """How a program is compensated; see the command's help.
+
+    method, outside   see `guarded`
+    on_error          `stop` or `skip`: what a target without an answer does
+    joint_values      whose they are; None: what the format says, see `coupling_of`
+    frames            frames and tools that the program does not define
+    backlash          take it up where the text is in the order of motion
+    controller_model  T_base_tool by which the controller solves poses; None: nobody says, which is
+                      the nominal robot's where the description knows of no other
+    """
 
     method: Method = "exact"
     outside: OutsidePolicy = "mark"
     on_error: str = "stop"
-    joint_values: JointValues | None = None  # see `coupling_of`
+    joint_values: JointValues | None = None
     frames: Frames = field(default_factory=Frames)
     backlash: bool = True  # taken up where the text is in the order of motion
     largest_change: float | None = None  # rad; this and weights: see `default_bounds`
     weights: Weights | None = None
+    controller_model: Mechanism | None = None
 
 
 @dataclass(frozen=True)
@@ -79,19 +91,24 @@ def compensate_program(
 ) -> CompensatedProgram:
     """Correct every joint and pose target of a program.
 
-    A joint target gets the joints that bring the calibrated robot where the nominal one would be; a pose target, solved
-    on the branch of its configuration data, gets the pose that the nominal robot takes at the corrected joints, in its own
-    frame and with its own tool. program_format: one of docs/programs; name stands in messages; options: exact, stop at the
-    first failure, unless given.
+    A joint target gets the joints that bring the calibrated robot where the nominal one would be; a
+    pose target, solved on the branch of its configuration data, gets the pose at which the
+    controller's own model (the nominal robot unless given) is at the corrected joints, in its own
+    frame and with its own tool. program_format: one of docs/programs; name stands in messages;
+    options: exact, stop at the first failure, unless given.
 
-    Raises InputError for bad data and NoSolutionError for targets without an answer, both with the line; with on_error
-    `skip` such targets stay as they are and are listed.
+    Raises InputError for bad data and NoSolutionError for targets without an answer, both with the
+    line; with on_error `skip` such targets stay as they are and are listed. Raises UsageError for
+    poses without the controller's model where the robot's description says that it may differ from
+    the nominal robot.
     """
     options = options or ProgramOptions()
     if b"\0" in data:
         raise InputError(f"{name}: holds zero bytes; expected a program in ASCII, UTF-8 or Latin-1")
     robot = calibration.robot
     program = reader(program_format)(data.decode("latin-1"), robot)
+    if any(target.kind == "pose" for target in program.targets):
+        check_controller_known(robot, options.controller_model, name)
     controller = Controller(robot, coupling_of(robot, program_format, options.joint_values))
     failures: list[tuple[Remark, type[CalibtoolError]]] = [(r, InputError) for r in program.remarks if r.bad]
     left = [remark for remark in program.remarks if not remark.bad]
@@ -106,7 +123,7 @@ def compensate_program(
     q = np.array([item.q for item in solved]).reshape(-1, robot.n)
     result = _corrected(calibration, solved, q, options)
     backlash = calibration.base.motion.backlash
-    notes = program.notes
+    notes = program.notes + _joint_values_note(controller, program)
     if options.backlash and backlash.any():
         if program_format in _IN_ORDER:
             result = replace(result, q=result.q + BacklashPath(backlash).taken_up(result.q))
@@ -115,14 +132,19 @@ def compensate_program(
     edits: list[tuple[int, int, str]] = []
     remarks: list[Remark] = []
     changed, moved_mm, turned_deg = 0, [0.0], [0.0]
-    nominal, new = robot.mechanism.forward(q), robot.mechanism.forward(np.nan_to_num(result.q))
+    nominal, commanded = robot.mechanism.forward(q), [item.T_base_tool for item in solved]
+    new, better_left = poses_to_write(calibration, options.controller_model, commanded, q, result.q)
     for k, item in enumerate(solved):
         status = result.status[k]
         if np.isnan(result.q[k]).any():
             why = f"{MEANING[status]} (--outside refuse)" if status == OUTSIDE else MEANING[status]
             failures.append((_remark(item.target, why), NoSolutionError))
             continue
-        own, digits = _edits(controller, program, item, result.q[k], new[k])
+        if better_left[k]:
+            why = "the controller's own model already brings the tool nearer to it"
+            left.append(_remark(item.target, why))
+            continue
+        own, digits = _edits(controller, program, item, result.q[k], nominal[k], new[k])
         if status != OK:
             (left if status == UNCORRECTED else remarks).append(_remark(item.target, MEANING[status]))
         if digits:
@@ -212,11 +234,16 @@ def _corrected(calibration: Calibration, solved: list[_Solved], q: Array, option
 
 
 def _edits(
-    controller: Controller, program: Program, item: _Solved, q: Array, T_base_tool: Array
+    controller: Controller, program: Program, item: _Solved, q: Array, nominal: Array, new: Array
 ) -> tuple[list[tuple[int, int, str]], bool]:
-    """What has to be written for corrected joints q (n,), and whether configuration data are among it."""
+    """What has to be written for corrected joints q (n,), configuration data among it or not.
+
+    nominal (4, 4): where the nominal robot is at the commanded joints; new (4, 4): where the
+    controller's model, which may be another one, is at q.
+    """
     target = item.target
-    if np.abs(q - item.q).max() < _NO_CHANGE:
+    same = target.kind == "joint" or np.abs(new - nominal).max() < _NO_CHANGE
+    if same and np.abs(q - item.q).max() < _NO_CHANGE:
         return [], False
     joints = controller.to_controller(q).tolist()
     if target.kind == "joint":
@@ -224,10 +251,22 @@ def _edits(
     edits = rewritten(program.text, target.joints, joints) if target.joints else []
     assert item.T_base_frame is not None
     assert item.T_flange_tool is not None
-    T = inverse(item.T_base_frame) @ T_base_tool @ item.T_flange_tool
+    T = inverse(item.T_base_frame) @ new @ item.T_flange_tool
     edits += rewritten(program.text, target.numbers, pose_values(T, target.orientation, target.values))
     digits = target.configuration.digits(np.array(joints)) if target.configuration else []
     return edits + [(digit.start, digit.end, str(value)) for digit, value in digits], bool(digits)
+
+
+def _joint_values_note(controller: Controller, program: Program) -> tuple[str, ...]:
+    """Whose joint values were read and written, where that matters."""
+    if not any(target.kind == "joint" or target.joints for target in program.targets):
+        return ()
+    taken, own = coupling_text(controller.coupling), coupling_text(controller.robot.coupling)
+    if taken:
+        return (f"joint values are the controller's, {taken}; if not: --joint-values serial",)
+    if own:
+        return (f"joint values are the serial chain's; if not, {own}: --joint-values controller",)
+    return ()
 
 
 def _nothing(program_format: str) -> str:

@@ -41,6 +41,10 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
             "configuration",
             "joint",
         )
+    if measurements.commanded is not None:
+        labels = ("configuration", "row", "column")
+        long_name = "tool poses asked for, where the joints are corrected for them"
+        put(group, "commanded_poses", measurements.commanded, "m", long_name, "base", *labels)
     labels = ("configuration", "target", "axis")
     put(group, "points", measurements.points, "m", "measured target points", "instrument", *labels)
     if measurements.rotations is not None:
@@ -95,4 +99,5 @@ def build_measurements(file: h5py.File) -> Measurements:
         truth=truth,
         direction=get(group, "directions", -1, robot.n) if "directions" in group else None,
         provenance=read_provenance(file),
+        commanded=get(group, "commanded_poses", -1, 4, 4) if "commanded_poses" in group else None,
     )
