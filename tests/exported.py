@@ -33,6 +33,7 @@ CASES = [
     ("gantry", "everything", True),
     ("panda", "everything", True),
     ("panda", "nominal", True),
+    ("scara", "nominal", True),
 ]
 
 
