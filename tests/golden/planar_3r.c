@@ -388,7 +388,7 @@ static void pose_error(const real q[N], const real change[N], const chain *nomin
     }
 }
 
-static const real damped_below = 0.029999999999999999; /* singularity distance */
+static const real damped_below = 0.02; /* singularity distance */
 static const real gram_regularisation = 1.0e-14;
 static const real smallest_pivot = 1.0000000000000001e-30;
 
@@ -537,7 +537,7 @@ static const real upper_limits[N] = {
     2.9670597283900002, 2.7925268031899999, 2.9670597283900002,
 };
 static const real largest_change[N] = {
-    0.20475999740210968, 0.20475999740210968, 0.20475999740210968,
+    0.51189999350527415, 0.51189999350527415, 0.51189999350527415,
 };
 /* What one step leaves of |e| where it can, rad */
 static const real usual_error[S] = {0.012780135412776934, 9.972318551606431e-05};
