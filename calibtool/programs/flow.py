@@ -328,20 +328,22 @@ class _Analysis:
                     held = entries[callee].get(variable, frozenset())
                     entries[callee][variable] = joined(held, found)
         found_at: list[list[int]] = []
-        uses: list[tuple[Use, Atoms]] = []
+        result: list[Use] = []
+        came: list[Atoms] = []
         for node in self.nodes:
             at_entry = self._entered(entries[node.routine.name])
             found_at.append([])
             for atom in self.evaluation.entered(frozenset([node.atom]), at_entry):
                 if isinstance(atom, int):
-                    found_at[-1].append(len(uses))
-                    uses.append(self._use(node, atom, at_entry))
+                    found_at[-1].append(len(result))
+                    result.append(self._use(node, atom, at_entry))
+                    came.append(self.evaluation.entered(node.before, at_entry))
                 elif isinstance(atom, Unknown) and not atom.quiet:
                     self._remark(node.move.line, node.move.name, atom.why, node.routine)
-        result = []
-        for use, atoms in uses:
-            before, sure = _before(atoms, found_at)
-            result.append(replace(use, before=before, sure=sure))
+        self.nodes.clear()
+        for k, use in enumerate(result):
+            before, sure = _before(came[k], found_at)
+            result[k] = replace(use, before=before, sure=sure)
         seeds = frozenset(k for use in result for k in use.near)
         frames = frozenset(self.evaluation.frames)
         used = {use.literal for use in result} | seeds | frames
@@ -353,20 +355,17 @@ class _Analysis:
     def _entered(self, entry: _State) -> Callable[[str], Atoms]:
         return lambda name: entry.get(name) or self.begin(name)
 
-    def _use(
-        self, node: _Node, literal: int, at_entry: Callable[[str], Atoms]
-    ) -> tuple[Use, Atoms]:
-        frames, tools, obeyed, near, before = (
+    def _use(self, node: _Node, literal: int, at_entry: Callable[[str], Atoms]) -> Use:
+        frames, tools, obeyed, near = (
             self.evaluation.entered(atoms, at_entry)
-            for atoms in (node.frames, node.tools, node.obeyed, node.near, node.before)
+            for atoms in (node.frames, node.tools, node.obeyed, node.near)
         )
         relative = bool(node.aim.relative)
         line, motion = node.move.line, node.move.name
-        use = Use(
+        return Use(
             literal, line, motion, _frames(frames), _frames(tools), _agreed(obeyed),
             tuple(sorted(k for k in near if isinstance(k, int))), (), False, relative,
         )  # fmt: skip
-        return use, before
 
     def _alone(self, used: Iterable[int], count: int) -> Iterable[Use]:
         """Literals that no motion goes to, in the order of the text, as far as something is known of them."""

@@ -6,11 +6,10 @@ from typing import Annotated, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, RootModel, ValidationError, model_validator
-from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError, near_names
 from calibtool.robot.description import parse_toml
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, exp6, log3
 from calibtool.units import TO_SI
 
 UNIT_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1; four decimals make 1e-4
@@ -106,17 +105,46 @@ def poses(values: Array, orientation: str) -> Array:
     T = np.zeros((len(values), 4, 4))
     T[:, :3, 3], T[:, 3, 3] = values[:, :3], 1.0
     if len(values):
-        T[:, :3, :3] = _rotation(values[:, 3:], orientation).as_matrix()
+        T[:, :3, :3] = _rotation(values[:, 3:], orientation)
     return T
 
 
-def _rotation(turn: Array, orientation: str) -> Rotation:
+def _rotation(turn: Array, orientation: str) -> Array:
+    """Rotation matrices (N, 3, 3)."""
     if orientation == "quaternion":
-        return Rotation.from_quat(turn, scalar_first=True)
+        return _of_quaternions(turn)
     if orientation == "rotation vector":
-        return Rotation.from_rotvec(turn)
-    reverse = orientation == "abc"
-    return Rotation.from_euler("xyz", turn[:, ::-1] if reverse else turn)  # lower case: fixed axes
+        return exp6(np.concatenate([np.zeros_like(turn), turn], axis=1))[:, :3, :3]
+    return _of_fixed_angles(turn[:, ::-1] if orientation == "abc" else turn)
+
+
+def _of_quaternions(q: Array) -> Array:
+    """Rotation matrices (N, 3, 3) of quaternions (N, 4), scalar first, of any length."""
+    w, x, y, z = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _quaternions(R: Array) -> Array:
+    """Unit quaternions (N, 4), scalar first, of rotation matrices (N, 3, 3)."""
+    vector = log3(R)
+    half = np.linalg.norm(vector, axis=1, keepdims=True) / 2
+    return np.concatenate([np.cos(half), vector / 2 * np.sinc(half / np.pi)], axis=1)
+
+
+def _of_fixed_angles(angles: Array) -> Array:
+    """Rotation matrices (N, 3, 3) of turns about the fixed axes x, then y, then z, (N, 3)."""
+    (a, b, c), (s, t, u) = np.cos(angles).T, np.sin(angles).T
+    rows = [
+        [c * b, c * t * s - u * a, c * t * a + u * s],
+        [u * b, u * t * s + c * a, u * t * a - c * s],
+        [-t, b * s, b * a],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def poses_values(T: Array, orientation: str, near: Array) -> Array:
@@ -126,10 +154,10 @@ def poses_values(T: Array, orientation: str, near: Array) -> Array:
         return near.copy()
     old, R = near[:, 3:], T[:, :3, :3]
     if orientation == "quaternion":
-        turn = Rotation.from_matrix(R).as_quat(scalar_first=True)
+        turn = _quaternions(R)
         turn = np.where((turn * old).sum(axis=1, keepdims=True) < 0, -turn, turn)
     elif orientation == "rotation vector":
-        turn = _rotation_vectors(Rotation.from_matrix(R).as_rotvec(), old)
+        turn = _rotation_vectors(log3(R), old)
     elif orientation == "abc":
         turn = _fixed_angles(R, old[:, ::-1])[:, ::-1]
     else:
@@ -171,7 +199,7 @@ def _fixed_angles(R: Array, old: Array) -> Array:
     locked = np.flatnonzero(horizontal < 1e-9)
     if len(locked):
         kept = np.stack([old[locked, 0], pitch[locked], np.zeros(len(locked))], axis=1)
-        turn = Rotation.from_euler("xyz", kept).as_matrix()
+        turn = _of_fixed_angles(kept)
         left = R[locked] @ np.swapaxes(turn, -1, -2)
         kept[:, 2] = np.arctan2(left[:, 1, 0], left[:, 0, 0])
         choices[:, locked] = kept

@@ -1,12 +1,12 @@
 """Program targets: where their numbers stand in a controller program, what they mean, and how they are rewritten."""
 
 import re
-from array import array
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from io import StringIO
+from struct import Struct
 from typing import overload
 
 from calibtool.programs.configurations import Configuration
@@ -35,30 +35,32 @@ class Number:
     value: float
 
 
+_NUMBER_PACKED = Struct("<IId")  # start, end, value
+
+
 class Numbers(Sequence[Number]):
     """Numbers of a position, kept in little memory: a program has tens of thousands."""
 
-    __slots__ = ("_spans", "_units", "_values")
+    __slots__ = ("_packed", "_units")
 
     def __init__(self, numbers: Iterable[Number]) -> None:
         found = tuple(numbers)
-        self._spans = array("Q", (place for n in found for place in (n.start, n.end)))
-        self._values = array("d", (number.value for number in found))
         self._units = _shared(tuple(number.unit for number in found))
+        self._packed = b"".join(_NUMBER_PACKED.pack(n.start, n.end, n.value) for n in found)
 
     @property
     def values(self) -> tuple[float, ...]:
         """In SI units."""
-        return tuple(self._values)
+        return tuple(value for _, _, value in _NUMBER_PACKED.iter_unpack(self._packed))
 
     def __len__(self) -> int:
-        return len(self._values)
+        return len(self._units)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and tuple(self) == tuple(other)
 
     def __hash__(self) -> int:
-        return hash(tuple(self))
+        return hash(self._packed)
 
     @overload
     def __getitem__(self, index: int) -> Number: ...
@@ -67,9 +69,16 @@ class Numbers(Sequence[Number]):
     def __getitem__(self, index: int | slice) -> Number | tuple[Number, ...]:
         if isinstance(index, slice):
             return tuple(self[k] for k in range(*index.indices(len(self))))
-        place = 2 * (index % len(self._values)) if len(self._values) else 0
-        value = self._values[index]  # IndexError behind the last one
-        return Number(self._spans[place], self._spans[place + 1], self._units[index], value)
+        unit = self._units[index]  # IndexError behind the last one
+        place = index % len(self._units) * _NUMBER_PACKED.size
+        start, end, value = _NUMBER_PACKED.unpack_from(self._packed, place)
+        return Number(start, end, unit, value)
+
+    def __iter__(self) -> Iterator[Number]:
+        for (start, end, value), unit in zip(
+            _NUMBER_PACKED.iter_unpack(self._packed), self._units, strict=True
+        ):
+            yield Number(start, end, unit, value)
 
 
 @lru_cache(maxsize=1000)

@@ -308,7 +308,7 @@ class _Script:
             if "tcp" in names:
                 tool = self._tool(*names["tcp"])
             if "qnear" in names:
-                near = self._value(*names["qnear"], f"{name} qnear")
+                near = self._value(*names["qnear"], "qnear")
             start, end = names.get("x", (start, start))
         value = self._value(start, end, name, told=True)
         if isinstance(value, int) and self.literals[value].kind == POSE:
