@@ -20,9 +20,10 @@ import numpy as np
 
 from calibtool.calibration import train
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ERROR_KINDS, ErrorScales
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import Workspace
 from calibtool.robot.model import Robot

@@ -8,11 +8,10 @@ import numpy as np
 from calibtool.calibration import Calibration, identify, train
 from calibtool.equivalent.network import initial_network
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.geometry import GeometricErrors
-from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array
 
 REGULAR = 2 * MIN_SINGULARITY_DISTANCE  # here answers are compared to the last digits; nearer, rounding is magnified
@@ -52,12 +51,13 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     if base == "everything":
         errors = [rng.normal(size=shape) * 1e-3 for shape in ((robot.n + 1, 6), (robot.n, 6), (robot.n,))]
         revolute = ~np.array(robot.prismatic)
-        motion = JointMotion(
-            rng.normal(size=(robot.n, 64)) * 1e-4 * revolute[:, None],
-            rng.random(robot.n) * 1e-6 * revolute,
-            np.zeros(robot.n),
+        drawn = RobotErrors.of(
+            robot,
+            **dict(zip(("placements", "twists", "offsets"), errors, strict=True)),
+            harmonics=rng.normal(size=(robot.n, 64)) * 1e-4 * revolute[:, None],
+            gravity=rng.random(robot.n) * 1e-6 * revolute,
         )
-        identified = replace(calibration.base, model="complete", geometry=GeometricErrors(*errors), motion=motion)
+        identified = replace(calibration.base, model="complete", errors=drawn)
         calibration = replace(calibration, base=identified)
     return calibration
 

@@ -15,12 +15,12 @@ from calibtool.equivalent.bayesian import train_bayesian
 from calibtool.equivalent.loss import task_loss
 from calibtool.equivalent.network import averaged, initial_network
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ActualRobot
 from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ActualRobot
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import exp6, inverse, log3, readonly, transform_points
+from calibtool.robot.se3 import exp6, inverse, log3, transform_points
 
 BAYES = TrainingOptions(regularisation="bayes", restarts=2)
 
@@ -165,10 +165,10 @@ def test_a_calibration_moves_to_another_cell(fanuc: Robot) -> None:
     old = identify(first, "complete")
     assert first.truth is not None
     actual = first.truth.actual
-    shifts = actual.geometry.placements.copy()
+    shifts = actual.errors["placements"].copy()
     shifts[0] += [0.004, -0.003, 0.002, 0.003, 0.002, -0.004]
     shifts[-1] += [0.002, 0.001, -0.003, 0.004, -0.002, 0.003]
-    moved: ActualRobot = replace(actual, geometry=replace(actual.geometry, placements=readonly(shifts)))
+    moved: ActualRobot = replace(actual, errors=actual.errors.having(placements=shifts))
     truth = replace(first.truth, actual=moved)
     few = simulate(fanuc, Simulation(seed=3, configurations=8, same_robot=truth))
     fresh = simulate(fanuc, Simulation(seed=4, configurations=100, same_robot=truth))

@@ -23,13 +23,13 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.solve import one_step
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.export.rendering import SINGLE_ACCURACY, SINGLE_DISTANCE, Precision
 from calibtool.export.structured_text import calibration_as_structured_text
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.se3 import Array
 
 GCC = shutil.which("gcc")
@@ -123,7 +123,7 @@ def test_json_holds_every_number_exactly_and_is_deterministic() -> None:
     contents = json.loads(text)
     assert calibration.network is not None
     assert np.array_equal(contents["network"]["hidden_weights"], calibration.network.hidden_weights)
-    assert np.array_equal(contents["base_model"]["placement_errors_m_rad"], calibration.base.geometry.placements)
+    assert np.array_equal(contents["base_model"]["placement_errors_m_rad"], calibration.base.errors["placements"])
     assert np.array_equal(contents["nominal_placements_m"], calibration.robot.chain.placements)
     assert np.array_equal([j["upper_rad_or_m"] for j in contents["joints"]], calibration.robot.upper)
     assert [j["kind"] for j in contents["joints"]].count("prismatic") == 1
@@ -208,7 +208,7 @@ def test_compiled_c_in_single_precision_keeps_what_its_header_says(
 
 def test_compiled_c_stays_finite_at_exact_singularities(compiled: Callable) -> None:
     calibration = calibrated("fanuc-m1000ia", "local-poe", False)
-    straight = replace(calibration, base=replace(calibration.base, geometry=GeometricErrors.none(6)))
+    straight = replace(calibration, base=replace(calibration.base, errors=RobotErrors.of(calibration.robot)))
     corrected, codes = run(compiled(straight), np.zeros((1, 6)))  # wrist axes 4 and 6 coincide, nothing to correct
     assert np.abs(corrected).max() < 1e-12
     assert codes[0] == 1
@@ -264,12 +264,14 @@ def round_numbers() -> Calibration:
         output_bias=np.array([0.0, 0.5, -0.5, 0.25, 0.0, 1.0]),
         output_scale=np.full(6, 1 / 1024),
     )
+    robot = replace(calibration.robot, chain=replace(chain, placements=chain.placements.round(12) + 0.0))
     return replace(
         calibration,
-        robot=replace(calibration.robot, chain=replace(chain, placements=chain.placements.round(12) + 0.0)),
+        robot=robot,
         base=replace(
             calibration.base,
-            geometry=GeometricErrors(
+            errors=RobotErrors.of(
+                robot,
                 placements=np.hstack([shifts, np.zeros((4, 3))]),
                 twists=np.array([[0, 0, 1.0, 0, 0, 0], [0] * 6, [0, 0, 0, 0, 2.0, 0]]) / 1024,
                 offsets=np.array([0.0, 0.5, -1.0]) / 1024,

@@ -10,9 +10,8 @@ import pytest
 from exported import anywhere, calibrated
 
 from calibtool.calibration import Calibration
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.export.as_urdf import calibration_as_urdf
-from calibtool.robot.geometry import GeometricErrors, mechanism
-from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array
 
 ROBOTS = ["fanuc-m1000ia", "scara", "gantry", "panda", "ur10", "planar-3r"]
@@ -34,8 +33,9 @@ def geometric(name: str, twists: str) -> Calibration:
                 errors[j, :3] = moved[:3] - twist[:3]
     elif twists == "any":
         errors = rng.normal(size=(n, 6)) * 1e-3
-    geometry = GeometricErrors(rng.normal(size=(n + 1, 6)) * 2e-3, errors, rng.normal(size=n) * 2e-3)
-    return replace(calibration, base=replace(calibration.base, geometry=geometry, motion=JointMotion.none(n)))
+    placements, offsets = rng.normal(size=(n + 1, 6)) * 2e-3, rng.normal(size=n) * 2e-3
+    drawn = RobotErrors.of(calibration.robot, placements=placements, twists=errors, offsets=offsets)
+    return replace(calibration, base=replace(calibration.base, errors=drawn))
 
 
 def tool_poses(text: str, calibration: Calibration, q: Array, folder: Path) -> Array:
@@ -63,7 +63,7 @@ def test_the_urdf_has_the_calibrated_geometry(name: str, twists: str, tmp_path: 
     calibration = geometric(name, twists)
     text, missing = calibration_as_urdf(calibration)
     q = anywhere(calibration, 20)
-    expected = mechanism(calibration.robot.chain, calibration.base.geometry).forward(q)
+    expected = calibration.base.errors.mechanism.forward(q)
     assert np.abs(tool_poses(text, calibration, q, tmp_path) - expected).max() < 1e-9
     assert missing == []
     assert "The whole calibration is held." in text
@@ -75,10 +75,10 @@ def test_what_a_joint_cannot_do_is_right_at_home_and_listed(name: str, tmp_path:
     robot = calibration.robot
     text, missing = calibration_as_urdf(calibration)
     home = robot.home(robot.workspace(None)[1])[None]
-    expected = mechanism(robot.chain, calibration.base.geometry).forward(home)
+    expected = calibration.base.errors.mechanism.forward(home)
     assert np.abs(tool_poses(text, calibration, home, tmp_path) - expected).max() < 1e-9
     left = tool_poses(text, calibration, calibration.q, tmp_path)
-    difference = mechanism(robot.chain, calibration.base.geometry).forward(calibration.q)[:, :3, 3] - left[:, :3, 3]
+    difference = calibration.base.errors.mechanism.forward(calibration.q)[:, :3, 3] - left[:, :3, 3]
     largest = np.linalg.norm(difference, axis=-1).max()
     assert len(missing) == 1
     assert missing[0].startswith("twist errors")
@@ -89,7 +89,7 @@ def test_what_a_joint_cannot_do_is_right_at_home_and_listed(name: str, tmp_path:
 def test_every_part_is_listed_with_its_size(tmp_path: Path) -> None:
     calibration = calibrated("panda", "everything", True)
     text, missing = calibration_as_urdf(calibration)
-    parts = ["twist errors", "gear harmonics", "wind-up under gravity", "network", "all together"]
+    parts = ["twist errors", "harmonics of the joint motions", "wind-up under gravity", "network", "all together"]
     assert [line.split(" (")[0].split(":")[0] for line in missing] == parts
     largest = np.linalg.norm(
         calibration.forward(calibration.q)[:, :3, 3] - tool_poses(text, calibration, calibration.q, tmp_path)[:, :3, 3],
@@ -124,10 +124,11 @@ def test_a_tool_that_is_the_last_moving_link_becomes_a_link_of_its_own(tmp_path:
     assert last is not None
     toml = robot.source.toml_text.replace('tool_frame = "tool0"', f'tool_frame = "{last.get("link")}"')
     moved = type(robot).from_source(replace(robot.source, toml_text=toml, description=_described(toml)))
-    changed = replace(calibration, robot=moved)
+    errors = RobotErrors.of(moved, **calibration.base.errors.values)
+    changed = replace(calibration, robot=moved, base=replace(calibration.base, errors=errors))
     text, missing = calibration_as_urdf(changed)
     q = anywhere(changed, 10)
-    expected = mechanism(moved.chain, changed.base.geometry).forward(q)
+    expected = changed.base.errors.mechanism.forward(q)
     assert np.abs(tool_poses(text, changed, q, tmp_path) - expected).max() < 1e-9
     assert missing == []
     assert f'<link name="{last.get("link")}_calibrated"' in text
@@ -142,9 +143,8 @@ def _described(toml: str):
 def test_bodies_stay_in_place_when_an_axis_moves() -> None:
     """With displaced axes alone the arm looks the same at q = 0, and moves otherwise."""
     calibration = geometric("panda", "axes")
-    n = calibration.robot.n
-    axes = GeometricErrors(np.zeros((n + 1, 6)), calibration.base.geometry.twists, np.zeros(n))
-    text, _ = calibration_as_urdf(replace(calibration, base=replace(calibration.base, geometry=axes)))
+    axes = RobotErrors.of(calibration.robot, twists=calibration.base.errors["twists"])
+    text, _ = calibration_as_urdf(replace(calibration, base=replace(calibration.base, errors=axes)))
 
     def centre_of_mass(urdf: str, q: float) -> Array:
         model = pin.buildModelFromXML(urdf)
@@ -158,7 +158,7 @@ def test_bodies_stay_in_place_when_an_axis_moves() -> None:
 def test_a_calibration_without_errors_is_the_robot_s_own_urdf(tmp_path: Path) -> None:
     """Nothing to correct at the tool: no link is added, and every pose is the nominal one."""
     calibration = geometric("ur10", "none")
-    nothing = replace(calibration, base=replace(calibration.base, geometry=GeometricErrors.none(calibration.robot.n)))
+    nothing = replace(calibration, base=replace(calibration.base, errors=RobotErrors.of(calibration.robot)))
     text, _ = calibration_as_urdf(nothing)
     assert text.count("<link") == calibration.robot.source.urdf_text.count("<link")
     q = np.random.default_rng(0).uniform(-1, 1, (5, 6))

@@ -10,6 +10,7 @@ from matplotlib.image import imread
 
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
+from calibtool.errormodel.actual import ErrorScales
 from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.acceptance import parse_limit
 from calibtool.evaluation.compare import Evaluation
@@ -22,7 +23,6 @@ from calibtool.evaluation.plots.style import COLOURS
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ErrorScales
 from calibtool.robot.model import Robot
 
 WIDTH = 120.0
@@ -178,7 +178,7 @@ def test_everything_that_moves_a_joint_is_drawn_with_its_own_name(fanuc: Robot) 
     """Harmonics, wind-up and backlash of one arm: a panel each, and the harmonics as a curve over their joint."""
     scales = ErrorScales(("geometric", "gear", "gravity", "backlash"))
     measurements = simulate(fanuc, Simulation(configurations=60, scales=scales))
-    options = CompleteOptions(harmonics=2, gravity=True, backlash=True, twists=True)
+    options = CompleteOptions(orders={"harmonics": 2, "gravity": 1, "backlash": 1, "twists": 1})
     complete = identify(measurements, BaseOptions("complete", options))
     found = written("parameters", Subject([("complete", complete)]))
     for word in ("δζ, mm", "δξ, mm", "δξ, mrad", "harmonics, mrad", "wind-up, mrad", "backlash, mrad"):

@@ -43,7 +43,7 @@ def cross_validate(
 
 def squared_errors(calibration: Calibration, measurements: Measurements) -> Array:
     """Weighted squared residuals of each configuration, in the calibration's own set-up: (N,)."""
-    pose = calibration.forward(measurements.q, measurements.direction)
+    pose = calibration.forward(measurements.q, measurements.conditions)
     left = residuals(measurements, fitting_setup(calibration, measurements), pose)
     squared: Array = ((left * weights(measurements)) ** 2).sum(axis=-1)
     return squared

@@ -14,7 +14,7 @@ from calibtool.identification.complete import CompleteOptions, identify_complete
 from calibtool.identification.local_poe import identify_local_poe
 from calibtool.identification.model import nominal_model
 from calibtool.measurement.measurements import Measurements
-from calibtool.measurement.observation import observation_matrix, residuals, weights
+from calibtool.measurement.observation import linearised
 from calibtool.progress import Progress, silent
 
 IDENTIFIED_MODELS = ("local-poe", "complete")
@@ -118,8 +118,6 @@ def _networks(
     progress: Progress,
 ) -> tuple[tuple[Network, ...], TrainingReport]:
     setup = fitting_setup(base, measurements)
-    pose, jacobian = base.base_forward_and_jacobian(measurements.q, measurements.direction)
-    weight = weights(measurements)
-    G = observation_matrix(setup, pose) @ jacobian * weight[..., None]
-    y = residuals(measurements, setup, pose) * weight
+    pose, jacobian = base.base_forward_and_jacobian(measurements.q, measurements.conditions)
+    G, y = linearised(measurements, setup, pose, jacobian, targets=False)
     return train_networks(measurements.q, G, y, options, rng, progress)

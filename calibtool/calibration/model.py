@@ -1,6 +1,6 @@
 """Calibration: what it predicts."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -9,11 +9,12 @@ import pinocchio as pin
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network, averaged
 from calibtool.equivalent.training import TrainingReport
+from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.family import Context
 from calibtool.errors import InputError
 from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.robot.geometry import mechanism
-from calibtool.robot.mechanism import Frames, Mechanism
+from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6
 
@@ -54,6 +55,7 @@ class Calibration:
     nominal_setup   the set-up as it was known, or registered with the nominal robot
     noise_position, noise_orientation   stated noise of the measurements used, m and rad
     q               (N, n) the configurations used, rad or m
+    conditions      under which it predicts where a row does not say otherwise: payload and temperature as numbers
     provenance      command line, seed, input checksums, versions: text by name
     """
 
@@ -67,6 +69,7 @@ class Calibration:
     noise_position: float
     noise_orientation: float
     q: Array
+    conditions: Conditions = field(default_factory=Conditions)
     provenance: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -79,10 +82,14 @@ class Calibration:
         """The mean of the members as one network, None without any."""
         return averaged(self.networks) if self.networks else None
 
-    @cached_property
+    def at(self, conditions: Conditions) -> "Calibration":
+        """The same calibration for a payload and a temperature: those of its rows unless they say otherwise."""
+        return replace(self, conditions=conditions)
+
+    @property
     def base_mechanism(self) -> Mechanism:
         """Mechanism of the base model's geometry."""
-        return mechanism(self.robot.chain, self.base.geometry)
+        return self.base.errors.mechanism
 
     @property
     def model(self) -> pin.Model:
@@ -95,47 +102,38 @@ class Calibration:
     @property
     def beyond_model(self) -> tuple[str, ...]:
         """The parts of this calibration that `model` does not hold, in words; none when it is all there is."""
-        motion = self.base.motion
-        parts = {
-            "harmonics of the joint motions": motion.harmonics.any(),
-            "wind-up under gravity": motion.compliance.any(),
-            "backlash": motion.backlash.any(),
-            "network": bool(self.networks),
-        }
-        return tuple(name for name, present in parts.items() if present)
+        parts = [family.words for family in self.base.errors.beyond_geometry]
+        return (*parts, *(["network"] if self.networks else []))
 
-    def base_forward_and_jacobian(self, q: Array, direction: Array | None = None) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for joint positions q (N, n); direction as `forward`.
+    def base_forward_and_jacobian(self, q: Array, conditions: Conditions | None = None) -> tuple[Array, Array]:
+        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for q (N, n); conditions as in `forward`.
 
         The slope of the joint-motion functions, about a thousandth, is left out of J_ρ.
         """
-        return self.equivalent.forward_and_jacobian(self.base_mechanism, self._driven(q, direction))
+        return self.equivalent.forward_and_jacobian(*self.base.errors.at(q, conditions or self.conditions))
 
-    def base_frames(self, q: Array) -> Frames:
+    def base_context(self, q: Array) -> Context:
         """Frames of the base model for joint positions q (N, n), from which error columns are built."""
-        return self.base_mechanism.frames(self._driven(q, None))
+        return self.base.errors.context(q, self.conditions)
 
-    def forward(self, q: Array, direction: Array | None = None) -> Array:
+    def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
         """Calibrated T_base_tool for joint positions q (N, n): (N, 4, 4) in K_0.
 
-        direction (N, n): sign of each joint's last motion; 0 or None is the middle of its backlash.
+        conditions of the rows; without, the calibration's own, and every joint in the middle of its backlash.
         """
         if self.network is None:
-            return self.base_mechanism.forward(self._driven(q, direction))
-        return self.forward_and_jacobian(q, direction)[0]
+            return self.base.errors.forward(q, conditions or self.conditions)
+        return self.forward_and_jacobian(q, conditions)[0]
 
-    def forward_and_jacobian(self, q: Array, direction: Array | None = None) -> tuple[Array, Array]:
-        """Calibrated T_base_tool (N, 4, 4) and the base model's J_ρ (N, 6, p); direction as `forward`.
+    def forward_and_jacobian(self, q: Array, conditions: Conditions | None = None) -> tuple[Array, Array]:
+        """Calibrated T_base_tool (N, 4, 4) and the base model's J_ρ (N, 6, p); conditions as in `forward`.
 
         ∂N/∂q, about a thousandth of J_ρ, is left out: Newton's method converges by as much at every step all the same.
         """
-        pose, jacobian = self.base_forward_and_jacobian(q, direction)
+        pose, jacobian = self.base_forward_and_jacobian(q, conditions)
         if self.network is not None:
             pose = exp6((jacobian @ self.network(q)[..., None])[..., 0]) @ pose
         return pose, jacobian
-
-    def _driven(self, q: Array, direction: Array | None) -> Array:
-        return q if self.base.motion.is_none else q + self.base.motion.errors(self.robot, q, direction)
 
 
 def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup:

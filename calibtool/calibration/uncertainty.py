@@ -48,10 +48,8 @@ def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty
     covariance = np.empty((len(q), 6, 6))
     for start in range(0, len(q), _CHUNK):
         part = q[start : start + _CHUNK]
-        state = calibration.base.state
-        frames = calibration.base_frames(part)
-        columns = parameters.pose_columns(calibration.robot, state, frames, part)
-        columns = at_point(columns, frames.tool[:, :3, 3])
+        context = calibration.base_context(part)
+        columns = at_point(parameters.pose_columns(context), context.frames.tool[:, :3, 3])
         covariance[start : start + _CHUNK] = columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)
     return PoseUncertainty(covariance + _spread(calibration, q))
 

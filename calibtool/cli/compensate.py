@@ -144,7 +144,7 @@ def compensate_rows(
         message(line, important=True)
     if report.others:
         message(f"… and {report.others} more rows; see the column status", important=True)
-    if options.backlash and calibration.base.motion.backlash.any():
+    if options.backlash and calibration.base.errors["backlash"].any():
         message("backlash is taken up along the rows, in their order; --no-backlash where they are no path")
     if options.verify:
         message(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibtool.robot.motion import directions
+from calibtool.errormodel.conditions import directions
 from calibtool.robot.se3 import Array
 
 

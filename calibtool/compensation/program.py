@@ -8,6 +8,7 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.calibration.guard import coverage
 from calibtool.compensation.solve import OK, OUTSIDE, Compensation, Method, compensate_joints, compensate_poses
+from calibtool.errormodel.conditions import Conditions
 from calibtool.errors import InputError, NoSolutionError, check_choice
 from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.model import Robot
@@ -44,16 +45,19 @@ def guarded(
     method: Method,
     outside: OutsidePolicy,
     verify: bool = False,
+    conditions: Conditions | None = None,
 ) -> Compensation:
     """Corrected joints with the extrapolation guard: q (N, n), or poses (N, 4, 4), for which q then chooses the branch.
 
     Poses with q (n,) or None are a path: see `compensate_poses`. Rows outside the configurations of the training are
-    marked, take the base model alone (`base`), or get no joints (`refuse`).
+    marked, take the base model alone (`base`), or get no joints (`refuse`). conditions: a payload and a temperature for all
+    rows, the calibration's own unless given.
     """
 
     check_choice(outside, OUTSIDE_POLICIES, "outside")
 
     def run(model: Calibration) -> Compensation:
+        model = model if conditions is None else model.at(conditions)
         if T_base_tool is not None:
             return compensate_poses(model, T_base_tool, q, method, verify)
         assert q is not None

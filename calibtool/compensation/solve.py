@@ -8,9 +8,8 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.errors import check_choice
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE, at_point, damped_solution, singularity_distance
-from calibtool.robot.geometry import relative_error
 from calibtool.robot.inverse import follow_path, inverse_kinematics, solve_poses
-from calibtool.robot.se3 import Array, check_poses, log3
+from calibtool.robot.se3 import Array, check_poses, log3, relative_error
 
 Method = Literal["exact", "one-step"]
 

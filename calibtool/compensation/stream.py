@@ -126,7 +126,7 @@ class _Corrector:
     def __init__(self, calibration: Calibration, options: StreamOptions, report: StreamReport) -> None:
         self.calibration, self.options, self.report = calibration, options, report
         self.seed: Array | None = None
-        backlash = calibration.base.motion.backlash
+        backlash = calibration.base.errors["backlash"]
         self.path = BacklashPath(backlash) if options.backlash and backlash.any() else None
 
     def corrected(self, table: Table) -> _Corrected:

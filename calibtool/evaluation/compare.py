@@ -164,17 +164,22 @@ def _compensated(
     if calibration is None:
         driven, setup = q, measurements.setup
     else:
-        result = guarded(calibration, q, None, method, outside)
         setup = fitting_setup(calibration, measurements)
-        driven = result.q + calibration.base.motion.backlash * truth.actual.directions(result.q)
-        marked = int(np.isin(result.status, (NEAR_SINGULAR, OUT_OF_LIMITS)).sum())
+        driven = np.empty_like(q)
+        for conditions, rows in measurements.conditions.alike(len(q)):
+            result = guarded(calibration, q[rows], None, method, outside, conditions=conditions)
+            driven[rows] = result.q
+            marked += int(np.isin(result.status, (NEAR_SINGULAR, OUT_OF_LIMITS)).sum())
+        driven = driven + calibration.base.errors["backlash"] * truth.actual.directions(driven)
     commanded = robot.mechanism.forward(q)
     if measurements.setup.known:
-        actual = truth.actual.forward(driven)
+        actual = truth.actual.forward(driven, measurements.conditions)
         errors = _pose_errors(name, actual, commanded)
         return errors, errors if nearest is None else _pose_errors(name, actual, nearest), marked
     # Commanded poses live in the registered frame: compare target points there, as an instrument would.
-    seen = transform_points(inverse(setup.T_instrument_base), observe(truth.actual, truth.setup, driven))
+    seen = transform_points(
+        inverse(setup.T_instrument_base), observe(truth.actual, truth.setup, driven, measurements.conditions)
+    )
     errors = _from_points(name, seen, commanded, setup)
     return errors, errors, marked
 
@@ -214,12 +219,12 @@ def _predicted(
     refit: bool,
     outside: OutsidePolicy,
 ) -> MethodErrors:
-    robot, q, direction = measurements.robot, measurements.q, measurements.direction
-    pose = robot.mechanism.forward(q) if calibration is None else calibration.forward(q, direction)
+    robot, q, conditions = measurements.robot, measurements.q, measurements.conditions
+    pose = robot.mechanism.forward(q) if calibration is None else calibration.forward(q, conditions)
     if calibration is not None and calibration.networks and outside == "base":
         unlike = coverage(calibration, q).outside
         alone = replace(calibration, networks=())
-        pose[unlike] = alone.forward(q[unlike], None if direction is None else direction[unlike])
+        pose[unlike] = alone.forward(q[unlike], conditions.rows(unlike))
     if measurements.setup.known:
         setup = measurements.setup
     elif refit:

@@ -8,10 +8,20 @@ from calibtool.equivalent.network import Network
 from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.damped import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.gravity import link_masses
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import link_masses
 
 SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 1
+
+# Families of errors by id, and their keys: what a family does stands in FORMULA.
+ERROR_KEYS = {
+    "placements": "placement_errors_m_rad",
+    "twists": "twist_errors_per_rad_or_m",
+    "offsets": "offset_errors_rad_or_m",
+    "harmonics": "harmonics_rad",
+    "gravity": "compliance_rad_per_nm",
+    "backlash": "backlash_rad_or_m",
+}
 
 # How q_m is computed from the other keys, for a reader who has nothing but the file.
 FORMULA = {
@@ -101,20 +111,15 @@ def _joints(robot: Robot) -> list[dict[str, Any]]:
 
 
 def _base_model(robot: Robot, base: Identification) -> dict[str, Any]:
-    geometry = base.geometry
+    errors = base.errors
     masses, centres, gravity = link_masses(robot)
     return {
         "name": base.model,
-        "placement_errors_m_rad": geometry.placements.tolist(),
-        "twist_errors_per_rad_or_m": geometry.twists.tolist(),
-        "offset_errors_rad_or_m": geometry.offsets.tolist(),
-        "harmonics_rad": base.motion.harmonics.tolist(),
-        "compliance_rad_per_nm": base.motion.compliance.tolist(),
-        "backlash_rad_or_m": base.motion.backlash.tolist(),
+        **{key: errors[family].tolist() for family, key in ERROR_KEYS.items()},
         "link_masses_kg": masses.tolist(),
         "centres_of_mass_m": centres.tolist(),
         "gravity_m_per_s2": gravity.tolist(),
-        "placements_m": geometry.placements_of(robot.chain).tolist(),
+        "placements_m": errors.mechanism.placements.tolist(),
     }
 
 

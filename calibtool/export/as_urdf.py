@@ -10,7 +10,6 @@ from calibtool.calibration import Calibration
 from calibtool.errors import InputError
 from calibtool.export.rendering import left_out, render
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array, exp6, inverse, log3, translation
 
 _NOTHING = 1e-9  # m or rad: a smaller effect is rounding
@@ -48,7 +47,7 @@ def calibration_as_urdf(calibration: Calibration) -> tuple[str, list[str]]:
 
 def _calibrated_tree(calibration: Calibration) -> tuple[ET.Element, str]:
     """The URDF with new origins, and the name of the link that is K_{n+1} in it."""
-    robot, geometry = calibration.robot, calibration.base.geometry
+    robot, errors = calibration.robot, calibration.base.errors
     root = ET.fromstring(
         robot.source.urdf_text.encode(),
         parser=ET.XMLParser(target=ET.TreeBuilder(insert_comments=True), encoding="utf-8"),
@@ -59,12 +58,12 @@ def _calibrated_tree(calibration: Calibration) -> tuple[ET.Element, str]:
     home = robot.home(robot.workspace(None)[1])
     for j in range(robot.n):
         joint = joints[robot.chain.model.names[j + 1]]
-        axis, held = _axis_and_offset(robot.chain.twists[j], geometry.twists[j], geometry.offsets[j], home[j])
-        _set_origin(joint, _origin(joint) @ exp6(geometry.placements[j]) @ axis @ held)
+        axis, held = _axis_and_offset(robot.chain.twists[j], errors["twists"][j], errors["offsets"][j], home[j])
+        _set_origin(joint, _origin(joint) @ exp6(errors["placements"][j]) @ axis @ held)
         if not np.array_equal(axis, np.eye(4)):
             _shift_link(_child(joint), inverse(axis), joints, links)
     if carrier is not None:
-        _set_origin(carrier, _origin(carrier) @ exp6(geometry.placements[-1]))
+        _set_origin(carrier, _origin(carrier) @ exp6(errors["placements"][-1]))
     return root, tool
 
 
@@ -75,13 +74,13 @@ def _tool(
 
     A tool frame that moves with a joint, without a fixed joint between, becomes a link of its own.
     """
-    source, geometry = calibration.robot.source, calibration.base.geometry
+    source, errors = calibration.robot.source, calibration.base.errors
     tool = source.description.kinematics.tool_frame
     if tool in joints:  # a frame named after a joint stands where its link does
         tool = _child(joints[tool])
     if tool not in links:
         raise InputError(f"{source.place}: tool frame '{tool}' is no link of the URDF; name the link instead")
-    if not (geometry.placements[-1].any() or geometry.twists[-1].any()):
+    if not (errors["placements"][-1].any() or errors["twists"][-1].any()):
         return tool, None
     carrier = next((joint for joint in joints.values() if _child(joint) == tool), None)
     if carrier is not None and carrier.get("type") == "fixed":
@@ -173,12 +172,12 @@ def _missing(calibration: Calibration, urdf: Robot) -> list[str]:
     """One line per part of the calibration that the URDF leaves out, and one for all of it."""
     q, base = calibration.q, calibration.base
     held = urdf.mechanism.forward(q)
-    stages = [("twist errors (pitch, gain; right at the home of the workspace)", JointMotion.none(calibration.robot.n))]
-    stages.append(("gear harmonics", replace(base.motion, compliance=np.zeros(calibration.robot.n))))
-    stages.append(("wind-up under gravity", base.motion))
+    beyond = [family for family in base.errors.beyond_geometry if family.id != "backlash"]
+    stages = ["twist errors (pitch, gain; right at the home of the workspace)", *(family.words for family in beyond)]
     lines, before = [], held
-    for name, motion in stages:
-        stage = replace(calibration, base=replace(base, motion=motion), networks=()).forward(q)
+    for k, name in enumerate(stages):
+        errors = base.errors.without(*(family.id for family in beyond[k:]))
+        stage = replace(calibration, base=replace(base, errors=errors), networks=()).forward(q)
         lines += _size(name, before, stage)
         before = stage
     whole = calibration.forward(q)

@@ -10,10 +10,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calibtool.calibration import Calibration
 from calibtool.equivalent.network import Network
-from calibtool.identification.report import backlash_text
+from calibtool.errormodel.backlash import backlash_text
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.robot.damped import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.gravity import link_masses
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion, link_masses
 
 Precision = Literal["double", "single"]
 
@@ -56,7 +57,7 @@ def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
 def compensator_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
     """The numbers of a calibration, by the names that the templates know; units as in `as_json`."""
     robot, equivalent, network = calibration.robot, calibration.equivalent, calibration.network
-    geometry = calibration.base.geometry
+    errors = calibration.base.errors
     return {
         "robot": robot.name,
         "base_model": calibration.base.model,
@@ -74,10 +75,10 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "p": equivalent.p,
         "nominal_placements": robot.chain.placements,
         "nominal_twists": robot.chain.twists,
-        "placement_changes": geometry.placements_of(robot.chain) - robot.chain.placements,
-        "twist_errors": geometry.twists,
-        "base_offsets": geometry.offsets,
-        "motion": _motion(robot, calibration.base.motion),
+        "placement_changes": errors.mechanism.placements - robot.chain.placements,
+        "twist_errors": errors["twists"],
+        "base_offsets": errors["offsets"],
+        "motion": _motion(errors),
         "virtual_joints": ", ".join(equivalent.virtual_joints),
         "virtual_twists": np.eye(6)[equivalent.virtual_columns],
         "characteristic_length": robot.length,
@@ -100,7 +101,7 @@ def network_size(network: Network | None) -> str:
 
 def left_out(calibration: Calibration) -> str:
     """What a function of the joint positions cannot hold, in words; empty where that is nothing."""
-    backlash = calibration.base.motion.backlash
+    backlash = calibration.base.errors["backlash"]
     if not backlash.any():
         return ""
     return f"backlash ({backlash_text(calibration.robot, backlash)}): it needs the direction of motion"
@@ -109,7 +110,7 @@ def left_out(calibration: Calibration) -> str:
 def _cost(calibration: Calibration) -> str:
     """Arithmetic of one correction, counted in the generated C code where it takes its longest way undamped."""
     n, p, network = calibration.robot.n, calibration.equivalent.p, calibration.network
-    motion, kinematic = calibration.base.motion, calibration.base.model != "nominal"
+    errors, kinematic = calibration.base.errors, calibration.base.model != "nominal"
     flops, calls = 2 * n, 0
     if network is not None:
         flops += 2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 1)
@@ -120,22 +121,22 @@ def _cost(calibration: Calibration) -> str:
         if network is not None:
             flops += 12 * p + 260
             calls += 5
-    if motion.harmonics.any():
-        flops += 5 * n * motion.harmonics.shape[1]
+    if errors["harmonics"].any():
+        flops += 5 * n * errors["harmonics"].shape[1]
         calls += 2 * n
-    if motion.compliance.any():
+    if errors["gravity"].any():
         flops += (19 * n + 143) * n // 2
     return f"about {flops} flops and {calls} calls of functions such as sin and sqrt"
 
 
-def _motion(robot: Robot, motion: JointMotion) -> dict[str, Any]:
+def _motion(errors: RobotErrors) -> dict[str, Any]:
     """The joint-motion functions: how many harmonics, whether there is gravity, and their numbers."""
-    masses, centres, gravity = link_masses(robot)
+    masses, centres, gravity = link_masses(errors.robot)
     return {
-        "orders": motion.harmonics.shape[1] // 2 if motion.harmonics.any() else 0,
-        "harmonics": motion.harmonics,
-        "gravity": bool(motion.compliance.any()),
-        "compliance": motion.compliance,
+        "orders": errors["harmonics"].shape[1] // 2 if errors["harmonics"].any() else 0,
+        "harmonics": errors["harmonics"],
+        "gravity": bool(errors["gravity"].any()),
+        "compliance": errors["gravity"],
         "masses": masses,
         "centres": centres,
         "gravity_vector": gravity,

@@ -5,8 +5,10 @@ from typing import Self
 
 import numpy as np
 
+from calibtool.errormodel.actual import ActualRobot
+from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.family import COMPONENTS
 from calibtool.errors import InputError
-from calibtool.robot.actual import ActualRobot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
@@ -36,6 +38,12 @@ class Setup:
         """Nothing of the set-up has to be estimated."""
         return self.frame_known and self.targets_known
 
+    @property
+    def target_names(self) -> tuple[str, ...]:
+        """Names of the elements of the targets: target1.x …, of a sensor's orientation sensor.rx …"""
+        names = [f"target{i + 1}.{c}" for i in range(len(self.targets)) for c in COMPONENTS[:3]]
+        return (*names, *(f"sensor.{c}" for c in COMPONENTS[3:] if self.R_tool_sensor is not None))
+
 
 @dataclass(frozen=True, eq=False)
 class Truth:
@@ -55,7 +63,7 @@ class Measurements:
     setup        where instrument and targets are, known or estimated
     noise_position, noise_orientation   stated standard deviations per coordinate, m and rad
     truth        the actual robot and set-up of a simulation; None for real measurements
-    direction    (N, n) −1, 0, +1: direction of each joint's last motion before the row, 0 where unknown; None: all unknown
+    conditions   of every row: directions of motion, payload, temperature, as far as they are known
     provenance   command line, seed, input checksums, versions: text by name
     """
 
@@ -67,7 +75,7 @@ class Measurements:
     noise_position: float
     noise_orientation: float
     truth: Truth | None = None
-    direction: Array | None = None
+    conditions: Conditions = field(default_factory=Conditions)
     provenance: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -88,10 +96,7 @@ class Measurements:
             raise InputError(
                 f"measurements: rotations have shape {self.rotations.shape}, expected {(len(self.q), 3, 3)}"
             )
-        if self.direction is not None and (
-            self.direction.shape != self.q.shape or not np.isin(self.direction, (-1, 0, 1)).all()
-        ):
-            raise InputError("measurements: the directions are not -1, 0 or 1 for every joint of every row")
+        self.conditions.check(self.q.shape, "measurements")
         if self.truth is not None and self.truth.setup.targets.shape != self.setup.targets.shape:
             raise InputError("measurements: the true targets are not as many as the measured ones")
         if not all(
@@ -109,6 +114,11 @@ class Measurements:
         return seen
 
     @property
+    def coordinates(self) -> int:
+        """Number of coordinates measured at a configuration where everything is seen."""
+        return len(self.setup.target_names)
+
+    @property
     def equations(self) -> int:
         """Number of measured coordinates."""
         return 3 * int(self.seen.sum()) + (0 if self.rotations is None else 3 * len(self.q))
@@ -121,9 +131,8 @@ class Measurements:
     def rows(self, index: np.ndarray) -> Self:
         """The same measurements at some configurations only: their indices (k,)."""
         rotations = None if self.rotations is None else readonly(self.rotations[index])
-        direction = None if self.direction is None else readonly(self.direction[index])
         q, points = readonly(self.q[index]), readonly(self.points[index])
-        return replace(self, q=q, points=points, rotations=rotations, direction=direction)
+        return replace(self, q=q, points=points, rotations=rotations, conditions=self.conditions.rows(index))
 
 
 def determines_orientation(targets: Array) -> bool:

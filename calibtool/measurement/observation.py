@@ -52,6 +52,20 @@ def target_columns(setup: Setup, T_base_tool: Array) -> Array:
     return columns.reshape(count, 3 * blocks, 3 * blocks)
 
 
+def linearised(
+    measurements: Measurements, setup: Setup, T_base_tool: Array, pose_columns: Array | None, targets: bool
+) -> tuple[Array, Array]:
+    """Columns (N, d, p) and residuals (N, d) of every configuration over the stated noise, at predicted poses (N, 4, 4).
+
+    pose_columns (N, 6, ·) ∂δy/∂θ; with `targets`, the columns of the target coordinates follow.
+    """
+    blocks = [] if pose_columns is None else [observation_matrix(setup, T_base_tool) @ pose_columns]
+    blocks += [target_columns(setup, T_base_tool)] if targets else []
+    weight = weights(measurements)
+    columns = np.concatenate(blocks, axis=-1) if len(blocks) > 1 else blocks[0]
+    return columns * weight[..., None], residuals(measurements, setup, T_base_tool) * weight
+
+
 def weights(measurements: Measurements) -> Array:
     """1/σ of every component of every observation, from the stated noise, 0 where a target was not seen: (N, d)."""
     seen = measurements.seen.repeat(3, axis=-1)

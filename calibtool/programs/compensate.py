@@ -100,7 +100,7 @@ def compensate_program(
 
     q = np.array([item.q for item in solved]).reshape(-1, robot.n)
     result = _corrected(calibration, solved, q, options)
-    backlash = calibration.base.motion.backlash
+    backlash = calibration.base.errors["backlash"]
     notes = program.notes
     if options.backlash and backlash.any():
         if program_format in _IN_ORDER:

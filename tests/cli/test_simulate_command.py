@@ -27,7 +27,7 @@ def truth_of(path: str) -> dict[str, np.ndarray | float]:
         file["truth"].visititems(
             lambda name, item: found.__setitem__(name, item[()]) if isinstance(item, h5py.Dataset) else None
         )
-        found["expansion"] = float(file["truth"].attrs["expansion"])
+        found["temperature_c"] = float(file["truth"].attrs["temperature_c"])
     return found
 
 

@@ -25,13 +25,12 @@ from strategies import (
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.solve import NEAR_SINGULAR, OK, compensate_joints, compensate_poses, one_step
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE, at_point
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion
 
 
 def compared(robot: Robot, a: Array, b: Array) -> Array:
@@ -73,8 +72,7 @@ def assert_nearest(calibration: Calibration, q: Array, aim: Array) -> None:
 def test_a_calibration_without_errors_corrects_nothing(robot: Robot, seed: int, method: str) -> None:
     rng = np.random.default_rng(seed)
     made = calibrated(robot, rng, with_network=False)
-    n = robot.n
-    base = replace(made.base, geometry=GeometricErrors.none(n), motion=JointMotion.none(n))
+    base = replace(made.base, errors=RobotErrors.of(robot))
     q = configurations(robot, 20, rng)
     result = compensate_joints(replace(made, base=base), q, method)  # type: ignore[arg-type]
     assert np.abs(result.q - q).max() < 1e-9

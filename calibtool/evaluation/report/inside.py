@@ -1,9 +1,9 @@
 """Sections about the calibrations themselves: training, joint motions, parameters, flagged rows, observability, noise."""
 
 from calibtool.calibration import Calibration
+from calibtool.errormodel.family import COMPONENTS
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Drawing, Section, Table, number
-from calibtool.identification.parameters import COMPONENTS
 from calibtool.identification.report import parameter_rows, strongest_correlations
 from calibtool.measurement.measurements import Measurements
 
@@ -59,7 +59,7 @@ def parameters_section(subject: Subject) -> Section:
     for name, calibration in subject.calibrations:
         base = calibration.base
         if base.posterior is not None:
-            rows = parameter_rows(calibration.robot, base)
+            rows = parameter_rows(base)
             lines.append(
                 f"{name}: {base.posterior.effective:.1f} of {base.observable_rank} directions determined "
                 f"({len(rows)} parameters); strongest correlations "
@@ -82,9 +82,8 @@ def parameters_section(subject: Subject) -> Section:
 
 
 def _placements(name: str, calibration: Calibration) -> Table:
-    rows = [
-        [f"ζ{j + 1}", *(f"{v * 1e3:.4f}" for v in row)] for j, row in enumerate(calibration.base.geometry.placements)
-    ]
+    errors = calibration.base.errors["placements"]
+    rows = [[f"ζ{j + 1}", *(f"{v * 1e3:.4f}" for v in row)] for j, row in enumerate(errors)]
     header = ["error", *(f"{c} {'mrad' if c.startswith('r') else 'mm'}" for c in COMPONENTS)]
     return Table(f"Placement errors of {name} (least norm, no uncertainty)", header, rows, folded=True)
 
