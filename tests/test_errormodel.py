@@ -1,4 +1,4 @@
-"""Families of errors: what each does to the robot, computed apart; its columns are derivatives; what it depends on is used."""
+"""Families of errors: what each does to the robot, computed apart; columns are derivatives; conditions are used."""
 
 from dataclasses import replace
 
@@ -222,14 +222,17 @@ def test_the_description_says_where_the_robot_hangs_and_what_it_carries() -> Non
 
         return Robot.from_source(parse_source(source.toml_text + text, source.urdf_text, "here"))
 
-    up, down = mounted("\n[mounting]\npayload_kg = 5.0\n"), mounted(
-        "\n[mounting]\npayload_kg = 5.0\ngravity = [0, 0, 2]\n"
+    up, down = (
+        mounted("\n[mounting]\npayload_kg = 5.0\n"),
+        mounted("\n[mounting]\npayload_kg = 5.0\ngravity = [0, 0, 2]\n"),
     )
     q = random_positions(up, rng, 4)
     value = np.full((6, 2), 1e-6)
     here, there = (RobotErrors.of(robot, payload=value).motion(q) for robot in (up, down))
     np.testing.assert_allclose(here, -there, atol=1e-15)
-    np.testing.assert_allclose(here, RobotErrors.of(up, payload=value).motion(q, Conditions(payload_kg=np.full(4, 5.0))))
+    np.testing.assert_allclose(
+        here, RobotErrors.of(up, payload=value).motion(q, Conditions(payload_kg=np.full(4, 5.0)))
+    )
     assert not RobotErrors.of(up, payload=value).motion(q, Conditions(payload_kg=np.zeros(4))).any()
     with pytest.raises(InputError, match="no direction"):
         mounted("\n[mounting]\ngravity = [0, 0, 0]\n")

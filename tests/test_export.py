@@ -23,6 +23,7 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.solve import one_step
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network
+from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.export.as_json import calibration_as_json
@@ -184,6 +185,23 @@ def test_compiled_c_corrects_as_one_step_does(case: tuple[str, str, bool], compi
     assert np.abs(found - expected).max() < 1e-9
     damped = 0 if calibration.base.model == "nominal" else distance < MIN_SINGULARITY_DISTANCE
     assert np.array_equal(codes, np.broadcast_to(damped, codes.shape))
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case[1] == "everything"], ids=str)
+def test_compiled_c_is_for_the_payload_and_temperature_asked_for(
+    case: tuple[str, str, bool], compiled: Callable
+) -> None:
+    calibration = calibrated(*case)
+    robot, rng = calibration.robot, np.random.default_rng(3)
+    loads, growth = rng.uniform(1, 5, (robot.n, 2)) * 1e-6, rng.uniform(5, 25, robot.n + 1) * 1e-6
+    errors = calibration.base.errors.having(payload=loads, temperature=growth)
+    conditions = Conditions(payload_kg=np.array(8.0), temperature_c=np.array(45.0))
+    loaded = replace(calibration, base=replace(calibration.base, errors=errors)).at(conditions)
+    q = anywhere(calibration, 1000)
+    expected, distance = one_step(loaded, q)
+    found, _ = run(compiled(loaded), q)
+    assert np.abs(found - expected)[distance >= REGULAR].max() < 1e-12
+    assert np.abs(one_step(calibration, q)[0] - expected)[distance >= REGULAR].max() > 1e-5
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,10 @@ from calibtool.cli.options import (
     JointValuesOption,
     Output,
     Outside,
+    PayloadKg,
+    TemperatureC,
     choice,
+    under,
 )
 from calibtool.cli.programs import (
     FORMATS,
@@ -56,6 +59,8 @@ def compensate(
     backlash: Annotated[
         bool, typer.Option("--backlash/--no-backlash", help="Take up backlash; --no-backlash: the rows are no path.")
     ] = True,
+    payload_kg: PayloadKg = None,
+    temperature_c: TemperatureC = None,
     kind: Format = "auto",
     on_error: OnError = "stop",
     frames: FramesFile = None,
@@ -96,6 +101,7 @@ def compensate(
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
     values = cast(JointValues | None, joint_values)
     loaded, _ = load_calibration(calibration)
+    loaded = under(loaded, payload_kg, temperature_c)
     with input_stream(targets) as stream:
         found = recognised(targets, stream.peek()) if kind == "auto" else kind
         if found not in ROWS:

@@ -7,7 +7,7 @@ import typer
 
 from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs
 from calibtool.cli.load import load_calibration
-from calibtool.cli.options import CalibrationFile, Force, Output, choice
+from calibtool.cli.options import CalibrationFile, Force, Output, PayloadKg, TemperatureC, choice, under
 
 if TYPE_CHECKING:
     from calibtool.export.rendering import Precision
@@ -31,12 +31,15 @@ def export(
         str | None,
         typer.Option("--precision", metavar="double|float", help="c, onnx: double or float; st: LREAL or REAL."),
     ] = None,
+    payload_kg: PayloadKg = None,
+    temperature_c: TemperatureC = None,
     output: Output = "-",
     force: Force = False,
 ) -> None:
     """Write the compensator as JSON, C, Structured Text, ONNX or URDF.
 
     For C, -o NAME.c also writes NAME.h; NAME starts every symbol, and names the function block of NAME.st.
+    A calibration with payload or temperature is written for those of the options.
     What a URDF cannot hold is listed on stderr. docs/export.md describes each format.
 
     Example: calibtool export calibration.h5 --format c -o compensator.c
@@ -46,9 +49,9 @@ def export(
     check_output(output, force, binary=format == "onnx")
     stem = "calibtool" if output == STREAM else Path(output).stem
     if format == "c":
-        _export_c(calibration, stem, chosen, output, force)
+        _export_c(calibration, stem, chosen, output, force, payload_kg, temperature_c)
         return
-    loaded, _ = load_calibration(calibration)
+    loaded = under(load_calibration(calibration)[0], payload_kg, temperature_c)
     contents: bytes | str
     if format == "json":
         from calibtool.export.as_json import calibration_as_json
@@ -71,7 +74,15 @@ def export(
     write_output(output, contents, force)
 
 
-def _export_c(calibration: str, prefix: str, precision: "Precision", output: str, force: bool) -> None:
+def _export_c(
+    calibration: str,
+    prefix: str,
+    precision: "Precision",
+    output: str,
+    force: bool,
+    payload_kg: float | None,
+    temperature_c: float | None,
+) -> None:
     from calibtool.errors import UsageError
     from calibtool.export.c_code import calibration_as_c
 
@@ -79,7 +90,7 @@ def _export_c(calibration: str, prefix: str, precision: "Precision", output: str
         raise UsageError("--format c: -o takes a file that ends in .c; the header goes beside it")
     header_path = str(Path(output).with_suffix(".h"))
     check_output(header_path, force)
-    loaded, _ = load_calibration(calibration)
+    loaded = under(load_calibration(calibration)[0], payload_kg, temperature_c)
     header, source = calibration_as_c(loaded, prefix, precision)
     write_outputs({header_path: header, output: source}, force)
 

@@ -1,8 +1,11 @@
 """Options that several commands share."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from calibtool.calibration import Calibration
 
 Output = Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Output file; '-' is stdout.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite an existing output.")]
@@ -41,9 +44,42 @@ JointValuesOption = Annotated[
 ]
 
 
+PayloadKg = Annotated[
+    float | None,
+    typer.Option(
+        "--payload-kg", min=0, help="Mass at the tool, for a calibration that knows what it does.", show_default=False
+    ),
+]
+TemperatureC = Annotated[
+    float | None,
+    typer.Option("--temperature-c", min=-273.15, help="Temperature of the links, likewise."),
+]
+
+
 def choice(value: str, allowed: tuple[str, ...], option: str) -> str:
     """`value` if it is allowed; UsageError with near names otherwise."""
     from calibtool.errors import check_choice
 
     check_choice(value, allowed, option)
     return value
+
+
+def under(calibration: "Calibration", payload_kg: float | None, temperature_c: float | None) -> "Calibration":
+    """The calibration for a payload and a temperature. UsageError for one that it has no errors of."""
+    from calibtool.errormodel.conditions import Conditions
+    from calibtool.errors import UsageError
+    from calibtool.robot.se3 import readonly
+
+    present = {family.id for family in calibration.base.errors.present}
+    given = {"payload": payload_kg, "temperature": temperature_c}
+    for family, value in given.items():
+        if value is not None and family not in present:
+            option = "--payload-kg" if family == "payload" else "--temperature-c"
+            raise UsageError(
+                f"{option}: this calibration does not know what the {family} does; identify it from measurements with a "
+                f"column {option[2:].replace('-', '_')}"
+            )
+    known = {name: None if value is None else readonly(value) for name, value in given.items()}
+    conditions = Conditions(payload_kg=known["payload"], temperature_c=known["temperature"])
+    conditions.check((0, calibration.robot.n), "options")
+    return calibration.at(conditions)

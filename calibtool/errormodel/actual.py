@@ -59,9 +59,7 @@ class ActualRobot:
     @cached_property
     def mechanism(self) -> Mechanism:
         """The kinematics at its own temperature, without joint motions and payload."""
-        still = self.errors.without("payload")
-        mechanism, _ = still.at(np.zeros((1, self.robot.n)), self._conditions(Conditions()))
-        return mechanism if mechanism.placements.ndim == 3 else mechanism.at_row(0)
+        return self.errors.standing(self._conditions(Conditions()))
 
     @property
     def model(self) -> pin.Model:

@@ -69,6 +69,11 @@ class RobotErrors:
             offset = offset + family.offset(self.values[family.id])
         return Mechanism.of(self.robot.chain.bodies, self._placements(None), twists, offset)
 
+    def standing(self, conditions: Conditions) -> Mechanism:
+        """The kinematics at a temperature (a number), without joint motions and payload."""
+        mechanism, _ = self.without("payload").at(np.zeros((1, self.robot.n)), conditions)
+        return mechanism if mechanism.placements.ndim == 3 else mechanism.at_row(0)
+
     @property
     def twists(self) -> Array:
         """ξ_j with their errors (n, 6), per rad or m."""

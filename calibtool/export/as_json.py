@@ -3,8 +3,12 @@
 import json
 from typing import Any
 
+import numpy as np
+
 from calibtool.calibration import Calibration
 from calibtool.equivalent.network import Network
+from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.family import Rows
 from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.damped import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
@@ -21,6 +25,8 @@ ERROR_KEYS = {
     "harmonics": "harmonics_rad",
     "gravity": "compliance_rad_per_nm",
     "backlash": "backlash_rad_or_m",
+    "payload": "payload_rad_per_nm",
+    "temperature": "expansion_per_k",
 }
 
 # How q_m is computed from the other keys, for a reader who has nothing but the file.
@@ -42,6 +48,12 @@ FORMULA = {
     "xi = nominal_twists_per_rad_or_m (Eq. 7)",
     "base": "T_base(q): the same product with M = placements_m = M_j exp6(placement_errors_m_rad_j), "
     "xi = nominal_twists_per_rad_or_m + twist_errors_per_rad_or_m, and q + offset_errors_rad_or_m + m(q) for q (Eq. 8)",
+    "payload": "a payload turns the frame before joint j by payload_rad_per_nm[j][1] n_j about its origin, in front of "
+    "exp6(placement_errors): n_j is the moment of payload_kg g at the origin of T_nominal(q) about that of F0_j, the "
+    "product up to M_j of the nominal robot at q, written in F0_j without its part along w_j; joint j moves by "
+    "payload_rad_per_nm[j][0] times that part more",
+    "growth": "the translation of nominal_placements_m[j] is 1 + expansion_per_k[j] warmth_k times as long, in "
+    "placements_m and in front of the payload's turn",
     "joint_motion": "m_j(q) = sum over h = 1, 2, ... of harmonics_rad[j][2h - 2] sin(h q_j) + harmonics_rad[j][2h - 1] "
     "cos(h q_j), minus compliance_rad_per_nm[j] tau_j(q)",
     "backlash": "q_m of `correction` is for the middle of the backlash; for rows in the order of motion add "
@@ -78,7 +90,7 @@ def calibration_as_json(calibration: Calibration) -> str:
         "joint_coupling": robot.coupling.tolist(),
         "nominal_placements_m": robot.chain.placements.tolist(),
         "nominal_twists_per_rad_or_m": robot.chain.twists.tolist(),
-        "base_model": _base_model(robot, calibration.base),
+        "base_model": _base_model(robot, calibration.base, calibration.conditions),
         "equivalent_robot": {
             "p": equivalent.p,
             "virtual_joints": list(equivalent.virtual_joints),
@@ -110,8 +122,8 @@ def _joints(robot: Robot) -> list[dict[str, Any]]:
     ]
 
 
-def _base_model(robot: Robot, base: Identification) -> dict[str, Any]:
-    errors = base.errors
+def _base_model(robot: Robot, base: Identification, conditions: Conditions) -> dict[str, Any]:
+    errors, rows = base.errors, Rows(robot, np.zeros((1, robot.n)), conditions)
     masses, centres, gravity = link_masses(robot)
     return {
         "name": base.model,
@@ -119,7 +131,9 @@ def _base_model(robot: Robot, base: Identification) -> dict[str, Any]:
         "link_masses_kg": masses.tolist(),
         "centres_of_mass_m": centres.tolist(),
         "gravity_m_per_s2": gravity.tolist(),
-        "placements_m": errors.mechanism.placements.tolist(),
+        "payload_kg": float(rows.payload),
+        "warmth_k": float(rows.warmth),
+        "placements_m": errors.standing(conditions).placements.tolist(),
     }
 
 

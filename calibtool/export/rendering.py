@@ -11,6 +11,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from calibtool.calibration import Calibration
 from calibtool.equivalent.network import Network
 from calibtool.errormodel.backlash import backlash_text
+from calibtool.errormodel.conditions import REFERENCE_C
+from calibtool.errormodel.family import Rows
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.robot.damped import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.gravity import link_masses
@@ -57,7 +59,8 @@ def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
 def compensator_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
     """The numbers of a calibration, by the names that the templates know; units as in `as_json`."""
     robot, equivalent, network = calibration.robot, calibration.equivalent, calibration.network
-    errors = calibration.base.errors
+    errors, conditions = calibration.base.errors, calibration.conditions
+    standing = errors.standing(conditions)
     return {
         "robot": robot.name,
         "base_model": calibration.base.model,
@@ -75,10 +78,13 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "p": equivalent.p,
         "nominal_placements": robot.chain.placements,
         "nominal_twists": robot.chain.twists,
-        "placement_changes": errors.mechanism.placements - robot.chain.placements,
+        "placement_changes": standing.placements - robot.chain.placements,
         "twist_errors": errors["twists"],
         "base_offsets": errors["offsets"],
         "motion": _motion(errors),
+        "conditions": _conditions(calibration),
+        "payload": (payload := _payload(calibration)),
+        "changes": "changes" if payload else "placement_changes",
         "virtual_joints": ", ".join(equivalent.virtual_joints),
         "virtual_twists": np.eye(6)[equivalent.virtual_columns],
         "characteristic_length": robot.length,
@@ -140,6 +146,32 @@ def _motion(errors: RobotErrors) -> dict[str, Any]:
         "masses": masses,
         "centres": centres,
         "gravity_vector": gravity,
+    }
+
+
+def _conditions(calibration: Calibration) -> str:
+    """For which payload and temperature it is, in words; empty where it does not depend on them."""
+    rows = Rows(calibration.robot, np.zeros((1, calibration.robot.n)), calibration.conditions)
+    words = {
+        "payload": f"{float(rows.payload):g} kg at the tool",
+        "temperature": f"links at {REFERENCE_C + float(rows.warmth):g} C",
+    }
+    return ", ".join(text for family, text in words.items() if calibration.base.errors[family].any())
+
+
+def _payload(calibration: Calibration) -> dict[str, Any] | None:
+    """The mass at the tool, what it does to each joint, and the origins about which links bend; None for no effect."""
+    errors, robot = calibration.base.errors, calibration.robot
+    mass = float(Rows(robot, np.zeros((1, robot.n)), calibration.conditions).payload)
+    if not (errors["payload"].any() and mass):
+        return None
+    grown = errors.without("placements", "payload").standing(calibration.conditions).placements
+    return {
+        "mass": mass,
+        "wind": errors["payload"][:, 0],
+        "bend": errors["payload"][:, 1],
+        "weight": mass * np.array(robot.chain.model.gravity.linear),
+        "origins": grown[:-1, :3, 3],
     }
 
 
