@@ -69,7 +69,7 @@ def trial(
     evaluation = evaluate([("complete", train(measurements, "complete", BAYES))], fresh)
     nominal, complete = (1e3 * part.position_size.mean() for part in evaluation.correctable)
     actual = measurements.truth.actual
-    still = replace(actual, backlash=np.zeros(robot.n))
+    still = replace(actual, errors=actual.errors.without("backlash"))
     moved = actual.forward(fresh.q)[:, :3, 3] - still.forward(fresh.q)[:, :3, 3]
     beyond = evaluation.uncorrectable
     left = 0.0 if beyond is None else 1e3 * beyond.position_size.sum() / len(fresh)

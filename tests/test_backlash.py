@@ -5,7 +5,6 @@ import json
 from dataclasses import replace
 from functools import cache
 
-import h5py
 import numpy as np
 import pytest
 from derivatives import assert_derivative
@@ -157,35 +156,22 @@ def test_unknown_directions_are_as_good_as_no_backlash() -> None:
         identify_complete(unknown, CompleteOptions(orders={"backlash": 1}))
 
 
-def test_older_files_are_read() -> None:
-    def without(data: bytes, *paths: str) -> bytes:
-        buffer = io.BytesIO(data)
-        with h5py.File(buffer, "r+") as file:
-            for path in paths:
-                del file[path]
-            if "model/posterior" in file:
-                del file["model/posterior"].attrs["backlash"]
-        return buffer.getvalue()
-
+def test_directions_and_half_widths_are_read_as_they_were_written() -> None:
     same = read_any(io.BytesIO(to_bytes(measured())), "m.h5")
     assert isinstance(same, Measurements)
-    np.testing.assert_array_equal(same.direction, measured().direction)
-    older = read_any(io.BytesIO(without(to_bytes(measured()), "measurements/directions")), "m.h5")
-    assert isinstance(older, Measurements)
-    assert older.direction is None
-    plain = identify(measured(), WITHOUT)
-    old = read_any(io.BytesIO(without(to_bytes(plain), "model/backlash")), "c.h5")
-    assert isinstance(old, Calibration)
-    np.testing.assert_array_equal(old.forward(measured().q), plain.forward(measured().q))
+    np.testing.assert_array_equal(same.conditions.direction, measured().conditions.direction)
+    unknown = read_any(io.BytesIO(to_bytes(replace(measured(), conditions=Conditions()))), "m.h5")
+    assert isinstance(unknown, Measurements)
+    assert unknown.conditions.direction is None
     new = read_any(io.BytesIO(to_bytes(calibrated())), "c.h5")
     assert isinstance(new, Calibration)
-    direction = measured().direction
-    np.testing.assert_array_equal(new.forward(measured().q, direction), calibrated().forward(measured().q, direction))
+    q, conditions = measured().q, measured().conditions
+    np.testing.assert_array_equal(new.forward(q, conditions), calibrated().forward(q, conditions))
 
 
 def test_without_a_direction_the_middle_is_predicted() -> None:
     q, ones = measured().q, np.ones_like(measured().q)
-    plus, minus = (calibrated().forward(q, side * ones)[:, :3, 3] for side in (1, -1))
+    plus, minus = (calibrated().forward(q, Conditions(side * ones))[:, :3, 3] for side in (1, -1))
     middle = calibrated().forward(q)[:, :3, 3]
     assert np.abs((plus + minus) / 2 - middle).max() < 1e-6
     assert np.linalg.norm(plus - minus, axis=-1).min() > 0.1e-3

@@ -100,7 +100,14 @@ def test_arrays_have_shapes() -> None:
             missing.append(name)
     # General functions take any shape; families are lists of indices; the protocol states the shape of q for its answers.
     # What a family of errors says of its elements has the shape of its value.
-    general = ("se3.readonly", "parts.get", "Parameters.groups", "Part.free", "robust.find_flagged", "tables.Lines.floats")
+    general = (
+        "se3.readonly",
+        "parts.get",
+        "Parameters.groups",
+        "Part.free",
+        "robust.find_flagged",
+        "tables.Lines.floats",
+    )
     protocols = (".programs.configurations.", ".errormodel.")
     left = [name for name in missing if not name.endswith(general) and not any(p in name for p in protocols)]
     assert left == []

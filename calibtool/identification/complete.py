@@ -98,7 +98,7 @@ def identify_complete(measurements: Measurements, options: CompleteOptions | Non
     for family, order in options.orders.items():
         if order and not BY_ID[family].known(_rows(measurements)):
             raise InputError(
-                f"complete: {family} cannot be identified, because the measurements do not hold what it depends on "
+                f"complete: {family} cannot be identified, because the measurements do not say what it depends on "
                 f"({BY_ID[family].needs}); import or simulate them again, or leave it out"
             )
     robot, setup = measurements.robot, measurements.setup
