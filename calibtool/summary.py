@@ -67,7 +67,7 @@ def measurements_summary(measurements: Measurements) -> dict[str, object]:
         "schema_version": 1,
         "robot": measurements.robot.name,
         "configurations": len(measurements),
-        "observation": f"{measurements.points.shape[1]} target points" if measurements.kind == "points" else "6-D pose",
+        "observation": measurements.setup.kind.words.format(m=measurements.points.shape[1]),
         "noise_position_mm": measurements.noise_position * 1e3,
         "registration": _setup_summary(measurements.setup),
         "directions": "unknown" if measurements.conditions.direction is None else "known",

@@ -65,13 +65,15 @@ FUNCTIONS = dict(functions())
 def documented(name: str) -> str:
     """The docstring, or for an answer to a protocol the protocol's."""
     from calibtool.errormodel.family import Family
+    from calibtool.measurement.kinds import Kind
     from calibtool.programs.configurations import Configuration
 
     text = inspect.getdoc(FUNCTIONS[name])
     if text is None and name.startswith("calibtool.programs.configurations."):
         text = inspect.getdoc(getattr(Configuration, name.rsplit(".", 1)[1]))
-    if text is None and name.startswith("calibtool.errormodel."):
-        text = inspect.getdoc(getattr(Family, name.rsplit(".", 1)[1]))
+    for room, protocol in (("errormodel", Family), ("measurement.kinds", Kind)):
+        if text is None and name.startswith(f"calibtool.{room}."):
+            text = inspect.getdoc(getattr(protocol, name.rsplit(".", 1)[1]))
     return text or ""
 
 
@@ -108,6 +110,6 @@ def test_arrays_have_shapes() -> None:
         "robust.find_flagged",
         "tables.Lines.floats",
     )
-    protocols = (".programs.configurations.", ".errormodel.")
+    protocols = (".programs.configurations.", ".errormodel.", ".measurement.kinds.")
     left = [name for name in missing if not name.endswith(general) and not any(p in name for p in protocols)]
     assert left == []

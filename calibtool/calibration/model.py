@@ -144,7 +144,7 @@ def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup
     if measurements.setup.known:
         return measurements.setup
     setup, other = calibration.base.setup, measurements.setup
-    if len(setup.targets) != len(other.targets) or (setup.R_tool_sensor is None) != (other.R_tool_sensor is None):
+    if len(setup.targets) != len(other.targets) or setup.kind is not other.kind:
         raise InputError(
             "the calibration was made with other targets than these measurements; evaluate with --refit-setup"
         )

@@ -8,7 +8,7 @@ from calibtool.calibration.model import Calibration, check_same_robot
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.measurement.observation import residuals, weights
+from calibtool.measurement.observation import weighted_residuals
 from calibtool.measurement.registration import register, rigid_fit
 from calibtool.robot.se3 import Array, exp6, inverse, log6, translation
 
@@ -80,6 +80,5 @@ def _left_out(measurements: Measurements, free: Setup, pose: Array) -> float:
     for held in np.array_split(np.arange(count), min(count, 20)):
         rest = np.setdiff1d(np.arange(count), held)
         setup = register(replace(measurements.rows(rest), setup=free), pose[rest])
-        left = residuals(measurements.rows(held), setup, pose[held])
-        squares[held] = ((left * weights(measurements.rows(held))) ** 2).sum(axis=-1)
+        squares[held] = (weighted_residuals(measurements.rows(held), setup, pose[held]) ** 2).sum(axis=-1)
     return float(np.sqrt(squares.sum() / measurements.equations)) * measurements.noise_position

@@ -154,7 +154,8 @@ def _setup(setup: Setup) -> dict[str, Any]:
     return {
         "T_instrument_base_m": setup.T_instrument_base.tolist(),
         "targets_m": setup.targets.tolist(),
-        "R_tool_sensor": None if setup.R_tool_sensor is None else setup.R_tool_sensor.tolist(),
+        "kind": setup.kind.id,
+        **{name: array.tolist() for name, array in setup.arrays.items()},
         "frame_known": setup.frame_known,
         "targets_known": setup.targets_known,
     }

@@ -8,7 +8,7 @@ import numpy as np
 from calibtool.errormodel.family import Context, JointFunctions
 from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.measurements import Measurements
-from calibtool.measurement.observation import linearised, residuals, weights
+from calibtool.measurement.observation import linearised, weighted_residuals, weights
 from calibtool.robot.se3 import Array
 
 _CHUNK = 1000  # configurations whose columns are in memory together
@@ -32,7 +32,7 @@ class NormalEquations:
 def row_sizes(measurements: Measurements, state: State) -> Array:
     """Squared residuals of every configuration over the stated noise, (N,)."""
     frames = state.frames(measurements.q, measurements.conditions)
-    left = residuals(measurements, state.setup, frames.tool) * weights(measurements)
+    left = weighted_residuals(measurements, state.setup, frames.tool)
     squared: Array = (left**2).sum(axis=-1)
     return squared
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from calibtool.errormodel.actual import ActualRobot
 from calibtool.errormodel.conditions import Conditions
-from calibtool.errormodel.family import COMPONENTS
 from calibtool.errors import InputError
+from calibtool.measurement.kinds import KINDS, Kind
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
@@ -39,10 +39,19 @@ class Setup:
         return self.frame_known and self.targets_known
 
     @property
+    def kind(self) -> Kind:
+        """What the instrument sees of the tool."""
+        return KINDS["points" if self.R_tool_sensor is None else "pose"]
+
+    @property
     def target_names(self) -> tuple[str, ...]:
         """Names of the elements of the targets: target1.x …, of a sensor's orientation sensor.rx …"""
-        names = [f"target{i + 1}.{c}" for i in range(len(self.targets)) for c in COMPONENTS[:3]]
-        return (*names, *(f"sensor.{c}" for c in COMPONENTS[3:] if self.R_tool_sensor is not None))
+        return self.kind.names(len(self.targets))
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """What its kind has on the tool beside the targets, by name: of shapes such as (3, 3)."""
+        return {name: getattr(self, name) for name in self.kind.arrays}
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +71,8 @@ class Measurements:
     rotations    (N, 3, 3) measured R_instrument_sensor of a 6-D instrument, or None
     setup        where instrument and targets are, known or estimated
     noise_position, noise_orientation   stated standard deviations per coordinate, m and rad
+    deviations   (N, d) standard deviations of every coordinate of every row along the instrument's axes, m and rad, where
+                 they are not those two; None: they are
     truth        the actual robot and set-up of a simulation; None for real measurements
     conditions   of every row: directions of motion, payload, temperature, as far as they are known
     provenance   command line, seed, input checksums, versions: text by name
@@ -76,6 +87,7 @@ class Measurements:
     noise_orientation: float
     truth: Truth | None = None
     conditions: Conditions = field(default_factory=Conditions)
+    deviations: Array | None = None
     provenance: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -104,6 +116,12 @@ class Measurements:
         ):
             raise InputError("measurements: the stated noise must be above zero; it is the weight of the fit")
 
+        if self.deviations is not None:
+            if self.deviations.shape != (len(self.q), self.coordinates):
+                raise InputError(f"measurements: deviations have shape {self.deviations.shape}")
+            if not ((self.deviations > _SMALLEST_NOISE) & (self.deviations < 1 / _SMALLEST_NOISE)).all():
+                raise InputError("measurements: a standard deviation is not above zero")
+
     def __len__(self) -> int:
         return len(self.q)
 
@@ -126,13 +144,21 @@ class Measurements:
     @property
     def kind(self) -> str:
         """`points` (target points) or `pose` (one 6-D sensor)."""
-        return "points" if self.rotations is None else "pose"
+        return self.setup.kind.id
+
+    def points_alone(self) -> Self:
+        """The measured points without orientations, and without what only a simulation knows."""
+        setup = replace(self.setup, R_tool_sensor=None)
+        deviations = None if self.deviations is None else readonly(self.deviations[:, : 3 * len(setup.targets)])
+        return replace(self, rotations=None, setup=setup, truth=None, deviations=deviations)
 
     def rows(self, index: np.ndarray) -> Self:
         """The same measurements at some configurations only: their indices (k,)."""
         rotations = None if self.rotations is None else readonly(self.rotations[index])
         q, points = readonly(self.q[index]), readonly(self.points[index])
-        return replace(self, q=q, points=points, rotations=rotations, conditions=self.conditions.rows(index))
+        deviations = None if self.deviations is None else readonly(self.deviations[index])
+        conditions = self.conditions.rows(index)
+        return replace(self, q=q, points=points, rotations=rotations, conditions=conditions, deviations=deviations)
 
 
 def determines_orientation(targets: Array) -> bool:

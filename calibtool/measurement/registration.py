@@ -11,8 +11,9 @@ import numpy as np
 
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.circles import circle_start
+from calibtool.measurement.kinds import Readings
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.measurement.observation import observation_matrix, residuals, target_columns, weights
+from calibtool.measurement.observation import linearised, weighted_residuals
 from calibtool.measurement.rotation_search import RotationForm, nearest_rotation, rotation_grid
 from calibtool.robot.se3 import Array, exp6, inverse, readonly
 
@@ -31,9 +32,7 @@ def register(measurements: Measurements, T_base_tool: Array | None = None, start
     if setup.known:
         return setup
     poses = measurements.robot.mechanism.forward(measurements.q) if T_base_tool is None else T_base_tool
-    unknowns = 6 * (not setup.frame_known) + (3 * len(setup.targets) + 3 * (setup.R_tool_sensor is not None)) * (
-        not setup.targets_known
-    )
+    unknowns = 6 * (not setup.frame_known) + len(setup.target_names) * (not setup.targets_known)
     equations = measurements.equations
     if equations <= unknowns:
         raise NoSolutionError(
@@ -53,14 +52,7 @@ def update_setup(setup: Setup, base: Array | None, target_shift: Array | None) -
     """Apply a Gauss–Newton step: a twist (6,) of K_0 that moves the predictions, and shifts (d,) as in `target_columns`."""
     if base is not None:
         setup = replace(setup, T_instrument_base=readonly(setup.T_instrument_base @ exp6(base)))
-    if target_shift is not None:
-        m = len(setup.targets)
-        turned = setup.R_tool_sensor
-        if turned is not None:
-            turned = readonly(exp6(np.concatenate([np.zeros(3), target_shift[3 * m :]]))[:3, :3] @ turned)
-        targets = readonly(setup.targets + target_shift[: 3 * m].reshape(m, 3))
-        setup = replace(setup, targets=targets, R_tool_sensor=turned)
-    return setup
+    return setup if target_shift is None else setup.kind.moved(setup, target_shift)
 
 
 def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setup, float]:
@@ -68,16 +60,12 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
 
     poses (N, 4, 4) are T_base_tool.
     """
-    weight = weights(measurements)
-    left = residuals(measurements, setup, poses) * weight
+    left = weighted_residuals(measurements, setup, poses)
     cost, damping = float((left**2).sum()), 0.0
+    of_base = None if setup.frame_known else np.broadcast_to(np.eye(6), (len(poses), 6, 6))
     for _ in range(_ITERATIONS):
-        blocks = []
-        if not setup.frame_known:
-            blocks.append(observation_matrix(setup, poses))
-        if not setup.targets_known:
-            blocks.append(target_columns(setup, poses))
-        columns = (np.concatenate(blocks, axis=-1) * weight[..., None]).reshape(left.size, -1)
+        columns, left = linearised(measurements, setup, poses, of_base, targets=not setup.targets_known)
+        columns = columns.reshape(left.size, -1)
         right = left.ravel()
         if damping:
             scale = np.sqrt(damping * (columns**2).sum(axis=0))
@@ -86,11 +74,10 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
         base = None if setup.frame_known else step[:6]
         shift = None if setup.targets_known else step[0 if setup.frame_known else 6 :]
         proposed = update_setup(setup, base, shift)
-        left_after = residuals(measurements, proposed, poses) * weight
-        after = float((left_after**2).sum())
+        after = float((weighted_residuals(measurements, proposed, poses) ** 2).sum())
         settled = np.abs(step).max() < 1e-11
         if after <= cost * (1 + 1e-12) + 1e-12:
-            setup, left, cost, damping = proposed, left_after, after, damping / 10 if damping > 1e-6 else 0.0
+            setup, cost, damping = proposed, after, damping / 10 if damping > 1e-6 else 0.0
         elif settled:
             return setup, cost
         else:
@@ -102,13 +89,9 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
 
 def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> list[Setup]:
     """Starting values of the unknown parts."""
-    setup, rotations, points = measurements.setup, measurements.rotations, measurements.points
-    targets = setup.targets
-    if rotations is not None and setup.R_tool_sensor is not None:
-        # A sensor pose as four points: its origin and the tips of its axes, as long as makes both kinds of noise alike.
-        arm = measurements.noise_position / measurements.noise_orientation
-        points = np.concatenate([points, points + arm * np.swapaxes(rotations, -1, -2)], axis=1)
-        targets = np.concatenate([targets, targets + arm * setup.R_tool_sensor.T])
+    setup, arm = measurements.setup, measurements.noise_position / measurements.noise_orientation
+    readings = Readings(measurements.points, measurements.rotations)
+    points, targets = setup.kind.as_points(readings, setup, arm)
     if setup.frame_known:
         found = [(setup.T_instrument_base, _mean_targets(poses, setup.T_instrument_base, points))]
     elif setup.targets_known:
@@ -120,19 +103,12 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
         if (circles := circle_start(measurements)) is not None:
             guesses.append(circles)
         frames = frames_of_least_squares(poses, points, guesses)
-        if rotations is None:
+        if points.shape == measurements.points.shape:
             frames = frames[:1]  # the search had the very sum of squares of the refinement
         found = [(frame, _mean_targets(poses, frame, points)) for frame in frames]
-    m = len(setup.targets)
-    result = []
-    for frame, targets in found:
-        turned = setup.R_tool_sensor
-        if turned is not None and not setup.targets_known:
-            turned = readonly(nearest_rotation((targets[m:] - targets[:m]).T))
-        result.append(
-            replace(setup, T_instrument_base=readonly(frame), targets=readonly(targets[:m]), R_tool_sensor=turned)
-        )
-    return result
+    return [
+        setup.kind.from_points(replace(setup, T_instrument_base=readonly(frame)), on_tool) for frame, on_tool in found
+    ]
 
 
 def frames_of_least_squares(

@@ -36,6 +36,9 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
     if measurements.rotations is not None:
         labels = ("configuration", "row", "column")
         put(group, "rotations", measurements.rotations, "1", "measured sensor orientations", "instrument", *labels)
+    if measurements.deviations is not None:
+        words = "standard deviations along the instrument's axes"
+        put(group, "deviations", measurements.deviations, "m, rad", words, "instrument", "configuration", "coordinate")
     write_setup(file.create_group("registration"), measurements.setup)
     if measurements.truth is not None:
         actual = measurements.truth.actual
@@ -65,5 +68,6 @@ def build_measurements(file: h5py.File) -> Measurements:
         noise_orientation=read_number(group, "noise_orientation_rad"),
         truth=truth,
         conditions=read_conditions(group, robot.n),
+        deviations=get(group, "deviations", -1, -1) if "deviations" in group else None,
         provenance=read_provenance(file),
     )

@@ -8,6 +8,7 @@ import numpy as np
 from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.families import FAMILIES
 from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.measurement.kinds import KINDS
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.description import parse_source
 from calibtool.robot.model import Robot
@@ -86,8 +87,9 @@ def write_setup(group: h5py.Group, setup: Setup) -> None:
         "column",
     )
     put(group, "targets", setup.targets, "m", "target points on the tool", "tool", "target", "axis")
-    if setup.R_tool_sensor is not None:
-        put(group, "R_tool_sensor", setup.R_tool_sensor, "1", "orientation of the 6-D sensor", "tool", "row", "column")
+    put_string(group, "kind", setup.kind.id)
+    for name, (_, unit, words) in setup.kind.arrays.items():
+        put(group, name, setup.arrays[name], unit, words, "tool", "row", "column")
 
 
 def read_setup(group: h5py.Group) -> Setup:
@@ -95,7 +97,7 @@ def read_setup(group: h5py.Group) -> Setup:
     return Setup(
         T_instrument_base=get(group, "T_instrument_base", 4, 4),
         targets=get(group, "targets", -1, 3),
-        R_tool_sensor=get(group, "R_tool_sensor", 3, 3) if "R_tool_sensor" in group else None,
+        **{name: get(group, name, *shape) for name, (shape, _, _) in KINDS[string(group, "kind")].arrays.items()},
         frame_known=bool(group.attrs["frame_known"]),
         targets_known=bool(group.attrs["targets_known"]),
     )
