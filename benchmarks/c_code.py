@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.equivalent.network import initial_network
+from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.export.c_code import calibration_as_c
 from calibtool.export.rendering import Precision
@@ -69,7 +69,7 @@ def with_harmonics(calibration: Calibration, orders: int) -> Calibration:
     n = calibration.robot.n
     harmonics, gravity = rng.normal(size=(n, 2 * orders)) * 1e-4, rng.random(n) * 1e-6
     errors = calibration.base.errors.having(harmonics=harmonics, gravity=gravity)
-    network = initial_network(calibration.q, np.full(calibration.equivalent.p, 1e-4), 6, rng)
+    network = Network.initial(calibration.q, np.full(calibration.equivalent.p, 1e-4), 6, rng)
     return replace(calibration, base=replace(calibration.base, model="complete", errors=errors), networks=(network,))
 
 

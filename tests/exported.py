@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.equivalent.network import initial_network
+from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.simulate import Simulation, simulate
@@ -47,7 +47,7 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     rng = np.random.default_rng(1)
     if calibration.network is None:
         scale = np.full(calibration.equivalent.p, 1e-3)
-        calibration = replace(calibration, networks=(initial_network(measurements.q, scale, 5, rng),))
+        calibration = replace(calibration, networks=(Network.initial(measurements.q, scale, 5, rng),))
     if base == "everything":
         errors = [rng.normal(size=shape) * 1e-3 for shape in ((robot.n + 1, 6), (robot.n, 6), (robot.n,))]
         revolute = ~np.array(robot.prismatic)

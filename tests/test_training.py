@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.equivalent.network import Network, initial_network
+from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions, TrainingReport, split_rows, train_networks
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.measurement.measurements import Measurements
@@ -22,7 +22,7 @@ def learnable(seed: int = 0, K: int = 60, noise: float = 0.05) -> tuple[Array, A
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1, 1, (K, 6))
     G = rng.normal(size=(K, 9, 6)) * 1e3
-    teacher = initial_network(q, np.full(6, 1e-3), 4, rng)
+    teacher = Network.initial(q, np.full(6, 1e-3), 4, rng)
     return q, G, (G @ teacher(q)[..., None])[..., 0] + noise * rng.normal(size=(K, 9))
 
 

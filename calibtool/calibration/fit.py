@@ -7,7 +7,7 @@ import numpy as np
 from calibtool.calibration.cross_validation import cross_validate
 from calibtool.calibration.model import Calibration, check_same_robot, fitting_setup
 from calibtool.equivalent.joints import equivalent_robot
-from calibtool.equivalent.network import Network
+from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.training import TrainingOptions, TrainingReport, train_networks
 from calibtool.errors import check_choice
 from calibtool.identification.complete import CompleteOptions, identify_complete
@@ -116,7 +116,7 @@ def _networks(
     options: TrainingOptions,
     rng: np.random.Generator,
     progress: Progress,
-) -> tuple[tuple[Network, ...], TrainingReport]:
+) -> tuple[tuple[Regressor, ...], TrainingReport]:
     setup = fitting_setup(base, measurements)
     pose, jacobian = base.base_forward_and_jacobian(measurements.q, measurements.conditions)
     G, y = linearised(measurements, setup, pose, jacobian, targets=False)

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from calibtool.equivalent.joints import EquivalentRobot
-from calibtool.equivalent.network import Network, averaged
+from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.training import TrainingReport
 from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.family import Context
@@ -62,7 +62,7 @@ class Calibration:
     robot: Robot
     base: Identification
     equivalent: EquivalentRobot
-    networks: tuple[Network, ...]
+    networks: tuple[Regressor, ...]
     training: TrainingReport | None
     validation: CrossValidation | None
     nominal_setup: Setup
@@ -78,9 +78,9 @@ class Calibration:
         return len(self.q)
 
     @cached_property
-    def network(self) -> Network | None:
-        """The mean of the members as one network, None without any."""
-        return averaged(self.networks) if self.networks else None
+    def network(self) -> Regressor | None:
+        """The mean of the members as one learned model, None without any."""
+        return self.networks[0].averaged(self.networks) if self.networks else None
 
     def at(self, conditions: Conditions) -> "Calibration":
         """The same calibration for a payload and a temperature: those of its rows unless they say otherwise."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from calibtool.calibration import Calibration
-from calibtool.equivalent.network import Network
+from calibtool.equivalent.regressor import Regressor
 from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.family import Rows
 from calibtool.identification.model import Identification
@@ -42,6 +42,8 @@ FORMULA = {
     "network": "N(q) = output_scale * (W2 tanh(W1 s + b1) + b2), s = (q - input_centre) / input_scale, element by element; "
     "W1, b1 = hidden_weights, hidden_bias; W2, b2 = output_weights, output_bias; p elements: the n actuated joints, "
     "then the virtual ones; N(q) = 0 if network is null (Eq. 16)",
+    "random_features": "if network.kind is 'random-features': N(q) = output_scale * W cos(frequencies s + phases), "
+    "W = output_weights, s as above",
     "joint_coupling": "q of the serial chain = joint_coupling times the joint values that the controller shows, rad or m; "
     "q and q_m here are those of the serial chain, the controller's are inverse(joint_coupling) q_m",
     "nominal": "T_nominal(q) = M_1 exp6(xi_1 q_1) ... M_n exp6(xi_n q_n) M_{n+1}, M = nominal_placements_m, "
@@ -137,16 +139,12 @@ def _base_model(robot: Robot, base: Identification, conditions: Conditions) -> d
     }
 
 
-def _network(network: Network) -> dict[str, Any]:
-    return {
-        "input_centre_rad_or_m": network.input_centre.tolist(),
-        "input_scale_rad_or_m": network.input_scale.tolist(),
-        "hidden_weights": network.hidden_weights.tolist(),
-        "hidden_bias": network.hidden_bias.tolist(),
-        "output_weights": network.output_weights.tolist(),
-        "output_bias": network.output_bias.tolist(),
-        "output_scale_rad_or_m": network.output_scale.tolist(),
+def _network(network: Regressor) -> dict[str, Any]:
+    arrays = {
+        f"{name}_rad_or_m" if unit in ("q", "rho") else name: getattr(network, name).tolist()
+        for name, (unit, _, _) in network.fields.items()
     }
+    return {"kind": network.id, **arrays}
 
 
 def _setup(setup: Setup) -> dict[str, Any]:

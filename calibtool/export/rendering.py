@@ -14,6 +14,7 @@ from calibtool.errormodel.backlash import backlash_text
 from calibtool.errormodel.conditions import REFERENCE_C
 from calibtool.errormodel.family import Rows
 from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.errors import UsageError
 from calibtool.robot.damped import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.gravity import link_masses
 from calibtool.robot.model import Robot
@@ -58,7 +59,7 @@ def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
 
 def compensator_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
     """The numbers of a calibration, by the names that the templates know; units as in `as_json`."""
-    robot, equivalent, network = calibration.robot, calibration.equivalent, calibration.network
+    robot, equivalent, network = calibration.robot, calibration.equivalent, tanh_network(calibration)
     errors, conditions = calibration.base.errors, calibration.conditions
     standing = errors.standing(conditions)
     return {
@@ -96,6 +97,14 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
     }
 
 
+def tanh_network(calibration: Calibration) -> Network | None:
+    """The network (Eq. 16), None without one. UsageError for another learned model, which only JSON holds."""
+    network = calibration.network
+    if network is None or isinstance(network, Network):
+        return network
+    raise UsageError(f"this format holds a tanh network, but the calibration has a '{network.id}' model; export JSON")
+
+
 def network_size(network: Network | None) -> str:
     """A network in words."""
     if network is None:
@@ -115,7 +124,7 @@ def left_out(calibration: Calibration) -> str:
 
 def _cost(calibration: Calibration) -> str:
     """Arithmetic of one correction, counted in the generated C code where it takes its longest way undamped."""
-    n, p, network = calibration.robot.n, calibration.equivalent.p, calibration.network
+    n, p, network = calibration.robot.n, calibration.equivalent.p, tanh_network(calibration)
     errors, kinematic = calibration.base.errors, calibration.base.model != "nominal"
     flops, calls = 2 * n, 0
     if network is not None:

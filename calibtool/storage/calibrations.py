@@ -7,8 +7,9 @@ import numpy as np
 
 from calibtool.calibration.model import Calibration, CrossValidation
 from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
-from calibtool.equivalent.network import Network
 from calibtool.equivalent.optimisers import History
+from calibtool.equivalent.regressor import Regressor
+from calibtool.equivalent.regressors import REGRESSORS
 from calibtool.equivalent.training import TrainingReport
 from calibtool.errormodel.families import FAMILIES
 from calibtool.identification.model import Flagged, Identification, Posterior
@@ -101,14 +102,12 @@ def _write_flagged(group: h5py.Group, flagged: Flagged) -> None:
     put(group, "position", flagged.position, "m", "residual over the target points", "base", "row")
 
 
-def _write_network(group: h5py.Group, network: Network, units: str) -> None:
-    put(group, "input_centre", network.input_centre, units, "middle of the training range", "joint", "joint")
-    put(group, "input_scale", network.input_scale, units, "half of the training range", "joint", "joint")
-    put(group, "hidden_weights", network.hidden_weights, "1", "W1", "", "hidden", "joint")
-    put(group, "hidden_bias", network.hidden_bias, "1", "b1", "", "hidden")
-    put(group, "output_weights", network.output_weights, "1", "W2", "", "motion", "hidden")
-    put(group, "output_bias", network.output_bias, "1", "b2", "", "motion")
-    put(group, "output_scale", network.output_scale, "rad or m", "unit of each joint motion error", "joint", "motion")
+def _write_network(group: h5py.Group, network: Regressor, units: str) -> None:
+    put_string(group, "kind", network.id)
+    for name, (unit, words, dimensions) in network.fields.items():
+        unit = {"q": units, "rho": "rad or m"}.get(unit, unit)
+        frame = "joint" if set(dimensions) <= {"joint", "motion"} else ""
+        put(group, name, getattr(network, name), unit, words, frame, *dimensions)
 
 
 def _write_training(group: h5py.Group, training: TrainingReport) -> None:
@@ -223,17 +222,11 @@ def _flagged(group: h5py.Group) -> Flagged:
     )
 
 
-def _network(group: h5py.Group, n: int, p: int) -> Network:
-    hidden = len(group["hidden_bias"])
-    return Network(
-        input_centre=get(group, "input_centre", n),
-        input_scale=get(group, "input_scale", n),
-        hidden_weights=get(group, "hidden_weights", hidden, n),
-        hidden_bias=get(group, "hidden_bias", hidden),
-        output_weights=get(group, "output_weights", p, hidden),
-        output_bias=get(group, "output_bias", p),
-        output_scale=get(group, "output_scale", p),
-    )
+def _network(group: h5py.Group, n: int, p: int) -> Regressor:
+    kind = REGRESSORS[string(group, "kind")]
+    sizes = {"joint": n, "motion": p, "hidden": group["output_weights"].shape[1]}
+    shapes = {name: [sizes[dimension] for dimension in dimensions] for name, (_, _, dimensions) in kind.fields.items()}
+    return kind(**{name: get(group, name, *shape) for name, shape in shapes.items()})
 
 
 def _training(group: h5py.Group) -> TrainingReport:

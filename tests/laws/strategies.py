@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from plain import PlainChain, read_urdf
 
 from calibtool.calibration import Calibration, identify
-from calibtool.equivalent.network import Network, initial_network
+from calibtool.equivalent.network import Network
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errormodel.robot_errors import RobotErrors
@@ -97,7 +97,7 @@ def with_motion_errors(errors: RobotErrors, rng: np.random.Generator, orders: in
 
 def network(robot: Robot, outputs: int, q: Array, rng: np.random.Generator) -> Network:
     """Random weights, corrections of a tenth of a milliradian or millimetre."""
-    return initial_network(q, np.full(outputs, 1e-4), int(rng.integers(1, 6)), rng)
+    return Network.initial(q, np.full(outputs, 1e-4), int(rng.integers(1, 6)), rng)
 
 
 def assume_regular(robot: Robot) -> None:
