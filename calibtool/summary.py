@@ -3,6 +3,7 @@
 import numpy as np
 
 from calibtool.calibration import Calibration
+from calibtool.calibration.frame_report import frame_report
 from calibtool.calibration.learning_curve import LearningCurve
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.training import TrainingReport
@@ -71,6 +72,7 @@ def measurements_summary(measurements: Measurements) -> dict[str, object]:
         "noise_position_mm": measurements.noise_position * 1e3,
         "registration": _setup_summary(measurements.setup),
         "directions": "unknown" if measurements.conditions.direction is None else "known",
+        "commanded": "the joints" if measurements.commanded is None else "poses, apart from the joints",
         "simulated": measurements.truth is not None,
     }
     if measurements.kind == "pose":
@@ -140,7 +142,8 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         "base": base_summary,
         "network": network,
         "virtual_joints": list(calibration.equivalent.virtual_joints),
-        "registration": _setup_summary(base.setup),
+        "registration": _setup_summary(calibration.setup),
+        "frame": None if (report := frame_report(calibration)) is None else report.as_json(),
     }
 
 
@@ -156,6 +159,8 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         result += _complete_lines(calibration)
     elif base.model == "local-poe":
         result += _rank_lines(base)
+    report = frame_report(calibration)
+    result += [] if report is None else report.lines()
     result += [str(finding) for finding in design_findings(calibration.robot, calibration.q)]
     if base.flagged is not None and len(base.flagged.rows):
         result += _flagged_lines(calibration)

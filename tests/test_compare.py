@@ -173,7 +173,7 @@ def test_without_the_truth_measured_and_predicted_targets_are_compared(unregiste
     calibration = identify(first, "local-poe")
     evaluation = evaluate([("c", calibration)], replace(fresh, truth=None))
     assert evaluation.kind == "predicted"
-    setup = calibration.base.setup
+    setup = calibration.setup
     poses = setup.T_instrument_base @ calibration.forward(fresh.q)
     predicted = np.einsum("kab,mb->kma", poses[:, :3, :3], setup.targets) + poses[:, None, :3, 3]
     left = (fresh.points - predicted) @ setup.T_instrument_base[:3, :3]  # along the axes of the base

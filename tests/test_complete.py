@@ -69,7 +69,7 @@ def test_fine_structure_of_the_joint_motions_is_found(fanuc: Robot, kinds: tuple
     left = []
     for options in (CompleteOptions(orders={"harmonics": 3}), CompleteOptions()):
         calibration = identify(wavy, BaseOptions("complete", options))
-        predicted = transform_points(calibration.forward(fresh.q), calibration.base.setup.targets)
+        predicted = transform_points(calibration.forward(fresh.q), calibration.setup.targets)
         left.append(np.linalg.norm(predicted - expected, axis=-1).mean())
     assert left[1] < 0.3 * left[0]
     assert calibration.base.errors["harmonics"].shape[1] >= 40

@@ -125,7 +125,7 @@ def test_an_unknown_setup_is_identified_together_with_the_errors(name: str) -> N
     truth = truth_of(robot, unregistered=True)
     result = identify(measured(truth), "local-poe")
     q = fresh_configurations(robot)
-    setup = result.base.setup
+    setup = result.setup
     poses = setup.T_instrument_base @ result.forward(q)
     predicted = np.einsum("kab,mb->kma", poses[:, :3, :3], setup.targets) + poses[:, None, :3, 3]
     assert np.abs(predicted - observe(truth.actual, truth.setup, q)).max() < 1e-9
@@ -154,7 +154,7 @@ def test_poses_of_a_sensor_identify_the_robot_as_points_do(fanuc: Robot, known: 
     assert result.base.residual_rms[0] < 1e-11
     assert result.base.residual_rms[1] is not None
     assert result.base.residual_rms[1] < 1e-11
-    found = result.base.setup
+    found = result.setup
     assert found.R_tool_sensor is not None
     after, real = found.T_instrument_base @ result.forward(fresh), T_instrument_base @ truth.actual.forward(fresh)
     assert np.abs(after[:, :3, :3] @ found.R_tool_sensor - real[:, :3, :3] @ sensor).max() < 1e-9

@@ -64,16 +64,16 @@ FUNCTIONS = dict(functions())
 
 def documented(name: str) -> str:
     """The docstring, or for an answer to a protocol the protocol's."""
-    from calibtool.errormodel.family import Family
-    from calibtool.measurement.kinds import Kind
     from calibtool.programs.configurations import Configuration
 
     text = inspect.getdoc(FUNCTIONS[name])
+    place, _, part = name.rpartition(".")
     if text is None and name.startswith("calibtool.programs.configurations."):
-        text = inspect.getdoc(getattr(Configuration, name.rsplit(".", 1)[1]))
-    for room, protocol in (("errormodel", Family), ("measurement.kinds", Kind)):
-        if text is None and name.startswith(f"calibtool.{room}."):
-            text = inspect.getdoc(getattr(protocol, name.rsplit(".", 1)[1]))
+        text = inspect.getdoc(getattr(Configuration, part))
+    module, _, owner = place.rpartition(".")
+    if text is None and module in sys.modules:
+        bases = getattr(sys.modules[module], owner).__mro__
+        text = next((doc for base in bases if (doc := inspect.getdoc(vars(base).get(part)))), None)
     return text or ""
 
 
@@ -110,6 +110,6 @@ def test_arrays_have_shapes() -> None:
         "robust.find_flagged",
         "tables.Lines.floats",
     )
-    protocols = (".programs.configurations.", ".errormodel.", ".measurement.kinds.")
+    protocols = (".programs.configurations.", ".errormodel.", ".measurement.kinds.", ".random_features.")
     left = [name for name in missing if not name.endswith(general) and not any(p in name for p in protocols)]
     assert left == []

@@ -2,15 +2,18 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
 
+from calibtool.calibration.frame import ChosenFrame, FrameName, taught_frame
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.training import TrainingReport
 from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.family import Context
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Measurements, Setup
@@ -47,7 +50,7 @@ class CrossValidation:
 class Calibration:
     """T_calibrated(q) = exp6(J_ρ(q) N(q)) · T_base-model(q), N = 0 without a network.
 
-    base            identified base model, with the set-up fitted in it
+    base            identified base model, with the set-up fitted in it, both in the frames of the fit
     equivalent      the equivalent robot, whose Jacobian is J_ρ
     networks        members whose mean is N; none when a base model stands alone or networks do not help
     training        how the networks came about; None when a base model stands alone
@@ -57,6 +60,9 @@ class Calibration:
     q               (N, n) the configurations used, rad or m
     conditions      under which it predicts where a row does not say otherwise: payload and temperature as numbers
     provenance      command line, seed, input checksums, versions: text by name
+    frame           which base and tool frame it speaks in; None where nothing was free to choose
+
+    `errors`, `setup` and every pose are in the chosen frames; only the parameters of `base` are those of the fit.
     """
 
     robot: Robot
@@ -71,6 +77,7 @@ class Calibration:
     q: Array
     conditions: Conditions = field(default_factory=Conditions)
     provenance: dict[str, str] = field(default_factory=dict)
+    frame: ChosenFrame | None = None
 
     @property
     def configurations(self) -> int:
@@ -82,14 +89,55 @@ class Calibration:
         """The mean of the members as one learned model, None without any."""
         return self.networks[0].averaged(self.networks) if self.networks else None
 
-    def at(self, conditions: Conditions) -> "Calibration":
+    def at(self, conditions: Conditions) -> Self:
         """The same calibration for a payload and a temperature: those of its rows unless they say otherwise."""
         return replace(self, conditions=conditions)
 
+    @cached_property
+    def errors(self) -> RobotErrors:
+        """Errors of the base model, in the chosen frames."""
+        fitted = self.base.errors
+        return fitted if self.frame is None else self.frame.errors(fitted)
+
+    @cached_property
+    def setup(self) -> Setup:
+        """The set-up that belongs to `forward`, in the chosen frames."""
+        fitted = self.base.setup
+        return fitted if self.frame is None else self.frame.setup(fitted)
+
     @property
     def base_mechanism(self) -> Mechanism:
-        """Mechanism of the base model's geometry."""
-        return self.base.errors.mechanism
+        """Mechanism of `errors`, without what changes from row to row."""
+        return self.errors.mechanism
+
+    @property
+    def frame_is_free(self) -> bool:
+        """There is a choice: the set-up is unknown, and the base model is not the drawing itself."""
+        return not self.base.setup.known and self.base.model != "nominal"
+
+    def in_frame(self, name: FrameName) -> Self:
+        """The same calibration in the frames of the fit, or in those that move taught poses least.
+
+        Itself where nothing is free. Raises InputError for networks with virtual joints, which are
+        fixed in the tool frame of the training.
+        """
+        if not self.frame_is_free or (self.frame is not None and self.frame.name == name):
+            return self
+        if self.networks and self.equivalent.virtual_joints:
+            raise InputError(
+                f"{self.robot.name}: the network's virtual joints are fixed in the tool frame it "
+                f"was trained in; train again with --frame {name}"
+            )
+        frame = self.frame
+        if frame is None:
+            frame = taught_frame(
+                self.base.errors.forward(self.q),
+                self.robot.mechanism.forward(self.q),
+                self.base.setup,
+                self.noise_position,
+                self.noise_orientation,
+            )
+        return replace(self, frame=replace(frame, name=name))
 
     @property
     def model(self) -> pin.Model:
@@ -110,11 +158,11 @@ class Calibration:
 
         The slope of the joint-motion functions, about a thousandth, is left out of J_ρ.
         """
-        return self.equivalent.forward_and_jacobian(*self.base.errors.at(q, conditions or self.conditions))
+        return self.equivalent.forward_and_jacobian(*self.errors.at(q, conditions or self.conditions))
 
     def base_context(self, q: Array) -> Context:
         """Frames of the base model for joint positions q (N, n), from which error columns are built."""
-        return self.base.errors.context(q, self.conditions)
+        return self.errors.context(q, self.conditions)
 
     def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
         """Calibrated T_base_tool for joint positions q (N, n): (N, 4, 4) in K_0.
@@ -122,7 +170,7 @@ class Calibration:
         conditions of the rows; without, the calibration's own, and every joint in the middle of its backlash.
         """
         if self.network is None:
-            return self.base.errors.forward(q, conditions or self.conditions)
+            return self.errors.forward(q, conditions or self.conditions)
         return self.forward_and_jacobian(q, conditions)[0]
 
     def forward_and_jacobian(self, q: Array, conditions: Conditions | None = None) -> tuple[Array, Array]:
@@ -143,7 +191,7 @@ def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup
     """
     if measurements.setup.known:
         return measurements.setup
-    setup, other = calibration.base.setup, measurements.setup
+    setup, other = calibration.setup, measurements.setup
     if len(setup.targets) != len(other.targets) or setup.kind is not other.kind:
         raise InputError(
             "the calibration was made with other targets than these measurements; evaluate with --refit-setup"

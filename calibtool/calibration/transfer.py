@@ -52,18 +52,21 @@ def refit(calibration: Calibration, measurements: Measurements, parts: tuple[str
     )
     if measurements.setup.known:
         errors = _absorbed(calibration, measurements.setup, setup)
-        moved = replace(calibration, base=replace(calibration.base, errors=errors, posterior=None))
+        base = replace(calibration.base, errors=errors, setup=measurements.setup, posterior=None)
+        moved = replace(calibration, base=base, frame=None)
     else:
         restored = replace(
             setup, frame_known=measurements.setup.frame_known, targets_known=measurements.setup.targets_known
         )
+        if calibration.frame is not None:
+            restored = calibration.frame.fitted_setup(restored)
         moved = replace(calibration, base=replace(calibration.base, setup=restored, posterior=None))
     return replace(moved, nominal_setup=measurements.setup), transfer
 
 
 def _absorbed(calibration: Calibration, known: Setup, fitted: Setup) -> RobotErrors:
     """Base and tool as errors of the first and last placement, so that poses come out in the known set-up."""
-    chain, errors = calibration.robot.chain, calibration.base.errors
+    chain, errors = calibration.robot.chain, calibration.errors
     placements = chain.placements @ exp6(errors["placements"])
     placements[0] = inverse(known.T_instrument_base) @ fitted.T_instrument_base @ placements[0]
     if len(known.targets) >= 3:

@@ -12,6 +12,7 @@ from calibtool.cli.options import (
     CalibrationFile,
     CompensationMethod,
     Force,
+    FrameOption,
     JointValuesOption,
     Output,
     Outside,
@@ -61,6 +62,7 @@ def compensate(
     ] = True,
     payload_kg: PayloadKg = None,
     temperature_c: TemperatureC = None,
+    frame: FrameOption = None,
     kind: Format = "auto",
     on_error: OnError = "stop",
     frames: FramesFile = None,
@@ -90,6 +92,7 @@ def compensate(
     choice(on_error, ("stop", "skip"), "--on-error")
     from typing import cast
 
+    from calibtool.calibration.frame_report import frame_report
     from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
     from calibtool.compensation.stream import BATCH, RowFormat, StreamOptions
@@ -100,8 +103,10 @@ def compensate(
         choice(joint_values, JOINT_VALUES, "--joint-values")
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
     values = cast(JointValues | None, joint_values)
-    loaded, _ = load_calibration(calibration)
-    loaded = under(loaded, payload_kg, temperature_c)
+    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
+    found_frame = frame_report(loaded)
+    if found_frame is not None and found_frame.name == "fitted":
+        message(f"frame fitted: every target moves by the common part, too: {found_frame.common}")
     with input_stream(targets) as stream:
         found = recognised(targets, stream.peek()) if kind == "auto" else kind
         if found not in ROWS:

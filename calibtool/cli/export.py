@@ -7,9 +7,10 @@ import typer
 
 from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs
 from calibtool.cli.load import load_calibration
-from calibtool.cli.options import CalibrationFile, Force, Output, PayloadKg, TemperatureC, choice, under
+from calibtool.cli.options import CalibrationFile, Force, FrameOption, Output, PayloadKg, TemperatureC, choice, under
 
 if TYPE_CHECKING:
+    from calibtool.calibration import Calibration
     from calibtool.export.rendering import Precision
 
 FORMATS = ("json", "c", "st", "onnx", "urdf")
@@ -33,6 +34,7 @@ def export(
     ] = None,
     payload_kg: PayloadKg = None,
     temperature_c: TemperatureC = None,
+    frame: FrameOption = None,
     output: Output = "-",
     force: Force = False,
 ) -> None:
@@ -48,10 +50,10 @@ def export(
     chosen = _precision(format, precision)
     check_output(output, force, binary=format == "onnx")
     stem = "calibtool" if output == STREAM else Path(output).stem
+    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
     if format == "c":
-        _export_c(calibration, stem, chosen, output, force, payload_kg, temperature_c)
+        _export_c(loaded, stem, chosen, output, force)
         return
-    loaded = under(load_calibration(calibration)[0], payload_kg, temperature_c)
     contents: bytes | str
     if format == "json":
         from calibtool.export.as_json import calibration_as_json
@@ -75,13 +77,11 @@ def export(
 
 
 def _export_c(
-    calibration: str,
+    calibration: "Calibration",
     prefix: str,
     precision: "Precision",
     output: str,
     force: bool,
-    payload_kg: float | None,
-    temperature_c: float | None,
 ) -> None:
     from calibtool.errors import UsageError
     from calibtool.export.c_code import calibration_as_c
@@ -90,8 +90,7 @@ def _export_c(
         raise UsageError("--format c: -o takes a file that ends in .c; the header goes beside it")
     header_path = str(Path(output).with_suffix(".h"))
     check_output(header_path, force)
-    loaded = under(load_calibration(calibration)[0], payload_kg, temperature_c)
-    header, source = calibration_as_c(loaded, prefix, precision)
+    header, source = calibration_as_c(calibration, prefix, precision)
     write_outputs({header_path: header, output: source}, force)
 
 

@@ -31,7 +31,29 @@ RefitSetup = Annotated[
 ]
 Require = Annotated[
     list[str] | None,
-    typer.Option(metavar="LIMIT", help="Acceptance limit, such as position_max_mm=0.2; exit code 5 if not met."),
+    typer.Option(
+        metavar="LIMIT",
+        help="Acceptance limit, such as position_max_mm=0.2 or ap_max_mm=0.1; exit code 5 if not met.",
+    ),
+]
+
+FrameOption = Annotated[
+    str | None,
+    typer.Option(
+        "--frame",
+        metavar="fitted|taught",
+        help="Unknown instrument and targets: base and tool as fitted, or those that move taught poses least "
+        "(default: the calibration's, a new one's is taught).",
+    ),
+]
+
+Before = Annotated[
+    str | None,
+    typer.Option(
+        "--before",
+        metavar="MEASUREMENTS",
+        help="The same commands measured before the correction, where --on was measured after it.",
+    ),
 ]
 
 JointValuesOption = Annotated[

@@ -52,16 +52,26 @@ def simulate(
     at: Annotated[
         str | None, typer.Option(metavar="POSES", help="Measure at these configurations: a CSV of joints or poses.")
     ] = None,
+    commanded: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TARGETS",
+            help="The joints of --at are corrected ones: what went into compensate.",
+        ),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Measure a perturbed robot, made up from a seed.
 
-    Its targets are observed with noise at configurations of a workspace; the truth is kept in a group of its own.
+    Its targets are observed with noise at configurations of a workspace; the truth is kept in a group of its own. A
+    correction is rehearsed with --same-robot FILE.h5 --at corrected.csv --commanded targets.csv (see `evaluate`).
 
     Example: calibtool simulate fanuc-m1000ia -n 100 --seed 1 -o measurements.h5
     """
     check_output(output, force, binary=True)
-    one_stdin(same_robot, at)
+    one_stdin(same_robot, at, commanded)
+    if commanded is not None and at is None:
+        raise UsageError("--commanded belongs to --at: those joints are corrected for these targets")
     sizes = {
         "--length-error-mm": length_error_mm,
         "--angle-error-mrad": angle_error_mrad,
@@ -80,10 +90,12 @@ def simulate(
     from calibtool.compensation.program import read_configurations
     from calibtool.errormodel.actual import ErrorScales
     from calibtool.errormodel.families import ERROR_KINDS
+    from calibtool.measurement.importing.commanded import commanded_poses
     from calibtool.measurement.simulate import Simulation
     from calibtool.measurement.simulate import simulate as run
     from calibtool.robot.catalogue import load_robot
     from calibtool.storage import to_bytes
+    from calibtool.tables import parse_table
 
     model = load_robot(robot)
     kinds = ERROR_KINDS if errors == "all" else tuple(kind.strip() for kind in errors.split(","))
@@ -109,6 +121,15 @@ def simulate(
         text = read_text(at)
         inputs["at"] = text.encode()
         q_at = read_configurations(text, shown(at), model)
+    asked = None
+    if commanded is not None and at is not None and q_at is not None:
+        text = read_text(commanded)
+        inputs["commanded"] = text.encode()
+        table = parse_table(text, shown(commanded))
+        if len(table) != len(q_at):
+            counts = f"{len(table)} rows, but {shown(at)} has {len(q_at)}"
+            raise InputError(f"{shown(commanded)}: {counts}")
+        asked = commanded_poses(table, model, "serial")
     scales = ErrorScales(
         kinds=kinds,
         length=length_error_mm * 1e-3,
@@ -138,7 +159,8 @@ def simulate(
                 temperature_c=_range(temperature_c, "--temperature-c", -273.15),
             ),
         )
-    write_output(output, to_bytes(replace(measurements, provenance=provenance(seed, **inputs))), force)
+    measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))
+    write_output(output, to_bytes(measurements), force)
 
 
 def _range(text: str | None, option: str, lowest: float) -> tuple[float, float] | None:

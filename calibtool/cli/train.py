@@ -16,10 +16,15 @@ from calibtool.cli.base import (
     LossFunction,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, write_output
+from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
 from calibtool.cli.identify import report_calibration, report_target
-from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import Force, Json, MeasurementsFile, Seed, choice
+from calibtool.cli.load import (
+    frame_name,
+    load_calibration,
+    load_measurements,
+    say_if_frame_is_not_free,
+)
+from calibtool.cli.options import Force, FrameOption, Json, MeasurementsFile, Seed, choice
 from calibtool.cli.progress import counted, working
 from calibtool.cli.provenance import provenance
 
@@ -65,6 +70,7 @@ def train(
     tolerance_mrad: AngleTolerance = None,
     loss_function: LossFunction = "squared",
     drop_flagged: DropFlagged = False,
+    frame: FrameOption = None,
     seed: Seed = 0,
     json: Json = False,
     force: Force = False,
@@ -97,6 +103,7 @@ def train(
     from calibtool.storage import to_bytes
     from calibtool.summary import learning_curve_lines, learning_curve_summary
 
+    chosen = None if frame is None else frame_name(frame)
     inputs: dict[str, bytes] = {}
     start: Calibration | BaseOptions
     if base not in BASE_MODELS:
@@ -135,7 +142,9 @@ def train(
         seed=seed,
     )
     with working(f"training on {len(data)} configurations"):
-        calibration = run(data, start, options, counted)
+        calibration = run(data, start, options, counted, chosen)
+    if frame is not None:
+        say_if_frame_is_not_free(calibration, shown(measurements))
     calibration = replace(calibration, provenance=provenance(seed, **inputs))
     extra: dict[str, object] = {}
     if learning_curve:

@@ -9,15 +9,18 @@ from calibtool.calibration import Calibration, check_same_robot, fitting_setup
 from calibtool.calibration.guard import coverage
 from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.compensation.solve import NEAR_SINGULAR, OUT_OF_LIMITS, Method
-from calibtool.errors import NoSolutionError, check_choice
+from calibtool.errors import NoSolutionError, UsageError, check_choice
 from calibtool.evaluation.iso9283 import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
-from calibtool.measurement.measurements import Measurements, Setup, Truth, determines_orientation
-from calibtool.measurement.observation import measured_in_base, residuals
-from calibtool.measurement.registration import register, rigid_fit
+from calibtool.evaluation.observed import errors_against, point_errors
+from calibtool.evaluation.proof import Before, Proof, prove
+from calibtool.measurement.measurements import Measurements, Truth
+from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import observe
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.se3 import Array, inverse, log3, transform_points
+
+Kind = Literal["compensated", "predicted", "measured"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +28,9 @@ class Evaluation:
     """The first method is the nominal robot.
 
     kind           `compensated`: the actual robot was driven to the corrected joints and observed without noise;
-                   `predicted`: what is left between measured and predicted target points
+                   `predicted`: what is left between measured and predicted target points, what to expect of a correction;
+                   `measured`: commanded against measured points, the arm driven to the commands (nominal) and to the
+                   corrected joints (the one calibration), see `proof`
     marked         (methods,) how many rows of the compensation were near a singularity or out of limits
     outside        (methods,) how many rows are unlike the configurations of the training
     uncorrectable  what stays whatever the method, a row for every pose that the actual robot cannot take (n < 6, or out of
@@ -34,17 +39,30 @@ class Evaluation:
     correctable    the methods' errors against the nearest pose that the actual robot can take; `methods` where
                    `uncorrectable` is None
     pose_test      ISO 9283, from the measured points, where configurations were measured repeatedly; else None
+    proof          of kind `measured`: what was expected, and whether `before` was measured; else None
     """
 
     robot: str
     configurations: int
-    kind: Literal["compensated", "predicted"]
+    kind: Kind
     methods: list[MethodErrors]
     marked: list[int]
     outside: list[int] = field(default_factory=list)
     uncorrectable: MethodErrors | None = None
     correctable: list[MethodErrors] = field(default_factory=list)
     pose_test: PoseTest | None = None
+    proof: Proof | None = None
+
+    @property
+    def before(self) -> Before | None:
+        """How the numbers before a correction came about, of kind `measured`; else None."""
+        return None if self.proof is None else self.proof.before_is
+
+    @property
+    def pose_tests(self) -> list[PoseTest | None]:
+        """ISO 9283 of every method alone."""
+        test = self.pose_test
+        return [None if test is None else test.alone(k) for k in range(len(self.methods))]
 
     def as_json(self) -> dict[str, object]:
         """The object that `evaluate --json` prints (a contract of DESIGN).
@@ -65,6 +83,8 @@ class Evaluation:
             result["uncorrectable"] = {"configurations": count, **pose_statistics(self.uncorrectable)}
         if self.pose_test is not None:
             result["iso9283"] = self.pose_test.as_json()
+        if self.proof is not None:
+            result |= self.proof.as_json()
         return result
 
 
@@ -75,6 +95,7 @@ def evaluate(
     method: Method = "exact",
     refit_setup: bool = False,
     outside: OutsidePolicy = "mark",
+    before: Measurements | None = None,
 ) -> Evaluation:
     """Errors of the nominal robot and of every one of `calibrations`, named, at the configurations of `measurements`.
 
@@ -82,13 +103,17 @@ def evaluate(
     or refuse.
     refit_setup: fit unknown instrument frame and targets again on these rows, for every method alike (a moved tracker);
     otherwise the set-up that belongs to the training is used and nothing is fitted here.
+    before: where the measurements were taken at corrected joints (`Measurements.commanded`), the same commands measured
+    without correction; for kind `measured` alone, which takes one calibration and no method.
     Raises InputError when a calibration is for another robot, UsageError for an unknown method or policy, NoSolutionError
-    where `refuse` refuses.
+    where `refuse` refuses, InputError also where the driven joints are not those of the calibration.
     """
     check_choice(method, get_args(Method), "method")
     check_choice(outside, OUTSIDE_POLICIES, "outside")
     for name, given in calibrations:
         check_same_robot(given.robot, measurements.robot, f"calibration '{name}'", "the measurements")
+    if measurements.commanded is not None or before is not None:
+        return _proved(calibrations, measurements, before, refit_setup)
     measurements = judged_rows(measurements)
     every: list[tuple[str, Calibration | None]] = [("nominal", None), *calibrations]
     methods, correctable, marked, far = [], [], [], []
@@ -125,10 +150,43 @@ def evaluate(
 
 
 def judged_rows(measurements: Measurements) -> Measurements:
-    """The rows that `evaluate` judges: a prediction needs whole observations, a simulation can be driven again."""
-    if measurements.truth is not None:
+    """The rows that `evaluate` judges: whole observations, or all where a simulation can be driven again."""
+    if measurements.truth is not None and measurements.commanded is None:
         return measurements
     return measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
+
+
+def _proved(
+    calibrations: list[tuple[str, Calibration]],
+    after: Measurements,
+    before: Measurements | None,
+    refit_setup: bool,
+) -> Evaluation:
+    """Kind `measured`: before and after one correction."""
+    if after.commanded is None:
+        raise UsageError(
+            "before a correction and after it: the measurements after it must say what was "
+            "commanded; import them with --commanded"
+        )
+    if len(calibrations) != 1:
+        raise UsageError("the measurements were taken after one correction; give its calibration alone")
+    ((name, calibration),) = calibrations
+    if before is not None:
+        check_same_robot(before.robot, after.robot, "before the correction", "after it")
+        if len(before) == len(after):
+            before = before.rows(np.flatnonzero(after.seen.all(axis=-1)))
+    after = judged_rows(after)
+    proof = prove(name, calibration, after, before, refit_setup=refit_setup)
+    return Evaluation(
+        robot=after.robot.name,
+        configurations=len(after),
+        kind="measured",
+        methods=[proof.before, proof.after],
+        marked=[0, 0],
+        outside=[0, int(coverage(calibration, after.q).outside.sum())],
+        pose_test=proof.pose_test,
+        proof=proof,
+    )
 
 
 def _pose_test(
@@ -177,10 +235,9 @@ def _compensated(
         errors = _pose_errors(name, actual, commanded)
         return errors, errors if nearest is None else _pose_errors(name, actual, nearest), marked
     # Commanded poses live in the registered frame: compare target points there, as an instrument would.
-    seen = transform_points(
-        inverse(setup.T_instrument_base), observe(truth.actual, truth.setup, driven, measurements.conditions)
-    )
-    errors = _from_points(name, seen, commanded, setup)
+    observed = observe(truth.actual, truth.setup, driven, measurements.conditions)
+    seen = transform_points(inverse(setup.T_instrument_base), observed)
+    errors = point_errors(name, seen, commanded, setup)
     return errors, errors, marked
 
 
@@ -233,15 +290,4 @@ def _predicted(
         setup = fitting_setup(calibration, measurements)
     else:
         setup = measurements.setup if first is None else first.nominal_setup
-    points, rotations = measured_in_base(measurements, setup)
-    if rotations is None:
-        return _from_points(name, points, pose, setup)
-    left = residuals(measurements, setup, pose)
-    return MethodErrors(name, left[:, None, :3], left[:, 3:])
-
-
-def _from_points(name: str, points: Array, pose: Array, setup: Setup) -> MethodErrors:
-    """Errors of target points (N, m, 3) in K_0 against those of poses; the turn is that of the best rigid fit."""
-    expected = transform_points(pose, setup.targets)
-    turn = log3(rigid_fit(expected, points)[:, :3, :3]) if determines_orientation(setup.targets) else None
-    return MethodErrors(name, points - expected, turn)
+    return errors_against(name, measurements, setup, pose)

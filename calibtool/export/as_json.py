@@ -7,9 +7,7 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.equivalent.regressor import Regressor
-from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.family import Rows
-from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.damped import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.gravity import link_masses
@@ -92,7 +90,7 @@ def calibration_as_json(calibration: Calibration) -> str:
         "joint_coupling": robot.coupling.tolist(),
         "nominal_placements_m": robot.chain.placements.tolist(),
         "nominal_twists_per_rad_or_m": robot.chain.twists.tolist(),
-        "base_model": _base_model(robot, calibration.base, calibration.conditions),
+        "base_model": _base_model(calibration),
         "equivalent_robot": {
             "p": equivalent.p,
             "virtual_joints": list(equivalent.virtual_joints),
@@ -102,7 +100,8 @@ def calibration_as_json(calibration: Calibration) -> str:
         "min_singularity_distance": MIN_SINGULARITY_DISTANCE,
         "gram_regularisation": GRAM_REGULARISATION,
         "network": None if calibration.network is None else _network(calibration.network),
-        "setup": _setup(calibration.base.setup),
+        "setup": _setup(calibration.setup),
+        "frame": None if calibration.frame is None else calibration.frame.name,
         "configurations": calibration.configurations,
         "noise_position_m": calibration.noise_position,
         "noise_orientation_rad": calibration.noise_orientation,
@@ -124,11 +123,12 @@ def _joints(robot: Robot) -> list[dict[str, Any]]:
     ]
 
 
-def _base_model(robot: Robot, base: Identification, conditions: Conditions) -> dict[str, Any]:
-    errors, rows = base.errors, Rows(robot, np.zeros((1, robot.n)), conditions)
+def _base_model(calibration: Calibration) -> dict[str, Any]:
+    robot, errors, conditions = calibration.robot, calibration.errors, calibration.conditions
+    rows = Rows(robot, np.zeros((1, robot.n)), conditions)
     masses, centres, gravity = link_masses(robot)
     return {
-        "name": base.model,
+        "name": calibration.base.model,
         **{key: errors[family].tolist() for family, key in ERROR_KEYS.items()},
         "link_masses_kg": masses.tolist(),
         "centres_of_mass_m": centres.tolist(),

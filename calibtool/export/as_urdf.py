@@ -47,7 +47,7 @@ def calibration_as_urdf(calibration: Calibration) -> tuple[str, list[str]]:
 
 def _calibrated_tree(calibration: Calibration) -> tuple[ET.Element, str]:
     """The URDF with new origins, and the name of the link that is K_{n+1} in it."""
-    robot, errors = calibration.robot, calibration.base.errors
+    robot, errors = calibration.robot, calibration.errors
     root = ET.fromstring(
         robot.source.urdf_text.encode(),
         parser=ET.XMLParser(target=ET.TreeBuilder(insert_comments=True), encoding="utf-8"),
@@ -74,7 +74,7 @@ def _tool(
 
     A tool frame that moves with a joint, without a fixed joint between, becomes a link of its own.
     """
-    source, errors = calibration.robot.source, calibration.base.errors
+    source, errors = calibration.robot.source, calibration.errors
     tool = source.description.kinematics.tool_frame
     if tool in joints:  # a frame named after a joint stands where its link does
         tool = _child(joints[tool])

@@ -60,7 +60,7 @@ def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
 def compensator_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
     """The numbers of a calibration, by the names that the templates know; units as in `as_json`."""
     robot, equivalent, network = calibration.robot, calibration.equivalent, tanh_network(calibration)
-    errors, conditions = calibration.base.errors, calibration.conditions
+    errors, conditions = calibration.errors, calibration.conditions
     standing = errors.standing(conditions)
     return {
         "robot": robot.name,
@@ -170,7 +170,7 @@ def _conditions(calibration: Calibration) -> str:
 
 def _payload(calibration: Calibration) -> dict[str, Any] | None:
     """The mass at the tool, what it does to each joint, and the origins about which links bend; None for no effect."""
-    errors, robot = calibration.base.errors, calibration.robot
+    errors, robot = calibration.errors, calibration.robot
     mass = float(Rows(robot, np.zeros((1, robot.n)), calibration.conditions).payload)
     if not (errors["payload"].any() and mass):
         return None

@@ -10,7 +10,7 @@ from calibtool.errormodel.conditions import Conditions
 from calibtool.errors import InputError
 from calibtool.measurement.kinds import KINDS, Kind
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.se3 import Array, check_poses, readonly
 
 _SMALLEST_NOISE = 1e-15  # m or rad: smaller or larger than its inverse, and squares of weighted residuals overflow
 _COLLINEAR = 1e-3  # smallest extent across the line over the largest one along it
@@ -66,7 +66,7 @@ class Truth:
 class Measurements:
     """N configurations and what was measured there.
 
-    q            (N, n) commanded joint positions, rad or m
+    q            (N, n) joint positions that the arm was driven to, rad or m
     points       (N, m, 3) measured target points in the instrument's frame, m; NaN for a target that was not seen
     rotations    (N, 3, 3) measured R_instrument_sensor of a 6-D instrument, or None
     setup        where instrument and targets are, known or estimated
@@ -76,6 +76,8 @@ class Measurements:
     truth        the actual robot and set-up of a simulation; None for real measurements
     conditions   of every row: directions of motion, payload, temperature, as far as they are known
     provenance   command line, seed, input checksums, versions: text by name
+    commanded    (N, 4, 4) T_base_tool that was asked for in K_0, where q are joints corrected for it; None where q itself
+                 is the command
     """
 
     robot: Robot
@@ -89,6 +91,7 @@ class Measurements:
     conditions: Conditions = field(default_factory=Conditions)
     deviations: Array | None = None
     provenance: dict[str, str] = field(default_factory=dict)
+    commanded: Array | None = None
 
     def __post_init__(self) -> None:
         self.robot.check_positions(self.q, "measurements")
@@ -109,6 +112,10 @@ class Measurements:
                 f"measurements: rotations have shape {self.rotations.shape}, expected {(len(self.q), 3, 3)}"
             )
         self.conditions.check(self.q.shape, "measurements")
+        if self.commanded is not None:
+            check_poses(self.commanded, "measurements: commanded poses")
+            if len(self.commanded) != len(self.q):
+                raise InputError("measurements: the commanded poses are not as many as the rows")
         if self.truth is not None and self.truth.setup.targets.shape != self.setup.targets.shape:
             raise InputError("measurements: the true targets are not as many as the measured ones")
         if not all(
@@ -154,11 +161,18 @@ class Measurements:
 
     def rows(self, index: np.ndarray) -> Self:
         """The same measurements at some configurations only: their indices (k,)."""
-        rotations = None if self.rotations is None else readonly(self.rotations[index])
-        q, points = readonly(self.q[index]), readonly(self.points[index])
-        deviations = None if self.deviations is None else readonly(self.deviations[index])
-        conditions = self.conditions.rows(index)
-        return replace(self, q=q, points=points, rotations=rotations, conditions=conditions, deviations=deviations)
+        def chosen(values: Array | None) -> Array | None:
+            return None if values is None else readonly(values[index])
+
+        return replace(
+            self,
+            q=readonly(self.q[index]),
+            points=readonly(self.points[index]),
+            rotations=chosen(self.rotations),
+            deviations=chosen(self.deviations),
+            commanded=chosen(self.commanded),
+            conditions=self.conditions.rows(index),
+        )
 
 
 def determines_orientation(targets: Array) -> bool:

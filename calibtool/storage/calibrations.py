@@ -5,6 +5,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 
+from calibtool.calibration.frame import FRAMES, ChosenFrame
 from calibtool.calibration.model import Calibration, CrossValidation
 from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
 from calibtool.equivalent.optimisers import History
@@ -16,6 +17,7 @@ from calibtool.identification.model import Flagged, Identification, Posterior
 from calibtool.identification.parameters import Parameters, Part
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.model import Robot
+from calibtool.robot.se3 import check_poses
 from calibtool.storage.parts import (
     get,
     get_indices,
@@ -67,6 +69,8 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
         _write_flagged(model.create_group("flagged"), base.flagged)
     write_setup(file.create_group("registration"), base.setup)
     write_setup(file.create_group("registration_nominal"), calibration.nominal_setup)
+    if calibration.frame is not None:
+        _write_frame(file.create_group("frame"), calibration.frame)
     equivalent = file.create_group("equivalent")
     put_text(
         equivalent, "virtual_joints", list(calibration.equivalent.virtual_joints), "elementary twists of the tool frame"
@@ -79,6 +83,12 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
         group = file.create_group("cross_validation")
         for name in ("folds", "gain", "standard_error"):
             group.attrs[name] = getattr(calibration.validation, name)
+
+
+def _write_frame(group: h5py.Group, frame: ChosenFrame) -> None:
+    put_string(group, "name", frame.name)
+    put(group, "T_taught_fitted", frame.T_taught_fitted, "m", "base of the fit", "taught base", "row", "column")
+    put(group, "T_tool_taught", frame.T_tool_taught, "m", "taught tool frame", "tool of the fit", "row", "column")
 
 
 def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
@@ -186,7 +196,17 @@ def build_calibration(file: h5py.File) -> Calibration:
         q=get(model, "joint_positions", -1, robot.n),
         conditions=read_conditions(model["conditions"], robot.n),
         provenance=read_provenance(file),
+        frame=_frame(file["frame"]) if "frame" in file else None,
     )
+
+
+def _frame(group: h5py.Group) -> ChosenFrame:
+    name = string(group, "name")
+    if name not in FRAMES:
+        raise ValueError(f"frame/name '{name}' is none of {', '.join(FRAMES)}")
+    base, tool = (get(group, pose, 4, 4) for pose in ("T_taught_fitted", "T_tool_taught"))
+    check_poses(np.stack([base, tool]), "frame")
+    return ChosenFrame(name, base, tool)  # type: ignore[arg-type]
 
 
 def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:

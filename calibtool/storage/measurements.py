@@ -31,6 +31,10 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
     units = ", ".join(robot.joint_units)
     put(group, "joint_positions", measurements.q, units, "commanded joint positions", "joint", "configuration", "joint")
     write_conditions(group, measurements.conditions)
+    if measurements.commanded is not None:
+        labels = ("configuration", "row", "column")
+        long_name = "tool poses asked for, where the joints are corrected for them"
+        put(group, "commanded_poses", measurements.commanded, "m", long_name, "base", *labels)
     labels = ("configuration", "target", "axis")
     put(group, "points", measurements.points, "m", "measured target points", "instrument", *labels)
     if measurements.rotations is not None:
@@ -70,4 +74,5 @@ def build_measurements(file: h5py.File) -> Measurements:
         conditions=read_conditions(group, robot.n),
         deviations=get(group, "deviations", -1, -1) if "deviations" in group else None,
         provenance=read_provenance(file),
+        commanded=get(group, "commanded_poses", -1, 4, 4) if "commanded_poses" in group else None,
     )

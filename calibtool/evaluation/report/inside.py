@@ -1,6 +1,7 @@
 """Sections about the calibrations themselves: training, joint motions, parameters, flagged rows, observability, noise."""
 
 from calibtool.calibration import Calibration
+from calibtool.calibration.frame_report import frame_report
 from calibtool.errormodel.family import COMPONENTS
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Drawing, Section, Table, number
@@ -57,7 +58,8 @@ def parameters_section(subject: Subject) -> Section:
     """Every parameter with its uncertainty; for a model without one its placement errors."""
     tables, lines = [], []
     for name, calibration in subject.calibrations:
-        base = calibration.base
+        base, frame = calibration.base, frame_report(calibration)
+        lines += [] if frame is None else [f"{name}: {line}." for line in frame.lines()]
         if base.posterior is not None:
             rows = parameter_rows(base)
             lines.append(

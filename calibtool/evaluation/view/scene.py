@@ -68,7 +68,7 @@ def scene_of(contents: Measurements | Calibration) -> Scene:
         targets, meaning = contents.setup.targets, "measured"
         found, _ = measured_in_base(contents, contents.setup)
     else:
-        targets, meaning = contents.nominal_setup.targets, "calibrated"
+        targets, meaning = contents.setup.targets, "calibrated"
         found = transform_points(contents.forward(q), targets)
     return Scene(
         robot=robot,

@@ -9,6 +9,12 @@ from calibtool.errormodel.conditions import Conditions, directions
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.measurement.companions import Companions
 from calibtool.measurement.importing.column_map import ColumnMap, Frame
+from calibtool.measurement.importing.commanded import (
+    CommandedFile,
+    commanded_poses,
+    join_commanded,
+    of_kept_rows,
+)
 from calibtool.measurement.importing.header import Stated, complete_map
 from calibtool.measurement.importing.joining import JOIN_TOLERANCE, Join, join_rows
 from calibtool.measurement.importing.known import known_setup
@@ -123,25 +129,31 @@ def read_table(
     stated: Stated = Stated(),
     joints: JointFile | None = None,
     joint_values: JointValues | None = None,
+    commanded: CommandedFile | None = None,
 ) -> Imported:
     """Measurements and companions from the contents of a file; nothing of the set-up is estimated yet.
 
     columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame: overrides the map's.
     robot_targets: the targets are those of the robot's description, in their order. format, sheet, layout: see
     `sources.read_source`. stated: units and convention where the header is silent. joints: their own file. joint_values:
-    overrides the map's, `serial` if neither says.
+    overrides the map's, `serial` if neither says. commanded: targets whose corrected joints the arm was driven to.
     Raises InputError for a bad cell, column or target set, UsageError for options that do not fit the file.
     """
     how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
     source = read_source(data, name, format, sheet=sheet, layout=layout, **how)
     warnings: list[str] = []
+    by = columns.join if columns else None
+    targets: Table | None = None
+    if commanded is not None:
+        table, targets, warnings = join_commanded(source.table, commanded, by)
+        source = replace(source, table=table)
     joint_table = source.table
     if joints is not None:
         joint_table = read_source(joints.data, joints.name).table
-        table, joint_table, warnings = join_rows(
-            source.table, joint_table, joints.join, columns.join if columns else None, joints.tolerance_s
-        )
-        source = replace(source, table=table)
+        table, joint_table, unmatched = join_rows(source.table, joint_table, joints.join, by, joints.tolerance_s)
+        if targets is not None:
+            targets = of_kept_rows(targets, source.table, table)
+        source, warnings = replace(source, table=table), warnings + unmatched
     complete = complete_map(source, joint_table, robot, columns, stated)
     assert complete.joints is not None
     if joint_values is not None:
@@ -169,6 +181,7 @@ def read_table(
             payload_kg=None if complete.payload is None else readonly(read_payload(table, complete.payload)),
             temperature_c=companions.temperature_c if _whole(companions.temperature_c) else None,
         ),
+        commanded=None if targets is None else commanded_poses(targets, robot, complete.joints.values or "serial"),
     )
     if robot.coupled and complete.joints.values is None:
         warnings.append(

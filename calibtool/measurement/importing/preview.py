@@ -28,6 +28,8 @@ def preview(imported: Imported) -> str:
     ]
     if understood.joints_name != table.name:
         facts.append(("joints from", understood.joints_name))
+    if measurements.commanded is not None:
+        facts.append(("commanded", "apart: the joints are those that the arm was driven to"))
     if columns.joints_read is not None:
         facts.append(("joints read", ", ".join(columns.joints_read.columns)))
     for i, target in enumerate(columns.targets):

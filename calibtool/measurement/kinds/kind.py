@@ -69,6 +69,10 @@ class Kind(ABC):
     def from_points(self, setup: Setup, targets: Array) -> Setup:
         """The set-up with targets (k, 3) that were found for `as_points`."""
 
+    @abstractmethod
+    def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
+        """The set-up in another tool frame: T_new_tool (4, 4) is the pose of the present one in it, m."""
+
     def columns(self, setup: Setup, T_base_tool: Array) -> Array:
         """∂(observation)/∂(free elements): (N, d, d). Shifts and left turns in the tool frame, three by three."""
         d = len(self.names(len(setup.targets)))

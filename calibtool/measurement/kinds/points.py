@@ -46,3 +46,6 @@ class TargetPoints(Kind):
 
     def from_points(self, setup: Setup, targets: Array) -> Setup:
         return replace(setup, targets=readonly(targets))
+
+    def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
+        return replace(setup, targets=readonly(transform_points(T_new_tool, setup.targets)))

@@ -59,6 +59,10 @@ class SensorPose(Kind):
             return found
         return replace(found, R_tool_sensor=readonly(nearest_rotation((targets[1:] - targets[:1]).T)))
 
+    def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
+        turned = readonly(T_new_tool[:3, :3] @ _sensor(setup))
+        return replace(_POINT.in_tool(setup, T_new_tool), R_tool_sensor=turned)
+
 
 def _sensor(setup: Setup) -> Array:
     assert setup.R_tool_sensor is not None
