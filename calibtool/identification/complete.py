@@ -17,11 +17,12 @@ from calibtool.errormodel.family import Rows
 from calibtool.errormodel.harmonics import LOW_ORDERS
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import InputError, NoSolutionError, check_choice, check_number
-from calibtool.identification.equations import held_out_sizes, normal_equations, row_sizes
-from calibtool.identification.evidence import inverse, most_probable, posterior_step
+from calibtool.identification.equations import NormalEquations, held_out_sizes, normal_equations, row_sizes
+from calibtool.identification.evidence import Solution, inverse, most_probable, posterior_step
 from calibtool.identification.model import Flagged, Identification, Posterior, split_rms
 from calibtool.identification.parameters import Parameters, State
 from calibtool.identification.robust import LossFunction, find_flagged, row_weights
+from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
 from calibtool.robot.se3 import Array, readonly
@@ -189,27 +190,39 @@ def _fit(
     prior_steps, largest = 1 if known_before else _PRIOR_STEPS, parameters.largest_std(tolerances)
     d = (weights(measurements) > 0).sum(axis=-1)
     row_weight = np.ones(len(measurements))
-    state = state.moved(parameters, np.zeros(parameters.count))
-    for iteration in range(1, _MAX_ITERATIONS + 1):
-        equations = normal_equations(measurements, parameters, state, row_weight)
-        theta = state.vector(parameters)
-        previous = noise_factor
-        priors = options.estimate_priors and iteration <= prior_steps  # then they rest, so that the steps can converge
+    taken = 0
+    equations: NormalEquations | None = None
+    solution: Solution | None = None
+
+    def linearise(at: State) -> tuple[NormalEquations, Array]:
+        return normal_equations(measurements, parameters, at, row_weight), at.vector(parameters)
+
+    def solve(system: tuple[NormalEquations, Array], _: float) -> tuple[Array, bool]:
+        nonlocal prior_std, noise_factor, row_weight, taken, equations, solution
+        (equations, theta), previous = system, noise_factor
+        taken += 1
+        priors = options.estimate_priors and taken <= prior_steps  # then they rest, so that the steps can converge
         solution = posterior_step(parameters, equations, theta, prior_std, noise_factor, largest if priors else None)
         prior_std, noise_factor = solution.prior_std, solution.noise_factor
-        state = state.moved(parameters, solution.step)
         if options.loss_function != "squared":
             row_weight = row_weights(equations.row_sizes, d, options.loss_function)
-        settled = np.abs(solution.step / np.sqrt(np.diag(solution.covariance))).max() < converged
-        if settled and abs(noise_factor / previous - 1.0) < 0.01:
-            break
-    else:
-        if not np.abs(solution.step / np.sqrt(np.diag(solution.covariance))).max() < 1.0:
-            raise NoSolutionError(
-                f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order and target order"
-            )
+        return solution.step, bool(solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01)
+
+    state, iterations, settled = gauss_newton(
+        state.moved(parameters, np.zeros(parameters.count)),
+        linearise,
+        solve,
+        lambda at, step: at.moved(parameters, step),
+        _MAX_ITERATIONS,
+    )
+    assert equations is not None
+    assert solution is not None
+    if not settled and not solution.farthest < 1.0:
+        raise NoSolutionError(
+            f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order and target order"
+        )
     sizes = row_sizes(measurements, state)
-    return _Fit(parameters, state, prior_std, equations.information, sizes, noise_factor, solution.effective, iteration)
+    return _Fit(parameters, state, prior_std, equations.information, sizes, noise_factor, solution.effective, iterations)
 
 
 def _reduced(fit: _Fit, smaller: Parameters) -> State:

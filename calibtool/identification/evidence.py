@@ -23,6 +23,11 @@ class Solution:
     noise_factor: float
     effective: float
 
+    @property
+    def farthest(self) -> float:
+        """The largest element of the step, in standard deviations of the posterior."""
+        return float(np.abs(self.step / np.sqrt(np.diag(self.covariance))).max())
+
 
 def posterior_step(
     parameters: Parameters,

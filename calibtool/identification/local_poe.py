@@ -10,6 +10,7 @@ import numpy as np
 from calibtool.errors import NoSolutionError
 from calibtool.identification.model import Identification, split_rms
 from calibtool.identification.parameters import Parameters, State
+from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import linearised, observation_matrix, residuals, target_columns, weights
 from calibtool.robot.model import Robot
@@ -39,23 +40,31 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
             f"measure at least {needed} (twice as many for a useful result)"
         )
 
-    rank = 0
+    rank, last = 0, np.inf
     singular_values, null_space = np.zeros(0), np.zeros((0, 0))
-    for iteration in range(1, max_iterations + 1):
-        context = state.errors.context(q)
-        pose_columns, targets = parameters.pose_columns(context), bool(parameters.targets)
-        A, left = linearised(measurements, state.setup, context.frames.tool, pose_columns, targets)
-        A, left = A.reshape(-1, parameters.count), left.ravel()
-        u, s, vt = np.linalg.svd(A, full_matrices=False)
-        if iteration == 1:  # the rank is that of the nominal design: errors must not make it look better
-            rank, singular_values, null_space = numerical_rank(s), s, vt[numerical_rank(s) :]
-        step = vt[:rank].T @ ((u[:, :rank].T @ left) / s[:rank])
-        state = state.moved(parameters, step)
-        if np.abs(step).max() < 1e-10:
-            break
-    else:
+
+    def linearise(at: State) -> tuple[Array, Array]:
+        context = at.errors.context(q)
+        return linearised(
+            measurements, at.setup, context.frames.tool, parameters.pose_columns(context), bool(parameters.targets)
+        )
+
+    def solve(system: tuple[Array, Array], _: float) -> tuple[Array, bool]:
+        nonlocal rank, last, singular_values, null_space
+        u, s, vt = np.linalg.svd(system[0].reshape(-1, parameters.count), full_matrices=False)
+        if not rank:  # that of the nominal design: errors must not make it look better
+            rank = numerical_rank(s)
+            singular_values, null_space = s, vt[rank:]
+        step = vt[:rank].T @ ((u[:, :rank].T @ system[1].ravel()) / s[:rank])
+        last = np.abs(step).max()
+        return step, bool(last < 1e-10)
+
+    state, iterations, settled = gauss_newton(
+        state, linearise, solve, lambda at, step: at.moved(parameters, step), max_iterations
+    )
+    if not settled:
         raise NoSolutionError(
-            f"local-poe: no convergence in {max_iterations} iterations, the last step was {np.abs(step).max():.1e}; "
+            f"local-poe: no convergence in {max_iterations} iterations, the last step was {last:.1e}; "
             "check units, joint order and the order of the targets"
         )
     final = residuals(measurements, state.setup, state.frames(q).tool)
@@ -68,7 +77,7 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
         observable_rank=observable_rank,
         unobservable=directions(null_space, seen_anywhere, parameters.names, observable_rank - rank),
         residual_rms=split_rms(final, measurements),
-        iterations=iteration,
+        iterations=iterations,
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.circles import circle_start
+from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import linearised, weighted_residuals
@@ -60,31 +61,32 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
 
     poses (N, 4, 4) are T_base_tool.
     """
-    left = weighted_residuals(measurements, setup, poses)
-    cost, damping = float((left**2).sum()), 0.0
     of_base = None if setup.frame_known else np.broadcast_to(np.eye(6), (len(poses), 6, 6))
-    for _ in range(_ITERATIONS):
-        columns, left = linearised(measurements, setup, poses, of_base, targets=not setup.targets_known)
-        columns = columns.reshape(left.size, -1)
-        right = left.ravel()
+    base, shift = (slice(0), slice(None)) if setup.frame_known else (slice(6), slice(6, None))
+
+    def cost(at: Setup) -> float:
+        return float((weighted_residuals(measurements, at, poses) ** 2).sum())
+
+    def solve(system: tuple[Array, Array], damping: float) -> tuple[Array, bool]:
+        right = system[1].ravel()
+        columns = system[0].reshape(len(right), -1)
         if damping:
             scale = np.sqrt(damping * (columns**2).sum(axis=0))
             columns, right = np.concatenate([columns, np.diag(scale)]), np.concatenate([right, np.zeros(len(scale))])
         step: Array = np.linalg.lstsq(columns, right, rcond=1e-9)[0].astype(float)
-        base = None if setup.frame_known else step[:6]
-        shift = None if setup.targets_known else step[0 if setup.frame_known else 6 :]
-        proposed = update_setup(setup, base, shift)
-        after = float((weighted_residuals(measurements, proposed, poses) ** 2).sum())
-        settled = np.abs(step).max() < 1e-11
-        if after <= cost * (1 + 1e-12) + 1e-12:
-            setup, cost, damping = proposed, after, damping / 10 if damping > 1e-6 else 0.0
-        elif settled:
-            return setup, cost
-        else:
-            damping = max(10 * damping, 1e-4)
-        if settled:
-            return setup, cost
-    return setup, np.inf
+        return step, bool(np.abs(step).max() < 1e-11)
+
+    found, _, settled = gauss_newton(
+        setup,
+        lambda at: linearised(measurements, at, poses, of_base, targets=not setup.targets_known),
+        solve,
+        lambda at, step: update_setup(
+            at, None if setup.frame_known else step[base], None if setup.targets_known else step[shift]
+        ),
+        _ITERATIONS,
+        cost,
+    )
+    return found, cost(found) if settled else np.inf
 
 
 def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> list[Setup]:

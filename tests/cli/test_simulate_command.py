@@ -127,7 +127,7 @@ def test_geometric_errors_are_the_default() -> None:
 def test_one_more_kind_leaves_the_others_as_they_were() -> None:
     run("simulate", "fanuc-m1000ia", "-n", 4, "-o", "one.h5")
     run("simulate", "fanuc-m1000ia", "-n", 4, "--errors", "all", "-o", "all.h5")
-    for name in ("placement_errors", "twist_errors", "offset_errors"):
+    for name in ("errors/placements", "errors/twists", "errors/offsets"):
         assert np.array_equal(stored("one.h5", f"truth/{name}"), stored("all.h5", f"truth/{name}"))
     joints = "measurements/joint_positions"
     assert np.array_equal(stored("one.h5", joints), stored("all.h5", joints))
