@@ -95,6 +95,7 @@ class Family(ABC):
     orders  sizes of model from which evidence chooses; 0: none of its parameters
     always  identified unless told otherwise
     needs   what rows must tell for it to be known, for people
+    by_row  whether it changes placements from row to row
     grows   whether evidence may also enlarge its tolerances: what has a physical scale only gets smaller
     """
 
@@ -109,6 +110,7 @@ class Family(ABC):
     orders: ClassVar[tuple[int, ...]] = (0, 1)
     always: ClassVar[bool] = False
     needs: ClassVar[str] = "joint positions"
+    by_row: ClassVar[bool] = False
     grows: ClassVar[bool] = True
 
     # --- its parameters ---

@@ -26,7 +26,7 @@ class Payload(Family):
     words, unit, size = "wind-up and bending under the payload", "rad/(N m)", 0.5e-3
     meaning = "turn about and across the joint axis per moment of the mass"
     needs = "a mass at the tool"
-    grows = False
+    by_row, grows = True, False
 
     def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
         return (n, 2)

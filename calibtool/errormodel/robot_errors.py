@@ -51,12 +51,12 @@ class RobotErrors:
             values[name] = family.moved(family.resized(self.values[name], step.shape), step)
         return self.having(**values)
 
-    @property
+    @cached_property
     def present(self) -> list[Family]:
         """Families whose value is not zero."""
         return [family for family in FAMILIES if self.values[family.id].any()]
 
-    @property
+    @cached_property
     def beyond_geometry(self) -> list[Family]:
         """Those of the present families that `mechanism` does not hold."""
         return [family for family in self.present if family.kind != "geometric"]
@@ -107,15 +107,18 @@ class RobotErrors:
         return Context(rows, mechanism.frames(driven), driven + mechanism.offsets, self.twists)
 
     def _at(self, rows: Rows) -> tuple[Mechanism, Array]:
-        motion = self._motion(rows)
+        if not self.beyond_geometry:
+            return self.mechanism, rows.q
+        driven = rows.q + self._motion(rows)
+        if not any(family.by_row for family in self.present):
+            return self.mechanism, driven
         placements = self._placements(rows)
-        mechanism = self.mechanism if placements.ndim == 3 else replace(self.mechanism, placements=placements)
-        return mechanism, rows.q + motion
+        return self.mechanism if placements.ndim == 3 else replace(self.mechanism, placements=placements), driven
 
     def _motion(self, rows: Rows) -> Array:
         motion = np.zeros(rows.q.shape)
-        for family in FAMILIES:
-            motion = motion + family.motion(self.values[family.id], rows)
+        for family in self.beyond_geometry:
+            motion += family.motion(self.values[family.id], rows)
         return motion
 
     def _placements(self, rows: Rows | None) -> Array:

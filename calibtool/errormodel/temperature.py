@@ -16,6 +16,7 @@ class Temperature(Family):
     id, symbol, ascii, kind = "temperature", "growth", "growth", "thermal"
     words, unit, size = "thermal growth of the links", "1/K", STEEL_EXPANSION
     meaning = "expansion of the link before each joint, and before the tool"
+    by_row = True
     needs = "temperatures that differ"
 
     def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
