@@ -4,8 +4,10 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify, train
+from calibtool.compensation.one_step import Linearised, default_bounds
 from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.robot_errors import RobotErrors
@@ -15,6 +17,7 @@ from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
 REGULAR = 2 * MIN_SINGULARITY_DISTANCE  # here answers are compared to the last digits; nearer, rounding is magnified
+STATUS = ("ok", "near-singular", "not-finite", "partial", "limited", "out-of-limits", "uncorrected")  # by their codes
 
 # robot, base model, with a network
 CASES = [
@@ -66,3 +69,19 @@ def anywhere(calibration: Calibration, count: int) -> Array:
     """Random configurations of the whole joint range."""
     robot = calibration.robot
     return robot.lower + (robot.upper - robot.lower) * np.random.default_rng(2).random((count, robot.n))
+
+
+def undisturbed(calibration: Calibration, q: Array) -> np.ndarray:
+    """Rows far from singularities in which no joint is held: rounding is not magnified there. (N,) bool"""
+    proposal, _ = Linearised.at(calibration, q, None, default_bounds(calibration)).proposed()
+    lower, upper = proposal.box
+    inside = ((proposal.change > lower) & (proposal.change < upper)).all(axis=1) | (proposal.change == 0).all(axis=1)
+    return np.asarray(inside & (proposal.distance >= REGULAR))
+
+
+def weighted_sizes(calibration: Calibration, q: Array, commanded: Array) -> Array:
+    """Size of the weighted pose error of the calibrated robot at q against the nominal one at `commanded`, rad: (N,)."""
+    robot = calibration.robot
+    pose, aim = calibration.forward(q), robot.mechanism.forward(commanded)
+    turn = Rotation.from_matrix(pose[:, :3, :3] @ np.swapaxes(aim[:, :3, :3], 1, 2)).magnitude()
+    return np.hypot(np.linalg.norm(pose[:, :3, 3] - aim[:, :3, 3], axis=1) / robot.length, turn)

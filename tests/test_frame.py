@@ -98,7 +98,7 @@ def test_numbers_of_exported_code_are_those_of_the_frame(frame: FrameName) -> No
     values = compensator_values(calibration, "double")
     placements = values["nominal_placements"] + values["placement_changes"]
     T = np.repeat(placements[:1], len(calibration.q), axis=0)
-    for j, twist in enumerate(values["nominal_twists"] + values["twist_errors"]):
+    for j, twist in enumerate(values["base_twists"]):
         T = T @ exp6(calibration.q[:, j : j + 1] * twist) @ placements[j + 1]
     np.testing.assert_allclose(T, calibration.forward(calibration.q), atol=1e-12)
 

@@ -219,7 +219,7 @@ def test_the_status_column_and_the_remarks_tell_of_doubtful_rows() -> None:
     assert [row[header.index("status")] for row in rows] == ["ok", "near-singular", "out-of-limits", "ok"]
     assert len(result.remarks) == 2
     assert result.remarks[0].startswith("t.csv:4: near a singularity")
-    assert result.remarks[1].startswith("t.csv:5: the corrected joints are outside the joint limits")
+    assert result.remarks[1].startswith("t.csv:5: a joint is held at its limit, or outside its limits")
     assert result.unreachable == 0
 
 

@@ -255,24 +255,26 @@ def test_a_target_without_an_answer(line: str, error: type[Exception], why: str)
     assert [remark.line for remark in result.left_alone] == [2]
 
 
-def test_corrected_joints_beyond_the_limits() -> None:
-    """Targets at the very limit: those whose correction leads over it have no answer, the others have."""
+def test_corrections_that_lead_over_a_limit() -> None:
+    """Targets at the very limit: where the correction leads over it, the joint stays there and the target is named."""
     robot, calibration = load_robot("fanuc-m1000ia"), calibrations("fanuc-m1000ia")[1]
-    refused = []
+    held = []
     for j in range(3):
         for limit in (robot.lower[j], robot.upper[j]):
             degrees = [0.0, 10, -10, 20, -70, 0]
             degrees[j] = float(np.rad2deg(limit))
-            corrected = compensate_joints(calibration, np.deg2rad([degrees])).q
+            q = np.deg2rad([degrees])
+            corrected = compensate_joints(calibration, q)
             text = f"MoveAbsJ [[{','.join(map(repr, degrees))}],{REST}], v100, fine, tool0;\n"
-            options = ProgramOptions(on_error="skip")
-            result = compensate_program(calibration, text.encode(), "a", "abb-rapid", options)
-            refused.append(not robot.within_limits(corrected)[0])
-            assert [r.why for r in result.left_alone] == [
-                "the corrected joints are outside the joint limits"
-            ] * refused[-1]
-    assert True in refused
-    assert False in refused
+            result = compensate_program(calibration, text.encode(), "a", "abb-rapid", ProgramOptions())
+            written = np.deg2rad([[float(v) for v in result.data.decode().split("[[")[1].split("]")[0].split(",")]])
+            assert robot.within_limits(np.round(written, 9))[0]
+            np.testing.assert_allclose(written, corrected.q, atol=1e-6)
+            held.append(bool(abs(corrected.q[0, j] - q[0, j]) < 1e-9))
+            named = ["a joint is held at its limit, or outside its limits"] * held[-1]
+            assert [r.why for r in result.remarks if "limit" in r.why] == named
+    assert True in held
+    assert False in held
 
 
 def test_outside_of_the_training_is_refused_on_request() -> None:

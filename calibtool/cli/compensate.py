@@ -14,6 +14,7 @@ from calibtool.cli.options import (
     Force,
     FrameOption,
     JointValuesOption,
+    LargestChange,
     Output,
     Outside,
     PayloadKg,
@@ -21,6 +22,7 @@ from calibtool.cli.options import (
     choice,
     under,
 )
+from calibtool.cli.options import largest_change as in_rad
 from calibtool.cli.programs import (
     FORMATS,
     ROWS,
@@ -38,6 +40,7 @@ from calibtool.errors import UsageError
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
     from calibtool.compensation.stream import RowFormat, StreamOptions
+    from calibtool.compensation.weighed import Weights
 
 
 def compensate(
@@ -57,6 +60,14 @@ def compensate(
         bool,
         typer.Option("--verify", help="Drive the calibrated model to every corrected row; add left_mm, left_mrad."),
     ] = False,
+    largest_change_deg: LargestChange = None,
+    weights: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z,RX,RY,RZ",
+            help="Fewer than six joints: weights of the tool's components, a trade in place of those that can be corrected.",
+        ),
+    ] = None,
     backlash: Annotated[
         bool, typer.Option("--backlash/--no-backlash", help="Take up backlash; --no-backlash: the rows are no path.")
     ] = True,
@@ -74,11 +85,13 @@ def compensate(
 ) -> None:
     """Correct commanded poses or joint positions, any number of rows, or a controller program.
 
-    Rows come back with the corrected joints, the input's other columns and a status: ok, outside (of the training's
-    configurations), near-singular, out-of-limits or unreachable (empty joints, exit code 4; the other rows are written all
-    the same). Poses without joints are a path: each row starts from the one before, jumps of the joints are reported.
-    A calibration with backlash takes it up by the direction of each joint's corrected motion: rows must be in the order of
-    motion.
+    By the calibrated model no row is worse than the command: where no better joints are found, it stays as it is. Rows
+    come back with the corrected joints, the input's other columns and a status (docs/numerics): ok, jump (the correction
+    changes faster than the command), outside (of the training's configurations); partial, limited, near-singular,
+    out-of-limits (a part of the error stays), uncorrected (all of it: as commanded) or unreachable (empty joints, exit
+    code 4; the other rows are written all the same). Poses without joints are a path: each row starts from the one before,
+    jumps of the joints are reported. A calibration with backlash takes it up by the direction of each joint's corrected
+    motion: rows must be in the order of motion.
 
     Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how many, by how
     much at most, and what was left alone and why. A target without an answer stops it, and nothing is written.
@@ -103,10 +116,12 @@ def compensate(
         choice(joint_values, JOINT_VALUES, "--joint-values")
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
     values = cast(JointValues | None, joint_values)
+    most, weighed = in_rad(largest_change_deg), _weights(weights)
     loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
     found_frame = frame_report(loaded)
     if found_frame is not None and found_frame.name == "fitted":
         message(f"frame fitted: every target moves by the common part, too: {found_frame.common}")
+    bounds = _bounds(loaded, most, weighed)
     with input_stream(targets) as stream:
         found = recognised(targets, stream.peek()) if kind == "auto" else kind
         if found not in ROWS:
@@ -115,8 +130,9 @@ def compensate(
                     f"--uncertainty, --verify and --line-buffered are for rows, but {shown(targets)} is {found}"
                 )
             check_not_input(output, targets, calibration)
-            how = program_options(solver, policy, on_error, values, frames, backlash)
+            how = program_options(solver, policy, on_error, values, frames, backlash, most, weighed)
             compensate_file(loaded, stream.read(), targets, found, output, force, how)
+            message(bounds)
             return
         if on_error != "stop" or frames is not None:
             raise UsageError(f"--on-error and --frames are for programs, but {shown(targets)} holds rows")
@@ -127,10 +143,34 @@ def compensate(
             verify=verify,
             joint_values=values or "serial",
             backlash=backlash,
+            largest_change=most,
+            weights=weighed,
             batch=1 if line_buffered else BATCH,
         )
         lines = text_lines(stream, shown(targets))
-        compensate_rows(loaded, lines, shown(targets), cast(RowFormat, found), options, output, force)
+        compensate_rows(loaded, lines, shown(targets), cast(RowFormat, found), options, output, force, bounds)
+
+
+def _weights(text: str | None) -> "Weights | None":
+    """`--weights` as numbers; UsageError for what are none."""
+    if text is None:
+        return None
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise UsageError(f"--weights is '{text}'; expected six numbers, for example 1,1,1,0,0,1") from None
+
+
+def _bounds(calibration: "Calibration", largest_change: float | None, weights: "Weights | None") -> str:
+    """How far joints may be changed, in words. UsageError for weights that do not fit the robot."""
+    from math import degrees
+
+    from calibtool.compensation.one_step import default_bounds
+
+    robot = calibration.robot
+    most = default_bounds(calibration, largest_change, weights).largest_change
+    slides = f", slides by {most * robot.length * 1e3:.3g} mm" if any(robot.prismatic) else ""
+    return f"joints change by at most {degrees(most):.3g} deg{slides} (--largest-change-deg)"
 
 
 def compensate_rows(
@@ -141,6 +181,7 @@ def compensate_rows(
     options: "StreamOptions",
     output: str,
     force: bool,
+    bounds: str,
 ) -> None:
     """Write corrected rows as they come, then what people have to know of them."""
     from calibtool.compensation.stream import StreamReport, compensate_stream
@@ -155,12 +196,13 @@ def compensate_rows(
         message(line, important=True)
     if report.others:
         message(f"… and {report.others} more rows; see the column status", important=True)
+    message(bounds)
     if options.backlash and calibration.base.errors["backlash"].any():
         message("backlash is taken up along the rows, in their order; --no-backlash where they are no path")
     if options.verify:
         message(
             f"{report.rows} rows verified: the calibrated model stays within {report.left * 1e3:.3g} mm and "
-            f"{report.turned * 1e3:.3g} mrad of the command where the status is ok or outside"
+            f"{report.turned * 1e3:.3g} mrad of the command where the status is ok, jump or outside"
         )
     if report.without_joints:
         raise NoSolutionError(

@@ -100,8 +100,8 @@ def evaluate(
     for errors, marked in zip(evaluation.methods, evaluation.marked, strict=True):
         if marked:
             message(
-                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations are near a singularity "
-                "or out of limits"
+                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations are corrected in part, "
+                "or not at all (status of compensate)"
             )
     for errors, far in zip(evaluation.methods, evaluation.outside, strict=True):
         if far:

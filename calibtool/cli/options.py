@@ -25,6 +25,14 @@ Outside = Annotated[
         help="Rows unlike the training: mark, use the base model alone, or refuse.",
     ),
 ]
+LargestChange = Annotated[
+    float | None,
+    typer.Option(
+        "--largest-change-deg",
+        metavar="DEG",
+        help="A joint changes by no more (default: 20 times the size of the identified errors; stderr says it).",
+    ),
+]
 RefitSetup = Annotated[
     bool,
     typer.Option("--refit-setup", help="The instrument was moved: register it again on these rows, for every method."),
@@ -105,3 +113,14 @@ def under(calibration: "Calibration", payload_kg: float | None, temperature_c: f
     conditions = Conditions(payload_kg=known["payload"], temperature_c=known["temperature"])
     conditions.check((0, calibration.robot.n), "options")
     return calibration.at(conditions)
+
+
+def largest_change(degrees: float | None) -> float | None:
+    """`--largest-change-deg` in rad; UsageError unless it is positive."""
+    from math import radians
+
+    from calibtool.errors import UsageError
+
+    if degrees is not None and not degrees > 0.0:
+        raise UsageError(f"--largest-change-deg is {degrees:g}; expected more than 0")
+    return None if degrees is None else radians(degrees)

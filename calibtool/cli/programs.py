@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from calibtool.calibration import Calibration
     from calibtool.compensation.program import OutsidePolicy
     from calibtool.compensation.solve import Method
+    from calibtool.compensation.weighed import Weights
     from calibtool.programs.compensate import ProgramOptions
     from calibtool.robot.coupling import JointValues
 
@@ -62,6 +63,8 @@ def program_options(
     joint_values: "JointValues | None",
     frames: str | None,
     backlash: bool,
+    largest_change: float | None,
+    weights: "Weights | None",
 ) -> "ProgramOptions":
     """The options of a program. InputError for a bad frames file."""
     from calibtool.programs.compensate import ProgramOptions
@@ -74,6 +77,8 @@ def program_options(
         joint_values=joint_values,
         frames=Frames() if frames is None else read_frames(read_text(frames), shown(frames)),
         backlash=backlash,
+        largest_change=largest_change,
+        weights=weights,
     )
 
 

@@ -13,8 +13,12 @@ from calibtool.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.backlash import BacklashPath
 from calibtool.compensation.decimals import DECIMALS, decimal_rows
+from calibtool.compensation.jumps import CorrectionPath, Jump
+from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.program import OutsidePolicy, guarded, no_targets
-from calibtool.compensation.solve import OK, OUTSIDE, UNREACHABLE, Compensation, Method
+from calibtool.compensation.solve import Compensation, Method
+from calibtool.compensation.status import CORRECTED, DOUBTFUL, JUMP, MEANING, OK
+from calibtool.compensation.weighed import Weights
 from calibtool.errors import InputError
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
@@ -35,6 +39,7 @@ class StreamOptions:
 
     backlash: take up the calibration's backlash; needs rows in the order of motion, see `BacklashPath`.
     joint_values: `controller` when joints come in and go out as the controller shows them (`Robot.to_serial`).
+    largest_change (rad) and weights: see `default_bounds`.
     """
 
     method: Method = "exact"
@@ -43,6 +48,8 @@ class StreamOptions:
     verify: bool = False
     joint_values: JointValues = "serial"
     backlash: bool = True
+    largest_change: float | None = None
+    weights: Weights | None = None
     batch: int = BATCH
 
 
@@ -52,7 +59,7 @@ class StreamReport:
 
     remarks    a line for each of the first `listed` rows that are not plainly `ok`; others: how many more there are
     without_joints   rows that got no joints, unreachable or refused
-    left, turned     largest of what the calibrated model leaves in rows that are `ok` or `outside`, m and rad
+    left, turned     largest of what the calibrated model leaves in rows that are corrected in full, m and rad
     """
 
     listed: int = 10
@@ -63,12 +70,17 @@ class StreamReport:
     left: float = 0.0
     turned: float = 0.0
 
+    @property
+    def full(self) -> bool:
+        """Whether further remarks are counted only."""
+        return len(self.remarks) >= self.listed
+
     def remark(self, line: str) -> None:
         """Keep a line, or count it when there are enough."""
-        if len(self.remarks) < self.listed:
-            self.remarks.append(line)
-        else:
+        if self.full:
             self.others += 1
+        else:
+            self.remarks.append(line)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +108,9 @@ def compensate_stream(
     prismatic). Where a row has both, the pose is commanded and the joints choose the branch. Other columns pass through;
     a column `status` is added, for n < 6 and with `verify` what is left of the commanded pose (`left_mm`, `left_mrad`), and
     with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses in order are a path: each
-    starts from the row before, and jumps of the joints are reported. Backlash is taken up along the rows, which must be in
-    the order of motion then (`StreamOptions.backlash`). Raises InputError for the first bad row.
+    starts from the row before, and jumps of the joints are reported. Rows whose correction changes faster than the command
+    (`CorrectionPath`) have the status `jump`. Backlash is taken up along the rows, which must be in the order of motion
+    then (`StreamOptions.backlash`). Raises InputError for the first bad row.
     """
     np.empty(_LARGEST_KEPT)  # given back at once
     corrector = _Corrector(calibration, options, report)
@@ -126,6 +139,8 @@ class _Corrector:
     def __init__(self, calibration: Calibration, options: StreamOptions, report: StreamReport) -> None:
         self.calibration, self.options, self.report = calibration, options, report
         self.seed: Array | None = None
+        self.bounds = default_bounds(calibration, options.largest_change, options.weights)
+        self.correction = CorrectionPath(calibration.robot)
         backlash = calibration.base.errors["backlash"]
         self.path = BacklashPath(backlash) if options.backlash and backlash.any() else None
 
@@ -141,10 +156,13 @@ class _Corrector:
                 )
         q = self.seed if joints is None else robot.serial_from(options.joint_values, joints[0])
         T = None if poses is None else poses[0]
-        result = guarded(self.calibration, q, T, options.method, options.outside, verify=options.verify)
+        result = guarded(self.calibration, q, T, options.method, options.outside, self.bounds)
         if joints is None:
-            self._note_jumps(table, result.q)
-        self._note(table, result)
+            self._note_branches(table, result.q)
+        jumps = self.correction.jumps(result.commanded, result.q)
+        rows = np.array([jump.row for jump in jumps], dtype=int)
+        result.status[rows[result.status[rows] == OK]] = JUMP
+        self._note(table, result, {jump.row: jump for jump in jumps})
         added = self._added(result)
         if self.path is not None:
             result = replace(result, q=result.q + self.path.taken_up(result.q))
@@ -174,24 +192,32 @@ class _Corrector:
                 added[column] = ["" if np.isnan(value) else f"{value * 1e3:.6g}" for value in values]
         return added
 
-    def _note(self, table: Table, result: Compensation) -> None:
+    def _note(self, table: Table, result: Compensation, jumps: dict[int, Jump]) -> None:
         report = self.report
         report.rows += len(table)
         report.without_joints += int(np.isnan(result.q).any(axis=-1).sum())
-        plain = (result.status == OK) | (result.status == OUTSIDE)
-        if self.options.verify and plain.any():
-            report.left = max(report.left, float(result.position[plain].max()))
-            report.turned = max(report.turned, float(result.orientation[plain].max()))
-        meaning = {
-            "near-singular": "near a singularity: damped, {left:.3g} mm of the error stay",
-            "out-of-limits": "the corrected joints are outside the joint limits",
-            OUTSIDE: "outside the configurations of the training",
-            UNREACHABLE: "the pose is unreachable: no joints are given",
-        }
-        for k in np.flatnonzero(result.status != OK):
-            report.remark(f"{table.place(int(k))}: {meaning[result.status[k]].format(left=result.position[k] * 1e3)}")
+        full = np.isin(result.status, CORRECTED)
+        if self.options.verify and full.any():
+            report.left = max(report.left, float(result.position[full].max()))
+            report.turned = max(report.turned, float(result.orientation[full].max()))
+        for k in np.flatnonzero(result.status != OK).tolist():
+            status = result.status[k]
+            if report.full:
+                report.others += 1
+                continue
+            text = MEANING[status]
+            if status == JUMP:
+                text += f": {self._size(jumps[k])}"
+            elif status in DOUBTFUL:
+                left, turned = result.position[k] * 1e3, result.orientation[k] * 1e3
+                text += f"; {left:.3g} mm and {turned:.3g} mrad of the error stay"
+            report.remark(f"{table.place(k)}: {text}")
 
-    def _note_jumps(self, table: Table, q: Array) -> None:
+    def _size(self, jump: Jump) -> str:
+        factor, unit = (1e3, "mm") if self.calibration.robot.prismatic[jump.joint] else (180 / np.pi, "deg")
+        return f"joint {jump.joint + 1} by {jump.change * factor:.3g} {unit}"
+
+    def _note_branches(self, table: Table, q: Array) -> None:
         """Branch flips of a path, and where the next batch starts."""
         reached = np.flatnonzero(np.isfinite(q).all(axis=-1))
         angles = ~np.array(self.calibration.robot.prismatic)

@@ -70,12 +70,27 @@ class Conditions:
 def directions(q: Array, start: Array | None = None, before: Array | None = None) -> Array:
     """Sign −1, 0, +1 of each joint's last motion on the way through the rows of q (N, n), in order: (N, n).
 
-    A joint that stands still stays on its side. start (n,): where the first row comes from, and before (n,) the directions
-    there; 0, unknown, until a joint has moved.
+    A joint that stands still stays on its side. start (n,): where it last counted as moved (`last_moved`) before the first
+    row, and before (n,) the directions there; 0, unknown, until a joint has moved.
     """
-    start = q[:1] if start is None else start[None]
-    moves = np.diff(q, axis=0, prepend=start)
-    signs = np.where(np.abs(moves) > _STANDS_STILL, np.sign(moves), 0.0)
+    start = q[0] if start is None else start
+    signs = np.sign(np.diff(last_moved(q, start), axis=0, prepend=start[None]))
     signs = np.concatenate([np.zeros((1, q.shape[1])) if before is None else before[None], signs])
     last = np.maximum.accumulate(np.where(signs != 0, np.arange(len(signs))[:, None], 0), axis=0)
     return np.take_along_axis(signs, last, axis=0)[1:]
+
+
+def last_moved(q: Array, start: Array) -> Array:
+    """Where each joint last counted as moved on the way through the rows of q (N, n), in order, from start (n,): (N, n).
+
+    A joint counts as moved when it is farther than rounding from there: one that creeps does so every few rows.
+    """
+    places = q.copy()
+    steps = np.abs(np.diff(q, axis=0, prepend=start[None]))
+    for j in np.flatnonzero(((steps > 0.0) & (steps <= _STANDS_STILL)).any(axis=0)):
+        place = float(start[j])
+        for k, position in enumerate(q[:, j].tolist()):
+            if abs(position - place) > _STANDS_STILL:
+                place = position
+            places[k, j] = place
+    return places

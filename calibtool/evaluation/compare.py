@@ -5,10 +5,14 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from calibtool.calibration import Calibration, check_same_robot, fitting_setup
+from calibtool.calibration import Calibration, check_same_robot, fitting_setup, identify
 from calibtool.calibration.guard import coverage
+from calibtool.compensation.bounds import Bounds
+from calibtool.compensation.exact import exact
 from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy, guarded
-from calibtool.compensation.solve import NEAR_SINGULAR, OUT_OF_LIMITS, Method
+from calibtool.compensation.solve import Method
+from calibtool.compensation.status import DOUBTFUL
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import NoSolutionError, UsageError, check_choice
 from calibtool.evaluation.iso9283 import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
@@ -18,7 +22,9 @@ from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import observe
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.se3 import Array, inverse, log3, transform_points
+from calibtool.robot.se3 import Array, inverse, log3, log6, transform_points
+
+_UNBOUNDED = Bounds(np.inf, (np.inf, np.inf))
 
 Kind = Literal["compensated", "predicted", "measured"]
 
@@ -31,7 +37,7 @@ class Evaluation:
                    `predicted`: what is left between measured and predicted target points, what to expect of a correction;
                    `measured`: commanded against measured points, the arm driven to the commands (nominal) and to the
                    corrected joints (the one calibration), see `proof`
-    marked         (methods,) how many rows of the compensation were near a singularity or out of limits
+    marked         (methods,) how many rows were corrected in part, or not at all (`status.DOUBTFUL`)
     outside        (methods,) how many rows are unlike the configurations of the training
     uncorrectable  what stays whatever the method, a row for every pose that the actual robot cannot take (n < 6, or out of
                    reach of an arm that is shorter than drawn): nearest pose against commanded one; None where every pose
@@ -227,7 +233,7 @@ def _compensated(
         for conditions, rows in measurements.conditions.alike(len(q)):
             result = guarded(calibration, q[rows], None, method, outside, conditions=conditions)
             driven[rows] = result.q
-            marked += int(np.isin(result.status, (NEAR_SINGULAR, OUT_OF_LIMITS)).sum())
+            marked += int(np.isin(result.status, DOUBTFUL).sum())
         driven = driven + calibration.base.errors["backlash"] * truth.actual.directions(driven)
     commanded = robot.mechanism.forward(q)
     if measurements.setup.known:
@@ -244,21 +250,31 @@ def _compensated(
 def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErrors | None]:
     """Nearest poses to the commanded ones that the actual robot can take, and how far they stay; None if all can be taken.
 
-    Only where truth and set-up are known: an estimated instrument frame moves the commanded poses with the method.
+    Nearest by the weighted pose error; for n < 6 by what `exact` makes up for, as if it knew the truth. Only where truth
+    and set-up are known: an estimated instrument frame moves the commanded poses with the method.
     """
     truth, robot, q = measurements.truth, measurements.robot, measurements.q
     if truth is None or not measurements.setup.known:
         return None, None
     commanded = robot.mechanism.forward(q)
     # Motion errors of the joints do not change which poses can be taken, only where the joints have to go.
+    actual = truth.actual.mechanism
+    if robot.n < 6:
+        moved = log6(inverse(robot.chain.placements) @ actual.placements)  # thermal growth included
+        errors = truth.actual.errors
+        kept = RobotErrors.of(robot, placements=moved, twists=errors["twists"], offsets=errors["offsets"])
+        nominal = identify(measurements, "nominal")
+        knowing = replace(nominal, base=replace(nominal.base, model="local-poe", errors=kept))
+        nearest = actual.forward(exact(knowing, q, commanded, _UNBOUNDED).q)
+        return nearest, _pose_errors("uncorrectable", nearest, commanded)
     solved = solve_poses(
-        truth.actual.mechanism.forward_and_jacobian, commanded, q, length=robot.length, max_iterations=300, descend=True
+        actual.forward_and_jacobian, commanded, q, length=robot.length, max_iterations=300, descend=True
     )
     if solved.reached.all():
         return None, None
     beyond = ~solved.reached
     nearest = commanded.copy()
-    nearest[beyond] = truth.actual.mechanism.forward(solved.q[beyond])
+    nearest[beyond] = actual.forward(solved.q[beyond])
     return nearest, _pose_errors("uncorrectable", nearest[beyond], commanded[beyond])
 
 

@@ -15,7 +15,7 @@ def calibration_as_c(
 ) -> tuple[str, str]:
     """Header and source, to be saved as `<prefix>.h` and `<prefix>.c`: functions `<prefix>_correct`, `<prefix>_network`.
 
-    `<prefix>_correct` is `compensation.solve.one_step` in C99: joint positions q (n,) in rad or m to q_m (Eq. 24), of type
+    `<prefix>_correct` is `compensation.one_step` in C99: joint positions q (n,) in rad or m to q_m and a status, of type
     double or float. The source needs <math.h> only, takes no memory from the heap, and is plain ASCII. Numbers have 17
     significant digits (9 for float); the same calibration gives the same text. Raises UsageError when `prefix` is no C
     identifier.
@@ -63,9 +63,8 @@ def _row(number: Any, values: Array) -> str:
 
 def _stack(values: dict[str, Any], size: int) -> int:
     """Bytes of stack of one correction, the deepest way through the functions, under gcc -O2 on a 64-bit machine."""
-    n, p, network = values["n"], values["p"], values["network"]
-    hidden = network.hidden + n if network else 0
-    if not values["kinematic"]:
-        return int(size * (p + hidden) + 150)
-    motion = 30 if values["motion"]["orders"] or values["motion"]["gravity"] else 0
-    return int(size * (39 * n + 6 * p + 180 + motion + hidden) + 150)
+    n, network = values["n"], values["network"]
+    if not values["corrects"]:
+        return 50
+    chain = 38 * n + 12 if values["motion"]["orders"] or values["motion"]["gravity"] else 0
+    return int(size * (55 * n + 305 + chain + (network.hidden + n if network else 0)) + 200)

@@ -7,8 +7,11 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.program import OutsidePolicy, guarded
-from calibtool.compensation.solve import OK, OUTSIDE, Compensation, Method
+from calibtool.compensation.solve import Compensation, Method
+from calibtool.compensation.status import MEANING, OK, OUTSIDE, UNCORRECTED
+from calibtool.compensation.weighed import Weights
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
 from calibtool.programs.branches import Controller, coupling_of, solve_pose
 from calibtool.programs.formats import reader
@@ -33,6 +36,8 @@ class ProgramOptions:
     joint_values: JointValues | None = None  # see `coupling_of`
     frames: Frames = field(default_factory=Frames)
     backlash: bool = True  # taken up where the text is in the order of motion
+    largest_change: float | None = None  # rad; this and weights: see `default_bounds`
+    weights: Weights | None = None
 
 
 @dataclass(frozen=True)
@@ -113,18 +118,13 @@ def compensate_program(
     nominal, new = robot.mechanism.forward(q), robot.mechanism.forward(np.nan_to_num(result.q))
     for k, item in enumerate(solved):
         status = result.status[k]
-        if not robot.within_limits(result.q[k : k + 1])[0]:  # NaN is outside too
-            why = "the corrected joints are outside the joint limits"
-            if status == OUTSIDE and np.isnan(result.q[k]).any():
-                why = "outside the configurations of the training (--outside refuse)"
+        if np.isnan(result.q[k]).any():
+            why = f"{MEANING[status]} (--outside refuse)" if status == OUTSIDE else MEANING[status]
             failures.append((_remark(item.target, why), NoSolutionError))
             continue
         own, digits = _edits(controller, program, item, result.q[k], new[k])
         if status != OK:
-            why = {OUTSIDE: "outside the configurations of the training"}.get(
-                status, "near a singularity: damped, a part of the error stays"
-            )
-            remarks.append(_remark(item.target, why))
+            (left if status == UNCORRECTED else remarks).append(_remark(item.target, MEANING[status]))
         if digits:
             remarks.append(
                 _remark(item.target, "a joint passes into another turn: its configuration data are changed too")
@@ -197,14 +197,15 @@ def _nominal(
 def _corrected(calibration: Calibration, solved: list[_Solved], q: Array, options: ProgramOptions) -> Compensation:
     """The compensation of all targets, joint targets and poses each in one batch."""
     count = len(solved)
-    result = Compensation(q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count))
+    result = Compensation(q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count), q)
+    bounds = default_bounds(calibration, options.largest_change, options.weights)
     poses = np.array([item.T_base_tool is not None for item in solved], dtype=bool)
     for kind in (False, True):
         rows = np.flatnonzero(poses == kind)
         if not len(rows):
             continue
         T = np.array([solved[k].T_base_tool for k in rows]) if kind else None
-        part = guarded(calibration, q[rows], T, options.method, options.outside)
+        part = guarded(calibration, q[rows], T, options.method, options.outside, bounds)
         for name in ("q", "status", "position", "orientation"):
             getattr(result, name)[rows] = getattr(part, name)
     return result

@@ -186,9 +186,10 @@ def test_an_unreachable_pose(files: Files) -> None:
     expected = joints_of(run("compensate", files.six_network, "joints.csv").stdout, SIX)
     np.testing.assert_allclose(joints_of(Path("corrected.csv").read_text(), SIX)[[0, 2]], expected[[0, 2]], atol=1e-5)
     lines = result.stderr.splitlines()
-    assert len(lines) == 2
+    assert len(lines) == 3
     assert lines[0].startswith("poses.csv:3: ")
-    assert lines[1].startswith("poses.csv: 1 of 3 rows")
+    assert lines[1].startswith("joints change by at most ")
+    assert lines[2].startswith("poses.csv: 1 of 3 rows")
     assert result.stdout_bytes == b""
 
 
@@ -196,8 +197,8 @@ def test_many_remarks_are_counted(files: Files) -> None:
     write_table("t.csv", PLANAR, [[175, 20, 30]] * 25)
     result = run("compensate", files.network, "t.csv")
     lines = result.stderr.splitlines()
-    assert [line.split(": ")[0] for line in lines[:-1]] == [f"t.csv:{k}" for k in range(2, 12)]
-    assert "15 more rows" in lines[-1]
+    assert [line.split(": ")[0] for line in lines[:-2]] == [f"t.csv:{k}" for k in range(2, 12)]
+    assert "15 more rows" in lines[-2]
     assert len(rows_of(result.stdout)) == 25
 
 
@@ -211,7 +212,7 @@ def test_near_singular_rows_are_marked(files: Files) -> None:
     assert [row["status"] for row in rows_of(result.stdout)] == ["ok", "near-singular"]
     assert np.abs(joints_of(result.stdout, SIX)[1] - [0, 10, -10, 0, 0, 0]).max() < 6
     assert result.stderr.startswith("t.csv:3: near a singularity")
-    assert result.stderr.count("\n") == 1
+    assert result.stderr.count("t.csv:") == 1
 
 
 def test_rows_outside_the_limits_are_marked(files: Files) -> None:
@@ -219,7 +220,7 @@ def test_rows_outside_the_limits_are_marked(files: Files) -> None:
     result = run("compensate", files.network, "t.csv")
     assert [row["status"] for row in rows_of(result.stdout)] == ["ok", "out-of-limits"]
     assert result.stderr.startswith("t.csv:3: ")
-    assert result.stderr.count("\n") == 1
+    assert result.stderr.count("t.csv:") == 1
 
 
 # --- streams --------------------------------------------------------------------------------------------------------

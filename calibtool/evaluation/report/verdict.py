@@ -70,7 +70,7 @@ def cautions(subject: Subject, judged: Array) -> list[str]:
             )
         if evaluation.marked[k]:
             result.append(
-                f"{evaluation.marked[k]} corrections by {name} are near a singularity or out of the joint limits."
+                f"{evaluation.marked[k]} corrections by {name} leave a part of the error, or all of it."
             )
         if evaluation.outside[k]:
             result.append(f"{evaluation.outside[k]} judged configurations are unlike those of the training of {name}.")
