@@ -146,7 +146,7 @@ def test_what_a_urdf_cannot_hold_is_listed(name: str, tmp_path: Path) -> None:
     assert missing[-1] == (
         f"all together: {mean[0]:.4f} mm, {mean[1]:.4f} mrad in the mean, up to {most[0]:.4f} mm, {most[1]:.4f} mrad"
     )
-    assert [line.split(" (")[0] for line in missing[:-1]] == ["twist errors"]
+    assert [line.split(":")[0] for line in missing[:-1]] == ["twist errors"]
     assert all(line in text for line in missing)
 
 

@@ -29,7 +29,7 @@ def test_backlash_is_refused_where_the_directions_are_unknown() -> None:
     run("simulate", "planar-3r", "-n", 20, "-o", "m.h5")
     assert answer("info", "m.h5")["directions"] == "known"
     with h5py.File("m.h5", "r+") as file:
-        del file["measurements/directions"]
+        del file["measurements/direction"]
     assert answer("info", "m.h5")["directions"] == "unknown"
     assert "from which side the joints came" in refused(3, "identify", "m.h5", "--backlash", "-o", "c.h5")
     assert "backlash" in refused(2, "identify", "m.h5", "--model", "local-poe", "--backlash", "-o", "c.h5")
