@@ -20,11 +20,12 @@ from calibtool.compensation.solve import compensate_joints
 from calibtool.compensation.stream import compensate_text
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.programs.branches import Controller, coupling_of, solve_pose
-from calibtool.programs.compensate import compensate_program
+from calibtool.programs.branches import Controller, solve_pose
+from calibtool.programs.compensate import ProgramOptions, compensate_program
 from calibtool.programs.configurations import posture
-from calibtool.programs.formats import PROGRAM_FORMATS, reader
+from calibtool.programs.formats import PROGRAM_FORMATS, coupling_of, reader
 from calibtool.programs.frames import pose
+from calibtool.programs.motions import Move
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
@@ -138,7 +139,11 @@ def read_joints(robot: Robot, text: str, program_format: str, near: Array) -> Ar
     """Nominal joint positions of a program's targets, poses solved on their branch from `near` (N, n)."""
     controller = Controller(robot, coupling_of(robot, program_format, None))
     rows = []
-    for target, start in zip(reader(program_format)(text, robot).targets, near, strict=True):
+    program = reader(program_format)(text, robot)
+    steps = [step for routine in program.routines for step in routine.body]
+    aims = [aim.value for step in steps if isinstance(step, Move) for aim in step.aims]
+    for number, start in zip([value for value in aims if isinstance(value, int)], near, strict=True):
+        target = program.literals[number]
         if target.kind == "joint":
             rows.append(controller.to_serial(np.array(target.values)))
             continue
@@ -166,10 +171,11 @@ def main() -> None:
         q = configurations(robot, count)
         text = WRITERS[program_format](robot, q)
         data = text.encode()
-        same = compensate_program(identity, data, "bench", program_format).data
+        options = ProgramOptions(controller_model=robot.mechanism)
+        same = compensate_program(identity, data, "bench", program_format, options).data
         changed = abs(len(same) - len(data)) + sum(a != b for a, b in zip(same, data, strict=False))
         start = time.perf_counter()
-        result = compensate_program(calibration, data, "bench", program_format)
+        result = compensate_program(calibration, data, "bench", program_format, options)
         seconds = time.perf_counter() - start
         expected = compensate_joints(calibration, read_joints(robot, text, program_format, q)).q
         again = read_joints(robot, result.data.decode(), program_format, expected)

@@ -11,6 +11,7 @@ from calibtool.identification.model import Identification, Posterior
 from calibtool.identification.report import parameter_rows, strongest_correlations
 from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.robot.coupling import coupling_text
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, log6
 
@@ -50,6 +51,7 @@ def robot_summary(robot: Robot) -> dict[str, object]:
         "tool_frame": description.kinematics.tool_frame,
         "characteristic_length_m": round(robot.length, 6),
         "joint_table": joints,
+        **({"joint_values": f"serial ({coupling_text(robot.coupling)})"} if robot.coupled else {}),
         "targets_mm": [[round(float(v) * 1e3, 6) for v in point] for point in robot.targets],
         "home_tool_position_mm": [round(float(v) * 1e3, 3) for v in home[:3, 3]],
         "workspace_table": {

@@ -190,7 +190,7 @@ def test_people_see_half_widths_in_mrad_and_mm() -> None:
 
 
 def joint_csv(q: Array) -> str:
-    header = ",".join(f"j{j}_deg" for j in range(1, q.shape[1] + 1))
+    header = ",".join(calibrated().robot.joint_columns)
     return header + "\n" + "\n".join(",".join(f"{v:.15g}" for v in row) for row in np.rad2deg(q)) + "\n"
 
 
@@ -215,7 +215,8 @@ def test_rows_in_order_leave_less_when_backlash_is_taken_up() -> None:
 def test_poses_in_order_are_a_path_too() -> None:
     q = np.deg2rad([[0, 10, -10, 0, -70, 0], [10, 20, -30, 5, -60, 10], [-15, 5, 0, -10, -80, 30]])
     poses = load_robot("fanuc-m1000ia").mechanism.forward(q)
-    lines = ["x_mm,y_mm,z_mm," + ",".join(f"j{j}_deg" for j in range(1, 7)) + ",roll_deg,pitch_deg,yaw_deg"]
+    joints = calibrated().robot.joint_columns
+    lines = ["x_mm,y_mm,z_mm," + ",".join(joints) + ",roll_deg,pitch_deg,yaw_deg"]
     from scipy.spatial.transform import Rotation
 
     for pose, row in zip(poses, np.rad2deg(q), strict=True):
@@ -226,7 +227,9 @@ def test_poses_in_order_are_a_path_too() -> None:
     for backlash in (False, True):
         result, _ = compensate_text(calibrated(), text, "t.csv", StreamOptions(backlash=backlash))
         rows = [line.split(",") for line in result.splitlines()]
-        results.append(np.deg2rad([[float(row[rows[0].index(f"j{j}_deg")]) for j in range(1, 7)] for row in rows[1:]]))
+        results.append(
+            np.deg2rad([[float(row[rows[0].index(joint)]) for joint in joints] for row in rows[1:]])
+        )
     expected = calibrated().base.errors["backlash"] * directions(results[0])
     np.testing.assert_allclose(results[1] - results[0], expected, atol=1e-9)
 

@@ -20,6 +20,7 @@ from exported import CASES, STATUS, anywhere, calibrated, undisturbed, weighted_
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from json_reader import correct_from_json
+from structured_text import FunctionBlock
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds, one_step
@@ -32,6 +33,7 @@ from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.export.rendering import SINGLE_ACCURACY, Precision
 from calibtool.export.structured_text import calibration_as_structured_text
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
 GCC = shutil.which("gcc")
@@ -41,6 +43,15 @@ CORRECTING = [case for case in CASES if case[1:] != ("nominal", False)]
 GOLDEN = Path(__file__).parent / "golden"
 
 # --- JSON -----------------------------------------------------------------------------------------------------------
+
+
+def joints_from_json(c: dict, q: Array) -> Array:
+    """Corrected joints with whose joint values q and the answer are, as `joint_values` says."""
+    if c["joint_values"] == "serial":
+        return correct_from_json(c, q)[0]
+    serial = c["joint_coupling"] @ q
+    change = correct_from_json(c, serial)[0] - serial
+    return q + np.linalg.solve(c["joint_coupling"], change)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
@@ -95,9 +106,14 @@ void many(int count, const {real} *q, {real} *q_m, int *codes)
 """
 
 
-def built(calibration: Calibration, folder: Path, precision: Precision = "double") -> ctypes.CDLL:
+def built(
+    calibration: Calibration,
+    folder: Path,
+    precision: Precision = "double",
+    joint_values: JointValues = "serial",
+) -> ctypes.CDLL:
     """A calibration's C code as a library, compiled with warnings as errors."""
-    header, source = calibration_as_c(calibration, "arm", precision)
+    header, source = calibration_as_c(calibration, "arm", precision, joint_values)
     (folder / "arm.h").write_text(header, encoding="ascii")
     (folder / "arm.c").write_text(source, encoding="ascii")
     (folder / "loop.c").write_text(LOOP.format(real="double" if precision == "double" else "float"))
@@ -112,7 +128,14 @@ def compiled(tmp_path: Path) -> Callable[..., ctypes.CDLL]:
     """Compile a calibration's C code; skips where there is no gcc."""
     if GCC is None:
         pytest.skip("gcc is not installed, so the generated C code cannot be compiled")
-    return lambda calibration, precision="double": built(calibration, tmp_path, precision)
+    def build(
+        calibration: Calibration,
+        precision: Precision = "double",
+        joint_values: JointValues = "serial",
+    ) -> ctypes.CDLL:
+        return built(calibration, tmp_path, precision, joint_values)
+
+    return build
 
 
 def run(library: ctypes.CDLL, q: Array) -> tuple[Array, Array]:
@@ -361,3 +384,53 @@ def test_compiled_c_converts_coupled_joint_values(compiled: Callable) -> None:
 
 def test_c_of_a_robot_without_coupling_has_no_conversion() -> None:
     assert "to_serial" not in "".join(calibration_as_c(calibrated("scara", "local-poe", True)))
+
+
+def controller_case(base: str, count: int) -> tuple[Calibration, Array, Array, np.ndarray]:
+    """A FANUC's calibration, the controller's joint values, their correction, rows to compare."""
+    calibration = calibrated("fanuc-m1000ia", base, True)
+    q = anywhere(calibration, count)
+    shown, corrected = q.copy(), one_step(calibration, q).q.copy()
+    for values in (shown, corrected):
+        values[:, 2] -= values[:, 1]
+    return calibration, shown, corrected, undisturbed(calibration, q)
+
+
+@pytest.mark.parametrize("base", ["nominal", "everything"])
+def test_exports_take_and_give_a_controller_s_joint_values(base: str, compiled: Callable) -> None:
+    calibration, shown, expected, regular = controller_case(base, 40)
+    assert regular.mean() > 0.5
+    found, codes = run(compiled(calibration, "double", "controller"), shown)
+    assert np.abs(found - expected)[regular].max() < 1e-12
+    assert names(codes) == one_step(calibration, anywhere(calibration, 40)).status.tolist()
+    block = FunctionBlock(
+        calibration_as_structured_text(calibration, "arm", joint_values="controller")
+    )
+    found = np.array([block(row)[0] for row in shown[regular]])
+    assert np.abs(found - expected[regular]).max() < 1e-12
+    contents = json.loads(calibration_as_json(calibration, "controller"))
+    found = np.array([joints_from_json(contents, row) for row in shown[regular]])
+    assert np.abs(found - expected[regular]).max() < 1e-11
+
+
+def test_a_controller_s_positions_that_are_not_finite_come_back_as_they_are(
+    compiled: Callable,
+) -> None:
+    q = np.array([[0.1, bad, 0.3, 0.1, 0.2, 0.3] for bad in (np.nan, np.inf, -np.inf)])
+    found, codes = run(
+        compiled(calibrated("fanuc-m1000ia", "everything", True), "double", "controller"), q
+    )
+    np.testing.assert_array_equal(found, q)
+    assert (codes == 2).all()
+
+
+@pytest.mark.parametrize("values", ["serial", "controller"])
+def test_exported_code_says_whose_joint_values_it_takes(values: JointValues) -> None:
+    calibration = calibrated("fanuc-m1000ia", "nominal", True)
+    header, _ = calibration_as_c(calibration, "arm", joint_values=values)
+    text = calibration_as_structured_text(calibration, "arm", joint_values=values)
+    word = "serial chain" if values == "serial" else "controller"
+    for written in (header, text):
+        assert re.search(rf"joint values of the {word}:\s+q3 = J3 \+ J2", written)
+    assert json.loads(calibration_as_json(calibration, values))["joint_values"] == values
+    assert all(len(line) <= 125 for line in text.splitlines())

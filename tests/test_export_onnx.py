@@ -58,6 +58,18 @@ def test_on_the_nominal_base_the_model_corrects_as_one_step_does() -> None:
     assert model == calibration_as_onnx(calibration)
 
 
+def test_a_controller_s_joint_values_are_converted_in_the_model() -> None:
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    calibration = ensemble("fanuc-m1000ia", "nominal")
+    q = anywhere(calibration, 100)
+    expected, shown = one_step(calibration, q)[0], q.copy()
+    for values in (expected, shown):
+        values[:, 2] -= values[:, 1]  # J3 = q3 − J2
+    found = outputs(calibration_as_onnx(calibration, joint_values="controller"), shown)
+    assert np.abs(found["q_corrected"] - expected).max() < 1e-14
+    assert np.abs(found["rho"] - outputs(calibration_as_onnx(calibration), q)["rho"]).max() < 1e-14
+
+
 def test_without_a_network_there_is_nothing_to_export() -> None:
     with pytest.raises(InputError, match="no network"):
         calibration_as_onnx(calibrated("fanuc-m1000ia", "local-poe", False))

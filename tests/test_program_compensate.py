@@ -49,6 +49,11 @@ def calibrations(name: str) -> tuple[Calibration, Calibration]:
     return identity, calibrated
 
 
+def nominal(name: str) -> ProgramOptions:
+    """Poses for a controller that computes with the nominal robot: on a UR it has to be said."""
+    return ProgramOptions(controller_model=load_robot(name).mechanism)
+
+
 def program_of(sample: str) -> tuple[bytes, str]:
     data = (FOLDER / sample).read_bytes()
     return data, detected(data.decode("latin-1"), sample)
@@ -66,7 +71,7 @@ def test_the_identity_changes_no_byte(program_format: str) -> None:
     name = robot_of(program_format)
     robot = load_robot(name)
     data = bench().WRITERS[program_format](robot, bench().configurations(robot, 20)).encode()
-    result = compensate_program(calibrations(name)[0], data, "a", program_format)
+    result = compensate_program(calibrations(name)[0], data, "a", program_format, nominal(name))
     assert result.data == data
     assert (result.targets, result.changed, result.left_alone, result.remarks) == (20, 0, (), ())
 
@@ -74,7 +79,9 @@ def test_the_identity_changes_no_byte(program_format: str) -> None:
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_the_identity_changes_no_byte_of_a_written_program(sample: str) -> None:
     data, program_format = program_of(sample)
-    assert compensate_program(calibrations(SAMPLES[sample])[0], data, sample, program_format).data == data
+    name = SAMPLES[sample]
+    result = compensate_program(calibrations(name)[0], data, sample, program_format, nominal(name))
+    assert result.data == data
 
 
 @pytest.mark.parametrize("program_format", PROGRAM_FORMATS)
@@ -84,27 +91,30 @@ def test_the_corrected_program_holds_the_corrected_joints(program_format: str) -
     robot, calibration = load_robot(name), calibrations(name)[1]
     q = bench().configurations(robot, 10)
     text = bench().WRITERS[program_format](robot, q)
-    result = compensate_program(calibration, text.encode(), "a", program_format)
-    nominal = bench().read_joints(robot, text, program_format, q)
-    expected = compensate_joints(calibration, nominal).q
+    result = compensate_program(calibration, text.encode(), "a", program_format, nominal(name))
+    commanded = bench().read_joints(robot, text, program_format, q)
+    expected = compensate_joints(calibration, commanded).q
     again = bench().read_joints(robot, result.data.decode(), program_format, expected)
     assert result.changed == 10
-    np.testing.assert_allclose(np.rad2deg(nominal), np.rad2deg(q), atol=0.02)
+    np.testing.assert_allclose(np.rad2deg(commanded), np.rad2deg(q), atol=0.02)
     np.testing.assert_allclose(np.rad2deg(again), np.rad2deg(expected), atol=5e-5)
-    assert result.largest_deg == pytest.approx(np.rad2deg(np.abs(expected - nominal).max()), abs=1e-6)
+    assert result.largest_deg == pytest.approx(
+        np.rad2deg(np.abs(expected - commanded).max()), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_only_numbers_change(sample: str) -> None:
     """With every number (and the blanks before it) taken out, both texts are the same; and comments are untouched."""
     data, program_format = program_of(sample)
-    result = compensate_program(calibrations(SAMPLES[sample])[1], data, sample, program_format)
+    name = SAMPLES[sample]
+    result = compensate_program(calibrations(name)[1], data, sample, program_format, nominal(name))
     before, after = data.decode(), result.data.decode()
     assert SPAN.sub("#", before) == SPAN.sub("#", after)
     assert before != after
     lines = {
         target.line + k
-        for target in reader(program_format)(before, load_robot(SAMPLES[sample])).targets
+        for target in reader(program_format)(before, load_robot(SAMPLES[sample])).literals
         for k in range(7)
     }
     for k, (one, other) in enumerate(zip(before.splitlines(), after.splitlines(), strict=True), start=1):
@@ -145,7 +155,7 @@ def test_frames_and_tools() -> None:
         tail = re.sub(rf"{key} = +{was}", f"{key} = {value:.7f}", tail, count=1)
     options = ProgramOptions(frames=frames)
     result = compensate_program(calibration, (head + tail).encode(), "a", "fanuc-ls", options)
-    framed = next(t for t in reader("fanuc-ls")(result.data.decode(), robot).targets if t.frame == "3")
+    framed = next(t for t in reader("fanuc-ls")(result.data.decode(), robot).literals if t.name == "P[5]")
     T_new = frames.frames["3"] @ pose(framed.values, "wpr") @ inverse(frames.tools["2"])
     np.testing.assert_allclose(T_new, robot.mechanism.forward(compensate_joints(calibration, q).q)[0], atol=2e-7)
 
@@ -171,7 +181,7 @@ def test_joint_values_of_the_controller_and_of_the_chain() -> None:
     written = np.array([0.0, 10, -20, 0, -70, 0])
     for joint_values, j3 in (("controller", -10.0), ("serial", -20.0)):
         result = compensate_program(calibration, data, "a", "fanuc-ls", ProgramOptions(joint_values=joint_values))
-        target = reader("fanuc-ls")(result.data.decode(), robot).targets[0]
+        target = reader("fanuc-ls")(result.data.decode(), robot).literals[0]
         chain = written.copy()
         chain[2] = j3
         expected = np.rad2deg(compensate_joints(calibration, np.deg2rad(chain[None])).q[0])
@@ -198,13 +208,16 @@ def test_poses_without_configuration_data_are_corrected_as_poses() -> None:
     data, _ = program_of("pick.script")
     before, after = (
         reader("ur-script")(text.decode(), robot)
-        for text in (data, compensate_program(calibration, data, "a", "ur-script").data)
+        for text in (
+            data,
+            compensate_program(calibration, data, "a", "ur-script", nominal("ur5")).data,
+        )
     )
-    tool = before.tools["set_tcp of line 3"]
-    q_near = np.array([before.targets[0].values])
-    T = pose(before.targets[1].values, "rotation vector") @ inverse(tool)
+    tool = pose([0, 0, 0.1, 0, 0, 0], "rotation vector")
+    q_near = np.array([before.literals[0].values])
+    T = pose(before.literals[1].values, "rotation vector") @ inverse(tool)
     expected = robot.mechanism.forward(compensate_poses(calibration, T[None], q_near).q)[0]
-    np.testing.assert_allclose(pose(after.targets[1].values, "rotation vector") @ inverse(tool), expected, atol=1e-7)
+    np.testing.assert_allclose(pose(after.literals[1].values, "rotation vector") @ inverse(tool), expected, atol=1e-7)
 
 
 def test_the_summary() -> None:
@@ -223,7 +236,7 @@ def test_a_summary_of_many_lines_is_short() -> None:
     text = "def a():\n" + "  movej(q)\n" * 50
     result = compensate_program(calibrations("ur5")[1], text.encode(), "a", "ur-script")
     (_, line) = result.summary("a")
-    assert line.startswith("a: left alone: a variable: lines 2, 3, 4, ")
+    assert line.startswith("a: left alone: a variable that no file gives a value: lines 2, 3, 4, ")
     assert line.endswith(" and 30 more")
 
 

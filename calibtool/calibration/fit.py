@@ -61,6 +61,7 @@ def identify(
         noise_position=measurements.noise_position,
         noise_orientation=measurements.noise_orientation,
         q=measurements.q,
+        simulated=measurements.truth is not None,
     )
     return fitted.in_frame(frame)
 
@@ -125,6 +126,7 @@ def on_base(
         noise_position=measurements.noise_position,
         noise_orientation=measurements.noise_orientation,
         q=measurements.q,
+        simulated=measurements.truth is not None,
     )
 
 

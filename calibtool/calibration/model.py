@@ -59,6 +59,7 @@ class Calibration:
     noise_position, noise_orientation   stated noise of the measurements used, m and rad
     q               (N, n) the configurations used, rad or m
     conditions      under which it predicts where a row does not say otherwise: payload and temperature as numbers
+    simulated       the measurements came from a simulation, whose controller has the nominal model
     provenance      command line, seed, input checksums, versions: text by name
     frame           which base and tool frame it speaks in; None where nothing was free to choose
 
@@ -77,6 +78,7 @@ class Calibration:
     q: Array
     conditions: Conditions = field(default_factory=Conditions)
     provenance: dict[str, str] = field(default_factory=dict)
+    simulated: bool = False
     frame: ChosenFrame | None = None
 
     @property

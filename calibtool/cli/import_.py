@@ -15,7 +15,7 @@ from calibtool.cli.files import (
     write_outputs,
     write_stdout,
 )
-from calibtool.cli.options import Force, JointValuesOption, Output, Seed, choice
+from calibtool.cli.options import Force, JointValuesOption, Output, Seed, choice, joint_values_of
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import UsageError
@@ -128,7 +128,6 @@ def import_(
     from calibtool.measurement.importing.sources import FORMATS
     from calibtool.measurement.importing.spatial_analyzer import LAYOUTS
     from calibtool.robot.catalogue import load_robot
-    from calibtool.robot.coupling import JOINT_VALUES
     from calibtool.storage import to_bytes
 
     def chosen(value: str | None, allowed: tuple[str, ...], option: str) -> Any:
@@ -167,7 +166,7 @@ def import_(
                 convention,
             ),
             joints=joint_file,
-            joint_values=chosen(joint_values, JOINT_VALUES, "--joint-values"),
+            joint_values=joint_values_of(joint_values),
             commanded=commanded_file,
         )
     for warning in imported.warnings:

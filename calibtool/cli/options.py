@@ -1,11 +1,12 @@
 """Options that several commands share."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
+    from calibtool.robot.coupling import JointValues
 
 Output = Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Output file; '-' is stdout.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite an existing output.")]
@@ -69,21 +70,31 @@ JointValuesOption = Annotated[
     typer.Option(
         "--joint-values",
         metavar="serial|controller",
-        help="Joint values of the serial chain (default; FANUC programs: controller), or the controller's, converted.",
+        help="Whose joint values are read and written; "
+        "needed where they differ and no header or program format says it.",
     ),
 ]
 
 
 PayloadKg = Annotated[
     float | None,
-    typer.Option(
-        "--payload-kg", min=0, help="Mass at the tool, for a calibration that knows what it does.", show_default=False
-    ),
+    typer.Option("--payload-kg", min=0, help="Mass at the tool, for a calibration that knows it."),
 ]
 TemperatureC = Annotated[
     float | None,
     typer.Option("--temperature-c", min=-273.15, help="Temperature of the links, likewise."),
 ]
+
+
+def joint_values_of(value: str | None) -> "JointValues | None":
+    """What `--joint-values` says; UsageError for another word."""
+    from calibtool.robot.coupling import JOINT_VALUES
+
+    return (
+        None
+        if value is None
+        else cast("JointValues", choice(value, JOINT_VALUES, "--joint-values"))
+    )
 
 
 def choice(value: str, allowed: tuple[str, ...], option: str) -> str:

@@ -7,7 +7,7 @@ import typer
 
 from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output
 from calibtool.cli.load import load_measurements
-from calibtool.cli.options import Force, Output, Seed
+from calibtool.cli.options import Force, JointValuesOption, Output, Seed, joint_values_of
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import InputError, UsageError
@@ -59,6 +59,7 @@ def simulate(
             help="The joints of --at are corrected ones: what went into compensate.",
         ),
     ] = None,
+    joint_values: JointValuesOption = None,
     force: Force = False,
 ) -> None:
     """Measure a perturbed robot, made up from a seed.
@@ -97,6 +98,9 @@ def simulate(
     from calibtool.storage import to_bytes
     from calibtool.tables import parse_table
 
+    values = joint_values_of(joint_values)
+    if values is not None and at is None:
+        raise UsageError("--joint-values is for the joints of --at")
     model = load_robot(robot)
     kinds = ERROR_KINDS if errors == "all" else tuple(kind.strip() for kind in errors.split(","))
     unknown = [kind for kind in kinds if kind not in ERROR_KINDS]
@@ -120,7 +124,7 @@ def simulate(
     if at is not None:
         text = read_text(at)
         inputs["at"] = text.encode()
-        q_at = read_configurations(text, shown(at), model)
+        q_at = read_configurations(text, shown(at), model, values)
     asked = None
     if commanded is not None and at is not None and q_at is not None:
         text = read_text(commanded)
@@ -129,7 +133,7 @@ def simulate(
         if len(table) != len(q_at):
             counts = f"{len(table)} rows, but {shown(at)} has {len(q_at)}"
             raise InputError(f"{shown(commanded)}: {counts}")
-        asked = commanded_poses(table, model, "serial")
+        asked = commanded_poses(table, model, values)
     scales = ErrorScales(
         kinds=kinds,
         length=length_error_mm * 1e-3,

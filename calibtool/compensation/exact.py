@@ -31,8 +31,10 @@ def exact(
     Δ makes |E(q + Δ)|² + λ² |Δ|² least in the box of `Bounds.box`, E the weighted error of the task
     components and λ that of `bounded_step` at q. Away from singularities λ = 0: E vanishes, by the
     least such motion. Near them the same is done once more from there, as in `bounded_step`, and
-    the damping sets in as smoothly. For n < 6 the same with the error of all six components is
-    blended in by the weight of `one_step`. `judged` has the last word, as there.
+    the step of the one-step rule takes over with the part s = 2 (d₀ − d) / d₀, at most 1: at a
+    singularity two answers can be as near, to either side, and a path must not jump between them.
+    For n < 6 the same with the error of all six components is blended in by the weight of
+    `one_step`. `judged` has the last word, as there.
 
     commanded and bounds as for `one_step`; but the task counts as done at 1e-9 in place of
     `bounds.usual`, unless it has more components than there are joints.
@@ -40,7 +42,7 @@ def exact(
     bounds = default_bounds(calibration) if bounds is None else bounds
     model = Linearised.at(calibration, q, commanded, bounds)
     search = _Search(calibration, q, model.commanded, *model.box)
-    change, distance, error = search.least(model.task, *model.of_task)
+    change, distance, error = search.least(model.task, *model.of_task, model.network)
     if model.task.is_part:
         of_all, _, _ = search.least(Task(None), model.jacobian, model.error)
         change, _ = model.blended(change, of_all)
@@ -62,28 +64,48 @@ class _Search:
     lower: Array
     upper: Array
 
-    def least(self, task: Task, A: Array, e: Array) -> tuple[Array, Array, Array]:
+    def least(
+        self, task: Task, A: Array, e: Array, proposed: Array | None = None
+    ) -> tuple[Array, Array, Array]:
         """Δ (N, n) of `exact` for a task, the singularity distance d (N,), and E (N, k) at q + Δ.
 
-        A (N, k, n) and e (N, k) are the Jacobian and E at q.
+        A (N, k, n) and e (N, k) are the Jacobian and E at q; proposed (N, n) as for `bounded_step`.
         """
-        _, distance, squares = bounded_step(A, e, self.lower, self.upper)
-        # Where joints are held, the damping of the others counts only if there was none: no jumps.
-        alone = np.maximum(0.0, DAMPED_BELOW - distance) ** 2
-        squares = np.where(alone > 0.0, alone, squares)
+        change, distance, _ = bounded_step(A, e, self.lower, self.upper, proposed)
+        left = e.copy()
+        part = np.clip(2.0 * (DAMPED_BELOW - distance) / DAMPED_BELOW, 0.0, 1.0)
+        nearest = distance.copy()
+        held = (change <= self.lower) | (change >= self.upper)
+        rows = np.flatnonzero((part == 0.0) & held.any(axis=-1))
+        nearest[rows] = _free_distance(A[rows], held[rows])
+        squares = np.maximum(0.0, DAMPED_BELOW - nearest) ** 2
+        rows = np.flatnonzero(part < 1.0)
+        search = self.of(rows)
+        found, left[rows] = search._damped_twice(task, A[rows], e[rows], squares[rows])
+        change[rows] = found + part[rows, None] * (change[rows] - found)
+        near = np.flatnonzero(part)
+        left[near], _ = self._driven(near, change[near], task)
+        if task.components is None and self.q.shape[1] >= 6:
+            missed = (left**2).sum(axis=-1) > REACHED**2
+            self._over_hills(np.flatnonzero(missed & (part == 0.0)), change, left)
+        return change, distance, left
+
+    def of(self, rows: np.ndarray, moved: Array | float = 0.0) -> "_Search":
+        """The same for some rows, from joints that are moved already."""
+        lower, upper = self.lower[rows] - moved, self.upper[rows] - moved
+        return replace(
+            self, q=self.q[rows] + moved, commanded=self.commanded[rows], lower=lower, upper=upper
+        )
+
+    def _damped_twice(self, task: Task, A: Array, e: Array, squares: Array) -> tuple[Array, Array]:
+        """Δ and E there; where λ² = squares (N,) is not zero, solved again for what is left."""
         change, A, e = self._descended(task, A, e, squares)
         near = np.flatnonzero(squares)
         if len(near):
-            there = change[near]
-            lower, upper = self.lower[near] - there, self.upper[near] - there
-            q, commanded = self.q[near] + there, self.commanded[near]
-            again = _Search(self.calibration, q, commanded, lower, upper)
+            again = self.of(near, change[near])
             more, _, e[near] = again._descended(task, A[near], e[near], squares[near])
             change[near] += more
-        if task.components is None and self.q.shape[1] >= 6:
-            missed = (e**2).sum(axis=-1) > REACHED**2
-            self._over_hills(np.flatnonzero(missed & (distance >= DAMPED_BELOW)), change, e)
-        return change, distance, e
+        return change, e
 
     def _descended(
         self, task: Task, A: Array, e: Array, squares: Array
@@ -166,3 +188,13 @@ class _Search:
         error = weighted_error(pose, commanded, robot.length)
         weighted = weighted_jacobian(jacobian[:, :, : robot.n], pose, robot.length)
         return task.of_error(error, commanded), task.of_jacobian(weighted, commanded)
+
+
+def _free_distance(A: Array, held: np.ndarray) -> Array:
+    """Singularity distance (N,) of the joints that are not held: A (N, k, n), held (N, n)."""
+    sigma = np.linalg.svd(np.where(held[:, None, :], 0.0, A), compute_uv=False)
+    rank = np.minimum((~held).sum(axis=-1), A.shape[1])
+    counted = np.arange(sigma.shape[1]) < rank[:, None]
+    inverse = np.where(counted, 1.0 / np.maximum(sigma, 1e-15) ** 2, 0.0)
+    distance: Array = 1.0 / np.sqrt(np.maximum(inverse.sum(axis=-1), 1e-15))
+    return distance

@@ -13,6 +13,7 @@ from calibtool.compensation.solve import Compensation, Method, compensate_joints
 from calibtool.compensation.status import OK, OUTSIDE
 from calibtool.errormodel.conditions import Conditions
 from calibtool.errors import InputError, NoSolutionError, check_choice
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
@@ -22,15 +23,20 @@ OutsidePolicy = Literal["mark", "base", "refuse"]
 OUTSIDE_POLICIES = ("mark", "base", "refuse")
 
 
-def read_configurations(text: str, name: str, robot: Robot) -> Array:
-    """Joint positions (N, n) from a table of joints, or of poses by inverse kinematics from home.
+def read_configurations(
+    text: str, name: str, robot: Robot, joint_values: JointValues | None = None
+) -> Array:
+    """Joint positions (N, n) of the serial chain from a table of joints, or of poses by inverse
+    kinematics from home.
 
-    Raises InputError for a bad table, NoSolutionError naming the first pose that cannot be reached.
+    joint_values: whose they are where the header does not say it. Raises UsageError where nothing
+    says it and it matters, InputError for a bad table, NoSolutionError naming the first pose that
+    cannot be reached.
     """
     table = parse_table(text, name)
-    joints = joints_from_header(table, robot)
+    joints = joints_from_header(table, robot, joint_values)
     if joints is not None:
-        return joints[0]
+        return joints.q
     poses = poses_from_header(table)
     if poses is None:
         raise no_targets(table)

@@ -22,8 +22,15 @@ from calibtool.compensation.weighed import Weights
 from calibtool.errors import InputError
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
-from calibtool.tables import Table, joints_from_header, number, poses_from_header, read_tables
-from calibtool.units import TO_SI
+from calibtool.tables import (
+    Table,
+    joints_from_header,
+    number,
+    poses_from_header,
+    read_tables,
+    unit_of,
+)
+from calibtool.units import TO_SI, without_values
 
 RowFormat = Literal["csv", "ndjson"]
 BATCH = 4096
@@ -38,7 +45,8 @@ class StreamOptions:
     """How rows are corrected: see `compensate_joints` and `guarded`; `uncertainty` and `verify` add columns.
 
     backlash: take up the calibration's backlash; needs rows in the order of motion, see `BacklashPath`.
-    joint_values: `controller` when joints come in and go out as the controller shows them (`Robot.to_serial`).
+    joint_values: whose joint values come in, where the header does not say it, and go out
+    (`Robot.joint_values`).
     largest_change (rad) and weights: see `default_bounds`.
     """
 
@@ -46,7 +54,7 @@ class StreamOptions:
     outside: OutsidePolicy = "mark"
     uncertainty: bool = False
     verify: bool = False
-    joint_values: JointValues = "serial"
+    joint_values: JointValues | None = None
     backlash: bool = True
     largest_change: float | None = None
     weights: Weights | None = None
@@ -105,7 +113,9 @@ def compensate_stream(
     """Text of corrected rows, batch by batch; `report` counts along.
 
     Joint columns are replaced by the corrected joints, in their units; pose columns give way to joints in degrees (mm if
-    prismatic). Where a row has both, the pose is commanded and the joints choose the branch. Other columns pass through;
+    prismatic). Where the controller shows other values than the serial chain's, the columns written
+    say whose they are. Where a row has both, the pose is commanded and the joints choose the branch.
+    Other columns pass through;
     a column `status` is added, for n < 6 and with `verify` what is left of the commanded pose (`left_mm`, `left_mrad`), and
     with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses in order are a path: each
     starts from the row before, and jumps of the joints are reported. Rows whose correction changes faster than the command
@@ -146,7 +156,8 @@ class _Corrector:
 
     def corrected(self, table: Table) -> _Corrected:
         robot, options = self.calibration.robot, self.options
-        joints, poses = joints_from_header(table, robot), poses_from_header(table)
+        joints = joints_from_header(table, robot, options.joint_values)
+        poses = poses_from_header(table)
         if poses is None and joints is None:
             raise no_targets(table)
         for column in _ADDED:
@@ -154,7 +165,10 @@ class _Corrector:
                 raise InputError(
                     f"{table.name}: a column '{column}' is there already; is this an output of compensate?"
                 )
-        q = self.seed if joints is None else robot.serial_from(options.joint_values, joints[0])
+        if joints is None:
+            q, values = self.seed, robot.joint_values(table.name, options.joint_values)
+        else:
+            q, values = joints.q, joints.values
         T = None if poses is None else poses[0]
         result = guarded(self.calibration, q, T, options.method, options.outside, self.bounds)
         if joints is None:
@@ -166,15 +180,22 @@ class _Corrector:
         added = self._added(result)
         if self.path is not None:
             result = replace(result, q=result.q + self.path.taken_up(result.q))
-        names = robot.joint_columns if joints is None else sorted(joints[1], key=table.header.index)
-        order = list(range(robot.n)) if joints is None else [joints[1].index(column) for column in names]
-        replaced = set(names) | (set() if poses is None else set(poses[1]))
-        factors = np.array([TO_SI[column.split("_")[1]] for column in names])
+        given = [] if joints is None else joints.columns
+        order = sorted(range(robot.n), key=lambda j: table.header.index(given[j]) if given else j)
+        columns = robot.columns(values)
+        if given:  # their names and units, with whose values they are
+            columns = [
+                column if without_values(column)[1] else robot.column(j, unit_of(column), values)
+                for j, column in enumerate(given)
+            ]
+        names = [columns[j] for j in order]
+        replaced = {*given, *([] if poses is None else poses[1])}
+        factors = np.array([TO_SI[unit_of(name)] for name in names])
         return _Corrected(
             table=table,
             kept=[i for i, column in enumerate(table.header) if column not in replaced],
             joint_names=names,
-            values=robot.serial_as(options.joint_values, result.q)[:, order] / factors,
+            values=robot.serial_as(values, result.q)[:, order] / factors,
             added=added,
         )
 

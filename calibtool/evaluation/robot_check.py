@@ -156,7 +156,8 @@ def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
         factor = 1e3 if robot.prismatic[j] else 180 / np.pi
         low, value, high = (f"{v * factor:.6g}" for v in (robot.lower[j], home[j], robot.upper[j]))
         raise InputError(
-            f"{place}: workspaces.{name}.home: {robot.joint_columns[j]} = {value} is outside its limits {low} to {high}; "
+            f"{place}: workspaces.{name}.home: {robot.columns(None)[j]} = {value} is outside its "
+            f"limits {low} to {high}; "
             "move it, or correct [limits]"
         )
     try:

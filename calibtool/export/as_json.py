@@ -13,6 +13,7 @@ from calibtool.errormodel.family import Rows
 from calibtool.export.formula import FORMULA
 from calibtool.export.rendering import LARGEST_POSITION
 from calibtool.measurement.measurements import Setup
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.damped import GRAM_REGULARISATION
 from calibtool.robot.gravity import link_masses
 from calibtool.robot.model import Robot
@@ -32,11 +33,12 @@ ERROR_KEYS = {
 }
 
 
-def calibration_as_json(calibration: Calibration) -> str:
+def calibration_as_json(calibration: Calibration, joint_values: JointValues = "serial") -> str:
     """One JSON object, schema `calibtool/compensator`: how q_m is computed (`one_step`), and every number for it.
 
-    Units stand in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under `formula`. A float is written
-    with as many digits as it takes to read exactly the same one; the same calibration gives the same text.
+    Units stand in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under
+    `formula`. A float is written with as many digits as it takes to read exactly the same one; the
+    same calibration gives the same text. joint_values: whose joint values q and q_m are.
     """
     robot, equivalent = calibration.robot, calibration.equivalent
     bounds = default_bounds(calibration)
@@ -47,6 +49,7 @@ def calibration_as_json(calibration: Calibration) -> str:
         "formula": FORMULA,
         "joints": _joints(robot),
         "joint_coupling": robot.coupling.tolist(),
+        "joint_values": joint_values,
         "nominal_placements_m": robot.chain.placements.tolist(),
         "nominal_twists_per_rad_or_m": robot.chain.twists.tolist(),
         "base_model": _base_model(calibration),

@@ -45,8 +45,12 @@ FORMULA = {
     ),
     "joint_coupling": (
         "q of the serial chain = joint_coupling times the joint values that the controller shows, "
-        "rad or m; q and q_m here are those of the serial chain, the controller's are "
-        "inverse(joint_coupling) q_m"
+        "rad or m"
+    ),
+    "joint_values": (
+        "'serial': q and q_m are those of the serial chain; 'controller': they are what the "
+        "controller shows: everything below is for joint_coupling q, and q_m = q + "
+        "inverse(joint_coupling) times the change of the serial joints"
     ),
     "nominal": (
         "T_nominal(q) = M_1 exp6(xi_1 q_1) ... M_n exp6(xi_n q_n) M_{n+1}, M = "

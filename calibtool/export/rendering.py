@@ -17,6 +17,7 @@ from calibtool.errormodel.conditions import REFERENCE_C
 from calibtool.errormodel.family import Rows
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
+from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.damped import GRAM_REGULARISATION
 from calibtool.robot.gravity import link_masses
 from calibtool.robot.model import Robot
@@ -62,11 +63,17 @@ def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
     )
 
 
-def compensator_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
-    """The numbers of a calibration, by the names that the templates know; units as in `as_json`."""
+def compensator_values(
+    calibration: Calibration, precision: Precision, joint_values: JointValues
+) -> dict[str, Any]:
+    """The numbers of a calibration, by the names that the templates know; units as in `as_json`.
+
+    joint_values: whose joint values the code takes and gives.
+    """
     robot, equivalent, network = calibration.robot, calibration.equivalent, tanh_network(calibration)
     errors, bounds, payload = calibration.errors, default_bounds(calibration), _payload(calibration)
     standing = errors.standing(calibration.conditions)
+    converted = joint_values == "controller" and robot.coupled
     return {
         "robot": robot.name,
         "base_model": calibration.base.model,
@@ -81,6 +88,11 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "joints": _joints(robot),
         "coupling": robot.coupling if robot.coupled else None,
         "uncoupling": np.linalg.inv(robot.coupling),
+        "converted": converted,  # the code takes and gives the controller's joint values …
+        "q": "serial"
+        if converted
+        else "q",  # … and this is what it calls those of the serial chain
+        "coupled_joints": coupling_text(robot.coupling),
         "n": robot.n,
         "p": equivalent.p,
         "rank": min(robot.n, 6),
@@ -110,7 +122,7 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "task_flags": [int(k not in equivalent.virtual_columns) for k in range(6)],
         # In single precision smaller pivots are rounding, and powers of their inverse must stay finite.
         "smallest_pivot": 1e-30 if precision == "double" else 1e-8,
-        "cost": _cost(calibration),
+        "cost": _cost(calibration, converted),
     }
 
 
@@ -160,7 +172,7 @@ def left_out(calibration: Calibration) -> str:
     return f"backlash ({backlash_text(calibration.robot, backlash)}): it needs the direction of motion"
 
 
-def _cost(calibration: Calibration) -> str:
+def _cost(calibration: Calibration, converted: bool) -> str:
     """Arithmetic of one correction, as counted in the generated C code where the whole step is taken undamped."""
     n, p, network = calibration.robot.n, calibration.equivalent.p, tanh_network(calibration)
     errors = calibration.base.errors
@@ -168,6 +180,7 @@ def _cost(calibration: Calibration) -> str:
         return "none: nothing is corrected"
     steps = 1 if n >= 6 else 2  # of the task components, and of all
     flops = 1241 * n + 560 + (steps - 1) * 157 * n
+    flops += 4 * n * n * converted
     calls = 2 * n + steps * (min(n, 6) + 1) + 4
     if network is not None:
         flops += 2 * (2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 13) + 186)

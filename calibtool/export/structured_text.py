@@ -9,6 +9,7 @@ from typing import Any
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
 from calibtool.export.rendering import Precision, compensator_values, digits, render, wrapped
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
 # What neither a function block nor a variable can be called: keywords, elementary types, standard functions, whatever
@@ -27,12 +28,16 @@ RESERVED = """
 
 
 def calibration_as_structured_text(
-    calibration: Calibration, name: str = "calibtool", precision: Precision = "double"
+    calibration: Calibration,
+    name: str = "calibtool",
+    precision: Precision = "double",
+    joint_values: JointValues = "serial",
 ) -> str:
     """FUNCTION_BLOCK `name` with input q (n,) in rad or m, outputs q_corrected and status, of LREAL or REAL.
 
     It computes what `compensation.one_step` does, without recursion, functions of its own or memory beyond its
-    variables. Plain ASCII. Raises UsageError when `name` is no identifier of IEC 61131-3.
+    variables. Plain ASCII. joint_values: whose joint values q and q_corrected are. Raises
+    UsageError when `name` is no identifier of IEC 61131-3.
     """
     if calibration.base.errors["payload"].any():
         raise UsageError("Structured Text does not hold what a payload does; export C or JSON, or identify without it")
@@ -42,7 +47,7 @@ def calibration_as_structured_text(
             f"'{name}' cannot be the name of a function block; use letters, digits and single _, no reserved word"
         )
     values = {
-        **compensator_values(calibration, precision),
+        **compensator_values(calibration, precision, joint_values),
         "name": name,
         "real": "LREAL" if precision == "double" else "REAL",
     }

@@ -12,14 +12,18 @@ from calibtool.units import LARGEST, TO_SI
 # Decimals that keep 1e-6 deg and 1e-4 mm; a quaternion's components are as fine as 1e-6 deg.
 DECIMALS = {"deg": 6, "rad": 8, "mm": 4, "m": 7, "": 9}
 
+BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, as Latin-1
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _NUMBER = re.compile(NUMBER)
 _NOT_FINITE = re.compile(r"[-+]?\.?(?:nan|inf|infinity)", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Number:
-    """A number in the text: characters start to end, its unit (`""` for a quaternion's component), its SI value."""
+    """A number in the text: characters start to end, its unit (`""` for a quaternion's component), its SI value.
+
+    It may be a constant expression, such as `pi/2`, in place of which the number is written.
+    """
 
     start: int
     end: int
@@ -60,12 +64,16 @@ class Target:
 
 @dataclass(frozen=True)
 class Remark:
-    """Something in the program that is not corrected: its line, its name and why; bad: it is an error of the program."""
+    """Something in the program that is not corrected: its line, its name and why; bad: it is an error of the program.
+
+    source: number of its text
+    """
 
     line: int
     name: str
     why: str
     bad: bool = False
+    source: int = 0
 
 
 @dataclass(frozen=True)
@@ -115,7 +123,7 @@ def comments_blanked(text: str, comment: str, string: str = r'"[^"\n]*"') -> str
     def blank(match: re.Match[str]) -> str:
         return re.sub(r"[^\r\n]", " ", match[0])
 
-    return re.sub(f"{string}|{comment}", blank, text, flags=re.MULTILINE)
+    return re.sub(f"\\A{BYTE_ORDER_MARK}|{string}|{comment}", blank, text, flags=re.MULTILINE)
 
 
 def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
@@ -144,7 +152,13 @@ def rewritten(text: str, numbers: Sequence[Number], values: Sequence[float]) -> 
     edits = []
     for number, value in zip(numbers, values, strict=True):
         old = text[number.start : number.end]
-        new = written(old, value / TO_SI.get(number.unit, 1.0), number.unit)
+        factor = TO_SI.get(number.unit, 1.0)
+        if _NUMBER.fullmatch(old) is None:
+            decimals = DECIMALS[number.unit]
+            stays = abs(value - number.value) / factor < 0.5 * 10.0**-decimals
+            new = old if stays else f"{value / factor:.{decimals}f}"
+        else:
+            new = written(old, value / factor, number.unit)
         if new != old:
             edits.append((number.start, number.end, new))
     return edits

@@ -111,6 +111,18 @@ class Mounting(_Strict):
         return self
 
 
+class ControllerTable(_Strict):
+    """What is known of this robot's controllers: that they compute poses with a calibration of each
+    arm, made in the factory.
+
+    `always`: every one does; `optional`: those for which it was bought. `reason` says so in a few
+    words.
+    """
+
+    factory_calibration: Literal["always", "optional"]
+    reason: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\r\n]*$")]
+
+
 class Description(_Strict):
     """The contents of a robot.toml."""
 
@@ -125,6 +137,7 @@ class Description(_Strict):
     tolerances: ToleranceTable = ToleranceTable()
     mounting: Mounting = Mounting()
     coupling: Coupling | None = None  # the controller's joint values are those of the serial chain
+    controller: ControllerTable | None = None  # controllers compute poses with the nominal robot
 
     @model_validator(mode="after")
     def _full_is_built_in(self) -> "Description":

@@ -41,6 +41,7 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
     robot, base = calibration.robot, calibration.base
     model = file.create_group("model")
     put_string(model, "name", base.model)
+    model.attrs["simulated"] = calibration.simulated
     model.attrs["noise_position_m"] = calibration.noise_position
     model.attrs["noise_orientation_rad"] = calibration.noise_orientation
     model.attrs["rank"] = base.rank
@@ -196,6 +197,7 @@ def build_calibration(file: h5py.File) -> Calibration:
         q=get(model, "joint_positions", -1, robot.n),
         conditions=read_conditions(model["conditions"], robot.n),
         provenance=read_provenance(file),
+        simulated=bool(model.attrs.get("simulated", False)),
         frame=_frame(file["frame"]) if "frame" in file else None,
     )
 

@@ -10,7 +10,15 @@ from scipy.spatial.transform import Rotation
 from calibtool.robot.catalogue import load_robot
 
 PLANAR = ["j1_deg", "j2_deg", "j3_deg"]
-SIX = [f"j{k}_deg" for k in range(1, 7)]
+SIX = [
+    "j1_deg",
+    "j2_deg",
+    "j3_serial_deg",
+    "j4_deg",
+    "j5_deg",
+    "j6_deg",
+]  # of a FANUC: says whose joint 3
+SERIAL = ["--joint-values", "serial"]
 ANGLES = [[0, 10, -10, 0, -70, 0], [10, 20, -30, 5, -60, 10], [-15, 5, 0, -10, -80, 30]]
 
 
@@ -154,7 +162,7 @@ def test_poses_in_every_form(files: Files, form: str, unit: str) -> None:
     write_table("joints.csv", SIX, ANGLES)
     expected = joints_of(run("compensate", files.six_network, "joints.csv").stdout, SIX)
     pose_table("poses.csv", poses_of_angles(), form, unit, id=["a", "b", "c"])
-    result = run("compensate", files.six_network, "poses.csv").stdout
+    result = run("compensate", files.six_network, "poses.csv", *SERIAL).stdout
     assert list(rows_of(result)[0]) == [*SIX, "id", "status"]
     assert [row["id"] for row in rows_of(result)] == ["a", "b", "c"]
     np.testing.assert_allclose(joints_of(result, SIX), expected, atol=1e-5)
@@ -177,7 +185,9 @@ def test_an_unreachable_pose(files: Files) -> None:
     T = poses_of_angles()
     T[1, 0, 3] += 10.0
     pose_table("poses.csv", T, id=["a", "b", "c"])
-    result = run("compensate", files.six_network, "poses.csv", "-o", "corrected.csv", code=4)
+    result = run(
+        "compensate", files.six_network, "poses.csv", *SERIAL, "-o", "corrected.csv", code=4
+    )
     rows = rows_of(Path("corrected.csv").read_text())
     assert [row["status"] for row in rows] == ["ok", "unreachable", "ok"]
     assert [row["id"] for row in rows] == ["a", "b", "c"]
@@ -253,10 +263,15 @@ def test_joint_values_of_a_controller(files: Files) -> None:
     joints = [f"j{j}_deg" for j in range(1, 7)]
     write_table("serial.csv", joints, [[5, 10, -15, 4, -60, 9]])
     write_table("shown.csv", joints, [[5, 10, -25, 4, -60, 9]])
-    serial = rows_of(run("compensate", files.six_network, "serial.csv").stdout)[0]
-    shown = rows_of(run("compensate", files.six_network, "shown.csv", "--joint-values", "controller").stdout)[0]
+    (serial,) = rows_of(run("compensate", files.six_network, "serial.csv", *SERIAL).stdout)
+    (shown,) = rows_of(
+        run("compensate", files.six_network, "shown.csv", "--joint-values", "controller").stdout
+    )
     for joint in joints:
-        added = float(shown["j2_deg"]) if joint == "j3_deg" else 0.0
-        assert float(shown[joint]) + added == pytest.approx(float(serial[joint]), abs=1e-9)
+        if joint != "j3_deg":
+            assert float(shown[joint]) == pytest.approx(float(serial[joint]), abs=1e-9)
+    assert float(shown["j3_controller_deg"]) + float(shown["j2_deg"]) == pytest.approx(
+        float(serial["j3_serial_deg"]), abs=1e-9
+    )
     message = refused(2, "compensate", files.six_network, "serial.csv", "--joint-values", "controler")
     assert "--joint-values: unknown 'controler'; did you mean controller" in message

@@ -36,7 +36,8 @@ def there(sample: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_the_sample_was_driven_to_what_compensate_asks_for(there: Path) -> None:
     """To a hundredth of a degree; the file itself is a record, and stays when estimators change."""
     done = run("compensate", "c.h5", "s/before.csv", "--joint-values", "controller")
-    asked = [[float(row[f"j{j}_deg"]) for j in range(1, 7)] for row in rows_of(done.stdout)]
+    names = [f"j{j}_controller_deg" if j == 3 else f"j{j}_deg" for j in range(1, 7)]
+    asked = [[float(row[name]) for name in names] for row in rows_of(done.stdout)]
     driven = [
         [float(row[f"j{j}_deg"]) for j in range(1, 7)]
         for row in rows_of(Path("s/driven.csv").read_text())
@@ -194,7 +195,8 @@ def test_before_must_have_the_same_commands(sample: Path, here: Path) -> None:
 
 def test_a_correction_is_rehearsed_in_simulation(files: Files, here: Path) -> None:
     q = np.rad2deg(stored(files.six_fresh, "measurements/joint_positions"))[:6]
-    write_table("targets.csv", [f"j{j}_deg" for j in range(1, 7)], q.tolist())
+    names = [f"j{j}_serial_deg" if j == 3 else f"j{j}_deg" for j in range(1, 7)]
+    write_table("targets.csv", names, q.tolist())
     run("identify", files.six_measurements, "-o", "c.h5")
     run("compensate", "c.h5", "targets.csv", "-o", "corrected.csv")
     same = ["simulate", "fanuc-m1000ia", "--same-robot", files.six_measurements]
@@ -221,7 +223,7 @@ def test_a_correction_is_rehearsed_in_simulation(files: Files, here: Path) -> No
             code=code,
         )
     before = contents(here)
-    write_table("less.csv", [f"j{j}_deg" for j in range(1, 7)], q[:5].tolist())
+    write_table("less.csv", names, q[:5].tolist())
     before = contents(here)
     line = refused(3, *same, "--at", "corrected.csv", "--commanded", "less.csv", "-o", "x.h5")
     assert line == "less.csv: 5 rows, but corrected.csv has 6"

@@ -155,7 +155,7 @@ def test_joint_positions_are_read_as_they_were_written(robot: Robot, seed: int, 
     decimals = [DECIMALS[unit] for unit in units]
     assert len(set(decimals)) == 1
     lines = [",".join(f"j{j}_{unit}" for j, unit in enumerate(units, 1)), *decimal_rows(q / factors, decimals[0])]
-    found = joints_from_header(parse_table("\n".join(lines), "drawn.csv"), robot)
+    found = joints_from_header(parse_table("\n".join(lines), "drawn.csv"), robot, "serial")
     assert found is not None
     large = np.abs(q / factors).max(axis=1, keepdims=True) > (9.9 if si else 999.0)
     digits = np.where(large, 5e-14, 4e-16)  # of double precision otherwise

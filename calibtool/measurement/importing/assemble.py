@@ -136,8 +136,10 @@ def read_table(
     columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame: overrides the map's.
     robot_targets: the targets are those of the robot's description, in their order. format, sheet, layout: see
     `sources.read_source`. stated: units and convention where the header is silent. joints: their own file. joint_values:
-    overrides the map's, `serial` if neither says. commanded: targets whose corrected joints the arm was driven to.
-    Raises InputError for a bad cell, column or target set, UsageError for options that do not fit the file.
+    whose they are where the header does not say it (`Robot.joint_values`); overrides the map's. commanded: targets
+    whose corrected joints the arm was driven to.
+    Raises InputError for a bad cell, column or target set, UsageError for options that do not fit
+    the file, and for joint values of which nothing says whose they are, where it matters.
     """
     how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
     source = read_source(data, name, format, sheet=sheet, layout=layout, **how)
@@ -154,10 +156,14 @@ def read_table(
         if targets is not None:
             targets = of_kept_rows(targets, source.table, table)
         source, warnings = replace(source, table=table), warnings + unmatched
+    mapped = columns is not None and columns.joints is not None
     complete = complete_map(source, joint_table, robot, columns, stated)
     assert complete.joints is not None
-    if joint_values is not None:
-        complete = complete.model_copy(update={"joints": complete.joints.model_copy(update={"values": joint_values})})
+    said = complete.joints.values
+    if mapped and joint_values is not None:
+        said = joint_values
+    values = robot.joint_values(joint_table.name, said, joint_values)
+    complete = complete.with_joint_values(values)
     assert complete.joints is not None
     table = source.table
     q = read_joints(joint_table, robot, complete.joints)
@@ -181,13 +187,8 @@ def read_table(
             payload_kg=None if complete.payload is None else readonly(read_payload(table, complete.payload)),
             temperature_c=companions.temperature_c if _whole(companions.temperature_c) else None,
         ),
-        commanded=None if targets is None else commanded_poses(targets, robot, complete.joints.values or "serial"),
+        commanded=None if targets is None else commanded_poses(targets, robot, joint_values),
     )
-    if robot.coupled and complete.joints.values is None:
-        warnings.append(
-            f"{name}: {robot.name} couples joints and nothing says whose values these are: taken as those of the serial "
-            "chain; --joint-values controller converts the controller's"
-        )
     warnings += _lacking(table, complete, seen) + _outside(joint_table, robot, measurements)
     understood = Understood(
         source=replace(source, table=replace(table, rows=[], lines=[])),

@@ -40,18 +40,21 @@ def of_kept_rows(commanded: Table, before: Table, kept: Table) -> Table:
     return commanded.take(np.flatnonzero(np.isin(list(before.lines), list(kept.lines))))
 
 
-def commanded_poses(table: Table, robot: Robot, joint_values: JointValues) -> Array:
+def commanded_poses(
+    table: Table, robot: Robot, joint_values: JointValues | None = None
+) -> Array:
     """Commanded T_base_tool (N, 4, 4): of the nominal robot where the table holds joints.
 
-    Where a row has both, the pose is commanded. Raises InputError for a table with neither.
+    Where a row has both, the pose is commanded. joint_values: as in `joints_from_header`. Raises
+    InputError for a table with neither.
     """
     poses = poses_from_header(table)
     if poses is not None:
         return readonly(poses[0])
-    joints = joints_from_header(table, robot)
+    joints = joints_from_header(table, robot, joint_values)
     if joints is None:
         raise InputError(
             f"{table.name}: neither joints (j1_deg …) nor poses (x_mm y_mm z_mm with an "
             "orientation) among the columns; give what went into compensate"
         )
-    return readonly(robot.mechanism.forward(robot.serial_from(joint_values, joints[0])))
+    return readonly(robot.mechanism.forward(joints.q))

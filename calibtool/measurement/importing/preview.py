@@ -79,7 +79,10 @@ def _noun(imported: Imported) -> str:
 def _joints(columns: ColumnMap, robot: Robot) -> str:
     assert columns.joints is not None
     pairs = zip(columns.joints.columns, columns.joints.units(), strict=True)
-    return ", ".join(f"j{i + 1} = {column} [{unit}]" for i, (column, unit) in enumerate(pairs))
+    text = ", ".join(f"j{i + 1} = {column} [{unit}]" for i, (column, unit) in enumerate(pairs))
+    if not robot.coupled:
+        return text
+    return f"{text}; {columns.joints.values}"
 
 
 def _beside(imported: Imported) -> list[str]:
