@@ -191,4 +191,6 @@ def _show_pose_test(test: dict[str, Any], how: str, names: list[str]) -> None:
     counted = str(repeats[0]) if len(repeats) == 1 else f"{repeats[0]} to {repeats[-1]}"
     unit = "mm" if test["rp_mrad"] is None else "mm / mrad"
     more = "" if len(test["poses"]) <= _POSES else f", the first {_POSES} of {len(test['poses'])} poses (all: --json)"
-    print_table(f"ISO 9283, {counted} repeats, {how}, {unit}{more}", ["", *test["poses"][:_POSES]], rows)
+    print_table(
+        f"ISO 9283, {counted} repeats, {how}, {unit}{more}", ["", *test["poses"][:_POSES]], rows
+    )
