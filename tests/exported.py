@@ -32,6 +32,7 @@ CASES = [
     ("gantry", "everything", True),
     ("panda", "everything", True),
     ("panda", "nominal", True),
+    ("scara", "nominal", True),
 ]
 
 

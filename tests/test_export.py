@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from exported import CASES, STATUS, anywhere, calibrated, undisturbed, weighted_sizes
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from json_reader import correct_from_json
 from structured_text import FunctionBlock
@@ -254,7 +254,6 @@ def library(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     return calibration, precision, built(calibration, tmp_path_factory.mktemp("c"), precision)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_whatever_comes_in_no_large_number_comes_out(library: tuple[Calibration, str, Any], data: st.DataObject) -> None:
     """Not a number, infinite or beyond 1e6: the same bits come back. Anything else moves by the bound at most."""

@@ -131,11 +131,11 @@ def test_no_joint_changes_by_more_than_it_may(name: str, method: Method, degrees
 
 
 def test_the_bound_follows_the_size_of_the_errors() -> None:
-    """20 times the rms of the pose error at the measured configurations."""
+    """50 times the rms of the pose error at the measured configurations."""
     calibration = calibrated("ur5")
     commanded = calibration.robot.mechanism.forward(calibration.q)
     size = np.sqrt((tool_errors(calibration, calibration.q, commanded) ** 2).sum(axis=-1).mean())
-    assert default_bounds(calibration).largest_change == pytest.approx(20 * size, rel=1e-6)
+    assert default_bounds(calibration).largest_change == pytest.approx(50 * size, rel=1e-6)
 
 
 @pytest.mark.parametrize("given", [0.0, -1.0, float("nan")])
@@ -382,7 +382,7 @@ def test_jumps_are_told_against_the_commanded_step() -> None:
     q = np.linspace(0, 1, 11)[:, None] * [0.1, 0.1, 0.01, 0.0]
     correction = np.zeros_like(q)
     correction[4:, 1] = 2.6 * LARGEST_RATIO * 0.01
-    correction[7:, 2] = 0.4 * LARGEST_RATIO * 0.01 * robot.length  # a slide, less
+    correction[7:, 2] = 0.9 * LARGEST_RATIO * 0.01 * robot.length  # a slide, less
     path = CorrectionPath(robot)
     assert [(jump.row, jump.joint) for jump in path.jumps(q, q + correction)] == [(4, 1)]
     split = CorrectionPath(robot)

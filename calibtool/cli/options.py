@@ -31,7 +31,7 @@ LargestChange = Annotated[
     typer.Option(
         "--largest-change-deg",
         metavar="DEG",
-        help="A joint changes by no more (default: 20 times the size of the identified errors; stderr says it).",
+        help="A joint changes by no more (default: 50 times the size of the identified errors; stderr says it).",
     ),
 ]
 RefitSetup = Annotated[

@@ -8,13 +8,12 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.judge import Judged, Proposal, judged
-from calibtool.compensation.step import bounded_step, times
+from calibtool.compensation.step import DAMPED_BELOW, bounded_step, times
 from calibtool.compensation.weighed import Task, Weights, weighted_error, weighted_jacobian
 from calibtool.errors import UsageError
 from calibtool.robot.se3 import Array, exp6
 
 REACHED = 1e-9  # rad, or characteristic lengths: a smaller error is none
-_CHANGE_PER_ERROR = 20.0  # largest joint change over the rms pose error of a calibration
 _USUAL = 3.0  # times the median of what one step leaves: more than that is no full correction
 _COST_OF_TASK = 0.75  # the part of what the whole pose error can gain that the task may cost
 
@@ -131,8 +130,9 @@ def default_bounds(
 ) -> Bounds:
     """Bounds from the size of the identified errors, where they are not given.
 
-    largest_change (rad) is 20 times the rms of |e| at the configurations that the calibration was
-    made from: joints a twentieth of a radian away from a singularity can make up for such an error.
+    largest_change (rad) is the rms of |e| at the configurations that the calibration was made from,
+    over DAMPED_BELOW (50 times as much): what it may take to make up for such an error where
+    nothing is damped yet.
     `usual` is 3 times the median of what the one-step rule leaves, there or over the joint range
     (500 fixed rows), whichever is less, and at least 1e-9; rows in which the task components were
     traded (w < 1) do not count where there are others.
@@ -145,7 +145,7 @@ def default_bounds(
     anywhere = robot.lower + (robot.upper - robot.lower) * np.random.default_rng(0).random((500, robot.n))
     error = weighted_error(calibration.forward(known), robot.mechanism.forward(known), robot.length)
     size = float(np.sqrt((error**2).sum(axis=-1).mean()))
-    bounds = Bounds(_CHANGE_PER_ERROR * size, (np.inf, np.inf), weights)
+    bounds = Bounds(size / DAMPED_BELOW, (np.inf, np.inf), weights)
     medians = np.min([_median_left(calibration, q, bounds) for q in (known, anywhere)], axis=0)
     of_task, of_all = (max(REACHED, _USUAL * float(median)) for median in medians)
     chosen = bounds.largest_change if largest_change is None else largest_change

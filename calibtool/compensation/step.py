@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from calibtool.robot.damped import GRAM_REGULARISATION
+from calibtool.robot.damped import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
-# Nearer to a singularity than this a step is damped. 1 mrad of pose error moves no joint by more than
-# 51 mrad then, and the correction changes slowly enough along a path.
-DAMPED_BELOW = 0.03
+DAMPED_BELOW = MIN_SINGULARITY_DISTANCE  # 1 mrad of pose error moves no joint by more than 77 mrad
 _PASSES = 3  # how often a joint that would leave the box is held and the others solved again
 _SMALLEST_PIVOT = 1e-30  # rounding can push the last pivots of a singular matrix below zero
 _TOGETHER = 1024  # rows: their matrices stay in the processor's cache

@@ -250,8 +250,9 @@ def _compensated(
 def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErrors | None]:
     """Nearest poses to the commanded ones that the actual robot can take, and how far they stay; None if all can be taken.
 
-    Nearest by the weighted pose error; for n < 6 by what `exact` makes up for, as if it knew the truth. Only where truth
-    and set-up are known: an estimated instrument frame moves the commanded poses with the method.
+    Inside the joint limits, and nearest by the weighted pose error; for n < 6 by what `exact` makes up for, as if it knew
+    the truth. Only where truth and set-up are known: an estimated instrument frame moves the commanded poses with the
+    method.
     """
     truth, robot, q = measurements.truth, measurements.robot, measurements.q
     if truth is None or not measurements.setup.known:
@@ -268,7 +269,14 @@ def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErro
         nearest = actual.forward(exact(knowing, q, commanded, _UNBOUNDED).q)
         return nearest, _pose_errors("uncorrectable", nearest, commanded)
     solved = solve_poses(
-        actual.forward_and_jacobian, commanded, q, length=robot.length, max_iterations=300, descend=True
+        actual.forward_and_jacobian,
+        commanded,
+        q,
+        length=robot.length,
+        lower=np.minimum(robot.lower, q),
+        upper=np.maximum(robot.upper, q),
+        max_iterations=300,
+        descend=True,
     )
     if solved.reached.all():
         return None, None

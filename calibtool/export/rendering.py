@@ -178,16 +178,18 @@ def _cost(calibration: Calibration, converted: bool) -> str:
     errors = calibration.base.errors
     if network is None and calibration.base.model == "nominal":
         return "none: nothing is corrected"
+    kinematic = calibration.base.model != "nominal"
+    moves = bool(errors["harmonics"].any() or errors["gravity"].any())
     steps = 1 if n >= 6 else 2  # of the task components, and of all
-    flops = 1241 * n + 560 + (steps - 1) * 157 * n
+    flops = (1241 if kinematic else 537) * n + 560 + (steps - 1) * 157 * n
     flops += 4 * n * n * converted
-    calls = 2 * n + steps * (min(n, 6) + 1) + 4
+    calls = 2 * n * (1 if kinematic and not moves else 2) + steps * (min(n, 6) + 1) + 4
     if network is not None:
-        flops += 2 * (2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 13) + 186)
-        calls += 2 * network.hidden
-    if errors["harmonics"].any() or errors["gravity"].any():
+        runs = 2 if kinematic else 3
+        flops += runs * (2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 1)) + 2 * (12 * p + 186)
+        calls += runs * network.hidden
+    if moves:
         flops += n * (172 + 10 * errors["harmonics"].shape[1] + 124 * bool(errors["gravity"].any()))
-        calls += 2 * n
     return f"about {flops} flops and {calls} calls of functions such as sin and sqrt; at worst twice that"
 
 

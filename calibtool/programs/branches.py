@@ -16,6 +16,7 @@ from calibtool.robot.starts import Starts, drawn, starts_of
 
 _NEAR = 8  # starts near the pose, on the branch that is asked for
 _RANDOM = 96  # random starts that find the branches of a pose where those do not
+_ROWS = 4096  # poses that are solved at once
 _TOGETHER = 128  # poses that get several starts at once
 _SAME = 1e-6  # rad or m: nearer joint positions are one answer
 
@@ -86,6 +87,26 @@ def solve(
     nearest that is found. configurations: the branch and turns that are asked for; then the answer from `near` if it is
     one of those, otherwise the nearest that is. strict (N,): a row without such an answer has none.
     """
+    parts = [slice(first, first + _ROWS) for first in range(0, len(near), _ROWS)]
+    found = [
+        _solve(controller, T_base_tool[part], near[part], configurations[part], strict[part])
+        for part in parts or [slice(0)]
+    ]
+    return Answers(
+        np.concatenate([answers.q for answers in found]),
+        [why for answers in found for why in answers.why],
+        np.concatenate([answers.obeyed for answers in found]),
+    )
+
+
+def _solve(
+    controller: Controller,
+    T_base_tool: Array,
+    near: Array,
+    configurations: Sequence[Configuration | None],
+    strict: np.ndarray,
+) -> Answers:
+    """The same for a part of the rows."""
     search = _Search(controller, T_base_tool, near, configurations)
     robot, count = controller.robot, len(near)
     first = inverse_kinematics(robot, T_base_tool, near, starts=0)

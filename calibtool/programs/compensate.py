@@ -18,22 +18,22 @@ from calibtool.compensation.weighed import Weights
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
 from calibtool.programs.agreement import AS_FRAME, SEED, Position, positions
 from calibtool.programs.branches import Controller
-from calibtool.programs.configurations import Digit
 from calibtool.programs.controller_poses import check_controller_known, poses_to_write
-from calibtool.programs.flow import Flow, follow
+from calibtool.programs.flow import follow
 from calibtool.programs.formats import coupling_of, read_program
-from calibtool.programs.frames import Frames, poses_values
+from calibtool.programs.frames import Frames
 from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, Source
-from calibtool.programs.nominal import Stands, placed, stands
+from calibtool.programs.nominal import Stands, stands
 from calibtool.programs.summary import CompensatedProgram, Fate
-from calibtool.programs.targets import Remark, replaced, rewritten
+from calibtool.programs.targets import Remark
+from calibtool.programs.writing import NewPositions, Writing, remark_of
 from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array
 
 ON_ERROR = ("stop", "skip")
 _KINDS = 4  # of errors, told in one message
-_NO_CHANGE = 1e-9  # rad or m: below, a target's text stays as it is
+_TOGETHER = 4096  # rows that are corrected at once
 _AGREE = 1e-7  # rad or m: what is written for several branches may differ by so much
 
 
@@ -79,8 +79,7 @@ def compensate_program(
     options: exact, stop at the first failure, unless given.
 
     Raises InputError for bad data and NoSolutionError for targets without an answer, both with the line; with on_error
-    `skip` such targets stay as they are and are listed. Raises UsageError for poses without the controller's model
-    where the robot's description says that it may differ from the nominal robot.
+    `skip` such targets stay as they are and are listed.
     """
     return compensate_texts(calibration, [(name, data, True)], program_format, options)
 
@@ -125,26 +124,27 @@ class _Correction:
         self.options, self.format = options, program_format
         self.failures: list[tuple[Remark, _Failure]] = []
         self.left: list[Remark] = []
-        self.looks: list[Remark] = []
         self.why: dict[int, str] = {}  # of literals that are left
-        self.edits: dict[int, list[tuple[int, int, str]]] = {}  # of literals that are corrected
-        self.largest = [0.0, 0.0]  # m and rad
 
     def result(self) -> CompensatedProgram:
         program = self.program
-        self._read_errors()
         flow = follow(program, self.options.frames)
-        for remark in flow.remarks:
-            self._list(remark)
+        for remark in (*program.remarks, *flow.remarks):
+            if remark.bad:
+                self.failures.append((remark, InputError))
+            elif program.sources[remark.source].edited:
+                self.left.append(remark)
+        moved_to = {use.literal for use in flow.uses if use.line and not use.relative}
         found, left = positions(program, flow)
         for number, why in left.items():
             self._leave(number, why, InputError if program.literals[number].bad else None)
         self._stop()
         answers = stands(self.controller, program, flow, found)
+        del flow
         rows, q = self._rows(found, answers)
         self._stop()
         corrected = self._corrected(found, answers, rows, q)
-        if len(found) and any(program.literals[one.literal].kind == POSE for one in found):
+        if any(program.literals[one.literal].kind == POSE for one in found):
             check_controller_known(
                 self.calibration, self.options.controller_model, program.sources[0].name
             )
@@ -158,34 +158,25 @@ class _Correction:
                 notes += (
                     "the backlash is not taken up: a program does not say in which order its targets are reached",
                 )
-        self._write(found, answers, rows, q, corrected)
+        new = self._agreed(found, answers, rows, q, corrected)
         self._stop()
-        return self._told(flow, notes)
+        del answers, rows, q, corrected
+        writing = Writing(program, self.controller, new)
+        texts = tuple(writing.texts())
+        return self._told(writing, texts, moved_to, notes)
 
-    # --- what is left ------------------------------------------------------------------------------------------------
-
-    def _read_errors(self) -> None:
-        for remark in self.program.remarks:
-            self._list(remark)
-
-    def _list(self, remark: Remark) -> None:
-        if remark.bad:
-            self.failures.append((remark, InputError))
-        elif self.program.sources[remark.source].edited:
-            self.left.append(remark)
+    # --- what is left ----------------------------------------------------------------------------
 
     def _leave(self, number: int, why: str, failure: _Failure | None = None) -> None:
         """A literal is left as it is; failure: unless it may be, that is an error."""
         self.why[number] = why
-        if (
-            why not in (SEED, AS_FRAME)
-            and self.program.sources[self.program.literals[number].source].edited
-        ):
-            remark = _remark(self.program.literals[number], why)
-            if failure is None:
-                self.left.append(remark)
-            else:
-                self.failures.append((remark, failure))
+        literal = self.program.literals[number]
+        if why in (SEED, AS_FRAME) or not self.program.sources[literal.source].edited:
+            return
+        if failure is None:
+            self.left.append(remark_of(literal, why))
+        else:
+            self.failures.append((remark_of(literal, why), failure))
 
     def _stop(self) -> None:
         if not self.failures or self.options.on_error != "stop":
@@ -198,141 +189,94 @@ class _Correction:
             "nothing is written (--on-error skip leaves such targets)"
         )
 
-    # --- joints and poses --------------------------------------------------------------------------------------------
+    # --- joints and poses ------------------------------------------------------------------------
 
     def _rows(self, found: Sequence[Position], answers: Stands) -> tuple[np.ndarray, Array]:
         """Rows to correct, a position and its joints (N, n): one for each branch on which a position is used."""
         robot = self.controller.robot
-        rows: list[int] = []
-        q: list[Array] = []
+        rows = np.array([k for k, q in enumerate(answers.q) for _ in q], dtype=int)
+        q = np.array([row for rows_of in answers.q for row in rows_of]).reshape(-1, robot.n)
+        inside = robot.within_limits(q)
+        beyond = {int(rows[k]): k for k in np.flatnonzero(~inside)[::-1]}
         for k, position in enumerate(found):
             why = answers.why[k]
-            inside = [robot.within_limits(row[None])[0] for row in answers.q[k]]
-            if not why and not all(inside):
-                why = _beyond(self.controller, answers.q[k][inside.index(False)])
+            if k in beyond and not why:
+                why = _beyond(self.controller, q[beyond[k]])
             if why and self.program.literals[position.literal].blank:
                 self._leave(position.literal, "not taught: its numbers are zero")
-                continue
-            if why:
+            elif why:
                 self._leave(position.literal, why, NoSolutionError)
-                continue
-            rows += [k] * len(inside)
-            q += answers.q[k]
-        return np.array(rows, dtype=int), np.array(q).reshape(-1, robot.n)
+        good = np.array([k not in beyond for k in rows.tolist()], dtype=bool)
+        return rows[good], q[good]
 
     def _corrected(
         self, found: Sequence[Position], answers: Stands, rows: np.ndarray, q: Array
     ) -> Compensation:
-        """The compensation of all rows, joint targets and poses each in one batch."""
+        """The compensation of all rows, joint targets and poses each in batches."""
         count, options = len(rows), self.options
+        bounds = default_bounds(self.calibration, options.largest_change, options.weights)
         result = Compensation(
             q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count), q
         )
-        bounds = default_bounds(self.calibration, options.largest_change, options.weights)
-        kinds = [self.program.literals[found[k].literal].kind for k in rows]
-        for kind in (JOINT, POSE):
-            here = np.array([k for k, one in enumerate(kinds) if one == kind], dtype=int)
-            if not len(here):
-                continue
-            T = answers.T[rows[here]] if kind == POSE else None
-            part = guarded(self.calibration, q[here], T, options.method, options.outside, bounds)
-            for name in ("q", "status", "position", "orientation"):
-                getattr(result, name)[here] = getattr(part, name)
+        poses = np.array(
+            [self.program.literals[found[k].literal].kind == POSE for k in rows.tolist()], bool
+        )
+        for kind in (False, True):
+            every = np.flatnonzero(poses == kind)
+            for first in range(0, len(every), _TOGETHER):
+                here = every[first : first + _TOGETHER]
+                T = answers.T[rows[here]] if kind else None
+                part = guarded(
+                    self.calibration, q[here], T, options.method, options.outside, bounds
+                )
+                for name in ("q", "status", "position", "orientation"):
+                    getattr(result, name)[here] = getattr(part, name)
         return result
 
-    def _write(
+    def _agreed(
         self,
         found: Sequence[Position],
         answers: Stands,
         rows: np.ndarray,
         q: Array,
         corrected: Compensation,
-    ) -> None:
-        """Edits of all positions whose rows have an answer, agree and change something."""
-        robot, literals = self.controller.robot, self.program.literals
+    ) -> NewPositions:
+        """Positions whose rows all have an answer and need the same numbers."""
+        robot = self.controller.robot
         finite = np.nan_to_num(corrected.q)
-        nominal = robot.mechanism.forward(q)
-        poses = [literals[found[k].literal].kind == POSE for k in rows]
+        poses = [self.program.literals[found[k].literal].kind == POSE for k in rows.tolist()]
         commanded = [answers.T[k] if pose else None for k, pose in zip(rows, poses, strict=True)]
-        written, untouched = poses_to_write(
+        T, untouched = poses_to_write(
             self.calibration, self.options.controller_model, commanded, q, corrected.q
         )
-        stays = np.abs(written - nominal).max(axis=(1, 2), initial=0.0) < _NO_CHANGE
-        first = np.flatnonzero(np.diff(rows, prepend=-1))
+        first = np.flatnonzero(np.diff(rows, prepend=-1)).tolist()
         good: list[int] = []
-        for start, end in pairwise([*first.tolist(), len(rows)]):
-            position = found[rows[start]]
-            status = corrected.status[start]
+        for start, end in pairwise([*first, len(rows)]):
+            literal = found[rows[start]].literal
+            here = corrected.status[start:end].tolist()
             if np.isnan(corrected.q[start:end]).any():
-                why = f"{MEANING[status]} (--outside refuse)" if status == OUTSIDE else MEANING[status]
-                self._leave(position.literal, why, NoSolutionError)
-            elif (corrected.status[start:end] == UNCORRECTED).any():
-                self._leave(position.literal, MEANING[UNCORRECTED])
+                refused = " (--outside refuse)" if OUTSIDE in here else ""
+                self._leave(literal, MEANING[here[0]] + refused, NoSolutionError)
+            elif UNCORRECTED in here:
+                self._leave(literal, MEANING[UNCORRECTED])
             elif untouched[start:end].any():
-                self._leave(
-                    position.literal, "the controller's own model already brings the tool nearer to it"
-                )
-            elif np.abs(written[start:end] - written[start]).max() > _AGREE:
-                self._leave(
-                    position.literal, "reached on several branches, which need different numbers"
-                )
+                why = "the controller's own model already brings the tool nearer to it"
+                self._leave(literal, why)
+            elif end > start + 1 and np.abs(T[start:end] - T[start]).max() > _AGREE:
+                why = "reached on several branches, which need different numbers"
+                self._leave(literal, why)
             else:
                 good.append(start)
-        numbers = self._numbers([found[rows[k]] for k in good], written[good], finite[good])
-        moved = np.linalg.norm(written[good, :3, 3] - nominal[good, :3, 3], axis=-1)
-        turned = np.abs(corrected.q[good] - q[good])
-        revolute = ~np.array(robot.prismatic)
-        for k, start in enumerate(good):
-            number = found[rows[start]].literal
-            literal = literals[number]
-            self._look(literal, corrected.status[start], answers.guessed[rows[start]])
-            if turned[k].max() < _NO_CHANGE and (literal.kind == JOINT or stays[start]):
-                self.edits[number] = []
-                continue
-            text = self.program.sources[literal.source].text
-            edits = rewritten(text, literal.numbers, numbers[k])
-            digits = self._digits(literal, q[start], corrected.q[start])
-            if digits:
-                self.looks.append(
-                    _remark(
-                        literal,
-                        "a joint passes into another turn: its configuration data are changed too",
-                    )
-                )
-            self.edits[number] = edits + [(d.start, d.end, str(value)) for d, value in digits]
-            if self.edits[number]:
-                self.largest[0] = max(self.largest[0], float(moved[k]))
-                self.largest[1] = max(self.largest[1], float(turned[k][revolute].max(initial=0.0)))
-
-    def _numbers(self, found: Sequence[Position], T: Array, q: Array) -> list[list[float]]:
-        """What to write for positions: joints as the controller shows them, or poses in their frames."""
-        literals = [self.program.literals[position.literal] for position in found]
-        result: list[list[float]] = self.controller.to_controller(q).tolist()
-        groups: dict[str, list[int]] = {}
-        for k, literal in enumerate(literals):
-            if literal.kind == POSE:
-                groups.setdefault(literal.orientation, []).append(k)
-        for orientation, rows in groups.items():
-            near = np.array([literals[k].values for k in rows])
-            here = placed(T[rows], [found[k] for k in rows], back=True)
-            values = poses_values(here, orientation, near).tolist()
-            for k, row in zip(rows, values, strict=True):
-                result[k] = row
-        return result
-
-    def _digits(self, literal: Literal, q: Array, corrected: Array) -> list[tuple[Digit, int]]:
-        """Configuration data to change: those that were right and are not for the corrected joints."""
-        data = literal.configuration
-        if data is None or not data.turns(self.controller.to_controller(q)):
-            return []
-        return data.digits(self.controller.to_controller(corrected))
-
-    def _look(self, literal: Literal, status: str, guessed: bool) -> None:
-        if status != OK:
-            self.looks.append(_remark(literal, MEANING[status]))
-        if guessed:
-            why = "its branch is a guess: the program does not say from where the robot comes"
-            self.looks.append(_remark(literal, why))
+        nominal = robot.mechanism.forward(q[good])
+        return NewPositions(
+            [found[rows[k]] for k in good],
+            q[good],
+            finite[good],
+            T[good],
+            nominal,
+            corrected.status[good],
+            np.array([answers.guessed[rows[k]] for k in good], dtype=bool),
+        )
 
     def _joint_values_note(self, found: Sequence[Position]) -> tuple[str, ...]:
         """Whose joint values were read and written, where that matters."""
@@ -348,46 +292,41 @@ class _Correction:
             )
         return ()
 
-    # --- the result --------------------------------------------------------------------------------------------------
+    # --- the result ------------------------------------------------------------------------------
 
-    def _told(self, flow: Flow, notes: tuple[str, ...]) -> CompensatedProgram:
+    def _told(
+        self,
+        writing: Writing,
+        texts: tuple[bytes, ...],
+        moved_to: set[int],
+        notes: tuple[str, ...],
+    ) -> CompensatedProgram:
         program = self.program
-        edits: list[list[tuple[int, int, str]]] = [[] for _ in program.sources]
         fates: list[Fate] = []
-        looks = {(look.source, look.line, look.name): look.why for look in self.looks}
-        moved_to = {use.literal for use in flow.uses if use.line and not use.relative}
+        looks = {(look.source, look.line, look.name): look.why for look in writing.looks}
         targets, corrected, alone = 0, 0, 0
         for number, literal in enumerate(program.literals):
             if not program.sources[literal.source].edited:
                 continue
-            own = self.edits.get(number)
+            left = number in self.why
             targets += not literal.left and self.why.get(number) not in (SEED, AS_FRAME)
-            edits[literal.source] += own or []
-            what = "left" if own is None else "corrected" if own else "unchanged"
+            what = "left" if left else "corrected" if number in writing.changed else "unchanged"
             place = (literal.source, literal.line, literal.name)
-            why = self.why.get(number, "") if own is None else looks.get(place, "")
+            why = self.why[number] if left else looks.get(place, "")
             fates.append(Fate(*place, literal.kind, what, why))
-            if literal.kind == POSE and own is not None:
-                corrected += 1
-            if literal.kind == POSE and own is None and literal.numbers and number in moved_to:
-                alone += 1
+            if literal.kind == POSE:
+                corrected += not left
+                alone += left and bool(literal.numbers) and number in moved_to
         listed = program.literals or program.remarks or self.left
         return CompensatedProgram(
             names=tuple(source.name for source in program.sources),
-            texts=tuple(
-                replaced(source.text, own).encode("latin-1")
-                for source, own in zip(program.sources, edits, strict=True)
-            ),
+            texts=texts,
             targets=targets,
-            changed=sum(
-                1
-                for number, own in self.edits.items()
-                if own and program.sources[program.literals[number].source].edited
-            ),
-            largest_mm=1e3 * self.largest[0],
-            largest_deg=float(np.rad2deg(self.largest[1])),
+            changed=len(writing.changed),
+            largest_mm=1e3 * writing.largest_m,
+            largest_deg=float(np.rad2deg(writing.largest_rad)),
             left_alone=(*self.left, *(remark for remark, _ in self.failures)),
-            remarks=tuple(self.looks),
+            remarks=tuple(writing.looks),
             notes=notes if listed else (_nothing(self.format),),
             fates=tuple(fates),
             inconsistent=alone if corrected else 0,
@@ -420,7 +359,3 @@ def _beyond(controller: Controller, q: Array) -> str:
     factor, unit = (1e3, "mm") if robot.prismatic[j] else (180 / np.pi, "deg")
     limits = f"{robot.lower[j] * factor:.6g} … {robot.upper[j] * factor:.6g} {unit}"
     return f"joint {j + 1} at {q[j] * factor:.6g} {unit} is outside its limits ({limits})"
-
-
-def _remark(literal: Literal, why: str) -> Remark:
-    return Remark(literal.line, literal.name, why, source=literal.source)

@@ -27,7 +27,7 @@ class Posture:
     flexed: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Digit:
     """An integer of the configuration data and where it stands in the text."""
 
@@ -131,7 +131,7 @@ class Kuka:
         return [] if value == self.turn.value else [(self.turn, value)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Abb:
     """`[cf1,cf4,cf6,cfx]`: quadrants of axes 1, 4 and 6; cfx: 4 behind axis 1, 2 behind the lower arm, 1 axis 5 negative.
 

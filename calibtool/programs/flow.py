@@ -7,6 +7,7 @@ from which others the robot comes.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 from calibtool.programs.control import Action, Block, blocks
 from calibtool.programs.frames import Frames
@@ -32,7 +33,7 @@ _STANDS = ""  # the variable that holds at which uses the robot stands
 _NOWHERE = -1  # among them: or somewhere that nobody knows
 _ROUNDS = 4  # of a program whose variables keep their values
 _BEFORE = 8  # uses from which the branch of a position is looked for
-_WORK = 20_000_000  # blocks times variables: beyond it a variable holds all its values everywhere
+_WORK = 5_000_000  # blocks times variables: beyond it a variable holds all its values everywhere
 _EMPTY: Atoms = frozenset([Unknown("a variable that no file gives a value")])
 
 _State = dict[str, Atoms]
@@ -97,7 +98,7 @@ def follow(program: Program, given: Frames) -> Flow:
     return analysis.flow()
 
 
-@dataclass(eq=False)
+@dataclass(slots=True, eq=False)
 class _Node:
     """What an aim can be, a literal or a parameter, with what was found of it so far."""
 
@@ -304,7 +305,7 @@ class _Analysis:
                 setattr(node, name, joined(getattr(node, name), found))
             if aim.near is not None:
                 node.near |= self.evaluation.atoms(aim.near, variable)
-            node.before |= before
+            node.before = joined(node.before, before)
             reached.add(number)
         if aim.relative:
             self._remark(move.line, move.name, aim.relative, routine)
@@ -391,6 +392,7 @@ def _before(atoms: Atoms, found_at: list[list[int]]) -> tuple[tuple[int, ...], b
     return tuple(uses[:_BEFORE]), sure and len(uses) <= _BEFORE
 
 
+@lru_cache(maxsize=1000)
 def _frames(atoms: Atoms) -> frozenset[Frame | Unknown]:
     return frozenset(
         atom if isinstance(atom, Frame | Unknown) else Unknown("is no frame") for atom in atoms
@@ -418,13 +420,17 @@ def _merge(
         states[number] = dict(state)
         return True
     changed = False
-    for name in old.keys() | state.keys():
-        here = old[name] if name in old else entry(name)
-        there = state[name] if name in state else entry(name)
-        both = joined(here, there)
-        if name not in old or both != here:
-            old[name] = both
-            changed = changed or both != here
+    for name, there in state.items():
+        here = old.get(name)
+        if here is there:
+            continue
+        both = joined(entry(name) if here is None else here, there)
+        changed = changed or here is None or both != here
+        old[name] = both
+    for name in old.keys() - state.keys():
+        both = joined(old[name], entry(name))
+        changed = changed or both != old[name]
+        old[name] = both
     return changed
 
 

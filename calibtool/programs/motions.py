@@ -7,12 +7,13 @@ A variable's name is any text that the language makes unique; what it holds at a
 routines, so a language reports assignments where they stand and does not ask what is in force.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from calibtool.programs.configurations import Configuration
-from calibtool.programs.targets import Number, Remark
+from calibtool.programs.targets import Number, Numbers, Remark
 from calibtool.robot.se3 import Array, readonly
 
 JOINT, POSE = "joint", "pose"
@@ -141,7 +142,7 @@ class Literal:
     """
 
     kind: str
-    numbers: tuple[Number, ...]
+    numbers: Sequence[Number]
     line: int
     name: str
     orientation: str = ""
@@ -152,10 +153,15 @@ class Literal:
     blank: bool = False
     alone: "Aim | None" = None
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.numbers, Numbers):
+            object.__setattr__(self, "numbers", Numbers(self.numbers))
+
     @property
     def values(self) -> tuple[float, ...]:
         """The numbers in SI units."""
-        return tuple(number.value for number in self.numbers)
+        assert isinstance(self.numbers, Numbers)
+        return self.numbers.values
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,13 @@
 """Program targets: where their numbers stand in a controller program, what they mean, and how they are rewritten."""
 
 import re
+from array import array
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
+from io import StringIO
+from typing import overload
 
 from calibtool.programs.configurations import Configuration
 from calibtool.robot.se3 import Array
@@ -29,6 +33,48 @@ class Number:
     end: int
     unit: str
     value: float
+
+
+class Numbers(Sequence[Number]):
+    """Numbers of a position, kept in little memory: a program has tens of thousands."""
+
+    __slots__ = ("_spans", "_units", "_values")
+
+    def __init__(self, numbers: Iterable[Number]) -> None:
+        found = tuple(numbers)
+        self._spans = array("Q", (place for n in found for place in (n.start, n.end)))
+        self._values = array("d", (number.value for number in found))
+        self._units = _shared(tuple(number.unit for number in found))
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """In SI units."""
+        return tuple(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and tuple(self) == tuple(other)
+
+    def __hash__(self) -> int:
+        return hash(tuple(self))
+
+    @overload
+    def __getitem__(self, index: int) -> Number: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Number, ...]: ...
+    def __getitem__(self, index: int | slice) -> Number | tuple[Number, ...]:
+        if isinstance(index, slice):
+            return tuple(self[k] for k in range(*index.indices(len(self))))
+        place = 2 * (index % len(self._values)) if len(self._values) else 0
+        value = self._values[index]  # IndexError behind the last one
+        return Number(self._spans[place], self._spans[place + 1], self._units[index], value)
+
+
+@lru_cache(maxsize=1000)
+def _shared(units: tuple[str, ...]) -> tuple[str, ...]:
+    return units
 
 
 @dataclass(frozen=True)
@@ -131,8 +177,13 @@ def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
 
     A number that stands right-aligned in a column (two blanks before it at least) keeps its column's width.
     """
-    pieces, position = [], 0
-    for start, end, new in sorted(edits):
+    return spliced(text, sorted(edits))
+
+
+def spliced(text: str, edits: Iterable[tuple[int, int, str]]) -> str:
+    """The same for edits in the order of the text."""
+    pieces, position = StringIO(), 0
+    for start, end, new in edits:
         room = start
         while room > position and text[room - 1] == " ":
             room -= 1
@@ -140,11 +191,14 @@ def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
             width = end - room
             close = len(new) <= width and text[room - 1 : room] in ("=", ",", "[", "(", "{", ":")
             wanted = new if close else f" {new}"
-            pieces += [text[position:room], wanted.rjust(width)]
+            pieces.write(text[position:room])
+            pieces.write(wanted.rjust(width))
         else:
-            pieces += [text[position:start], new]
+            pieces.write(text[position:start])
+            pieces.write(new)
         position = end
-    return "".join([*pieces, text[position:]])
+    pieces.write(text[position:])
+    return pieces.getvalue()
 
 
 def rewritten(text: str, numbers: Sequence[Number], values: Sequence[float]) -> list[tuple[int, int, str]]:

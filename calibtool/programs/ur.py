@@ -337,7 +337,9 @@ class _Script:
         word, line = self.code[start:end], self.lines(start)
         opening = re.match(r"p?(?=\[)", word)
         if opening and closing(self.code, start + opening.end()) == end - 1:
-            return self._literal(start, end, name, told)
+            if told or opening[0] or self._is_joints(start, end):
+                return self._literal(start, end, name, told)
+            return Unknown(f"is no position (line {line})")
         variable = re.fullmatch(r"([A-Za-z_]\w*)\s*(?:\[([^\[\]]*)\])?", word)
         function = re.match(r"(\w+)\s*\(", word)
         if variable and variable[1] not in ("True", "False"):
@@ -353,6 +355,10 @@ class _Script:
         if told:
             return Unknown(f"an expression ({self.text[start:end][:40]})")
         return Unknown(f"is computed (line {line})")
+
+    def _is_joints(self, start: int, end: int) -> bool:
+        """Whether a list is one of as many numbers as the robot has joints."""
+        return not isinstance(self._numbers(start, end, self.robot.joint_units), str)
 
     def _literal(self, start: int, end: int, name: str, told: bool) -> int:
         kind = POSE if self.code[start] == "p" else JOINT

@@ -1,5 +1,6 @@
 """What variables of a program can hold: sets of values, and what is computed from them."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -32,13 +33,17 @@ MANY = Unknown("takes too many different values")
 
 def joined(one: Atoms, other: Atoms) -> Atoms:
     """Values of either set."""
-    if one == other or not other:
+    if one is other or not other:
         return one
     if not one:
         return other
     both = one | other
-    if MANY in both or sum(isinstance(atom, Frame) for atom in both) > _DIFFERENT:
-        return frozenset([MANY])
+    if len(both) == len(one):
+        return one
+    if len(both) > _DIFFERENT or MANY in both:
+        literals = frozenset(atom for atom in both if isinstance(atom, int))
+        if MANY in both or len(both) - len(literals) > _DIFFERENT:
+            return literals | {MANY}
     return both
 
 
@@ -58,6 +63,7 @@ class Evaluation:
     spoiled: dict[int, str] = field(default_factory=dict)
     frames: set[int] = field(default_factory=set)
     _constants: dict[Value, Atoms] = field(default_factory=dict)
+    _pending: dict[Atoms, bool] = field(default_factory=dict)
     _products: dict[tuple[str, str | None, tuple[Atom, ...]], Atom] = field(default_factory=dict)
 
     def atoms(self, value: Value, variable: Callable[[str], Atoms]) -> Atoms:
@@ -78,6 +84,8 @@ class Evaluation:
             return result
         if isinstance(value, Product):
             parts = [self.atoms(part, variable) for part in value.parts]
+            if math.prod(map(len, parts)) > _DIFFERENT**2:
+                return frozenset([MANY])
             found = (self._product(value, combination) for combination in product(*parts))
         elif isinstance(value, Edited):
             found = (self._edited(value, atom) for atom in self.atoms(value.base, variable))
@@ -87,7 +95,9 @@ class Evaluation:
 
     def entered(self, atoms: Atoms, variable: Callable[[str], Atoms]) -> Atoms:
         """The values with those of the routine's beginning put in."""
-        if not any(isinstance(atom, Entry | Product | Edited) for atom in atoms):
+        if atoms not in self._pending:
+            self._pending[atoms] = any(isinstance(a, Entry | Product | Edited) for a in atoms)
+        if not self._pending[atoms]:
             return atoms
         result: Atoms = frozenset()
         for atom in atoms:
@@ -153,9 +163,7 @@ class Evaluation:
 
 
 def _few(atoms: Iterable[Atom]) -> Atoms:
-    found: set[Atom] = set()
+    found: Atoms = frozenset()
     for atom in atoms:
-        found.add(atom)
-        if len(found) > _DIFFERENT:
-            return frozenset([MANY])
-    return frozenset(found)
+        found = joined(found, frozenset([atom]))
+    return found

@@ -21,7 +21,7 @@
 
 /* What planar_3r_correct returns. Usual: 0.0128 rad of all components, 9.97e-05 of those that joints can correct */
 #define PLANAR_3R_OK 0            /* corrected */
-#define PLANAR_3R_NEAR_SINGULAR 1 /* nearer to a singularity than 0.03: damped, a part of the error may stay */
+#define PLANAR_3R_NEAR_SINGULAR 1 /* nearer to a singularity than 0.02: damped, a part of the error may stay */
 #define PLANAR_3R_NOT_FINITE 2    /* an element of q is no number or beyond 1e+06: q_m = q */
 #define PLANAR_3R_PARTIAL 3       /* corrected, but more than usual stays */
 #define PLANAR_3R_LIMITED 4       /* the same, and a joint moved by the largest change */
@@ -36,7 +36,7 @@ extern "C" {
  *
  * The pose error is weighed: displacement of the tool over 0.55 m beside the rotation, in rad. The joints
  * change by the damped least-squares step against it (Eq. 24), inside the joint limits and by no
- * more than 0.205 rad each. The calibrated model then says whether that is better: a step that
+ * more than 0.512 rad each. The calibrated model then says whether that is better: a step that
  * goes too far is shortened, one that does not help is dropped. So under the calibrated model q_m is never
  * worse than q. q and q_m may be the same array.
  */
