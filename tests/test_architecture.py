@@ -20,6 +20,7 @@ ROOMS = (
     "units",
     "progress",
     "robot",
+    "errormodel",
     "tables",
     "measurement",
     "identification",

@@ -27,8 +27,11 @@ from calibtool.cli.options import (
     LargestChange,
     Output,
     Outside,
+    PayloadKg,
+    TemperatureC,
     choice,
     joint_values_of,
+    under,
 )
 from calibtool.cli.options import largest_change as in_rad
 from calibtool.cli.programs import (
@@ -102,6 +105,8 @@ def compensate(
             help="Take up backlash; --no-backlash: the rows are no path.",
         ),
     ] = True,
+    payload_kg: PayloadKg = None,
+    temperature_c: TemperatureC = None,
     frame: FrameOption = None,
     kind: Format = "auto",
     on_error: OnError = "stop",
@@ -161,7 +166,7 @@ def compensate(
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
     values = joint_values_of(joint_values)
     most, weighed = in_rad(largest_change_deg), _weights(weights)
-    loaded, _ = load_calibration(calibration, frame)
+    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
     found_frame = frame_report(loaded)
     if found_frame is not None and found_frame.name == "fitted":
         message(f"frame fitted: every target moves by the common part, too: {found_frame.common}")
@@ -279,7 +284,7 @@ def compensate_rows(
     if report.others:
         message(f"… and {report.others} more rows; see the column status", important=True)
     message(bounds)
-    if options.backlash and calibration.base.motion.backlash.any():
+    if options.backlash and calibration.base.errors["backlash"].any():
         message(
             "backlash is taken up along the rows, in their order; --no-backlash where they are no path"
         )

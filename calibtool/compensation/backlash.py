@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibtool.robot.motion import directions, last_moved
+from calibtool.errormodel.conditions import directions, last_moved
 from calibtool.robot.se3 import Array
 
 

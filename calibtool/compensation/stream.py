@@ -151,7 +151,7 @@ class _Corrector:
         self.seed: Array | None = None
         self.bounds = default_bounds(calibration, options.largest_change, options.weights)
         self.correction = CorrectionPath(calibration.robot)
-        backlash = calibration.base.motion.backlash
+        backlash = calibration.base.errors["backlash"]
         self.path = BacklashPath(backlash) if options.backlash and backlash.any() else None
 
     def corrected(self, table: Table) -> _Corrected:

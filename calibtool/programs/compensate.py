@@ -149,7 +149,7 @@ class _Correction:
                 self.calibration, self.options.controller_model, program.sources[0].name
             )
         notes = program.notes + self._joint_values_note(found)
-        backlash = self.calibration.base.motion.backlash
+        backlash = self.calibration.base.errors["backlash"]
         if self.options.backlash and backlash.any():
             if program.in_order:
                 taken = BacklashPath(backlash).taken_up(corrected.q)
