@@ -95,7 +95,7 @@ def test_exported_numbers_are_those_of_the_frame(frame: FrameName) -> None:
 def test_numbers_of_exported_code_are_those_of_the_frame(frame: FrameName) -> None:
     """What C and Structured Text are rendered from."""
     calibration = arm(frame=frame, model="local-poe")
-    values = compensator_values(calibration, "double")
+    values = compensator_values(calibration, "double", "serial")
     placements = values["nominal_placements"] + values["placement_changes"]
     T = np.repeat(placements[:1], len(calibration.q), axis=0)
     for j, twist in enumerate(values["base_twists"]):
