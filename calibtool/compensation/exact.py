@@ -79,16 +79,30 @@ class _Search:
         rows = np.flatnonzero((part == 0.0) & held.any(axis=-1))
         nearest[rows] = _free_distance(A[rows], held[rows])
         squares = np.maximum(0.0, DAMPED_BELOW - nearest) ** 2
+        narrow = self._narrowed(rows, change[rows], task)
         rows = np.flatnonzero(part < 1.0)
-        search = self.of(rows)
+        search = narrow.of(rows)
         found, left[rows] = search._damped_twice(task, A[rows], e[rows], squares[rows])
         change[rows] = found + part[rows, None] * (change[rows] - found)
         near = np.flatnonzero(part)
         left[near], _ = self._driven(near, change[near], task)
         if task.components is None and self.q.shape[1] >= 6:
             missed = (left**2).sum(axis=-1) > REACHED**2
-            self._over_hills(np.flatnonzero(missed & (part == 0.0)), change, left)
+            narrow._over_hills(np.flatnonzero(missed & (part == 0.0)), change, left)
         return change, distance, left
+
+    def _narrowed(self, rows: np.ndarray, change: Array, task: Task) -> "_Search":
+        """Some rows no farther from a first step (N, n) than what it leaves can ask for: 2 |E| / d₀.
+
+        Beside joints that are held, the last of an error can cost any motion of the others.
+        """
+        error, _ = self._driven(rows, change, task)
+        far = 2.0 * np.linalg.norm(error, axis=-1)[:, None] / DAMPED_BELOW
+        far = far * np.where(self.calibration.robot.prismatic, self.calibration.robot.length, 1.0)
+        lower, upper = self.lower.copy(), self.upper.copy()
+        lower[rows] = np.maximum(lower[rows], change - far)
+        upper[rows] = np.minimum(upper[rows], change + far)
+        return replace(self, lower=lower, upper=upper)
 
     def of(self, rows: np.ndarray, moved: Array | float = 0.0) -> "_Search":
         """The same for some rows, from joints that are moved already."""

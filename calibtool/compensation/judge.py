@@ -78,9 +78,9 @@ def judged(
     the task or of all components, and a joint is held where Δ is on a face of the box:
 
     uncorrected    dropped, and more stays: the joints are as commanded
-    out-of-limits  q + t Δ is outside the joint limits (by more than 1e-9), or a joint was held
-                   there and more stays
+    out-of-limits  q + t Δ is outside the joint limits (by more than 1e-9)
     near-singular  d < DAMPED_BELOW
+    out-of-limits  a joint was held at its limit, and more stays
     limited        a joint was held at the largest change, |Δ| ≥ B, and more stays
     partial        more stays
     ok             none of these
@@ -108,12 +108,12 @@ def judged(
     more = np.any(after > np.square(bounds.usual)[: len(after), None], axis=0)
     held = more[:, None] & ((change <= proposal.box[0]) | (change >= proposal.box[1]))
     farthest = np.abs(change) >= bounds.of_joints(robot)
-    at_limit = np.any(held & ~farthest, axis=-1) | ~robot.within_limits(corrected)
     status = np.full(len(q), OK, dtype=object)
     status[more] = PARTIAL
     status[np.any(held & farthest, axis=-1)] = LIMITED
+    status[np.any(held & ~farthest, axis=-1)] = OUT_OF_LIMITS
     status[proposal.distance < DAMPED_BELOW] = NEAR_SINGULAR
-    status[at_limit] = OUT_OF_LIMITS
+    status[~robot.within_limits(corrected)] = OUT_OF_LIMITS
     status[dropped & more] = UNCORRECTED
     return Judged(corrected, status, error)
 

@@ -7,7 +7,7 @@ import numpy as np
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 
-LARGEST_RATIO = 0.2  # of the change of a correction to the commanded step, from row to row
+LARGEST_RATIO = 0.15  # of the change of a correction to the commanded step, from row to row
 _SMALLEST = 1e-6  # rad, or characteristic lengths: smaller changes are rounding
 
 

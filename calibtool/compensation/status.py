@@ -14,7 +14,7 @@ CORRECTED = (OK, JUMP, OUTSIDE)  # nothing of the error stays but what no joint 
 DOUBTFUL = (PARTIAL, LIMITED, NEAR_SINGULAR, OUT_OF_LIMITS, UNCORRECTED)  # a part of it, or all, stays
 
 MEANING = {
-    JUMP: "the correction changes by more than a fifth of the commanded step from the row before",
+    JUMP: "the correction changes by more than 15 % of the commanded step from the row before",
     OUTSIDE: "outside the configurations of the training",
     PARTIAL: "corrected in part",
     LIMITED: "a joint is held at the largest change",

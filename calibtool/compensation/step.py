@@ -7,6 +7,7 @@ from calibtool.robot.se3 import Array
 
 DAMPED_BELOW = MIN_SINGULARITY_DISTANCE  # 1 mrad of pose error moves no joint by more than 77 mrad
 _PASSES = 3  # how often a joint that would leave the box is held and the others solved again
+_FEW = 1e-6  # λ² where fewer than six joints are free: they leave a direction of G without any
 _SMALLEST_PIVOT = 1e-30  # rounding can push the last pivots of a singular matrix below zero
 _TOGETHER = 1024  # rows: their matrices stay in the processor's cache
 
@@ -54,15 +55,13 @@ def damped_step(
     squares: Array,
     lower: Array,
     upper: Array,
-    again: bool = False,
 ) -> Array:
-    """Δ (N, n) of `bounded_step` with a given damping λ² = squares (N,), the second S only `again`."""
+    """Δ (N, n) of `bounded_step`, S once, with a given damping λ² = squares (N,) beside held joints too."""
     change = np.empty(lower.shape)
     for rows in _parts(len(lower)):
         A, e, box = _last(jacobian[rows]), _last(error[rows]), (_last(lower[rows]), _last(upper[rows]))
-        inverse = _inverse_factor(A, squares[rows])
-        found = _solution(A, inverse, squares[rows], e) if again else _once(A, inverse, e)
-        change[rows] = _inside(A, e, squares[rows], found, *box, again)[0].T
+        found = _once(A, _inverse_factor(A, squares[rows]), e)
+        change[rows] = _inside(A, e, squares[rows], found, *box, given=True)[0].T
     return change
 
 
@@ -84,9 +83,9 @@ def _inside(
     change: Array,
     lower: Array,
     upper: Array,
-    again: bool = True,
+    given: bool = False,
 ) -> tuple[Array, Array]:
-    """Items 4 and 5 of `bounded_step`: Δ and λ², from those of item 3."""
+    """Items 4 and 5 of `bounded_step`: Δ and λ², from those of item 3; with the λ² that is given, S once."""
     held = np.zeros(change.shape, dtype=bool)
     change, squares = change.copy(), squares.copy()
     for _ in range(_PASSES):
@@ -99,8 +98,12 @@ def _inside(
         stopped = np.where(stays, np.clip(change[:, rows], lower[:, rows], upper[:, rows]), 0.0)
         free = np.where(stays, 0.0, some)
         left = e[:, rows] + _product(some, stopped)
-        inverse, _, squares[rows] = _damped(free, stays, squares[rows])
-        solved = _solution(free, inverse, squares[rows], left) if again else _once(free, inverse, left)
+        if given:
+            few = (len(change) >= 6) & (len(change) - stays.sum(axis=0) < 6)
+            solved = _once(free, _inverse_factor(free, squares[rows] + _FEW * few, stays), left)
+        else:
+            inverse, _, squares[rows] = _damped(free, stays, squares[rows])
+            solved = _solution(free, inverse, squares[rows], left)
         change[:, rows] = stopped + solved
     return np.clip(change, lower, upper), squares
 

@@ -120,9 +120,9 @@ FORMULA = {
     "status": (
         "the first that is true; more: |e(q_m)| or |e_A(q_m)| is larger than usual_error_rad. "
         "uncorrected: dropped, and more. out-of-limits: q_m is outside the joint limits by more "
-        "than 1e-9, or more, and a joint stopped at a limit. near-singular: d of J_A (n >= 6: of "
-        "J) is below damped_below. limited: more, and a joint stopped at the largest change. "
-        "partial: more. ok. A joint stopped where D_j <= lower_j or D_j >= upper_j: at the "
+        "than 1e-9. near-singular: d of J_A (n >= 6: of J) is below damped_below. out-of-limits: "
+        "more, and a joint stopped at a limit. limited: more, and a joint stopped at the largest "
+        "change. partial: more. ok. A joint stopped where D_j <= lower_j or D_j >= upper_j: at the "
         "largest change if |D_j| >= B_j, else at a limit"
     ),
 }

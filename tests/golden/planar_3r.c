@@ -692,10 +692,12 @@ int planar_3r_correct(const real q_commanded[N], real q_m[N])
     }
     if (more && !better)
         return PLANAR_3R_UNCORRECTED;
-    if (outside || (more && held_limit))
+    if (outside)
         return PLANAR_3R_OUT_OF_LIMITS;
     if (distance < damped_below)
         return PLANAR_3R_NEAR_SINGULAR;
+    if (more && held_limit)
+        return PLANAR_3R_OUT_OF_LIMITS;
     if (more)
         return held_change ? PLANAR_3R_LIMITED : PLANAR_3R_PARTIAL;
     return PLANAR_3R_OK;
