@@ -77,6 +77,20 @@ def test_a_path_may_come_in_batches_and_skips_rows_that_are_not_driven_to(rng: n
     assert not whole[0].any()
 
 
+def test_no_joint_is_taken_beyond_a_limit(rng: np.random.Generator) -> None:
+    q = np.clip(rng.normal(size=(50, 3)), -1.0, 1.0)
+    q[::7] += np.array([0.5, 0.0, 0.0])  # commanded outside: there nothing is added outwards
+    width = np.array([0.1, 0.2, 0.3])
+    free = BacklashPath(width).taken_up(q)
+    taken = BacklashPath(width, -np.ones(3), np.ones(3)).taken_up(q)
+    inside = np.abs(q) <= 1.0
+    assert (np.abs(q + taken)[inside] <= 1.0).all()
+    assert (np.abs(q + taken)[~inside] <= np.abs(q)[~inside]).all()
+    clear = np.abs(q) <= 0.7
+    np.testing.assert_array_equal(taken[clear], free[clear])
+    assert (taken != free).any()
+
+
 def test_rows_keep_their_directions() -> None:
     measurements = measured()
     assert measurements.conditions.direction is not None

@@ -144,15 +144,17 @@ class _Correction:
         rows, q = self._rows(found, answers)
         self._stop()
         corrected = self._corrected(found, answers, rows, q)
+        notes = program.notes + self._joint_values_note(found)
         if any(program.literals[one.literal].kind == POSE for one in found):
-            check_controller_known(
+            notes += check_controller_known(
                 self.calibration, self.options.controller_model, program.sources[0].name
             )
-        notes = program.notes + self._joint_values_note(found)
         backlash = self.calibration.base.errors["backlash"]
         if self.options.backlash and backlash.any():
             if program.in_order:
-                taken = BacklashPath(backlash).taken_up(corrected.q)
+                robot = self.controller.robot
+                path = BacklashPath(backlash, robot.lower, robot.upper)
+                taken = path.taken_up(corrected.q)
                 corrected = replace(corrected, q=corrected.q + taken)
             else:
                 notes += (
