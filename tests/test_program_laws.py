@@ -148,9 +148,9 @@ def test_a_row_of_poses_is_followed_as_one_after_the_other(kind: str) -> None:
     rng = np.random.default_rng(4)
     if kind == "near":
         corners = bench().configurations(robot, 12)
-        q = np.array([np.interp(np.linspace(0, 11, 400), np.arange(12), column) for column in corners.T]).T
+        q = np.array([np.interp(np.linspace(0, 11, 200), np.arange(12), column) for column in corners.T]).T
     else:
-        q = rng.uniform(np.maximum(robot.lower, -3), np.minimum(robot.upper, 3), (400, 6))
+        q = rng.uniform(np.maximum(robot.lower, -3), np.minimum(robot.upper, 3), (200, 6))
     T = robot.mechanism.forward(q)
     controller = Controller(robot, np.eye(6))
 
@@ -158,10 +158,10 @@ def test_a_row_of_poses_is_followed_as_one_after_the_other(kind: str) -> None:
         found = solve(controller, T[rows], start, [None] * len(rows), np.zeros(len(rows), dtype=bool))
         return np.where(found.found[:, None], found.q, start)
 
-    trees = forest([(), *((k,) for k in range(399))], [False] * 400)
-    together = follow_forest(trees, np.tile(q[0], (400, 1)), answers)
+    trees = forest([(), *((k,) for k in range(199))], [False] * 200)
+    together = follow_forest(trees, np.tile(q[0], (200, 1)), answers)
     expected = [q[0]]
-    for k in range(400):
+    for k in range(200):
         expected.append(answers(np.array([k]), expected[-1][None])[0])
     np.testing.assert_allclose(together, expected[1:], atol=1e-8)
     if kind == "near":
