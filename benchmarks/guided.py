@@ -33,6 +33,7 @@ SECONDS, MIB = 5, 1024
 LONGEST = 20_000  # bytes of an input
 GUIDED = (
     *("csv", "ndjson", "import", "spatial-analyzer", "column-map", "study-definition", "study-csv", "study-journal"),
+    *("ur-yaml", "ur-conf", "dh-table"),
     *("robot-toml", "urdf", "frames-toml", "fanuc-ls", "kuka-krl", "abb-rapid", "ur-script", "ros2-trajectory"),
 )
 _STATUS = re.compile(r"^#(\d+)\s+(\w+)\s+cov: (\d+) ft: (\d+)", re.MULTILINE)

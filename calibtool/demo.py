@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.compensation.stream import compensate_text
+from calibtool.compensation.stream import StreamOptions, compensate_text
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.evaluation.compare import evaluate
 from calibtool.evaluation.metrics import error_rows
@@ -72,11 +72,12 @@ def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callab
     report("compensate a straight line of 100 poses")
     line = _straight_line(robot)
     write("line.csv", line)
-    write("corrected.csv", compensate_text(best, line, "line.csv")[0])
+    corrected, _ = compensate_text(best, line, "line.csv", StreamOptions(joint_values="controller"))
+    write("corrected.csv", corrected)
 
     report("export     JSON and C")
-    header, source = calibration_as_c(best, "compensator")
-    write("compensator.json", calibration_as_json(best))
+    header, source = calibration_as_c(best, "compensator", joint_values="controller")
+    write("compensator.json", calibration_as_json(best, "controller"))
     write("compensator.h", header)
     write("compensator.c", source)
     return evaluation.as_json()

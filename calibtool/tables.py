@@ -5,15 +5,16 @@ import io
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
-from typing import overload
+from itertools import islice, repeat
+from typing import NamedTuple, cast, overload
 
 import numpy as np
 
 from calibtool.errors import InputError, near_names
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
-from calibtool.units import LARGEST, TO_SI, joint_and_factor, joint_column
+from calibtool.units import LARGEST, TO_SI, joint_and_factor, joint_column, without_values
 
 _DELIMITERS = ("\t", ";", ",")
 
@@ -209,10 +210,11 @@ def read_tables(
 
 def _plain(lines: list[str], delimiter: str, columns: int) -> bool:
     """Whether all lines are rows of as many cells, without quotes: nothing has to be looked at one by one."""
-    if delimiter == " " or columns < 2 or any(line.count(delimiter) != columns - 1 for line in lines):
+    if delimiter == " " or columns < 2 or set(map(str.count, lines, repeat(delimiter))) != {columns - 1}:
         return False
-    empty = delimiter + " \t\r\n\f\v"
-    return not any('"' in line or len(line) >= LONG_LINE or not line.strip(empty) for line in lines)
+    if max(map(len, lines)) >= LONG_LINE or any('"' in line for line in lines):
+        return False
+    return all(map(str.strip, lines, repeat(delimiter + " \t\r\n\f\v")))
 
 
 def text_lines(text: str) -> list[str]:
@@ -266,22 +268,50 @@ def number(value: float) -> str:
 # --- joint positions ------------------------------------------------------------------------------------------------
 
 
+class Joints(NamedTuple):
+    """Joint positions that a table holds.
+
+    q        (N, n) of the serial chain, rad or m
+    columns  the joints' columns in the order of the joints, as the header names them
+    values   whose joint values stand in the table
+    """
+
+    q: Array
+    columns: list[str]
+    values: JointValues
+
+
 def joint_columns_of(table: Table, robot: Robot) -> list[str] | None:
     """The header's joint columns in the order of the joints; None when it has none at all. InputError if some lack."""
     found: dict[int, str] = {}
     for column in table.header:
-        if joint_column(column) is None:
+        plain, _ = without_values(column)
+        if joint_column(plain) is None:
             continue
-        index, _ = joint_and_factor(column, robot.prismatic, f"{table.name}:{table.header_line}")
+        index, _ = joint_and_factor(plain, robot.prismatic, f"{table.name}:{table.header_line}")
         if index in found:
             raise InputError(f"{table.name}: joint {index + 1} has two columns, '{found[index]}' and '{column}'")
         found[index] = column
     if not found:
         return None
-    missing = [robot.joint_columns[i] for i in range(robot.n) if i not in found]
+    missing = [robot.columns(None)[i] for i in range(robot.n) if i not in found]
     if missing:
         raise InputError(f"{table.name}: no column {', '.join(missing)}; {robot.name} has {robot.n} joints")
     return [found[i] for i in range(robot.n)]
+
+
+def stated_values(table: Table, columns: Sequence[str]) -> JointValues | None:
+    """Whose joint values some columns hold by their names, `j3_controller_deg`; None: not said.
+
+    Raises InputError where they say both.
+    """
+    words = {word for _, word in map(without_values, columns) if word is not None}
+    if len(words) > 1:
+        raise InputError(
+            f"{table.name}:{table.header_line}: some joint columns are serial, others controller; "
+            "keep one kind"
+        )
+    return cast(JointValues | None, next(iter(words), None))
 
 
 def joint_positions(table: Table, robot: Robot, columns: Sequence[str], units: Sequence[str]) -> Array:
@@ -301,13 +331,25 @@ def joint_positions(table: Table, robot: Robot, columns: Sequence[str], units: S
     return q
 
 
-def joints_from_header(table: Table, robot: Robot) -> tuple[Array, list[str]] | None:
-    """Joint positions (N, n) and their columns by the header's names, None when the header has no joint columns."""
+def joints_from_header(
+    table: Table, robot: Robot, joint_values: JointValues | None = None
+) -> Joints | None:
+    """Joint positions (N, n) in rad or m by the header's names; None when it has no joint columns.
+
+    joint_values: whose they are where the header does not say it. Raises UsageError where nothing
+    says it and it matters (`Robot.joint_values`), InputError for a bad header or cell.
+    """
     columns = joint_columns_of(table, robot)
     if columns is None:
         return None
-    units = [column.split("_")[1] for column in columns]
-    return joint_positions(table, robot, columns, units), columns
+    values = robot.joint_values(table.name, stated_values(table, columns), joint_values)
+    q = joint_positions(table, robot, columns, [unit_of(column) for column in columns])
+    return Joints(robot.serial_from(values, q), columns, values)
+
+
+def unit_of(column: str) -> str:
+    """The unit at the end of a header: `j3_serial_deg` is in deg."""
+    return column.rsplit("_", 1)[1]
 
 
 # --- poses ----------------------------------------------------------------------------------------------------------
@@ -343,7 +385,7 @@ def poses_from_header(table: Table) -> tuple[Array, list[str]] | None:
     position, orientation = found
     T = np.zeros((len(table), 4, 4))
     T[:, 3, 3] = 1.0
-    T[:, :3, 3] = table.numbers(position) * TO_SI[position[0].split("_")[1]]
+    T[:, :3, 3] = table.numbers(position) * TO_SI[unit_of(position[0])]
     values = table.numbers(orientation)
     if len(orientation) == 4:
         lengths = np.linalg.norm(values, axis=-1)

@@ -11,12 +11,22 @@ LENGTHS = ("m", "mm")
 ANGLES = ("rad", "deg")
 
 _JOINT_COLUMN = re.compile(r"j([1-9]\d{0,5})_([a-z]+)")
+_STATED_COLUMN = re.compile(r"(j[1-9]\d{0,5})_(serial|controller)(_[a-z]+)")
 
 
 def joint_column(name: str) -> tuple[int, str] | None:
     """Joint index (from 0) and unit of a header such as `j3_deg`; None when `name` is no joint header."""
     match = _JOINT_COLUMN.fullmatch(name.strip())
     return (int(match[1]) - 1, match[2]) if match else None
+
+
+def without_values(name: str) -> tuple[str, str | None]:
+    """A joint header without the word that says whose values it holds, and that word.
+
+    `j3_controller_deg` is `j3_deg` and `controller`; every other name is itself and None.
+    """
+    match = _STATED_COLUMN.fullmatch(name.strip())
+    return (match[1] + match[3], match[2]) if match else (name, None)
 
 
 def joint_values(values: dict[str, float], prismatic: list[bool], place: str) -> list[float]:

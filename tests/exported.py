@@ -4,18 +4,20 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.equivalent.network import initial_network
+from calibtool.compensation.one_step import Linearised, default_bounds
+from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.geometry import GeometricErrors
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.motion import JointMotion
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
 REGULAR = 2 * MIN_SINGULARITY_DISTANCE  # here answers are compared to the last digits; nearer, rounding is magnified
+STATUS = ("ok", "near-singular", "not-finite", "partial", "limited", "out-of-limits", "uncorrected")  # by their codes
 
 # robot, base model, with a network
 CASES = [
@@ -30,6 +32,7 @@ CASES = [
     ("gantry", "everything", True),
     ("panda", "everything", True),
     ("panda", "nominal", True),
+    ("scara", "nominal", True),
 ]
 
 
@@ -48,16 +51,17 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     rng = np.random.default_rng(1)
     if calibration.network is None:
         scale = np.full(calibration.equivalent.p, 1e-3)
-        calibration = replace(calibration, networks=(initial_network(measurements.q, scale, 5, rng),))
+        calibration = replace(calibration, networks=(Network.initial(measurements.q, scale, 5, rng),))
     if base == "everything":
         errors = [rng.normal(size=shape) * 1e-3 for shape in ((robot.n + 1, 6), (robot.n, 6), (robot.n,))]
         revolute = ~np.array(robot.prismatic)
-        motion = JointMotion(
-            rng.normal(size=(robot.n, 64)) * 1e-4 * revolute[:, None],
-            rng.random(robot.n) * 1e-6 * revolute,
-            np.zeros(robot.n),
+        drawn = RobotErrors.of(
+            robot,
+            **dict(zip(("placements", "twists", "offsets"), errors, strict=True)),
+            harmonics=rng.normal(size=(robot.n, 64)) * 1e-4 * revolute[:, None],
+            gravity=rng.random(robot.n) * 1e-6 * revolute,
         )
-        identified = replace(calibration.base, model="complete", geometry=GeometricErrors(*errors), motion=motion)
+        identified = replace(calibration.base, model="complete", errors=drawn)
         calibration = replace(calibration, base=identified)
     return calibration
 
@@ -66,3 +70,19 @@ def anywhere(calibration: Calibration, count: int) -> Array:
     """Random configurations of the whole joint range."""
     robot = calibration.robot
     return robot.lower + (robot.upper - robot.lower) * np.random.default_rng(2).random((count, robot.n))
+
+
+def undisturbed(calibration: Calibration, q: Array) -> np.ndarray:
+    """Rows far from singularities in which no joint is held: rounding is not magnified there. (N,) bool"""
+    proposal, _ = Linearised.at(calibration, q, None, default_bounds(calibration)).proposed()
+    lower, upper = proposal.box
+    inside = ((proposal.change > lower) & (proposal.change < upper)).all(axis=1) | (proposal.change == 0).all(axis=1)
+    return np.asarray(inside & (proposal.distance >= REGULAR))
+
+
+def weighted_sizes(calibration: Calibration, q: Array, commanded: Array) -> Array:
+    """Size of the weighted pose error of the calibrated robot at q against the nominal one at `commanded`, rad: (N,)."""
+    robot = calibration.robot
+    pose, aim = calibration.forward(q), robot.mechanism.forward(commanded)
+    turn = Rotation.from_matrix(pose[:, :3, :3] @ np.swapaxes(aim[:, :3, :3], 1, 2)).magnitude()
+    return np.hypot(np.linalg.norm(pose[:, :3, 3] - aim[:, :3, 3], axis=1) / robot.length, turn)

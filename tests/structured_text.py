@@ -96,7 +96,7 @@ class FunctionBlock:
         values = [zero] * math.prod(shape)
         if self.tokens[0] == ":=":
             self._next()
-            values = [self.number(text) for text in self._initial()]
+            values = [int(text) if kind == "INT" else self.number(text) for text in self._initial()]
         self._take(";")
         for name in names:
             assert name.lower() not in self.variables, f"{name} is declared twice: case does not matter"

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_poe import random_positions
+from poe import poe_frames, random_positions
 
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot, robot_names, shipped
 from calibtool.robot.description import parse_source
 from calibtool.robot.model import Robot
-from calibtool.robot.poe import poe_frames
 from calibtool.robot.se3 import Array
 
 

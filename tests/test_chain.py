@@ -5,15 +5,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
+from poe import random_positions
 from scipy.spatial.transform import Rotation
-from test_poe import random_positions
 
 from calibtool.errors import InputError
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.chain import build_chain, last_frame
+from calibtool.robot.chain import build_chain
 from calibtool.robot.description import Source, parse_source
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.urdf import last_frame
 
 ZIGZAG = """
 <robot name="zigzag">

@@ -38,7 +38,7 @@ def perfect(measurements: Measurements) -> Calibration:
     truth = measurements.truth
     assert truth is not None
     calibration = identify(measurements, "nominal")
-    base = replace(calibration.base, model="local-poe", geometry=truth.actual.geometry, setup=truth.setup)
+    base = replace(calibration.base, model="local-poe", errors=truth.actual.errors, setup=truth.setup)
     return replace(calibration, base=base)
 
 
@@ -96,8 +96,14 @@ def test_one_step_is_a_little_worse_than_exact() -> None:
     assert exact.position_size.max() < stepped.position_size.max() < 0.05 * nominal.position_size.max()
 
 
-def nearest_by_scipy(fresh: Measurements, row: int) -> np.ndarray:
-    """The pose of the actual robot nearest to the commanded one: (4, 4), by an independent minimiser."""
+ALL_SIX = (0, 1, 2, 3, 4, 5)
+
+
+def nearest_by_scipy(fresh: Measurements, row: int, components: tuple[int, ...] = ALL_SIX) -> np.ndarray:
+    """The pose of the actual robot nearest to the commanded one: (4, 4), by an independent minimiser.
+
+    components: of the displacement and the turn along the axes of the commanded tool.
+    """
     truth, robot = fresh.truth, fresh.robot
     assert truth is not None
     commanded = robot.mechanism.forward(fresh.q[row : row + 1])[0]
@@ -105,7 +111,8 @@ def nearest_by_scipy(fresh: Measurements, row: int) -> np.ndarray:
     def left(q: np.ndarray) -> np.ndarray:
         pose = truth.actual.forward(q[None])[0]
         turn = Rotation.from_matrix(pose[:3, :3] @ commanded[:3, :3].T).as_rotvec()
-        return np.concatenate([(pose - commanded)[:3, 3] / robot.length, turn])
+        axes = commanded[:3, :3].T
+        return np.concatenate([axes @ (pose - commanded)[:3, 3] / robot.length, axes @ turn])[list(components)]
 
     best = least_squares(left, fresh.q[row], xtol=1e-15, ftol=1e-15, gtol=1e-15, jac="3-point").x
     pose: np.ndarray = truth.actual.forward(best[None])[0]
@@ -120,7 +127,7 @@ def test_what_no_joint_can_correct_is_reported_apart() -> None:
     assert len(beyond.position) == 25
     commanded = fresh.robot.mechanism.forward(fresh.q)
     for row in (0, 7, 24):
-        nearest = nearest_by_scipy(fresh, row)
+        nearest = nearest_by_scipy(fresh, row, (0, 1, 2, 5))  # a SCARA corrects x, y, z and the turn about z
         assert np.allclose(beyond.position[row, 0], (nearest - commanded[row])[:3, 3], atol=1e-9)
     best = evaluation.correctable[1]
     assert best.position_size.max() < 1e-8
@@ -139,7 +146,7 @@ def test_poses_that_a_shorter_arm_cannot_reach() -> None:
     assert truth is not None
     lengths = np.zeros((7, 6))
     lengths[[2, 4], [2, 0]] = -2e-3  # upper arm and forearm are 2 mm shorter each
-    shorter = replace(truth.actual, geometry=replace(truth.actual.geometry, placements=lengths))
+    shorter = replace(truth.actual, errors=truth.actual.errors.having(placements=lengths))
     fresh = simulate(robot, Simulation(seed=1, at=q, same_robot=replace(truth, actual=shorter)))
     given = replace(first, truth=replace(truth, actual=shorter))
     evaluation = evaluate([("perfect", perfect(given))], fresh)
@@ -151,9 +158,10 @@ def test_poses_that_a_shorter_arm_cannot_reach() -> None:
     assert np.linalg.norm((nearest - commanded)[:3, 3]) > 1e-4
     assert np.allclose(beyond.position[0, 0], (nearest - commanded)[:3, 3], atol=1e-6)
     assert evaluation.marked == [0, 1]
-    assert evaluation.correctable[1].position_size.max() < 1e-6  # the corrected joints take the nearest pose
+    # Near the stretched arm the correction is damped: the corrected joints come near the nearest pose.
+    assert evaluation.correctable[1].position_size.max() < 0.02 * evaluation.correctable[0].position_size.max()
     entry = evaluation.as_json()["methods"][1]  # type: ignore[index]
-    assert entry["reduction_percent"]["position_max"] > 99.9
+    assert entry["reduction_percent"]["position_max"] > 98
     assert entry["position_mm"]["max"] > 0.1
 
 
@@ -173,7 +181,7 @@ def test_without_the_truth_measured_and_predicted_targets_are_compared(unregiste
     calibration = identify(first, "local-poe")
     evaluation = evaluate([("c", calibration)], replace(fresh, truth=None))
     assert evaluation.kind == "predicted"
-    setup = calibration.base.setup
+    setup = calibration.setup
     poses = setup.T_instrument_base @ calibration.forward(fresh.q)
     predicted = np.einsum("kab,mb->kma", poses[:, :3, :3], setup.targets) + poses[:, None, :3, 3]
     left = (fresh.points - predicted) @ setup.T_instrument_base[:3, :3]  # along the axes of the base

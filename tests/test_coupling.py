@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from poe import poe_frames
 
-from calibtool.errors import InputError
+from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
 from calibtool.robot.model import Robot
-from calibtool.robot.poe import poe_frames
 
 
 def planar(coupling: str) -> Robot:
@@ -49,6 +49,46 @@ def test_without_a_coupling_values_are_as_they_are() -> None:
     np.testing.assert_array_equal(robot.coupling, np.eye(3))
     assert robot.serial_from("controller", q) is q
     assert load_robot("fanuc-m1000ia").serial_from("serial", q) is q
+
+
+@pytest.mark.parametrize(
+    ("coupling", "text"),
+    [
+        ("add = { j3 = { j2 = 1 } }", "q3 = J3 + J2"),
+        (
+            "add = { j2 = { j1 = -1 }, j3 = { j1 = 1, j2 = -0.5 } }",
+            "q2 = J2 - J1, q3 = J3 + J1 - 0.5 J2",
+        ),
+        ("matrix = [[1, 0, 0], [0, -1, 0], [0, 1, 2]]", "q2 = - J2, q3 = 2 J3 + J2"),
+        ("matrix = [[0, 1, 0], [1, 0, 0], [0, 0, 1]]", "q1 = J2, q2 = J1"),
+    ],
+)
+def test_what_differs_is_said(coupling: str, text: str) -> None:
+    """In the message for unstated values, and in the names of the columns of those joints."""
+    robot = planar(coupling)
+    with pytest.raises(
+        UsageError, match=r"^t\.csv: .*--joint-values serial or --joint-values controller"
+    ) as caught:
+        robot.joint_values("t.csv", None, None)
+    assert f"({text})" in str(caught.value)
+    named = {f"j{part.split()[0][1:]}_controller_deg" for part in text.split(", ")}
+    assert {column for column in robot.columns("controller") if "controller" in column} == named
+    assert robot.columns(None) == ["j1_deg", "j2_deg", "j3_deg"]
+
+
+def test_what_header_and_option_say_is_weighed() -> None:
+    robot = planar("add = { j3 = { j2 = 1 } }")
+    assert robot.joint_values("t", None, "controller") == "controller"
+    assert robot.joint_values("t", "serial", None) == "serial"
+    assert robot.joint_values("t", "serial", "serial") == "serial"
+    with pytest.raises(
+        UsageError,
+        match="header says that the joint values are serial, but --joint-values says controller",
+    ):
+        robot.joint_values("t", "serial", "controller")
+    plain = load_robot("planar-3r")
+    assert plain.joint_values("t") == "serial"
+    assert plain.joint_columns == plain.columns("controller") == ["j1_deg", "j2_deg", "j3_deg"]
 
 
 @pytest.mark.parametrize(

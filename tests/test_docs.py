@@ -90,7 +90,7 @@ def test_the_command_reference_is_fresh() -> None:
 def test_the_examples_of_the_library_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text("utf-8"), re.DOTALL)
-    assert len(blocks) == 6
+    assert len(blocks) == 9
     names: dict[str, object] = {}
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
@@ -100,11 +100,13 @@ def test_the_examples_of_the_library_run(tmp_path: Path, monkeypatch: pytest.Mon
     assert said[1] == "(50, 6) {'ok'}"
     assert said[2].startswith("[] []")
     assert said[3] == "fanuc-m1000ia 40"
+    assert said[4].startswith("measured [")
     assert [line for line in said if line.startswith(("networks", "folds"))] == [
         "networks: 1 of 1",
         "folds: 1 of 2",
         "folds: 2 of 2",
     ]
-    assert said[-2] == "4 of 4"
+    assert said[-3] == "4 of 4"
+    assert said[-2].startswith("b'movel(p[-0.4")
     assert said[-1].startswith("2 unknown robot 'fanuk-m1000ia'; did you mean ")
     assert len(blocks[0].split("\n\n")[1].strip().splitlines()) <= 10

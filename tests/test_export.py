@@ -12,109 +12,70 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from exported import CASES, REGULAR, anywhere, calibrated
-from scipy.linalg import expm
-from scipy.spatial.transform import RigidTransform
+from exported import CASES, STATUS, anywhere, calibrated, undisturbed, weighted_sizes
+from hypothesis import given
+from hypothesis import strategies as st
+from json_reader import correct_from_json
+from structured_text import FunctionBlock
 
 from calibtool.calibration import Calibration
-from calibtool.compensation.solve import one_step
+from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network
+from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
-from calibtool.export.rendering import SINGLE_ACCURACY, SINGLE_DISTANCE, Precision
+from calibtool.export.rendering import SINGLE_ACCURACY, Precision
 from calibtool.export.structured_text import calibration_as_structured_text
-from calibtool.robot.geometry import GeometricErrors
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
 GCC = shutil.which("gcc")
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Wdouble-promotion", "-Werror", "-O1"]
 SINGLE_CASES = [case for case in CASES if case[1] == "everything" or case[0] in ("scara", "gantry")]
+CORRECTING = [case for case in CASES if case[1:] != ("nominal", False)]
 GOLDEN = Path(__file__).parent / "golden"
 
 # --- JSON -----------------------------------------------------------------------------------------------------------
 
 
-def correct_from_json(c: dict, q: Array) -> Array:
-    """What a stranger makes of the file: `formula` in numpy and scipy, without calibtool."""
-    n, base = len(c["joints"]), c["base_model"]
-
-    def hat(w: Array) -> Array:
-        return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
-
-    def exp6(twist: Array) -> Array:
-        return expm(np.block([[hat(twist[3:]), twist[:3, None]], [np.zeros((1, 4))]]))
-
-    def log6(T: Array) -> Array:
-        whole = np.vstack([T[:3], [0.0, 0.0, 0.0, 1.0]])  # inv leaves rounding in the last row
-        w_v = RigidTransform.from_matrix(whole).as_exp_coords()
-        return np.array([*w_v[3:], *w_v[:3]])
-
-    def adjoint(T: Array) -> Array:
-        return np.block([[T[:3, :3], hat(T[:3, 3]) @ T[:3, :3]], [np.zeros((3, 3)), T[:3, :3]]])
-
-    def frames(M: Array, xi: Array, q: Array) -> tuple[list[Array], list[Array]]:
-        T, frames, columns = np.eye(4), [], []
-        for j in range(n):
-            T = T @ M[j] @ exp6(xi[j] * q[j])
-            frames.append(T)
-            columns.append(adjoint(T) @ xi[j])
-        return frames, columns
-
-    def chain(M: Array, xi: Array, q: Array) -> tuple[Array, list[Array]]:
-        joints, columns = frames(M, xi, q)
-        return joints[-1] @ M[n], columns
-
-    N = np.zeros(c["equivalent_robot"]["p"])
-    if (net := c["network"]) is not None:
-        s = (q - net["input_centre_rad_or_m"]) / net["input_scale_rad_or_m"]
-        hidden = np.tanh(np.array(net["hidden_weights"]) @ s + net["hidden_bias"])
-        N = (np.array(net["output_weights"]) @ hidden + net["output_bias"]) * net["output_scale_rad_or_m"]
-    if base["name"] == "nominal":
-        return q - N[:n]
-    nominal_twists = np.array(c["nominal_twists_per_rad_or_m"])
-    T_nominal, _ = chain(np.array(c["nominal_placements_m"]), nominal_twists, q)
-    twists = nominal_twists + base["twist_errors_per_rad_or_m"]
-    moved = q + base["offset_errors_rad_or_m"]
-    for j, row in enumerate(base["harmonics_rad"]):
-        moved[j] += sum(a * np.sin((h // 2 + 1) * q[j]) for h, a in enumerate(row) if h % 2 == 0)
-        moved[j] += sum(b * np.cos((h // 2 + 1) * q[j]) for h, b in enumerate(row) if h % 2 == 1)
-    T_nominal_joints, nominal_columns = frames(np.array(c["nominal_placements_m"]), nominal_twists, q)
-    for j in range(n):
-        for i in range(j, n):
-            centre = (T_nominal_joints[i] @ [*base["centres_of_mass_m"][i], 1])[:3]
-            velocity = nominal_columns[j][:3] + np.cross(nominal_columns[j][3:], centre)
-            torque = -base["link_masses_kg"][i] * np.dot(base["gravity_m_per_s2"], velocity)
-            moved[j] -= base["compliance_rad_per_nm"][j] * torque
-    T_base, columns = chain(np.array(base["placements_m"]), twists, moved)
-    columns += [adjoint(T_base)[:, k] for k in c["equivalent_robot"]["virtual_joint_columns"]]
-    J = np.stack(columns, axis=1)
-    T_calibrated = exp6(J @ N) @ T_base
-    e = log6(T_calibrated @ np.linalg.inv(T_nominal))
-
-    t, length = T_calibrated[:3, 3], c["characteristic_length_m"]
-    weigh = np.block([[np.eye(3) / length, -hat(t) / length], [np.zeros((3, 3)), np.eye(3)]])
-    e, J = weigh @ e, weigh @ J
-    G = J @ J.T + c["gram_regularisation"] * np.eye(6)
-    distance = 1 / np.sqrt(np.trace(np.linalg.inv(G)))
-    damping = max(0.0, c["min_singularity_distance"] - distance)
-    rho = J.T @ np.linalg.solve(G + damping**2 * np.eye(6), e)
-    return q - rho[:n]
+def joints_from_json(c: dict, q: Array) -> Array:
+    """Corrected joints with whose joint values q and the answer are, as `joint_values` says."""
+    if c["joint_values"] == "serial":
+        return correct_from_json(c, q)[0]
+    serial = c["joint_coupling"] @ q
+    change = correct_from_json(c, serial)[0] - serial
+    return q + np.linalg.solve(c["joint_coupling"], change)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_reader_of_the_json_alone_corrects_as_one_step_does(case: tuple[str, str, bool]) -> None:
     calibration = calibrated(*case)
-    q = anywhere(calibration, 20)
+    q = anywhere(calibration, 30)
     contents = json.loads(calibration_as_json(calibration))
-    expected, _ = one_step(calibration, q)
-    found = np.array([correct_from_json(contents, row) for row in q])
-    assert np.abs(found - expected).max() < 1e-11
+    expected = one_step(calibration, q)
+    found = [correct_from_json(contents, row) for row in q]
+    difference = np.abs(np.array([row for row, _ in found]) - expected.q)
+    plain = undisturbed(calibration, q)
+    assert plain.sum() > 10
+    assert difference[plain].max() < 1e-11
+    assert difference.max() < 1e-8
+    assert [status for _, status in found] == expected.status.tolist()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e200, -1e7])
+def test_a_reader_of_the_json_leaves_nonsense_as_it_is(bad: float) -> None:
+    contents = json.loads(calibration_as_json(calibrated("planar-3r", "local-poe", True)))
+    q = np.array([0.1, bad, 0.3])
+    found, status = correct_from_json(contents, q)
+    assert np.array_equal(found, q, equal_nan=True)
+    assert status == "not-finite"
 
 
 def test_json_holds_every_number_exactly_and_is_deterministic() -> None:
@@ -123,11 +84,11 @@ def test_json_holds_every_number_exactly_and_is_deterministic() -> None:
     contents = json.loads(text)
     assert calibration.network is not None
     assert np.array_equal(contents["network"]["hidden_weights"], calibration.network.hidden_weights)
-    assert np.array_equal(contents["base_model"]["placement_errors_m_rad"], calibration.base.geometry.placements)
+    assert np.array_equal(contents["base_model"]["placement_errors_m_rad"], calibration.base.errors["placements"])
     assert np.array_equal(contents["nominal_placements_m"], calibration.robot.chain.placements)
     assert np.array_equal([j["upper_rad_or_m"] for j in contents["joints"]], calibration.robot.upper)
     assert [j["kind"] for j in contents["joints"]].count("prismatic") == 1
-    assert (contents["schema"], contents["schema_version"]) == ("calibtool/compensator", 1)
+    assert (contents["schema"], contents["schema_version"]) == ("calibtool/compensator", 2)
     assert text.endswith("}\n")
     assert text == calibration_as_json(calibration)
 
@@ -145,21 +106,34 @@ void many(int count, const {real} *q, {real} *q_m, int *codes)
 """
 
 
+def built(
+    calibration: Calibration,
+    folder: Path,
+    precision: Precision = "double",
+    joint_values: JointValues = "serial",
+) -> ctypes.CDLL:
+    """A calibration's C code as a library, compiled with warnings as errors."""
+    header, source = calibration_as_c(calibration, "arm", precision, joint_values)
+    (folder / "arm.h").write_text(header, encoding="ascii")
+    (folder / "arm.c").write_text(source, encoding="ascii")
+    (folder / "loop.c").write_text(LOOP.format(real="double" if precision == "double" else "float"))
+    library = folder / "arm.so"
+    sources = [folder / "arm.c", folder / "loop.c"]
+    subprocess.run([str(GCC), *FLAGS, "-shared", "-fPIC", "-o", library, *sources, "-lm"], check=True)
+    return ctypes.CDLL(str(library))
+
+
 @pytest.fixture
 def compiled(tmp_path: Path) -> Callable[..., ctypes.CDLL]:
-    """Compile a calibration's C code, warnings are errors; skips where there is no gcc."""
+    """Compile a calibration's C code; skips where there is no gcc."""
     if GCC is None:
         pytest.skip("gcc is not installed, so the generated C code cannot be compiled")
-
-    def build(calibration: Calibration, precision: Precision = "double") -> ctypes.CDLL:
-        header, source = calibration_as_c(calibration, "arm", precision)
-        (tmp_path / "arm.h").write_text(header, encoding="ascii")
-        (tmp_path / "arm.c").write_text(source, encoding="ascii")
-        (tmp_path / "loop.c").write_text(LOOP.format(real="double" if precision == "double" else "float"))
-        library = tmp_path / "arm.so"
-        sources = [tmp_path / "arm.c", tmp_path / "loop.c"]
-        subprocess.run([GCC, *FLAGS, "-shared", "-fPIC", "-o", library, *sources, "-lm"], check=True)
-        return ctypes.CDLL(str(library))
+    def build(
+        calibration: Calibration,
+        precision: Precision = "double",
+        joint_values: JointValues = "serial",
+    ) -> ctypes.CDLL:
+        return built(calibration, tmp_path, precision, joint_values)
 
     return build
 
@@ -172,35 +146,78 @@ def run(library: ctypes.CDLL, q: Array) -> tuple[Array, Array]:
     return corrected, codes
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
+def names(codes: Array) -> list[str]:
+    return [STATUS[code] for code in codes]
+
+
+@pytest.mark.parametrize("case", CORRECTING, ids=str)
 def test_compiled_c_corrects_as_one_step_does(case: tuple[str, str, bool], compiled: Callable) -> None:
     calibration = calibrated(*case)
     q = anywhere(calibration, 10_000)
-    expected, distance = one_step(calibration, q)
+    expected = one_step(calibration, q)
     found, codes = run(compiled(calibration), q)
-    regular = distance >= REGULAR
-    assert regular.mean() > 0.5
-    assert np.abs(found - expected)[regular].max() < 1e-12
-    assert np.abs(found - expected).max() < 1e-9
-    damped = 0 if calibration.base.model == "nominal" else distance < MIN_SINGULARITY_DISTANCE
-    assert np.array_equal(codes, np.broadcast_to(damped, codes.shape))
+    plain = undisturbed(calibration, q)
+    assert plain.mean() > 0.5
+    difference = np.abs(found - expected.q)
+    assert difference[plain].max() < 1e-12
+    assert difference.max() < 1e-8
+    assert names(codes) == expected.status.tolist()
 
 
-@pytest.mark.parametrize(
-    "case", [case for case in CASES if case[1] == "everything" or case[0] in ("scara", "gantry")], ids=str
-)
+@pytest.mark.parametrize("case", [case for case in CASES if case[1] == "everything"], ids=str)
+def test_compiled_c_is_for_the_payload_and_temperature_asked_for(
+    case: tuple[str, str, bool], compiled: Callable
+) -> None:
+    calibration = calibrated(*case)
+    robot, rng = calibration.robot, np.random.default_rng(3)
+    loads, growth = rng.uniform(1, 5, (robot.n, 2)) * 1e-6, rng.uniform(5, 25, robot.n + 1) * 1e-6
+    errors = calibration.base.errors.having(payload=loads, temperature=growth)
+    conditions = Conditions(payload_kg=np.array(8.0), temperature_c=np.array(45.0))
+    loaded = replace(calibration, base=replace(calibration.base, errors=errors)).at(conditions)
+    q = anywhere(calibration, 1000)
+    expected = one_step(loaded, q).q
+    found, _ = run(compiled(loaded), q)
+    calm = undisturbed(loaded, q)
+    assert np.abs(found - expected)[calm].max() < 1e-12
+    assert np.abs(one_step(calibration, q).q - expected)[calm].max() > 1e-5
+
+
+def test_compiled_c_corrects_nothing_where_nothing_was_identified(compiled: Callable) -> None:
+    calibration = calibrated("fanuc-m1000ia", "nominal", False)
+    q = anywhere(calibration, 100)
+    found, codes = run(compiled(calibration), q)
+    assert np.array_equal(found, q)
+    assert not codes.any()
+
+
+@pytest.mark.parametrize("case", CORRECTING, ids=str)
+def test_compiled_c_makes_no_row_worse(case: tuple[str, str, bool], compiled: Callable) -> None:
+    """Judged by the calibrated model itself. A joint moves by no more than the bound, rows left alone say so."""
+    calibration = calibrated(*case)
+    q = anywhere(calibration, 10_000)
+    found, codes = run(compiled(calibration), q)
+    before, after = (weighted_sizes(calibration, x, q) for x in (q, found))
+    assert (after <= before).all()
+    assert np.array_equal(found[codes == STATUS.index("uncorrected")], q[codes == STATUS.index("uncorrected")])
+    assert after[codes == 0].max() <= 5 * np.median(after)
+    bounds = default_bounds(calibration)
+    assert (np.abs(found - q) <= bounds.of_joints(calibration.robot) + 1e-15).all()
+
+
+@pytest.mark.parametrize("case", SINGLE_CASES, ids=str)
 def test_compiled_c_in_single_precision_keeps_what_its_header_says(
     case: tuple[str, str, bool], compiled: Callable
 ) -> None:
     calibration = calibrated(*case)
     q = anywhere(calibration, 10_000).astype(np.float32)
-    expected, distance = one_step(calibration, q.astype(float))
+    expected = one_step(calibration, q.astype(float))
     found, codes = run(compiled(calibration, "single"), q)
-    regular = (distance >= SINGLE_DISTANCE) | (calibration.base.model == "nominal")
-    assert regular.mean() > 0.5
-    assert np.abs(found - expected)[regular].max() < SINGLE_ACCURACY
-    assert np.isfinite(found).all()
-    assert not codes[regular].any()
+    plain = undisturbed(calibration, q.astype(float))
+    assert plain.mean() > 0.5
+    assert np.abs(found - expected.q)[plain].max() < SINGLE_ACCURACY
+    assert (np.array(names(codes)) == expected.status).mean() > 0.999
+    before, after = (weighted_sizes(calibration, x.astype(float), q.astype(float)) for x in (q, found))
+    assert (after <= before + SINGLE_ACCURACY).all()
     header, source = calibration_as_c(calibration, "arm", "single")
     assert "1e-06 rad or m of double precision" in header
     assert not re.search(r"\bdouble\b", source)
@@ -208,25 +225,68 @@ def test_compiled_c_in_single_precision_keeps_what_its_header_says(
 
 def test_compiled_c_stays_finite_at_exact_singularities(compiled: Callable) -> None:
     calibration = calibrated("fanuc-m1000ia", "local-poe", False)
-    straight = replace(calibration, base=replace(calibration.base, geometry=GeometricErrors.none(6)))
+    straight = replace(calibration, base=replace(calibration.base, errors=RobotErrors.of(calibration.robot)))
     corrected, codes = run(compiled(straight), np.zeros((1, 6)))  # wrist axes 4 and 6 coincide, nothing to correct
     assert np.abs(corrected).max() < 1e-12
     assert codes[0] == 1
 
 
-@pytest.mark.parametrize("base", ["nominal", "local-poe"])
-def test_compiled_c_returns_positions_that_are_not_finite_as_they_are(base: str, compiled: Callable) -> None:
-    q = np.array([[0.1, 0.2, bad, 0.4, 0.5, 0.6] for bad in (np.nan, np.inf, -np.inf)])
-    corrected, codes = run(compiled(calibrated("fanuc-m1000ia", base, True)), q)
-    assert (codes == 2).all()
-    assert np.array_equal(corrected, q, equal_nan=True)
+def test_q_may_be_its_own_correction(compiled: Callable) -> None:
+    calibration = calibrated("scara", "everything", True)
+    library, q = compiled(calibration), anywhere(calibration, 100)
+    expected, codes = run(library, q)
+    again = np.empty_like(codes)
+    library.many(len(q), *(ctypes.c_void_p(array.ctypes.data) for array in (q, q, again)))
+    assert np.array_equal(q, expected)
+    assert np.array_equal(again, codes)
 
 
-def test_compiled_c_returns_positions_that_overflow_as_they_are(compiled: Callable) -> None:
-    q = np.array([[0.1, 0.2, 1e200, 0.4, 0.5, 0.6]])
-    corrected, codes = run(compiled(calibrated("fanuc-m1000ia", "local-poe", True)), q)
-    assert codes[0] == 2
-    assert np.array_equal(corrected, q)
+NONSENSE = [("fanuc-m1000ia", "nominal", True), ("fanuc-m1000ia", "nominal", False), ("scara", "everything", True)]
+
+
+@pytest.fixture(scope="module", params=[(*case, p) for case in NONSENSE for p in ("double", "single")], ids=str)
+def library(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Calibration, str, Any]:
+    """Code of each kind and precision, compiled once for many examples."""
+    if GCC is None:
+        pytest.skip("gcc is not installed, so the generated C code cannot be compiled")
+    *case, precision = request.param
+    calibration = calibrated(*case)
+    return calibration, precision, built(calibration, tmp_path_factory.mktemp("c"), precision)
+
+
+@given(st.data())
+def test_whatever_comes_in_no_large_number_comes_out(library: tuple[Calibration, str, Any], data: st.DataObject) -> None:
+    """Not a number, infinite or beyond 1e6: the same bits come back. Anything else moves by the bound at most."""
+    calibration, precision, code = library
+    n, kind = calibration.robot.n, np.float64 if precision == "double" else np.float32
+    extremes = st.sampled_from([np.nan, np.inf, -np.inf, 1e6, -1e6, 1.001e6, 1e38, -1e38, 0.0, -0.0, 1e-40, np.pi])
+    values = st.one_of(extremes, st.floats(width=32), st.floats(-7, 7))
+    with np.errstate(over="ignore"):
+        q = np.array([data.draw(st.lists(values, min_size=n, max_size=n))]).astype(kind)
+    found, codes = run(code, q)
+    if not (np.abs(q) <= 1e6).all():
+        assert codes[0] == STATUS.index("not-finite")
+        assert found.tobytes() == q.tobytes()
+        return
+    assert codes[0] != STATUS.index("not-finite")
+    most = default_bounds(calibration).of_joints(calibration.robot)
+    step = np.abs(found.astype(float) - q)
+    assert (step <= most + np.spacing(np.abs(q)) + 1e-7 * most).all()
+    if codes[0] == STATUS.index("uncorrected"):
+        assert found.tobytes() == q.tobytes()
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
+@pytest.mark.parametrize("case", NONSENSE, ids=str)
+def test_arithmetic_without_infinities_stops_compilation(
+    flag: str, case: tuple[str, str, bool], compiled: Callable, tmp_path: Path
+) -> None:
+    compiled(calibrated(*case))  # writes the files, and compiles without the flag
+    command = [str(GCC), "-std=c99", flag, "-c", "-o", "arm.o", "arm.c"]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert result.returncode != 0
+    assert "compile it without -ffast-math" in result.stderr
+    assert not (tmp_path / "arm.o").exists()
 
 
 @pytest.mark.parametrize("network", [True, False])
@@ -264,12 +324,14 @@ def round_numbers() -> Calibration:
         output_bias=np.array([0.0, 0.5, -0.5, 0.25, 0.0, 1.0]),
         output_scale=np.full(6, 1 / 1024),
     )
+    robot = replace(calibration.robot, chain=replace(chain, placements=chain.placements.round(12) + 0.0))
     return replace(
         calibration,
-        robot=replace(calibration.robot, chain=replace(chain, placements=chain.placements.round(12) + 0.0)),
+        robot=robot,
         base=replace(
             calibration.base,
-            geometry=GeometricErrors(
+            errors=RobotErrors.of(
+                robot,
                 placements=np.hstack([shifts, np.zeros((4, 3))]),
                 twists=np.array([[0, 0, 1.0, 0, 0, 0], [0] * 6, [0, 0, 0, 0, 2.0, 0]]) / 1024,
                 offsets=np.array([0.0, 0.5, -1.0]) / 1024,
@@ -321,3 +383,53 @@ def test_compiled_c_converts_coupled_joint_values(compiled: Callable) -> None:
 
 def test_c_of_a_robot_without_coupling_has_no_conversion() -> None:
     assert "to_serial" not in "".join(calibration_as_c(calibrated("scara", "local-poe", True)))
+
+
+def controller_case(base: str, count: int) -> tuple[Calibration, Array, Array, np.ndarray]:
+    """A FANUC's calibration, the controller's joint values, their correction, rows to compare."""
+    calibration = calibrated("fanuc-m1000ia", base, True)
+    q = anywhere(calibration, count)
+    shown, corrected = q.copy(), one_step(calibration, q).q.copy()
+    for values in (shown, corrected):
+        values[:, 2] -= values[:, 1]
+    return calibration, shown, corrected, undisturbed(calibration, q)
+
+
+@pytest.mark.parametrize("base", ["nominal", "everything"])
+def test_exports_take_and_give_a_controller_s_joint_values(base: str, compiled: Callable) -> None:
+    calibration, shown, expected, regular = controller_case(base, 40)
+    assert regular.mean() > 0.5
+    found, codes = run(compiled(calibration, "double", "controller"), shown)
+    assert np.abs(found - expected)[regular].max() < 1e-12
+    assert names(codes) == one_step(calibration, anywhere(calibration, 40)).status.tolist()
+    block = FunctionBlock(
+        calibration_as_structured_text(calibration, "arm", joint_values="controller")
+    )
+    found = np.array([block(row)[0] for row in shown[regular]])
+    assert np.abs(found - expected[regular]).max() < 1e-12
+    contents = json.loads(calibration_as_json(calibration, "controller"))
+    found = np.array([joints_from_json(contents, row) for row in shown[regular]])
+    assert np.abs(found - expected[regular]).max() < 1e-11
+
+
+def test_a_controller_s_positions_that_are_not_finite_come_back_as_they_are(
+    compiled: Callable,
+) -> None:
+    q = np.array([[0.1, bad, 0.3, 0.1, 0.2, 0.3] for bad in (np.nan, np.inf, -np.inf)])
+    found, codes = run(
+        compiled(calibrated("fanuc-m1000ia", "everything", True), "double", "controller"), q
+    )
+    np.testing.assert_array_equal(found, q)
+    assert (codes == 2).all()
+
+
+@pytest.mark.parametrize("values", ["serial", "controller"])
+def test_exported_code_says_whose_joint_values_it_takes(values: JointValues) -> None:
+    calibration = calibrated("fanuc-m1000ia", "nominal", True)
+    header, _ = calibration_as_c(calibration, "arm", joint_values=values)
+    text = calibration_as_structured_text(calibration, "arm", joint_values=values)
+    word = "serial chain" if values == "serial" else "controller"
+    for written in (header, text):
+        assert re.search(rf"joint values of the {word}:\s+q3 = J3 \+ J2", written)
+    assert json.loads(calibration_as_json(calibration, values))["joint_values"] == values
+    assert all(len(line) <= 125 for line in text.splitlines())

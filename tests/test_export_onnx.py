@@ -9,7 +9,7 @@ from exported import anywhere, calibrated
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.solve import one_step
-from calibtool.equivalent.network import initial_network
+from calibtool.equivalent.network import Network
 from calibtool.errors import InputError, UsageError
 from calibtool.export.as_onnx import calibration_as_onnx
 from calibtool.robot.se3 import Array
@@ -34,7 +34,7 @@ def ensemble(name: str, base: str) -> Calibration:
     calibration = calibrated(name, base, True)
     rng = np.random.default_rng(4)
     scale = np.full(calibration.equivalent.p, 1e-3)
-    return replace(calibration, networks=tuple(initial_network(calibration.q, scale, 5, rng) for _ in range(3)))
+    return replace(calibration, networks=tuple(Network.initial(calibration.q, scale, 5, rng) for _ in range(3)))
 
 
 @pytest.mark.parametrize(("precision", "dtype", "accuracy"), [("double", float, 1e-14), ("single", np.float32, 1e-7)])
@@ -56,6 +56,18 @@ def test_on_the_nominal_base_the_model_corrects_as_one_step_does() -> None:
     model = calibration_as_onnx(calibration)
     assert np.abs(outputs(model, q)["q_corrected"] - one_step(calibration, q)[0]).max() < 1e-14
     assert model == calibration_as_onnx(calibration)
+
+
+def test_a_controller_s_joint_values_are_converted_in_the_model() -> None:
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    calibration = ensemble("fanuc-m1000ia", "nominal")
+    q = anywhere(calibration, 100)
+    expected, shown = one_step(calibration, q)[0], q.copy()
+    for values in (expected, shown):
+        values[:, 2] -= values[:, 1]  # J3 = q3 − J2
+    found = outputs(calibration_as_onnx(calibration, joint_values="controller"), shown)
+    assert np.abs(found["q_corrected"] - expected).max() < 1e-14
+    assert np.abs(found["rho"] - outputs(calibration_as_onnx(calibration), q)["rho"]).max() < 1e-14
 
 
 def test_without_a_network_there_is_nothing_to_export() -> None:

@@ -467,12 +467,19 @@ def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> 
         return "\n".join([",".join(header), *(",".join(map(repr, map(float, row))) for row in rows)])
 
     shown = text(fanuc.to_controller(measured.q))
-    found, warnings, *_ = import_table(shown, "t", fanuc, frame="base", joint_values="controller")
+    found, *_ = import_table(shown, "t", fanuc, frame="base", joint_values="controller")
     np.testing.assert_allclose(found.q, measured.q, atol=1e-12)
-    assert not any("couples" in warning for warning in warnings)
-    again, warnings, *_ = import_table(text(measured.q), "t", fanuc, frame="base")
-    np.testing.assert_array_equal(again.q, measured.q)
-    assert any("couples joints" in warning and "--joint-values controller" in warning for warning in warnings)
+    with pytest.raises(
+        UsageError, match=r"^t: .*q3 = J3 \+ J2.*--joint-values serial or --joint-values controller"
+    ):
+        import_table(text(measured.q), "t", fanuc, frame="base")
+    for values, stated in (("controller", shown), ("serial", text(measured.q))):
+        stated = stated.replace("j3_rad", f"j3_{values}_rad")
+        again, *_ = import_table(stated, "t", fanuc, frame="base")
+        np.testing.assert_allclose(again.q, measured.q, atol=1e-12)
+        other = {"controller": "serial", "serial": "controller"}[values]
+        with pytest.raises(UsageError, match=f"header says that the joint values are {values}"):
+            import_table(stated, "t", fanuc, frame="base", joint_values=other)  # type: ignore[arg-type]
     targets = "".join(f'[[targets]]\nmeasured = ["t{i}_x_m", "t{i}_y_m", "t{i}_z_m"]\nunit = "m"\n' for i in (1, 2, 3))
     joints = f'[joints]\ncolumns = {header[:6]}\nunit = "rad"\nvalues = "controller"\n{targets}'.replace("'", '"')
     mapped, *_ = import_table(shown, "t", fanuc, parse_column_map(joints, "map.toml"), frame="base")

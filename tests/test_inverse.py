@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from poe import expm_chain, random_positions
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
-from test_poe import expm_chain, random_positions
 
 from calibtool.robot.catalogue import load_robot
+from calibtool.robot.damped import at_point, scale_rows
 from calibtool.robot.inverse import InverseResult, inverse_kinematics, solve_poses
-from calibtool.robot.mechanism import at_point, scale_rows
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6, translation
 

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from derivatives import assert_derivative
 from drawn import DrawnChain, DrawnJoint
-from test_poe import expm_chain, random_positions
+from poe import expm_chain, poe_frames, random_positions
 
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.geometry import relative_error
-from calibtool.robot.inverse import solve_poses
-from calibtool.robot.mechanism import (
+from calibtool.robot.damped import (
     MIN_SINGULARITY_DISTANCE,
     at_point,
     damped_solution,
@@ -17,9 +15,9 @@ from calibtool.robot.mechanism import (
     scale_rows,
     singularity_distance,
 )
+from calibtool.robot.inverse import solve_poses
 from calibtool.robot.model import Robot
-from calibtool.robot.poe import poe_frames
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, relative_error
 
 
 def tool_jacobian(robot: Robot, q: Array) -> Array:
@@ -35,7 +33,7 @@ def far_from_singular(robot: Robot, rng: np.random.Generator, count: int) -> Arr
     return far[:count]
 
 
-def test_pinocchio_the_numpy_frames_and_the_matrix_exponentials_agree(robot: Robot, rng: np.random.Generator) -> None:
+def test_the_tool_is_where_the_matrix_exponentials_put_it(robot: Robot, rng: np.random.Generator) -> None:
     chain, q = robot.chain, random_positions(robot, rng, 5)
     pose = robot.mechanism.forward(q)
     np.testing.assert_allclose(pose, expm_chain(chain.placements, chain.twists, q), atol=1e-12)

@@ -18,6 +18,7 @@ from calibtool.robot.catalogue import load_robot
 FOLDER = Path(__file__).parent / "programs" / "cases"
 NUMBER = re.compile(r"-?\d+\.\d+")
 
+JOINTS = (12.007, 14.056, -5.875, 7.961, -66.182, 14.965)
 HOME = (0.086828, -1.400321, 1.751188, -1.921143, -1.573112, 0.179126)
 # File → line → numbers after correction, or why the line is left. Computed with Pinocchio from the
 # nominal URDF and the one of `export --format urdf`: each literal solved on its branch in its frame and
@@ -54,6 +55,29 @@ RIGHT: dict[str, dict[int, Sequence[float] | str]] = {
         2: (2301.487, 704.841, 458.732),
         3: (11.946, 13.985, -5.962, 188.064, 65.897, -165.191),
     },
+    "plain.ls": {10: (2301.123, 439.518, 608.298), 11: ()},
+    "cr_only.ls": {10: (2301.123, 439.518, 608.298), 11: ()},
+    "shift_jis_name.ls": {
+        11: (2301.123, 439.518, 608.298),
+        12: (),
+        17: (2300.400, 707.454, 458.716),
+        18: (),
+    },
+    "inc_in_names.ls": {
+        11: (2301.123, 439.518, 608.298),
+        12: (),
+        17: (2300.400, 707.454, 458.716),
+        18: (),
+    },
+    "inc_index.ls": {
+        6: r"relative motion .*register tells \(P\[R\[1\]\]\)",
+        12: (2301.123, 439.518, 608.298),
+        13: (),
+        18: "may be used by a relative motion .* in line 6",
+    },
+    "konfig.ls": {10: (2301.123, 439.518, 608.298), 11: ()},
+    "werkzeug_offset.ls": {10: (2301.123, 439.518, 608.298), 11: ()},
+    "remote_tcp.ls": {10: "the robot holds the work piece"},
     "plain.script": {3: HOME, 4: (-0.523596, -0.154949, 0.290828)},
     "polyscope.script": {3: (-0.523596, -0.154949, 0.290828)},
     "named_arguments.script": {3: HOME, 4: (-0.480681, -0.220857, 0.361791)},
@@ -67,6 +91,37 @@ RIGHT: dict[str, dict[int, Sequence[float] | str]] = {
     "ik_qnear_variable.script": {3: HOME, 5: (-0.527946, -0.155022, 0.289387)},
     "declared_order.script": {3: (-0.527946, -0.155022, 0.289387), 4: ()},
     "block_comment.yaml": dict(enumerate(((value,) for value in HOME), start=4)),
+    "plain.src": {5: JOINTS, 6: (2301.123, 439.518, 608.298)},
+    "array_points.src": {
+        7: (2301.123, 439.518, 608.298),
+        8: (2300.400, 707.454, 458.716),
+        9: JOINTS,
+    },
+    "array_axes.dat": {4: JOINTS},
+    "circle_named.src": {
+        7: (2300.400, 707.454, 458.716),
+        8: (2047.065, 891.278, 480.529),
+        9: JOINTS,
+    },
+    "component.src": {6: r"a component of it is assigned \(line 7\)", 8: JOINTS},
+    "base_twice.src": {
+        7: JOINTS,
+        8: (1701.123, 339.518, 808.298),
+        11: (2300.400, 857.454, 758.716),
+    },
+    "base_component.src": {6: JOINTS, 7: (1701.123, 439.518, 908.298)},
+    "base_product.src": {6: JOINTS, 7: (1734.236, -11.037, 688.298)},
+    "base_null_product.src": {6: JOINTS, 7: (1734.236, 38.963, 808.298)},
+    "base_switch.src": {6: JOINTS, 13: "several frames"},
+    "offset_point.src": {
+        6: (2301.123, 439.518, 608.298),
+        7: JOINTS,
+        9: "relative to XP1",
+    },
+    "lin_status.src": {5: JOINTS, 6: (2300.400, 707.454, 458.716)},
+    "untaught.dat": {3: "not taught", 5: (2301.123, 439.518, 608.298)},
+    "declared_order.src": {6: (2301.487, 704.841, 458.732), 7: ()},
+    "fixed_tool.src": {6: JOINTS, 7: r"the robot holds the work piece.*\(\$IPO_MODE=#TCP, line 5\)"},
 }
 
 
@@ -84,7 +139,8 @@ def corrected(name: str) -> tuple[list[str], list[str], CompensatedProgram]:
     program_format = detected(data.decode("latin-1"), name)
     assert program_format is not None
     result = compensate_program(calibration(robot), data, name, program_format)
-    return data.decode().splitlines(), result.data.decode().splitlines(), result
+    before, after = (text.decode("latin-1").splitlines() for text in (data, result.data))
+    return before, after, result
 
 
 @pytest.mark.parametrize("name", RIGHT)

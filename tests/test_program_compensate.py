@@ -49,6 +49,11 @@ def calibrations(name: str) -> tuple[Calibration, Calibration]:
     return identity, calibrated
 
 
+def nominal(name: str) -> ProgramOptions:
+    """Poses for a controller that computes with the nominal robot: on a UR it has to be said."""
+    return ProgramOptions(controller_model=load_robot(name).mechanism)
+
+
 def program_of(sample: str) -> tuple[bytes, str]:
     data = (FOLDER / sample).read_bytes()
     return data, detected(data.decode("latin-1"), sample)
@@ -66,7 +71,7 @@ def test_the_identity_changes_no_byte(program_format: str) -> None:
     name = robot_of(program_format)
     robot = load_robot(name)
     data = bench().WRITERS[program_format](robot, bench().configurations(robot, 20)).encode()
-    result = compensate_program(calibrations(name)[0], data, "a", program_format)
+    result = compensate_program(calibrations(name)[0], data, "a", program_format, nominal(name))
     assert result.data == data
     assert (result.targets, result.changed, result.left_alone, result.remarks) == (20, 0, (), ())
 
@@ -74,7 +79,9 @@ def test_the_identity_changes_no_byte(program_format: str) -> None:
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_the_identity_changes_no_byte_of_a_written_program(sample: str) -> None:
     data, program_format = program_of(sample)
-    assert compensate_program(calibrations(SAMPLES[sample])[0], data, sample, program_format).data == data
+    name = SAMPLES[sample]
+    result = compensate_program(calibrations(name)[0], data, sample, program_format, nominal(name))
+    assert result.data == data
 
 
 @pytest.mark.parametrize("program_format", PROGRAM_FORMATS)
@@ -84,21 +91,24 @@ def test_the_corrected_program_holds_the_corrected_joints(program_format: str) -
     robot, calibration = load_robot(name), calibrations(name)[1]
     q = bench().configurations(robot, 10)
     text = bench().WRITERS[program_format](robot, q)
-    result = compensate_program(calibration, text.encode(), "a", program_format)
-    nominal = bench().read_joints(robot, text, program_format, q)
-    expected = compensate_joints(calibration, nominal).q
+    result = compensate_program(calibration, text.encode(), "a", program_format, nominal(name))
+    commanded = bench().read_joints(robot, text, program_format, q)
+    expected = compensate_joints(calibration, commanded).q
     again = bench().read_joints(robot, result.data.decode(), program_format, expected)
     assert result.changed == 10
-    np.testing.assert_allclose(np.rad2deg(nominal), np.rad2deg(q), atol=0.02)
+    np.testing.assert_allclose(np.rad2deg(commanded), np.rad2deg(q), atol=0.02)
     np.testing.assert_allclose(np.rad2deg(again), np.rad2deg(expected), atol=5e-5)
-    assert result.largest_deg == pytest.approx(np.rad2deg(np.abs(expected - nominal).max()), abs=1e-6)
+    assert result.largest_deg == pytest.approx(
+        np.rad2deg(np.abs(expected - commanded).max()), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_only_numbers_change(sample: str) -> None:
     """With every number (and the blanks before it) taken out, both texts are the same; and comments are untouched."""
     data, program_format = program_of(sample)
-    result = compensate_program(calibrations(SAMPLES[sample])[1], data, sample, program_format)
+    name = SAMPLES[sample]
+    result = compensate_program(calibrations(name)[1], data, sample, program_format, nominal(name))
     before, after = data.decode(), result.data.decode()
     assert SPAN.sub("#", before) == SPAN.sub("#", after)
     assert before != after
@@ -198,7 +208,10 @@ def test_poses_without_configuration_data_are_corrected_as_poses() -> None:
     data, _ = program_of("pick.script")
     before, after = (
         reader("ur-script")(text.decode(), robot)
-        for text in (data, compensate_program(calibration, data, "a", "ur-script").data)
+        for text in (
+            data,
+            compensate_program(calibration, data, "a", "ur-script", nominal("ur5")).data,
+        )
     )
     tool = pose([0, 0, 0.1, 0, 0, 0], "rotation vector")
     q_near = np.array([before.literals[0].values])
@@ -255,24 +268,26 @@ def test_a_target_without_an_answer(line: str, error: type[Exception], why: str)
     assert [remark.line for remark in result.left_alone] == [2]
 
 
-def test_corrected_joints_beyond_the_limits() -> None:
-    """Targets at the very limit: those whose correction leads over it have no answer, the others have."""
+def test_corrections_that_lead_over_a_limit() -> None:
+    """Targets at the very limit: where the correction leads over it, the joint stays there and the target is named."""
     robot, calibration = load_robot("fanuc-m1000ia"), calibrations("fanuc-m1000ia")[1]
-    refused = []
+    held = []
     for j in range(3):
         for limit in (robot.lower[j], robot.upper[j]):
             degrees = [0.0, 10, -10, 20, -70, 0]
             degrees[j] = float(np.rad2deg(limit))
-            corrected = compensate_joints(calibration, np.deg2rad([degrees])).q
+            q = np.deg2rad([degrees])
+            corrected = compensate_joints(calibration, q)
             text = f"MoveAbsJ [[{','.join(map(repr, degrees))}],{REST}], v100, fine, tool0;\n"
-            options = ProgramOptions(on_error="skip")
-            result = compensate_program(calibration, text.encode(), "a", "abb-rapid", options)
-            refused.append(not robot.within_limits(corrected)[0])
-            assert [r.why for r in result.left_alone] == [
-                "the corrected joints are outside the joint limits"
-            ] * refused[-1]
-    assert True in refused
-    assert False in refused
+            result = compensate_program(calibration, text.encode(), "a", "abb-rapid", ProgramOptions())
+            written = np.deg2rad([[float(v) for v in result.data.decode().split("[[")[1].split("]")[0].split(",")]])
+            assert robot.within_limits(np.round(written, 9))[0]
+            np.testing.assert_allclose(written, corrected.q, atol=1e-6)
+            held.append(bool(abs(corrected.q[0, j] - q[0, j]) < 1e-9))
+            named = ["a joint is held at its limit, or outside its limits"] * held[-1]
+            assert [r.why for r in result.remarks if "limit" in r.why] == named
+    assert True in held
+    assert False in held
 
 
 def test_outside_of_the_training_is_refused_on_request() -> None:

@@ -1,17 +1,13 @@
 """Every format: what is found in the small programs of tests/programs, what is left alone, and what is refused, by line."""
 
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calibtool.programs import fanuc as fanuc_ls
-from calibtool.programs import kuka
-from calibtool.programs.formats import PROGRAM_FORMATS, detected
-from calibtool.programs.formats import reader as reader_of_motions
-from calibtool.programs.targets import Program, Target, number_at
+from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
+from calibtool.programs.targets import number_at
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 
@@ -31,41 +27,12 @@ def robot(name: str = "fanuc-m1000ia") -> Robot:
     return load_robot(name)
 
 
-def reader(name: str) -> Callable[[str, Robot], Program]:
-    """Readers of the languages that still report targets in the order of the text."""
-    return {"fanuc-ls": fanuc_ls.read, "kuka-krl": kuka.read}[name]
-
-
 def robot_of(sample: str) -> Robot:
     return robot("ur5" if sample in ("pick.script", "path.yaml") else "fanuc-m1000ia")
 
 
 def text_of(sample: str) -> str:
     return (FOLDER / sample).read_bytes().decode("latin-1")
-
-
-def read(sample: str) -> Program:
-    return reader(SAMPLES[sample])(text_of(sample), robot_of(sample))
-
-
-def found(sample: str) -> dict[int, tuple[str, str]]:
-    return {target.line: (target.kind, target.name) for target in read(sample).targets}
-
-
-def left(sample: str) -> dict[int, str]:
-    return {remark.line: remark.why for remark in read(sample).remarks}
-
-
-def bad(program_format: str, text: str, name: str = "fanuc-m1000ia") -> dict[int, str]:
-    """Errors by line."""
-    return {r.line: r.why for r in reader(program_format)(text, robot(name)).remarks if r.bad}
-
-
-def degrees(target: Target) -> list[float]:
-    return np.round(np.rad2deg(target.values), 9).tolist()
-
-
-# --- which format ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
@@ -86,14 +53,14 @@ def test_the_name_tells_where_the_contents_do_not(name: str, expected: str) -> N
 
 @pytest.mark.parametrize("program_format", PROGRAM_FORMATS)
 def test_nothing_in_it(program_format: str) -> None:
-    program = reader_of_motions(program_format)("", robot())
+    program = reader(program_format)("", robot())
     assert (program.literals, program.remarks) == ((), ())
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_numbers_stand_where_they_are_said_to(sample: str) -> None:
     text = text_of(sample)
-    literals = reader_of_motions(SAMPLES[sample])(text, robot_of(sample)).literals
+    literals = reader(SAMPLES[sample])(text, robot_of(sample)).literals
     assert len(literals) > 1
     for literal in (literal for literal in literals if not literal.left):
         for number in literal.numbers:
@@ -102,62 +69,7 @@ def test_numbers_stand_where_they_are_said_to(sample: str) -> None:
         assert text[: min(number.start for number in literal.numbers)].count("\n") + 1 == literal.line
 
 
-# --- FANUC ----------------------------------------------------------------------------------------------------------
-
-
-def test_fanuc() -> None:
-    assert found("weld.ls") == {
-        21: ("joint", "P[1]"),
-        27: ("pose", "P[2]"),
-        39: ("pose", "P[4]"),
-        45: ("pose", "P[5]"),
-        51: ("joint", "P[6]"),
-    }
-    assert left("weld.ls") == {
-        14: "a register: its value is not in the program",
-        30: "a relative motion (INC in line 12)",
-        53: "external axes (another motion group)",
-    }
-    home, hole, flipped, framed, _ = read("weld.ls").targets
-    assert degrees(home) == [0, 10, -20, 0, -70, 0]
-    assert hole.values[:3] == pytest.approx([1.904939, 0.662417, -0.093227])
-    assert (hole.frame, hole.tool, framed.frame, framed.tool) == ("", "", "3", "2")
-    assert [t.configuration.text for t in (hole, flipped) if t.configuration] == ["N U T, 0, 0, 0", "F U T, 0, 0, 0"]
-
-
-FANUC_POSE = (
-    "\tUF : 0, UT : 0,\t\tCONFIG : '{config}',\n\tX = 1 mm, Y = 2 mm, Z = {z},\n"
-    "\tW = 0 deg, P = 0 deg, R = 0 deg{more}\n"
-)
-
-
-def fanuc(config: str = "N U T, 0, 0, 0", z: str = "3 mm", more: str = "") -> str:
-    return f"/PROG A\n/MN\n/POS\nP[1]{{\n   GP1:\n{FANUC_POSE.format(config=config, z=z, more=more)}}};\n/END\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "why"),
-    [
-        (fanuc(z="nan mm"), 7, "Z is 'nan'"),
-        (fanuc(z="3 deg"), 7, "Z is in deg"),
-        (fanuc(z="3"), 7, "Z is '3'"),
-        (fanuc(more=", Q = 1 mm"), 8, "holds"),
-        (fanuc(more=", HELLO"), 8, "'HELLO' is not known"),
-        ("/POS\nP[1]{\n GP1:\n UF : 0, UT : 0,\n J1= 1 deg, J2= 2 deg\n};\n", 5, "has 6 joints"),
-        ("/POS\nP[1]{\n};\n", 2, "no motion group"),
-        ("/POS\nP[1]{\n GP1:\n}\n", 2, "is not closed"),
-    ],
-)
-def test_fanuc_errors(text: str, line: int, why: str) -> None:
-    assert why in bad("fanuc-ls", text)[line]
-
-
-def test_a_fanuc_position_that_is_not_closed_does_not_take_the_next_one() -> None:
-    text = fanuc().replace("/POS", "/POS\nP[9]{\n GP1:\n UF : 0, UT : 0,", 1)
-    assert bad("fanuc-ls", text) == {fanuc().splitlines().index("/POS") + 2: "is not closed by };"}
-    found, alone = (reader("fanuc-ls")(text, robot("fanuc-m1000ia")).targets for text in (text, fanuc()))
-    assert [(t.name, t.values) for t in found] == [(t.name, t.values) for t in alone]
-    assert len(found) == 1
+# --- numbers -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("text", ["1", "-1.", "+.5", "1.5e3", "0.5E-12", "00.10"])
@@ -170,86 +82,3 @@ def test_numbers_of_programs_are_those_of_python(text: str) -> None:
 @pytest.mark.parametrize("text", ["", ".", "-", "e5", "1e", "1.5.2", "1 2", "0x1", "1_0", "1,5", "9" * 20_000 + "z"])
 def test_other_texts_of_programs_are_no_numbers(text: str) -> None:
     assert number_at(text, 0, len(text), "") is None
-
-
-@pytest.mark.parametrize(
-    ("text", "why"),
-    [
-        (fanuc(config="N U T, 0, 0, 1"), "turn numbers"),
-        (fanuc(config="R, 0, 0, 0"), "not of a six-joint arm"),
-        (fanuc(more=",\n\tE1 = 5 mm"), "external axes"),
-        (fanuc(z="******** mm"), "not taught"),
-    ],
-)
-def test_fanuc_positions_left_alone(text: str, why: str) -> None:
-    (remark,) = reader("fanuc-ls")(text, robot()).remarks
-    assert why in remark.why
-    assert not remark.bad
-
-
-# --- KUKA -----------------------------------------------------------------------------------------------------------
-
-
-def test_kuka() -> None:
-    assert found("drill.src") == {9: ("joint", "PTP"), 10: ("pose", "LIN"), 11: ("pose", "LIN"), 17: ("pose", "LIN")}
-    assert left("drill.src") == {
-        12: "a relative motion",
-        13: "a position without A2, A3, A4, A5, A6: the rest is where the robot stands",
-        14: "a variable or an expression (X is 'xpos')",
-    }
-    program = read("drill.src")
-    assert [t.frame for t in program.targets if t.kind == "pose"] == ["$BASE of line 8", "$BASE of line 8", "7"]
-    np.testing.assert_allclose(program.frames["$BASE of line 8"][:3, 3], [0.1, 0, 0])
-    configuration = program.targets[1].configuration
-    assert configuration is not None
-    assert configuration.text == "S 4, T 20"
-    assert program.targets[2].configuration is None
-
-
-def test_kuka_data_list() -> None:
-    """Tool and base of XP1 are those of FP1; a frame that no motion goes to and load data are no targets."""
-    program = read("drill.dat")
-    assert [(t.name, t.frame, t.tool) for t in program.targets] == [("XP0", "", ""), ("XP1", "", ""), ("XP2", "", "4")]
-    assert left("drill.dat") == {
-        12: "external axes beside a pose (E1)",
-        13: "a FRAME that no motion of this file goes to",
-    }
-
-
-def test_kuka_tools_by_number_and_by_value() -> None:
-    text = (
-        "DEF a()\nTOOL_DATA[3]={X 0,Y 0,Z 50,A 0,B 0,C 0}\nBAS(#TOOL,3)\nBAS(#BASE,0)\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\n"
-        "$TOOL=TOOL_DATA[nr]\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n"
-    )
-    program = reader("kuka-krl")(text, robot())
-    assert [(t.frame, t.tool) for t in program.targets] == [("", "3"), ("", None)]
-    assert program.tools["3"][2, 3] == pytest.approx(0.05)
-
-
-@pytest.mark.parametrize(
-    ("position", "why"),
-    [
-        ("{X NaN,Y 0,Z 0,A 0,B 0,C 0}", "X is 'NaN'"),
-        ("{X 1,Y 0,Z 0,A 0,B 0,C 0,Q 4}", "'Q' is not known"),
-        ("{X 1,Y 0,Z 0,A1 0,B 0,C 0}", "axes and a pose"),
-        ("{X 1,Y 0,Z 0,A 0,B 0,C 0,S x}", "S or T"),
-        ("{X 1,Y 0,Z 0", "not closed"),
-    ],
-)
-def test_kuka_errors(position: str, why: str) -> None:
-    assert why in bad("kuka-krl", f"DEF a()\n\nPTP {position}\nEND\n")[3]
-
-
-def test_kuka_axes_of_another_robot() -> None:
-    text = "DEF a()\nPTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\nEND\n"
-    assert "has 4 joints" in bad("kuka-krl", text, "scara")[2]
-
-
-def test_kuka_an_external_tool_makes_both_frames_unknown() -> None:
-    def frames(fdat: str) -> tuple[str | None, str | None]:
-        text = f"DEFDAT a\nDECL E6POS XP1={{X 900,Y 0,Z 900,A 0,B 90,C 0}}\nDECL FDAT FP1={{{fdat}}}\nENDDAT\n"
-        (target,) = reader("kuka-krl")(text, robot("fanuc-m1000ia")).targets
-        return target.frame, target.tool
-
-    assert frames("TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE") == ("2", "1")
-    assert frames("TOOL_NO 1,BASE_NO 2,IPO_FRAME #TCP") == (None, None)

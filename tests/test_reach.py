@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from drawn import DrawnChain
+from poe import expm_chain, random_positions
 from scipy.spatial.transform import Rotation
 from test_mechanism import SLIDE, TARGETS, TOOL
-from test_poe import expm_chain, random_positions
 
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import inverse_kinematics

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from poe import expm_chain, random_positions
 from scipy.spatial.transform import Rotation
-from test_poe import expm_chain, random_positions
 
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot

@@ -5,15 +5,16 @@ import re
 
 import numpy as np
 import pytest
-from exported import CASES, REGULAR, anywhere, calibrated
+from exported import CASES, STATUS, anywhere, calibrated, undisturbed, weighted_sizes
 from structured_text import FunctionBlock
 
-from calibtool.compensation.solve import one_step
+from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.errors import UsageError
-from calibtool.export.rendering import SINGLE_ACCURACY, SINGLE_DISTANCE, Precision
-from calibtool.export.structured_text import calibration_as_structured_text
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+from calibtool.export.rendering import LARGEST_POSITION, SINGLE_ACCURACY, Precision
+from calibtool.export.structured_text import RESERVED, calibration_as_structured_text
 from calibtool.robot.se3 import Array
+
+CORRECTING = [case for case in CASES if case[1:] != ("nominal", False)]
 
 
 def corrected(text: str, q: Array) -> tuple[Array, Array]:
@@ -23,26 +24,44 @@ def corrected(text: str, q: Array) -> tuple[Array, Array]:
     return np.array([answer[0] for answer in answers]), np.array([answer[1] for answer in answers])
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
+def names(codes: Array) -> list[str]:
+    return [STATUS[code] for code in codes]
+
+
+@pytest.mark.parametrize("case", CORRECTING, ids=str)
 def test_a_function_block_corrects_as_one_step_does(case: tuple[str, str, bool]) -> None:
     calibration = calibrated(*case)
-    q = anywhere(calibration, 10)
-    expected, distance = one_step(calibration, q)
+    q = anywhere(calibration, 40)
+    expected = one_step(calibration, q)
     found, status = corrected(calibration_as_structured_text(calibration, "arm"), q)
-    assert np.abs(found - expected)[distance >= REGULAR].max() < 1e-12
-    assert np.abs(found - expected).max() < 1e-9
-    damped = 0 if calibration.base.model == "nominal" else distance < MIN_SINGULARITY_DISTANCE
-    assert np.array_equal(status, np.broadcast_to(damped, status.shape))
+    plain = undisturbed(calibration, q)
+    assert plain.sum() > 10
+    difference = np.abs(found - expected.q)
+    assert difference[plain].max() < 1e-12
+    assert difference.max() < 1e-8
+    assert names(status) == expected.status.tolist()
+    before, after = (weighted_sizes(calibration, x, q) for x in (q, found))
+    assert (after <= before).all()
 
 
-@pytest.mark.parametrize("name", ["fanuc-m1000ia", "panda"])
+def test_a_function_block_corrects_nothing_where_nothing_was_identified() -> None:
+    calibration = calibrated("fanuc-m1000ia", "nominal", False)
+    q = anywhere(calibration, 10)
+    found, status = corrected(calibration_as_structured_text(calibration), q)
+    assert np.array_equal(found, q)
+    assert not status.any()
+
+
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "panda", "scara"])
 def test_a_function_block_of_reals_keeps_what_its_header_says(name: str) -> None:
     calibration = calibrated(name, "everything", True)
-    q = anywhere(calibration, 10).astype(np.float32)
-    expected, distance = one_step(calibration, q.astype(float))
+    q = anywhere(calibration, 20).astype(np.float32)
+    expected = one_step(calibration, q.astype(float))
     text = calibration_as_structured_text(calibration, "arm", "single")
-    found, _ = corrected(text, q)
-    assert np.abs(found - expected)[distance >= SINGLE_DISTANCE].max() < SINGLE_ACCURACY
+    found, status = corrected(text, q)
+    plain = undisturbed(calibration, q.astype(float))
+    assert np.abs(found - expected.q)[plain].max() < SINGLE_ACCURACY
+    assert names(status) == expected.status.tolist()
     assert " OF LREAL" not in text
 
 
@@ -50,19 +69,43 @@ def test_a_singular_configuration_is_damped_and_says_so() -> None:
     calibration = calibrated("planar-3r", "local-poe", True)
     rng = np.random.default_rng(0)
     q = np.column_stack([rng.random((5, 1)), np.zeros((5, 2))])  # stretched
-    expected, distance = one_step(calibration, q)
+    expected = one_step(calibration, q)
     found, status = corrected(calibration_as_structured_text(calibration), q)
-    assert (distance < MIN_SINGULARITY_DISTANCE).all()
-    assert np.abs(found - expected).max() < 1e-9
-    assert (status == 1).all()
+    assert np.abs(found - expected.q).max() < 1e-9
+    assert names(status) == expected.status.tolist()
+    assert (status != 0).all()
 
 
-@pytest.mark.parametrize("base", ["nominal", "local-poe"])
-def test_positions_that_make_no_sense_come_back_as_they_are(base: str) -> None:
-    q = np.array([[0.1, bad, 0.3] for bad in (np.nan, np.inf, -np.inf, 1e200, -2e6)])
-    found, status = corrected(calibration_as_structured_text(calibrated("planar-3r", base, True)), q)
-    assert (status == 2).all()
-    assert np.array_equal(found, q, equal_nan=True)
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("base", ["nominal", "local-poe", "everything"])
+def test_positions_that_make_no_sense_come_back_as_they_are(base: str, precision: Precision) -> None:
+    q = np.array([[0.1, bad, 0.3] for bad in (np.nan, np.inf, -np.inf, 1e37, -2e6, 1.001e6)])
+    q = np.concatenate([q, q[:, [1, 0, 2]], q[:, [0, 2, 1]]])
+    found, status = corrected(calibration_as_structured_text(calibrated("planar-3r", base, True), "arm", precision), q)
+    assert (status == STATUS.index("not-finite")).all()
+    expected = q if precision == "double" else q.astype(np.float32)
+    assert np.array_equal(found, expected, equal_nan=True)
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("case", [("planar-3r", "nominal"), ("scara", "everything"), ("fanuc-m1000ia", "local-poe")])
+def test_positions_far_outside_the_limits_move_by_the_bound_at_most(
+    case: tuple[str, str], precision: Precision
+) -> None:
+    calibration = calibrated(*case, True)
+    rng, n = np.random.default_rng(3), calibration.robot.n
+    q = 10.0 ** rng.uniform(-40, np.log10(LARGEST_POSITION), (30, n)) * rng.choice([-1, 1], (30, n))
+    found, status = corrected(calibration_as_structured_text(calibration, "arm", precision), q)
+    given = q if precision == "double" else q.astype(np.float32)
+    most = default_bounds(calibration).of_joints(calibration.robot)
+    assert (np.abs(found - given) <= most * (1 + 1e-6) + np.spacing(np.abs(given))).all()
+    assert STATUS.index("not-finite") not in status
+
+
+def test_no_variable_has_the_name_of_a_standard_word() -> None:
+    for case in CORRECTING:
+        block = FunctionBlock(calibration_as_structured_text(calibrated(*case)))
+        assert not set(block.variables) & set(RESERVED.split())
 
 
 @pytest.mark.parametrize(("precision", "size"), [("double", 8), ("single", 4)])

@@ -5,16 +5,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calibtool.calibration.cross_validation import cross_validate
+from calibtool.calibration.frame import FRAMES, FrameName
 from calibtool.calibration.model import Calibration, check_same_robot, fitting_setup
 from calibtool.equivalent.joints import equivalent_robot
-from calibtool.equivalent.network import Network
+from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.training import TrainingOptions, TrainingReport, train_networks
 from calibtool.errors import check_choice
 from calibtool.identification.complete import CompleteOptions, identify_complete
 from calibtool.identification.local_poe import identify_local_poe
 from calibtool.identification.model import nominal_model
 from calibtool.measurement.measurements import Measurements
-from calibtool.measurement.observation import observation_matrix, residuals, weights
+from calibtool.measurement.observation import linearised
 from calibtool.progress import Progress, silent
 
 IDENTIFIED_MODELS = ("local-poe", "complete")
@@ -32,12 +33,16 @@ class BaseOptions:
         check_choice(self.model, BASE_MODELS, "base model")
 
 
-def identify(measurements: Measurements, base: BaseOptions | str = "complete") -> Calibration:
+def identify(
+    measurements: Measurements, base: BaseOptions | str = "complete", frame: FrameName = "taught"
+) -> Calibration:
     """A calibration that is a base model alone: `complete`, `local-poe` (Eqs. 8–11) or `nominal`.
 
-    Raises NoSolutionError when the configurations are too few for the model or the iteration does not settle, UsageError
-    for an unknown model.
+    frame: base and tool frame where the set-up is unknown, see `Calibration.in_frame`.
+    Raises NoSolutionError when the configurations are too few for the model or the iteration does
+    not settle, UsageError for an unknown model or frame.
     """
+    check_choice(frame, FRAMES, "frame")
     options = BaseOptions(base) if isinstance(base, str) else base
     if options.model == "complete":
         identification = identify_complete(measurements, options.complete)
@@ -45,7 +50,7 @@ def identify(measurements: Measurements, base: BaseOptions | str = "complete") -
         identification = identify_local_poe(measurements)
     else:
         identification = nominal_model(measurements)
-    return Calibration(
+    fitted = Calibration(
         robot=measurements.robot,
         base=identification,
         equivalent=equivalent_robot(measurements.robot),
@@ -56,7 +61,9 @@ def identify(measurements: Measurements, base: BaseOptions | str = "complete") -
         noise_position=measurements.noise_position,
         noise_orientation=measurements.noise_orientation,
         q=measurements.q,
+        simulated=measurements.truth is not None,
     )
+    return fitted.in_frame(frame)
 
 
 def train(
@@ -64,8 +71,11 @@ def train(
     base: Calibration | BaseOptions | str = "complete",
     options: TrainingOptions | None = None,
     progress: Progress = silent,
+    frame: FrameName | None = None,
 ) -> Calibration:
     """Train networks on what `base` leaves over: a model to identify, or an identified calibration used as it is.
+
+    frame: as for `identify`; that of the base calibration, or `taught`, unless given.
 
     Without options: early stopping on `nominal` (the paper), Bayesian regularisation on everything else.
 
@@ -77,15 +87,20 @@ def train(
     """
     if isinstance(base, Calibration):
         check_same_robot(base.robot, measurements.robot, "the base calibration", "the measurements")
+        base = base if frame is None else replace(base, networks=()).in_frame(frame)
     if options is None:
         options = TrainingOptions(regularisation="early-stopping" if base == "nominal" else "bayes")
+    chosen: FrameName = frame or "taught"
+    check_choice(chosen, FRAMES, "frame")
     rng = np.random.default_rng(options.seed)
-    fitted = on_base(measurements, base, options, rng, progress)
+    fitted = on_base(measurements, base, options, rng, progress, chosen)
     if options.regularisation != "bayes":
         return fitted
-    validation = cross_validate(
-        measurements, lambda rows, stream: on_base(rows, base, options, stream), options.folds, rng, progress
-    )
+
+    def again(rows: Measurements, stream: np.random.Generator) -> Calibration:
+        return on_base(rows, base, options, stream, frame=chosen)
+
+    validation = cross_validate(measurements, again, options.folds, rng, progress)
     return replace(fitted, validation=validation, networks=fitted.networks if validation.helps else ())
 
 
@@ -95,9 +110,13 @@ def on_base(
     options: TrainingOptions,
     rng: np.random.Generator,
     progress: Progress = silent,
+    frame: FrameName = "taught",
 ) -> Calibration:
-    """Base model and networks from these rows, without a verdict on the networks."""
-    calibration = base if isinstance(base, Calibration) else identify(measurements, base)
+    """Base model and networks from these rows, without a verdict on the networks.
+
+    frame: of a base model that is identified here; a calibration as base keeps its own.
+    """
+    calibration = base if isinstance(base, Calibration) else identify(measurements, base, frame)
     networks, report = _networks(measurements, calibration, options, rng, progress)
     return replace(
         calibration,
@@ -107,6 +126,7 @@ def on_base(
         noise_position=measurements.noise_position,
         noise_orientation=measurements.noise_orientation,
         q=measurements.q,
+        simulated=measurements.truth is not None,
     )
 
 
@@ -116,10 +136,8 @@ def _networks(
     options: TrainingOptions,
     rng: np.random.Generator,
     progress: Progress,
-) -> tuple[tuple[Network, ...], TrainingReport]:
+) -> tuple[tuple[Regressor, ...], TrainingReport]:
     setup = fitting_setup(base, measurements)
-    pose, jacobian = base.base_forward_and_jacobian(measurements.q, measurements.direction)
-    weight = weights(measurements)
-    G = observation_matrix(setup, pose) @ jacobian * weight[..., None]
-    y = residuals(measurements, setup, pose) * weight
+    pose, jacobian = base.base_forward_and_jacobian(measurements.q, measurements.conditions)
+    G, y = linearised(measurements, setup, pose, jacobian, targets=False)
     return train_networks(measurements.q, G, y, options, rng, progress)

@@ -1,12 +1,14 @@
 """How sure a calibration is of a pose: posterior of the base model's parameters and spread of the ensemble."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from calibtool.calibration.frame import free_columns, pose_sigma
 from calibtool.calibration.model import Calibration
 from calibtool.errors import InputError
-from calibtool.robot.mechanism import at_point
+from calibtool.robot.damped import at_point
 from calibtool.robot.se3 import Array
 
 _CHUNK = 2000
@@ -37,23 +39,56 @@ class PoseUncertainty:
 def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty:
     """Covariance of the calibrated pose at q (N, n): C Σ Cᵀ of the parameters plus that of the networks' mean.
 
-    For an unregistered calibration the pose is that in the instrument's frame. Raises InputError for a base model
-    without a posterior.
+    Of an unregistered calibration it is the deviation of what was measured: base and tool frame
+    are chosen, by the poses at the measured configurations, and move along with every error of
+    the parameters. Raises InputError for a base model without a posterior.
     """
     posterior = calibration.base.posterior
     if posterior is None:
         raise InputError(f"a '{calibration.base.model}' base has no posterior; identify with --model complete")
-    parameters = posterior.parameters
-    poses = parameters.blocks["targets"].start
     covariance = np.empty((len(q), 6, 6))
-    for start in range(0, len(q), _CHUNK):
-        part = q[start : start + _CHUNK]
-        state = calibration.base.state
-        frames = state.frames(calibration.robot, part)
-        columns = parameters.pose_columns(calibration.robot, state, frames, part)
-        columns = at_point(columns, frames.tool[:, :3, 3])
-        covariance[start : start + _CHUNK] = columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)
+    for rows in _chunks(len(q)):
+        columns = _determined_columns(calibration, q[rows])
+        poses = columns.shape[-1]
+        covariance[rows] = columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)
     return PoseUncertainty(covariance + _spread(calibration, q))
+
+
+def _chunks(count: int) -> list[slice]:
+    return [slice(start, start + _CHUNK) for start in range(0, count, _CHUNK)]
+
+
+def _determined_columns(calibration: Calibration, q: Array) -> Array:
+    """∂(tool point, turn)/∂θ without the targets (N, 6, p), less what the free frames take up."""
+    columns, pose = _columns(calibration, q)
+    setup = calibration.setup
+    return columns if setup.known else columns - free_columns(pose, setup) @ _taken_up(calibration)
+
+
+def _columns(calibration: Calibration, q: Array) -> tuple[Array, Array]:
+    """The same with fixed frames, and T_base_tool (N, 4, 4).
+
+    In chosen frames the columns of the last placement and of the base are not those of the fit,
+    but span the same: all that the free frames take up.
+    """
+    base = calibration.base
+    assert base.posterior is not None
+    context = calibration.base_context(q)
+    tool = context.frames.tool
+    return at_point(base.posterior.parameters.pose_columns(context), tool[:, :3, 3]), tool
+
+
+@lru_cache(maxsize=8)
+def _taken_up(calibration: Calibration) -> Array:
+    """How the free frames follow the parameters: −∂(frames)/∂θ (6 or 12, p), see `taught_frame`."""
+    setup = calibration.setup
+    sigma = pose_sigma(calibration.noise_position, calibration.noise_orientation)[:, None]
+    squares, products = np.zeros(()), np.zeros(())
+    for rows in _chunks(len(calibration.q)):
+        columns, pose = _columns(calibration, calibration.q[rows])
+        free, moved = ((part / sigma).reshape(-1, part.shape[-1]) for part in (free_columns(pose, setup), columns))
+        squares, products = squares + free.T @ free, products + free.T @ moved
+    return np.linalg.lstsq(squares, products, rcond=1e-12)[0].astype(float)
 
 
 def _spread(calibration: Calibration, q: Array) -> Array:

@@ -6,7 +6,18 @@ import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
 from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import EXACT, CompensationMethod, Force, Json, Outside, RefitSetup, Require, choice
+from calibtool.cli.options import (
+    EXACT,
+    Before,
+    CompensationMethod,
+    Force,
+    FrameOption,
+    Json,
+    Outside,
+    RefitSetup,
+    Require,
+    choice,
+)
 from calibtool.cli.progress import working
 from calibtool.cli.show import print_json, print_table
 
@@ -28,14 +39,21 @@ def evaluate(
     outside: Outside = "mark",
     refit_setup: RefitSetup = False,
     require: Require = None,
+    frame: FrameOption = None,
+    before: Before = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
     """Compare calibrations with the nominal robot.
 
     Simulated measurements: the actual robot is driven to the corrected joints and measured without noise. Real ones:
-    measured minus predicted target points. Where configurations were measured repeatedly, ISO 9283's pose accuracy AP and
-    repeatability RP follow from the measured points. Tables for people go to stderr.
+    measured minus predicted target points, which is what to expect after correction. Where configurations were measured
+    repeatedly, ISO 9283's pose accuracy AP and repeatability RP follow from the measured points. Tables for people go to
+    stderr.
+
+    Proof on the arm: measurements imported with --commanded were taken at corrected joints. Then measured points are
+    compared with commanded ones: after the correction and, with --before, before it. Exit code 3 where the arm was driven
+    to other joints than the calibration asks for.
 
     Example: calibtool evaluate paper.h5 local-poe.h5 --on fresh.h5 --json
     """
@@ -45,7 +63,7 @@ def evaluate(
         raise UsageError("--json and -o - both want stdout; give -o FILE")
     if output is not None:
         check_output(output, force)
-    one_stdin(*calibrations, on)
+    one_stdin(*calibrations, on, before)
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
@@ -59,11 +77,19 @@ def evaluate(
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
     limits = [parse_limit(text) for text in require or []]
-    named = [(stem(path), load_calibration(path)[0]) for path in calibrations]
+    named = [(stem(path), load_calibration(path, frame)[0]) for path in calibrations]
     measurements, _ = load_measurements(on)
+    earlier = None if before is None else load_measurements(before)[0]
     policy = cast(OutsidePolicy, outside)
     with working(f"evaluating on {len(measurements)} configurations"):
-        evaluation = run(named, measurements, method=cast(Method, method), refit_setup=refit_setup, outside=policy)
+        evaluation = run(
+            named,
+            measurements,
+            method=cast(Method, method),
+            refit_setup=refit_setup,
+            outside=policy,
+            before=earlier,
+        )
     if output is not None:
         write_output(output, format_table(*error_rows(evaluation.methods)), force)
     report = evaluation.as_json()
@@ -74,40 +100,31 @@ def evaluate(
     for errors, marked in zip(evaluation.methods, evaluation.marked, strict=True):
         if marked:
             message(
-                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations are near a singularity "
-                "or out of limits"
+                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations are corrected in part, "
+                "or not at all (status of compensate)"
             )
     for errors, far in zip(evaluation.methods, evaluation.outside, strict=True):
         if far:
             message(
                 f"warning: {errors.name}: {far} of {evaluation.configurations} configurations are unlike the training's"
             )
-    broken = broken_limits(evaluation.methods[1:], limits)
+    broken = broken_limits(evaluation.methods[1:], limits, evaluation.pose_tests[1:])
     if broken:
         raise AcceptanceError(broken[0])
 
 
 def show_evaluation(report: dict[str, object]) -> None:
     """The table for people."""
-    rows = []
+    from calibtool.evaluation.words import words
+
+    said = words(report["kind"], report.get("before"))  # type: ignore[arg-type]
     methods = report["methods"]
     assert isinstance(methods, list)
-    for entry in methods:
-        position, reduction = entry["position_mm"], entry["reduction_percent"]
-        row = [
-            entry["name"],
-            *(f"{position[s]:.3f}" for s in ("mean", "rms", "p95", "max")),
-            f"{reduction['position_max']:.1f}",
-        ]
-        orientation = entry["orientation_mrad"]
-        if orientation is None:
-            row += ["-"] * 5
-        else:
-            row += [
-                *(f"{orientation[s]:.3f}" for s in ("mean", "rms", "p95", "max")),
-                f"{reduction['orientation_max']:.1f}",
-            ]
-        rows.append(row)
+    rows = [_cells(entry["name"], entry, entry["reduction_percent"]) for entry in methods]
+    expected = report.get("expected")
+    if isinstance(expected, dict):
+        rows[0][0], rows[1][0] = said.before, f"{said.after} ({expected['name']})"
+        rows.append(_cells("expected, without noise", expected, {}))
     header = [
         "method",
         "mean mm",
@@ -121,10 +138,7 @@ def show_evaluation(report: dict[str, object]) -> None:
         "max mrad",
         "max −%",
     ]
-    kind = (
-        "driven to corrected joints, without noise" if report["kind"] == "compensated" else "measured minus predicted"
-    )
-    print_table(f"{report['robot']}, {report['configurations']} configurations, {kind}", header, rows)
+    print_table(f"{report['robot']}, {report['configurations']} configurations, {said.how}", header, rows)
     beyond = report.get("uncorrectable")
     if isinstance(beyond, dict):
         position, orientation = beyond["position_mm"], beyond["orientation_mrad"]
@@ -135,24 +149,48 @@ def show_evaluation(report: dict[str, object]) -> None:
         )
     test = report.get("iso9283")
     if isinstance(test, dict):
-        _show_pose_test(test)
+        names = [entry["name"] for entry in methods]
+        if report["kind"] == "measured":
+            names = [said.before, said.after]
+        how = said.how if report["kind"] == "measured" else "measured minus predicted"
+        _show_pose_test(test, how, names)
 
 
-def _show_pose_test(test: dict[str, Any]) -> None:
-    """AP of every method and RP, per pose."""
+def _cells(name: str, errors: dict[str, Any], reduction: dict[str, float | None]) -> list[str]:
+    """A row of the table: the statistics of position and orientation, each with its reduction."""
+    row = [name]
+    for quantity, key in (("position", "position_mm"), ("orientation", "orientation_mrad")):
+        found = errors[key]
+        if found is None:
+            row += ["-"] * 5
+            continue
+        lowered = reduction.get(f"{quantity}_max")
+        row += [f"{found[s]:.3f}" for s in ("mean", "rms", "p95", "max")]
+        row.append("" if lowered is None else f"{lowered:.1f}")
+    return row
+
+
+def _show_pose_test(test: dict[str, Any], how: str, names: list[str]) -> None:
+    """AP of every method, as it is called, and RP, per pose."""
 
     def cells(position: list[float], turn: list[float] | None) -> list[str]:
         if turn is None:
             return [f"{value:.3f}" for value in position]
         return [f"{value:.3f} / {angle:.3f}" for value, angle in zip(position, turn, strict=True)]
 
-    rows = [[f"AP {entry['name']}", *cells(entry["ap_mm"], entry["ap_mrad"])] for entry in test["methods"]]
-    rows.append(["RP", *cells(test["rp_mm"], test["rp_mrad"])])
+    rows = [
+        [f"AP {name}", *cells(entry["ap_mm"], entry["ap_mrad"])]
+        for name, entry in zip(names, test["methods"], strict=True)
+    ]
+    if "rp_before_mm" in test:
+        rows.append([f"RP {names[0]}", *cells(test["rp_before_mm"], test["rp_before_mrad"])])
+    called = f"RP {names[1]}" if "rp_before_mm" in test else "RP"
+    rows.append([called, *cells(test["rp_mm"], test["rp_mrad"])])
     rows = [row[: _POSES + 1] for row in rows]
     repeats = sorted({*test["repeats"]})
     counted = str(repeats[0]) if len(repeats) == 1 else f"{repeats[0]} to {repeats[-1]}"
     unit = "mm" if test["rp_mrad"] is None else "mm / mrad"
     more = "" if len(test["poses"]) <= _POSES else f", the first {_POSES} of {len(test['poses'])} poses (all: --json)"
     print_table(
-        f"ISO 9283, {counted} repeats, measured minus predicted, {unit}{more}", ["", *test["poses"][:_POSES]], rows
+        f"ISO 9283, {counted} repeats, {how}, {unit}{more}", ["", *test["poses"][:_POSES]], rows
     )

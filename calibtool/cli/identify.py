@@ -15,9 +15,14 @@ from calibtool.cli.base import (
     LossFunction,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, write_output
-from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import Force, Json, MeasurementsFile, choice
+from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
+from calibtool.cli.load import (
+    frame_name,
+    load_calibration,
+    load_measurements,
+    say_if_frame_is_not_free,
+)
+from calibtool.cli.options import Force, FrameOption, Json, MeasurementsFile, choice
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.cli.show import print_json, print_table
@@ -52,6 +57,7 @@ def identify(
     parameters: Annotated[
         bool, typer.Option("--parameters", help="Show every parameter with its uncertainty.")
     ] = False,
+    frame: FrameOption = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
@@ -59,6 +65,8 @@ def identify(
 
     complete: every error with a tolerance, harmonics and gravity where the evidence asks for them, ± for each parameter.
     local-poe: initial relative poses only (Eq. 11), with rank, singular values and what cannot be observed.
+    Where instrument and targets are unknown, base and tool frame are free: --frame chooses, stderr
+    says what they have in common with the drawing's and what remains.
 
     Example: calibtool identify measurements.h5 --model complete -o complete.h5
     """
@@ -75,12 +83,13 @@ def identify(
     from calibtool.storage import to_bytes
 
     choice(model, IDENTIFIED_MODELS, "--model")
+    chosen = frame_name(frame or "taught")
     if (refit is None) != (source is None):
         raise UsageError("--refit and --from belong together: --refit base,tool --from CALIBRATION")
     inputs: dict[str, bytes] = {}
     extra: dict[str, object] = {}
     if refit is not None and source is not None:
-        old, inputs["from"] = load_calibration(source)
+        old, inputs["from"] = load_calibration(source, frame)
         data, inputs["measurements"] = load_measurements(measurements)
         calibration, verdict = transfer(old, data, tuple(part.strip() for part in refit.split(",")))
         extra["transfer"] = {
@@ -108,7 +117,9 @@ def identify(
             drop_flagged,
         )
         with working(f"identifying from {len(data)} configurations"):
-            calibration = run(data, options)
+            calibration = run(data, options, chosen)
+    if frame is not None and refit is None:
+        say_if_frame_is_not_free(calibration, shown(measurements))
     calibration = replace(calibration, provenance=provenance(None, **inputs))
     report_calibration(calibration, "calibtool/identification", json, extra)
     if not json and calibration.base.posterior is not None:
@@ -121,7 +132,7 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
     """The parameter table for people: the clearest errors, or every parameter, and the strongest correlations."""
     from calibtool.identification.report import parameter_rows, strongest_correlations
 
-    rows = parameter_rows(calibration.robot, calibration.base)
+    rows = parameter_rows(calibration.base)
     shown = rows if every else sorted(rows, key=lambda row: -abs(row.value) / row.std)[:_CLEAREST]
     print_table(
         f"{len(shown)} of {len(rows)} parameters" + ("" if every else ", the clearest (all: --parameters or --json)"),

@@ -15,7 +15,7 @@ from calibtool.cli.files import (
     write_outputs,
     write_stdout,
 )
-from calibtool.cli.options import Force, JointValuesOption, Output, Seed, choice
+from calibtool.cli.options import Force, JointValuesOption, Output, Seed, choice, joint_values_of
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import UsageError
@@ -40,10 +40,18 @@ def import_(
     joints: Annotated[
         str | None, typer.Option(metavar="FILE", help="The joint values' own file, where TABLE has none.")
     ] = None,
+    commanded: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TARGETS",
+            help="Measured while the arm was driven to corrected joints: what went into compensate.",
+        ),
+    ] = None,
     join: Annotated[
         str,
         typer.Option(
-            metavar="index|name|time", help="How rows of --joints FILE find theirs: row order, name, time stamp."
+            metavar="index|name|time",
+            help="How rows of --joints find theirs: row order, name, time stamp; --commanded: row order or name.",
         ),
     ] = "index",
     join_tolerance_s: Annotated[
@@ -92,6 +100,10 @@ def import_(
     Three targets, one target (position only) or 6-D poses; an unknown instrument frame and unknown targets are estimated,
     from the rows that are taken.
 
+    After a correction: the joints, in TABLE or --joints, are those that the arm was driven to, and
+    --commanded TARGETS holds the joints or poses that were corrected. `evaluate` then compares the
+    measured points with the commanded ones.
+
     Example: calibtool import tracker.csv --robot ur10 --columns map.toml -o measurements.h5
     """
     if not dry_run:
@@ -100,16 +112,22 @@ def import_(
             check_output(rest, force, binary=True)
             if same_file(rest, output):
                 raise UsageError(f"--rest and -o are the same, {rest}")
-    one_stdin(table, columns, joints)
+    one_stdin(table, columns, joints, commanded)
     from dataclasses import replace
 
     from calibtool.measurement.checks import check_measurements
-    from calibtool.measurement.importing import JointFile, Stated, parse_column_map, preview, read_table
+    from calibtool.measurement.importing import (
+        CommandedFile,
+        JointFile,
+        Stated,
+        parse_column_map,
+        preview,
+        read_table,
+    )
     from calibtool.measurement.importing.joining import JOINS
     from calibtool.measurement.importing.sources import FORMATS
     from calibtool.measurement.importing.spatial_analyzer import LAYOUTS
     from calibtool.robot.catalogue import load_robot
-    from calibtool.robot.coupling import JOINT_VALUES
     from calibtool.storage import to_bytes
 
     def chosen(value: str | None, allowed: tuple[str, ...], option: str) -> Any:
@@ -125,8 +143,12 @@ def import_(
     if joints is not None:
         inputs["joints"] = read_bytes(joints)
         joint_file = JointFile(inputs["joints"], shown(joints), join_by, join_tolerance_s)
-    elif join != "index":
+    elif join != "index" and not (join == "name" and commanded is not None):
         raise UsageError(f"--join {join}: there is no second file; give --joints FILE")
+    commanded_file = None
+    if commanded is not None:
+        inputs["commanded"] = read_bytes(commanded)
+        commanded_file = CommandedFile(inputs["commanded"], shown(commanded), join_by)
     with working(f"reading {shown(table)}"):
         imported = read_table(
             inputs["table"],
@@ -144,7 +166,8 @@ def import_(
                 convention,
             ),
             joints=joint_file,
-            joint_values=chosen(joint_values, JOINT_VALUES, "--joint-values"),
+            joint_values=joint_values_of(joint_values),
+            commanded=commanded_file,
         )
     for warning in imported.warnings:
         message(f"warning: {warning}")

@@ -7,7 +7,7 @@ import typer
 from calibtool.cli.files import check_output, message, shown, write_output
 from calibtool.cli.identify import report_target
 from calibtool.cli.load import load_calibration
-from calibtool.cli.options import Force, Json, Seed, choice
+from calibtool.cli.options import Force, JointValuesOption, Json, Seed, choice, joint_values_of
 from calibtool.cli.progress import counted, working
 from calibtool.cli.show import print_json, print_table
 
@@ -82,6 +82,7 @@ def plan(
         float | None, typer.Option(min=1, help="Edge of that cube (default: the largest in the workspace).")
     ] = None,
     cycles: Annotated[int | None, typer.Option(min=1, help="Cycles of --iso9283 (default 30).")] = None,
+    joint_values: JointValuesOption = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
@@ -90,12 +91,13 @@ def plan(
     The table holds joint positions (j1_deg …) for the controller and for simulate --at. Links are checked as straight
     lines from joint to joint; motions between configurations are not checked.
 
-    Example: calibtool plan fanuc-m1000ia -n 20 -o plan.csv
+    Example: calibtool plan fanuc-m1000ia -n 20 --joint-values controller -o plan.csv
     """
     target = report_target(output, json)
     if target is not None:
         check_output(target, force)
     choice(criterion, ("d", "i"), "--criterion")
+    from dataclasses import replace
     from typing import cast
 
     import numpy as np
@@ -106,9 +108,9 @@ def plan(
     from calibtool.planning.plan import make_plan
     from calibtool.planning.selection import Criterion
     from calibtool.robot.catalogue import load_robot
-    from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+    from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 
-    model = load_robot(robot)
+    model, values = load_robot(robot), joint_values_of(joint_values)
     name, space = model.workspace(workspace)
     distance = MIN_SINGULARITY_DISTANCE if min_singularity_distance is None else min_singularity_distance
     constraints = Constraints(
@@ -122,7 +124,9 @@ def plan(
         if source is not None:
             raise UsageError("--iso9283 chooses fixed poses; it does not use --from")
         edge = None if cube_mm is None else _finite(cube_mm, "--cube-mm") * 1e-3
+        values = model.joint_values(model.name, values)
         cube = plan_test(model, space, constraints, model.targets, edge)
+        cube = replace(cube, joint_values=values)
         _report_cube(cube, name, cycles or 30, json)
         if target is not None:
             write_output(target, cube.table(cycles or 30), force)
@@ -133,6 +137,7 @@ def plan(
     if configurations > candidates:
         raise UsageError(f"-n {configurations}: only {candidates} candidates to choose from; raise --candidates")
     knowledge = _knowledge(model, source, noise_mm, unregistered)
+    values = model.joint_values(model.name, values)
     with working(f"choosing from {candidates} candidates"):
         made = make_plan(
             knowledge,
@@ -145,6 +150,7 @@ def plan(
             refine=refine,
             progress=counted,
         )
+    made = replace(made, joint_values=values)
     if len(made.candidates.q) < candidates:
         message(
             f"warning: only {len(made.candidates.q)} candidates after {made.candidates.drawn} draws; the constraints are "

@@ -7,7 +7,17 @@ import typer
 
 from calibtool.cli.files import check_output, one_stdin, shown, stem, write_output
 from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import EXACT, CompensationMethod, Force, Outside, RefitSetup, Require, choice
+from calibtool.cli.options import (
+    EXACT,
+    Before,
+    CompensationMethod,
+    Force,
+    FrameOption,
+    Outside,
+    RefitSetup,
+    Require,
+    choice,
+)
 
 # The figures of `calibtool.evaluation.plots`, which is not imported for a help page; the second half needs --on.
 _OF_CALIBRATIONS = ("training", "motions", "parameters", "observability")
@@ -41,6 +51,8 @@ def plot(
     outside: Outside = "mark",
     refit_setup: RefitSetup = False,
     require: Require = None,
+    frame: FrameOption = None,
+    before: Before = None,
     force: Force = False,
 ) -> None:
     """Draw one figure, such as the errors of every configuration or the training curve.
@@ -53,7 +65,7 @@ def plot(
     """
     choice(kind, FIGURES, "kind of plot")
     check_output(output, force)
-    one_stdin(*calibrations, on)
+    one_stdin(*calibrations, on, before)
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
@@ -70,7 +82,7 @@ def plot(
     limits = tuple(parse_limit(text) for text in require or [])
     if kind in _OF_ERRORS and on is None:
         raise UsageError(f"plot {kind}: give the measurements with --on")
-    named = [(stem(path), load_calibration(path)[0]) for path in calibrations]
+    named = [(stem(path), load_calibration(path, frame)[0]) for path in calibrations]
     for name, calibration in named[1:]:
         check_same_robot(calibration.robot, named[0][1].robot, f"calibration '{name}'", f"calibration '{named[0][0]}'")
     subject = Subject(named)
@@ -82,6 +94,7 @@ def plot(
             method=cast(Method, method),
             refit_setup=refit_setup,
             outside=cast(OutsidePolicy, outside),
+            before=None if before is None else load_measurements(before)[0],
         )
         subject = Subject(named, measurements, evaluation, limits)
     try:

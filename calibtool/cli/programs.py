@@ -3,7 +3,7 @@
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -18,18 +18,23 @@ from calibtool.cli.files import (
     write_output,
     write_outputs,
 )
+from calibtool.cli.options import choice
 from calibtool.errors import InputError, NoSolutionError, UsageError
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
     from calibtool.compensation.program import OutsidePolicy
     from calibtool.compensation.solve import Method
+    from calibtool.compensation.weighed import Weights
     from calibtool.programs.compensate import ProgramOptions
     from calibtool.programs.summary import CompensatedProgram
     from calibtool.robot.coupling import JointValues
+    from calibtool.robot.mechanism import Mechanism
+    from calibtool.robot.model import Robot
 
-_OBJECT = re.compile(r"\s*\{.*\"(j[1-9]\d*_(deg|rad|mm|m)|x_mm|x_m)\"\s*:")  # a row of JSON
-_HEADER = re.compile(r"(^|[,;\s\"])(j[1-9]\d*_(deg|rad|mm|m)|x_mm|x_m)($|[,;\s\"])")
+_COLUMN = r"(j[1-9]\d*(_serial|_controller)?_(deg|rad|mm|m)|x_mm|x_m)"
+_OBJECT = re.compile(rf"\s*\{{.*\"{_COLUMN}\"\s*:")  # a row of JSON
+_HEADER = re.compile(rf"(^|[,;\s\"]){_COLUMN}($|[,;\s\"])")
 
 ROWS = ("csv", "ndjson")
 FORMATS = ("auto", *ROWS, "fanuc-ls", "kuka-krl", "abb-rapid", "ur-script", "ros2-trajectory")
@@ -51,6 +56,21 @@ OnError = Annotated[
 FramesFile = Annotated[
     str | None,
     typer.Option("--frames", metavar="FRAMES.toml", help="Frames and tools that poses of a program refer to."),
+]
+ControllerFile = Annotated[
+    str | None,
+    typer.Option(
+        "--controller",
+        metavar="nominal|FILE",
+        help="By which model the controller solves poses: "
+        "URDF, UR calibration yaml, calibration.conf, DH table.",
+    ),
+]
+Dh = Annotated[
+    str | None,
+    typer.Option(
+        "--dh", metavar="standard|modified", help="Convention of a DH table of --controller."
+    ),
 ]
 WithFiles = Annotated[
     list[str],
@@ -98,6 +118,9 @@ def program_options(
     frames: str | None,
     backlash: bool,
     external: str,
+    largest_change: float | None,
+    weights: "Weights | None",
+    controller_model: "Mechanism | None",
 ) -> "ProgramOptions":
     """The options of a program. InputError for a bad frames file."""
     from calibtool.programs.compensate import ProgramOptions
@@ -111,7 +134,36 @@ def program_options(
         frames=Frames() if frames is None else read_frames(read_text(frames), shown(frames)),
         backlash=backlash,
         ignore_external=external == "ignore",
+        largest_change=largest_change,
+        weights=weights,
+        controller_model=controller_model,
     )
+
+
+def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "Mechanism | None":
+    """The kinematics that `--controller` names, None without it; says how far they are off."""
+    if given is None and dh is None:
+        return None
+    from calibtool.controller.denavit_hartenberg import DH_CONVENTIONS, DhConvention
+    from calibtool.controller.model import read_controller_model
+    from calibtool.errors import UsageError
+
+    if dh is not None:
+        choice(dh, DH_CONVENTIONS, "--dh")
+    if given is None or (given == "nominal" and dh is not None):
+        raise UsageError(
+            "--dh is for a table of DH parameters; give it with --controller TABLE.csv"
+        )
+    if given == "nominal":
+        return robot.mechanism
+    model = read_controller_model(
+        read_text(given), shown(given), robot, cast("DhConvention | None", dh)
+    )
+    message(
+        f"{shown(given)}: the controller's tool is up to {model.position * 1e3:.2f} mm and "
+        f"{model.orientation * 1e3:.2f} mrad from the nominal one, over the whole joint range"
+    )
+    return model.mechanism
 
 
 def check_not_input(output: str, *inputs: str) -> None:
@@ -134,8 +186,9 @@ def compensate_file(
     others: list[str],
     report: str | None,
     partial: bool,
+    bounds: str,
 ) -> None:
-    """Write the corrected program and its report; the summary on stderr.
+    """Write the corrected program and its report; the summary and the bounds on stderr.
 
     NoSolutionError (after all is written) for a program that is corrected in part, unless `partial`.
     """
@@ -151,6 +204,7 @@ def compensate_file(
     else:
         write_outputs({output: result.data, **reports}, force)
     _tell(shown(path), result)
+    message(bounds)
     _check_whole([result], shown(path), partial)
 
 
@@ -164,6 +218,7 @@ def compensate_folder(
     others: list[str],
     report: str | None,
     partial: bool,
+    bounds: str,
 ) -> None:
     """The same for all programs of a folder; those of one language are one program. All files are written or none."""
     from calibtool.programs.compensate import compensate_texts
@@ -191,6 +246,7 @@ def compensate_folder(
     _write_folder(outputs, output, report, force)
     for language, result in zip(languages, results, strict=True):
         _tell(f"{folder} ({language})", result)
+    message(bounds)
     _check_whole(results, folder, partial)
 
 

@@ -6,7 +6,17 @@ import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
 from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import EXACT, CompensationMethod, Force, Outside, RefitSetup, Require, choice
+from calibtool.cli.options import (
+    EXACT,
+    Before,
+    CompensationMethod,
+    Force,
+    FrameOption,
+    Outside,
+    RefitSetup,
+    Require,
+    choice,
+)
 
 
 def report(
@@ -23,11 +33,14 @@ def report(
     outside: Outside = "mark",
     refit_setup: RefitSetup = False,
     require: Require = None,
+    frame: FrameOption = None,
+    before: Before = None,
     force: Force = False,
 ) -> None:
     """Write one self-contained HTML page about calibrations.
 
-    The verdict first, before and after, against limits if there are any; then errors, error vectors, training, joint
+    The verdict first, against limits if there are any: expected after correction, or, from rows measured at corrected joints
+    (see `evaluate`), before and after; then errors, error vectors, training, joint
     motions, parameters, flagged rows, observability, coverage, noise and provenance. The numbers are those of `evaluate`.
     The page loads nothing from anywhere, adapts to light and dark, and prints. With a limit that is not met the page is
     written all the same, and the exit code is 5.
@@ -35,7 +48,7 @@ def report(
     Example: calibtool report paper.h5 local-poe.h5 --on fresh.h5 --require position_max_mm=2 -o report.html
     """
     check_output(output, force)
-    one_stdin(*calibrations, on)
+    one_stdin(*calibrations, on, before)
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
@@ -50,21 +63,25 @@ def report(
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
     limits = tuple(parse_limit(text) for text in require or [])
-    loaded = [(stem(path), *load_calibration(path)) for path in calibrations]
+    loaded = [(stem(path), *load_calibration(path, frame)) for path in calibrations]
     named = [(name, calibration) for name, calibration, _ in loaded]
     measurements, data = load_measurements(on)
+    earlier = None if before is None else load_measurements(before)
     evaluation = evaluate(
         named,
         measurements,
         method=cast(Method, method),
         refit_setup=refit_setup,
         outside=cast(OutsidePolicy, outside),
+        before=None if earlier is None else earlier[0],
     )
     inputs = {f"calibration_{k}": part for k, (_, _, part) in enumerate(loaded, 1)}
+    if earlier is not None:
+        inputs["before"] = earlier[1]
     page = html_report(Subject(named, measurements, evaluation, limits), provenance(None, measurements=data, **inputs))
     write_output(output, page, force)
     if output != "-":
         message(f"{output}: {len(page.encode()) / 1e6:.1f} MB")
-    broken = broken_limits(evaluation.methods[1:], list(limits))
+    broken = broken_limits(evaluation.methods[1:], list(limits), evaluation.pose_tests[1:])
     if broken:
         raise AcceptanceError(broken[0])

@@ -7,7 +7,7 @@ import typer
 
 from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output
 from calibtool.cli.load import load_measurements
-from calibtool.cli.options import Force, Output, Seed
+from calibtool.cli.options import Force, JointValuesOption, Output, Seed, joint_values_of
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import InputError, UsageError
@@ -22,7 +22,7 @@ def simulate(
         str | None, typer.Option(help="A named workspace of the robot (default: its first); 'full' is the joint range.")
     ] = None,
     errors: Annotated[
-        str, typer.Option(help="'all', or a comma list of geometric, gear, gravity, backlash, thermal.")
+        str, typer.Option(help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal.")
     ] = "geometric",
     length_error_mm: Annotated[float, typer.Option(min=0, help="Standard deviation of geometric lengths.")] = 0.5,
     angle_error_mrad: Annotated[float, typer.Option(min=0, help="Standard deviation of geometric angles.")] = 0.5,
@@ -31,7 +31,17 @@ def simulate(
     ] = 0.2,
     gravity_mrad: Annotated[float, typer.Option(min=0, help="Wind-up of a loaded joint at its largest torque.")] = 0.5,
     backlash_mrad: Annotated[float, typer.Option(min=0, help="Half width of the backlash (mm if prismatic).")] = 0.1,
+    payload_mrad: Annotated[
+        float, typer.Option(min=0, help="Wind-up and bending of a loaded joint at its largest moment under 10 kg.")
+    ] = 0.5,
     thermal_k: Annotated[float, typer.Option(min=0, help="Temperature rise of the steel links.")] = 10.0,
+    payload_kg: Annotated[
+        str | None,
+        typer.Option(metavar="KG[,KG]", help="Mass at the tool; two: drawn evenly between them for every row."),
+    ] = None,
+    temperature_c: Annotated[
+        str | None, typer.Option(metavar="C[,C]", help="Temperature of the links; two: a drift from one to the other.")
+    ] = None,
     noise_mm: Annotated[float, typer.Option(min=0, help="Measurement noise per coordinate.")] = 0.05,
     unregistered: Annotated[
         bool, typer.Option("--unregistered", help="Instrument and targets at random places that stay unknown.")
@@ -42,22 +52,34 @@ def simulate(
     at: Annotated[
         str | None, typer.Option(metavar="POSES", help="Measure at these configurations: a CSV of joints or poses.")
     ] = None,
+    commanded: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TARGETS",
+            help="The joints of --at are corrected ones: what went into compensate.",
+        ),
+    ] = None,
+    joint_values: JointValuesOption = None,
     force: Force = False,
 ) -> None:
     """Measure a perturbed robot, made up from a seed.
 
-    Its targets are observed with noise at configurations of a workspace; the truth is kept in a group of its own.
+    Its targets are observed with noise at configurations of a workspace; the truth is kept in a group of its own. A
+    correction is rehearsed with --same-robot FILE.h5 --at corrected.csv --commanded targets.csv (see `evaluate`).
 
     Example: calibtool simulate fanuc-m1000ia -n 100 --seed 1 -o measurements.h5
     """
     check_output(output, force, binary=True)
-    one_stdin(same_robot, at)
+    one_stdin(same_robot, at, commanded)
+    if commanded is not None and at is None:
+        raise UsageError("--commanded belongs to --at: those joints are corrected for these targets")
     sizes = {
         "--length-error-mm": length_error_mm,
         "--angle-error-mrad": angle_error_mrad,
         "--gear-mrad": gear_mrad,
         "--gravity-mrad": gravity_mrad,
         "--backlash-mrad": backlash_mrad,
+        "--payload-mrad": payload_mrad,
         "--thermal-k": thermal_k,
         "--noise-mm": noise_mm,
     }
@@ -67,12 +89,18 @@ def simulate(
     from dataclasses import replace
 
     from calibtool.compensation.program import read_configurations
+    from calibtool.errormodel.actual import ErrorScales
+    from calibtool.errormodel.families import ERROR_KINDS
+    from calibtool.measurement.importing.commanded import commanded_poses
     from calibtool.measurement.simulate import Simulation
     from calibtool.measurement.simulate import simulate as run
-    from calibtool.robot.actual import ERROR_KINDS, ErrorScales
     from calibtool.robot.catalogue import load_robot
     from calibtool.storage import to_bytes
+    from calibtool.tables import parse_table
 
+    values = joint_values_of(joint_values)
+    if values is not None and at is None:
+        raise UsageError("--joint-values is for the joints of --at")
     model = load_robot(robot)
     kinds = ERROR_KINDS if errors == "all" else tuple(kind.strip() for kind in errors.split(","))
     unknown = [kind for kind in kinds if kind not in ERROR_KINDS]
@@ -96,15 +124,27 @@ def simulate(
     if at is not None:
         text = read_text(at)
         inputs["at"] = text.encode()
-        q_at = read_configurations(text, shown(at), model)
+        q_at = read_configurations(text, shown(at), model, values)
+    asked = None
+    if commanded is not None and at is not None and q_at is not None:
+        text = read_text(commanded)
+        inputs["commanded"] = text.encode()
+        table = parse_table(text, shown(commanded))
+        if len(table) != len(q_at):
+            counts = f"{len(table)} rows, but {shown(at)} has {len(q_at)}"
+            raise InputError(f"{shown(commanded)}: {counts}")
+        asked = commanded_poses(table, model, values)
     scales = ErrorScales(
         kinds=kinds,
         length=length_error_mm * 1e-3,
         angle=angle_error_mrad * 1e-3,
-        gear=gear_mrad * 1e-3,
-        gravity=gravity_mrad * 1e-3,
-        backlash=backlash_mrad * 1e-3,
-        temperature=thermal_k,
+        sizes={
+            "gear": gear_mrad * 1e-3,
+            "gravity": gravity_mrad * 1e-3,
+            "backlash": backlash_mrad * 1e-3,
+            "payload": payload_mrad * 1e-3,
+        },
+        warmth=thermal_k,
     )
     count = configurations if q_at is None else len(q_at)
     with working(f"simulating {count} configurations"):
@@ -119,6 +159,22 @@ def simulate(
                 unregistered=unregistered,
                 at=q_at,
                 same_robot=truth,
+                payload_kg=_range(payload_kg, "--payload-kg", 0.0),
+                temperature_c=_range(temperature_c, "--temperature-c", -273.15),
             ),
         )
-    write_output(output, to_bytes(replace(measurements, provenance=provenance(seed, **inputs))), force)
+    measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))
+    write_output(output, to_bytes(measurements), force)
+
+
+def _range(text: str | None, option: str, lowest: float) -> tuple[float, float] | None:
+    """One number, or the two ends of a range."""
+    if text is None:
+        return None
+    try:
+        ends = [float(part) for part in text.split(",")]
+    except ValueError:
+        ends = []
+    if len(ends) not in (1, 2) or not all(isfinite(end) and end >= lowest for end in ends):
+        raise UsageError(f"{option}: '{text}' is not one number, or two with a comma, of at least {lowest:g}")
+    return ends[0], ends[-1]

@@ -16,10 +16,15 @@ from calibtool.cli.base import (
     LossFunction,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, write_output
+from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
 from calibtool.cli.identify import report_calibration, report_target
-from calibtool.cli.load import load_calibration, load_measurements
-from calibtool.cli.options import Force, Json, MeasurementsFile, Seed, choice
+from calibtool.cli.load import (
+    frame_name,
+    load_calibration,
+    load_measurements,
+    say_if_frame_is_not_free,
+)
+from calibtool.cli.options import Force, FrameOption, Json, MeasurementsFile, Seed, choice
 from calibtool.cli.progress import counted, working
 from calibtool.cli.provenance import provenance
 
@@ -44,7 +49,13 @@ def train(
         str | None,
         typer.Option(metavar="bayes|early-stopping", help="Default: bayes; early-stopping (the paper) on 'nominal'."),
     ] = None,
-    hidden: Annotated[int | None, typer.Option(min=1, help="Hidden nodes (default: the square root of 6n).")] = None,
+    regressor: Annotated[
+        str,
+        typer.Option(metavar="tanh|random-features", help="Learned model: the paper's network, or a Gaussian process."),
+    ] = "tanh",
+    hidden: Annotated[
+        int | None, typer.Option(min=1, help="Hidden nodes (default: the square root of 6n) or features (60).")
+    ] = None,
     validation: Annotated[float, typer.Option(min=0, max=0.9, help="Part of the rows for early stopping.")] = 0.5,
     restarts: Annotated[int, typer.Option(min=1, help="Networks trained: averaged (bayes), or the best kept.")] = 5,
     folds: Annotated[int, typer.Option(min=2, help="Parts of the cross-validation (bayes).")] = 5,
@@ -59,6 +70,7 @@ def train(
     tolerance_mrad: AngleTolerance = None,
     loss_function: LossFunction = "squared",
     drop_flagged: DropFlagged = False,
+    frame: FrameOption = None,
     seed: Seed = 0,
     json: Json = False,
     force: Force = False,
@@ -91,6 +103,7 @@ def train(
     from calibtool.storage import to_bytes
     from calibtool.summary import learning_curve_lines, learning_curve_summary
 
+    chosen = None if frame is None else frame_name(frame)
     inputs: dict[str, bytes] = {}
     start: Calibration | BaseOptions
     if base not in BASE_MODELS:
@@ -121,6 +134,7 @@ def train(
         loss=cast(LossName, loss),
         optimiser=cast(Optimiser, optimizer),
         regularisation=cast(Regularisation, regularisation),
+        regressor=regressor,
         hidden=hidden,
         validation=validation,
         restarts=restarts,
@@ -128,7 +142,9 @@ def train(
         seed=seed,
     )
     with working(f"training on {len(data)} configurations"):
-        calibration = run(data, start, options, counted)
+        calibration = run(data, start, options, counted, chosen)
+    if frame is not None:
+        say_if_frame_is_not_free(calibration, shown(measurements))
     calibration = replace(calibration, provenance=provenance(seed, **inputs))
     extra: dict[str, object] = {}
     if learning_curve:

@@ -7,7 +7,8 @@ import typer
 
 from calibtool.cli.files import check_output, message, read_bytes, shown, write_output
 from calibtool.cli.interrupts import interruptible
-from calibtool.cli.options import Force
+from calibtool.cli.load import in_frame
+from calibtool.cli.options import Force, FrameOption
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -30,6 +31,7 @@ def view(
             help="Where meshes of the robot's URDF lie (live view); nothing outside is read. Repeatable.",
         ),
     ] = None,
+    frame: FrameOption = None,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the live view on this machine.")] = 8080,
     force: Force = False,
 ) -> None:
@@ -59,7 +61,10 @@ def view(
             raise UsageError(f"--meshes: {folder}: no such folder")
     if magnify is not None and not isfinite(magnify):
         raise UsageError(f"--magnify: {magnify} is no finite number")
-    scene = scene_of(read_any(io.BytesIO(read_bytes(file)), shown(file)))
+    contents = read_any(io.BytesIO(read_bytes(file)), shown(file))
+    if frame is not None:
+        contents = in_frame(contents, frame, shown(file))
+    scene = scene_of(contents)
     factor = scene.fitting_factor if magnify is None else magnify
     if html is not None:
         write_output(html, page_of(scene, factor), force)

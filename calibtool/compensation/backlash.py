@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from calibtool.robot.motion import directions
+from calibtool.errormodel.conditions import directions, last_moved
 from calibtool.robot.se3 import Array
 
 
 class BacklashPath:
-    """Remembers where the joints are and from which side they came, over batches of rows in the order of motion."""
+    """Remembers where the joints last moved to and from which side, over batches of rows in the order of motion."""
 
     def __init__(self, backlash: Array) -> None:
         """backlash (n,): half widths, rad or m."""
@@ -25,7 +25,9 @@ class BacklashPath:
         result = np.zeros_like(corrected)
         driven = np.flatnonzero(np.isfinite(corrected).all(axis=-1))
         if len(driven):
-            found = directions(corrected[driven], self._last, self._direction)
-            self._last, self._direction = corrected[driven[-1]], found[-1]
+            start = corrected[driven[0]] if self._last is None else self._last
+            places = last_moved(corrected[driven], start)
+            found = directions(places, start, self._direction)
+            self._last, self._direction = places[-1], found[-1]
             result[driven] = self.backlash * found
         return result

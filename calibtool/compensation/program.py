@@ -7,8 +7,13 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.calibration.guard import coverage
-from calibtool.compensation.solve import OK, OUTSIDE, Compensation, Method, compensate_joints, compensate_poses
+from calibtool.compensation.bounds import Bounds
+from calibtool.compensation.one_step import default_bounds
+from calibtool.compensation.solve import Compensation, Method, compensate_joints, compensate_poses
+from calibtool.compensation.status import OK, OUTSIDE
+from calibtool.errormodel.conditions import Conditions
 from calibtool.errors import InputError, NoSolutionError, check_choice
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
@@ -18,15 +23,20 @@ OutsidePolicy = Literal["mark", "base", "refuse"]
 OUTSIDE_POLICIES = ("mark", "base", "refuse")
 
 
-def read_configurations(text: str, name: str, robot: Robot) -> Array:
-    """Joint positions (N, n) from a table of joints, or of poses by inverse kinematics from home.
+def read_configurations(
+    text: str, name: str, robot: Robot, joint_values: JointValues | None = None
+) -> Array:
+    """Joint positions (N, n) of the serial chain from a table of joints, or of poses by inverse
+    kinematics from home.
 
-    Raises InputError for a bad table, NoSolutionError naming the first pose that cannot be reached.
+    joint_values: whose they are where the header does not say it. Raises UsageError where nothing
+    says it and it matters, InputError for a bad table, NoSolutionError naming the first pose that
+    cannot be reached.
     """
     table = parse_table(text, name)
-    joints = joints_from_header(table, robot)
+    joints = joints_from_header(table, robot, joint_values)
     if joints is not None:
-        return joints[0]
+        return joints.q
     poses = poses_from_header(table)
     if poses is None:
         raise no_targets(table)
@@ -43,21 +53,24 @@ def guarded(
     T_base_tool: Array | None,
     method: Method,
     outside: OutsidePolicy,
-    verify: bool = False,
+    bounds: Bounds | None = None,
+    conditions: Conditions | None = None,
 ) -> Compensation:
     """Corrected joints with the extrapolation guard: q (N, n), or poses (N, 4, 4), for which q then chooses the branch.
 
     Poses with q (n,) or None are a path: see `compensate_poses`. Rows outside the configurations of the training are
-    marked, take the base model alone (`base`), or get no joints (`refuse`).
+    marked, take the base model alone (`base`), or get no joints (`refuse`). bounds: `default_bounds` unless given.
+    conditions: a payload and a temperature for all rows, the calibration's own unless given.
     """
-
     check_choice(outside, OUTSIDE_POLICIES, "outside")
+    bounds = default_bounds(calibration) if bounds is None else bounds
 
     def run(model: Calibration) -> Compensation:
+        model = model if conditions is None else model.at(conditions)
         if T_base_tool is not None:
-            return compensate_poses(model, T_base_tool, q, method, verify)
+            return compensate_poses(model, T_base_tool, q, method, bounds=bounds)
         assert q is not None
-        return compensate_joints(model, q, method, verify)
+        return compensate_joints(model, q, method, bounds=bounds)
 
     result = run(calibration)
     rows = np.flatnonzero(np.isfinite(result.q).all(axis=-1))

@@ -13,13 +13,24 @@ from calibtool.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.backlash import BacklashPath
 from calibtool.compensation.decimals import DECIMALS, decimal_rows
+from calibtool.compensation.jumps import CorrectionPath, Jump
+from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.program import OutsidePolicy, guarded, no_targets
-from calibtool.compensation.solve import OK, OUTSIDE, UNREACHABLE, Compensation, Method
+from calibtool.compensation.solve import Compensation, Method
+from calibtool.compensation.status import CORRECTED, DOUBTFUL, JUMP, MEANING, OK
+from calibtool.compensation.weighed import Weights
 from calibtool.errors import InputError
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
-from calibtool.tables import Table, joints_from_header, number, poses_from_header, read_tables
-from calibtool.units import TO_SI
+from calibtool.tables import (
+    Table,
+    joints_from_header,
+    number,
+    poses_from_header,
+    read_tables,
+    unit_of,
+)
+from calibtool.units import TO_SI, without_values
 
 RowFormat = Literal["csv", "ndjson"]
 BATCH = 4096
@@ -34,15 +45,19 @@ class StreamOptions:
     """How rows are corrected: see `compensate_joints` and `guarded`; `uncertainty` and `verify` add columns.
 
     backlash: take up the calibration's backlash; needs rows in the order of motion, see `BacklashPath`.
-    joint_values: `controller` when joints come in and go out as the controller shows them (`Robot.to_serial`).
+    joint_values: whose joint values come in, where the header does not say it, and go out
+    (`Robot.joint_values`).
+    largest_change (rad) and weights: see `default_bounds`.
     """
 
     method: Method = "exact"
     outside: OutsidePolicy = "mark"
     uncertainty: bool = False
     verify: bool = False
-    joint_values: JointValues = "serial"
+    joint_values: JointValues | None = None
     backlash: bool = True
+    largest_change: float | None = None
+    weights: Weights | None = None
     batch: int = BATCH
 
 
@@ -52,7 +67,7 @@ class StreamReport:
 
     remarks    a line for each of the first `listed` rows that are not plainly `ok`; others: how many more there are
     without_joints   rows that got no joints, unreachable or refused
-    left, turned     largest of what the calibrated model leaves in rows that are `ok` or `outside`, m and rad
+    left, turned     largest of what the calibrated model leaves in rows that are corrected in full, m and rad
     """
 
     listed: int = 10
@@ -63,12 +78,17 @@ class StreamReport:
     left: float = 0.0
     turned: float = 0.0
 
+    @property
+    def full(self) -> bool:
+        """Whether further remarks are counted only."""
+        return len(self.remarks) >= self.listed
+
     def remark(self, line: str) -> None:
         """Keep a line, or count it when there are enough."""
-        if len(self.remarks) < self.listed:
-            self.remarks.append(line)
-        else:
+        if self.full:
             self.others += 1
+        else:
+            self.remarks.append(line)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +113,14 @@ def compensate_stream(
     """Text of corrected rows, batch by batch; `report` counts along.
 
     Joint columns are replaced by the corrected joints, in their units; pose columns give way to joints in degrees (mm if
-    prismatic). Where a row has both, the pose is commanded and the joints choose the branch. Other columns pass through;
+    prismatic). Where the controller shows other values than the serial chain's, the columns written
+    say whose they are. Where a row has both, the pose is commanded and the joints choose the branch.
+    Other columns pass through;
     a column `status` is added, for n < 6 and with `verify` what is left of the commanded pose (`left_mm`, `left_mrad`), and
     with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses in order are a path: each
-    starts from the row before, and jumps of the joints are reported. Backlash is taken up along the rows, which must be in
-    the order of motion then (`StreamOptions.backlash`). Raises InputError for the first bad row.
+    starts from the row before, and jumps of the joints are reported. Rows whose correction changes faster than the command
+    (`CorrectionPath`) have the status `jump`. Backlash is taken up along the rows, which must be in the order of motion
+    then (`StreamOptions.backlash`). Raises InputError for the first bad row.
     """
     np.empty(_LARGEST_KEPT)  # given back at once
     corrector = _Corrector(calibration, options, report)
@@ -126,12 +149,15 @@ class _Corrector:
     def __init__(self, calibration: Calibration, options: StreamOptions, report: StreamReport) -> None:
         self.calibration, self.options, self.report = calibration, options, report
         self.seed: Array | None = None
-        backlash = calibration.base.motion.backlash
+        self.bounds = default_bounds(calibration, options.largest_change, options.weights)
+        self.correction = CorrectionPath(calibration.robot)
+        backlash = calibration.base.errors["backlash"]
         self.path = BacklashPath(backlash) if options.backlash and backlash.any() else None
 
     def corrected(self, table: Table) -> _Corrected:
         robot, options = self.calibration.robot, self.options
-        joints, poses = joints_from_header(table, robot), poses_from_header(table)
+        joints = joints_from_header(table, robot, options.joint_values)
+        poses = poses_from_header(table)
         if poses is None and joints is None:
             raise no_targets(table)
         for column in _ADDED:
@@ -139,24 +165,37 @@ class _Corrector:
                 raise InputError(
                     f"{table.name}: a column '{column}' is there already; is this an output of compensate?"
                 )
-        q = self.seed if joints is None else robot.serial_from(options.joint_values, joints[0])
-        T = None if poses is None else poses[0]
-        result = guarded(self.calibration, q, T, options.method, options.outside, verify=options.verify)
         if joints is None:
-            self._note_jumps(table, result.q)
-        self._note(table, result)
+            q, values = self.seed, robot.joint_values(table.name, options.joint_values)
+        else:
+            q, values = joints.q, joints.values
+        T = None if poses is None else poses[0]
+        result = guarded(self.calibration, q, T, options.method, options.outside, self.bounds)
+        if joints is None:
+            self._note_branches(table, result.q)
+        jumps = self.correction.jumps(result.commanded, result.q)
+        rows = np.array([jump.row for jump in jumps], dtype=int)
+        result.status[rows[result.status[rows] == OK]] = JUMP
+        self._note(table, result, {jump.row: jump for jump in jumps})
         added = self._added(result)
         if self.path is not None:
             result = replace(result, q=result.q + self.path.taken_up(result.q))
-        names = robot.joint_columns if joints is None else sorted(joints[1], key=table.header.index)
-        order = list(range(robot.n)) if joints is None else [joints[1].index(column) for column in names]
-        replaced = set(names) | (set() if poses is None else set(poses[1]))
-        factors = np.array([TO_SI[column.split("_")[1]] for column in names])
+        given = [] if joints is None else joints.columns
+        order = sorted(range(robot.n), key=lambda j: table.header.index(given[j]) if given else j)
+        columns = robot.columns(values)
+        if given:  # their names and units, with whose values they are
+            columns = [
+                column if without_values(column)[1] else robot.column(j, unit_of(column), values)
+                for j, column in enumerate(given)
+            ]
+        names = [columns[j] for j in order]
+        replaced = {*given, *([] if poses is None else poses[1])}
+        factors = np.array([TO_SI[unit_of(name)] for name in names])
         return _Corrected(
             table=table,
             kept=[i for i, column in enumerate(table.header) if column not in replaced],
             joint_names=names,
-            values=robot.serial_as(options.joint_values, result.q)[:, order] / factors,
+            values=robot.serial_as(values, result.q)[:, order] / factors,
             added=added,
         )
 
@@ -174,24 +213,32 @@ class _Corrector:
                 added[column] = ["" if np.isnan(value) else f"{value * 1e3:.6g}" for value in values]
         return added
 
-    def _note(self, table: Table, result: Compensation) -> None:
+    def _note(self, table: Table, result: Compensation, jumps: dict[int, Jump]) -> None:
         report = self.report
         report.rows += len(table)
         report.without_joints += int(np.isnan(result.q).any(axis=-1).sum())
-        plain = (result.status == OK) | (result.status == OUTSIDE)
-        if self.options.verify and plain.any():
-            report.left = max(report.left, float(result.position[plain].max()))
-            report.turned = max(report.turned, float(result.orientation[plain].max()))
-        meaning = {
-            "near-singular": "near a singularity: damped, {left:.3g} mm of the error stay",
-            "out-of-limits": "the corrected joints are outside the joint limits",
-            OUTSIDE: "outside the configurations of the training",
-            UNREACHABLE: "the pose is unreachable: no joints are given",
-        }
-        for k in np.flatnonzero(result.status != OK):
-            report.remark(f"{table.place(int(k))}: {meaning[result.status[k]].format(left=result.position[k] * 1e3)}")
+        full = np.isin(result.status, CORRECTED)
+        if self.options.verify and full.any():
+            report.left = max(report.left, float(result.position[full].max()))
+            report.turned = max(report.turned, float(result.orientation[full].max()))
+        for k in np.flatnonzero(result.status != OK).tolist():
+            status = result.status[k]
+            if report.full:
+                report.others += 1
+                continue
+            text = MEANING[status]
+            if status == JUMP:
+                text += f": {self._size(jumps[k])}"
+            elif status in DOUBTFUL:
+                left, turned = result.position[k] * 1e3, result.orientation[k] * 1e3
+                text += f"; {left:.3g} mm and {turned:.3g} mrad of the error stay"
+            report.remark(f"{table.place(k)}: {text}")
 
-    def _note_jumps(self, table: Table, q: Array) -> None:
+    def _size(self, jump: Jump) -> str:
+        factor, unit = (1e3, "mm") if self.calibration.robot.prismatic[jump.joint] else (180 / np.pi, "deg")
+        return f"joint {jump.joint + 1} by {jump.change * factor:.3g} {unit}"
+
+    def _note_branches(self, table: Table, q: Array) -> None:
         """Branch flips of a path, and where the next batch starts."""
         reached = np.flatnonzero(np.isfinite(q).all(axis=-1))
         angles = ~np.array(self.calibration.robot.prismatic)

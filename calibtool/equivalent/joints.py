@@ -7,8 +7,9 @@ from itertools import combinations
 import numpy as np
 
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.robot.damped import at_point, singularity_distance
 from calibtool.robot.description import VirtualJoint
-from calibtool.robot.mechanism import Mechanism, at_point, singularity_distance
+from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, adjoint
 

@@ -5,19 +5,28 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from calibtool.calibration import Calibration, check_same_robot, fitting_setup
+from calibtool.calibration import Calibration, check_same_robot, fitting_setup, identify
 from calibtool.calibration.guard import coverage
+from calibtool.compensation.bounds import Bounds
+from calibtool.compensation.exact import exact
 from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy, guarded
-from calibtool.compensation.solve import NEAR_SINGULAR, OUT_OF_LIMITS, Method
-from calibtool.errors import NoSolutionError, check_choice
+from calibtool.compensation.solve import Method
+from calibtool.compensation.status import DOUBTFUL
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.errors import NoSolutionError, UsageError, check_choice
 from calibtool.evaluation.iso9283 import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
-from calibtool.measurement.measurements import Measurements, Setup, Truth, determines_orientation
-from calibtool.measurement.observation import measured_in_base, residuals
-from calibtool.measurement.registration import register, rigid_fit
+from calibtool.evaluation.observed import errors_against, point_errors
+from calibtool.evaluation.proof import Before, Proof, prove
+from calibtool.measurement.measurements import Measurements, Truth
+from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import observe
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.se3 import Array, inverse, log3, transform_points
+from calibtool.robot.se3 import Array, inverse, log3, log6, transform_points
+
+_UNBOUNDED = Bounds(np.inf, (np.inf, np.inf))
+
+Kind = Literal["compensated", "predicted", "measured"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +34,10 @@ class Evaluation:
     """The first method is the nominal robot.
 
     kind           `compensated`: the actual robot was driven to the corrected joints and observed without noise;
-                   `predicted`: what is left between measured and predicted target points
-    marked         (methods,) how many rows of the compensation were near a singularity or out of limits
+                   `predicted`: what is left between measured and predicted target points, what to expect of a correction;
+                   `measured`: commanded against measured points, the arm driven to the commands (nominal) and to the
+                   corrected joints (the one calibration), see `proof`
+    marked         (methods,) how many rows were corrected in part, or not at all (`status.DOUBTFUL`)
     outside        (methods,) how many rows are unlike the configurations of the training
     uncorrectable  what stays whatever the method, a row for every pose that the actual robot cannot take (n < 6, or out of
                    reach of an arm that is shorter than drawn): nearest pose against commanded one; None where every pose
@@ -34,17 +45,30 @@ class Evaluation:
     correctable    the methods' errors against the nearest pose that the actual robot can take; `methods` where
                    `uncorrectable` is None
     pose_test      ISO 9283, from the measured points, where configurations were measured repeatedly; else None
+    proof          of kind `measured`: what was expected, and whether `before` was measured; else None
     """
 
     robot: str
     configurations: int
-    kind: Literal["compensated", "predicted"]
+    kind: Kind
     methods: list[MethodErrors]
     marked: list[int]
     outside: list[int] = field(default_factory=list)
     uncorrectable: MethodErrors | None = None
     correctable: list[MethodErrors] = field(default_factory=list)
     pose_test: PoseTest | None = None
+    proof: Proof | None = None
+
+    @property
+    def before(self) -> Before | None:
+        """How the numbers before a correction came about, of kind `measured`; else None."""
+        return None if self.proof is None else self.proof.before_is
+
+    @property
+    def pose_tests(self) -> list[PoseTest | None]:
+        """ISO 9283 of every method alone."""
+        test = self.pose_test
+        return [None if test is None else test.alone(k) for k in range(len(self.methods))]
 
     def as_json(self) -> dict[str, object]:
         """The object that `evaluate --json` prints (a contract of DESIGN).
@@ -65,6 +89,8 @@ class Evaluation:
             result["uncorrectable"] = {"configurations": count, **pose_statistics(self.uncorrectable)}
         if self.pose_test is not None:
             result["iso9283"] = self.pose_test.as_json()
+        if self.proof is not None:
+            result |= self.proof.as_json()
         return result
 
 
@@ -75,6 +101,7 @@ def evaluate(
     method: Method = "exact",
     refit_setup: bool = False,
     outside: OutsidePolicy = "mark",
+    before: Measurements | None = None,
 ) -> Evaluation:
     """Errors of the nominal robot and of every one of `calibrations`, named, at the configurations of `measurements`.
 
@@ -82,13 +109,17 @@ def evaluate(
     or refuse.
     refit_setup: fit unknown instrument frame and targets again on these rows, for every method alike (a moved tracker);
     otherwise the set-up that belongs to the training is used and nothing is fitted here.
+    before: where the measurements were taken at corrected joints (`Measurements.commanded`), the same commands measured
+    without correction; for kind `measured` alone, which takes one calibration and no method.
     Raises InputError when a calibration is for another robot, UsageError for an unknown method or policy, NoSolutionError
-    where `refuse` refuses.
+    where `refuse` refuses, InputError also where the driven joints are not those of the calibration.
     """
     check_choice(method, get_args(Method), "method")
     check_choice(outside, OUTSIDE_POLICIES, "outside")
     for name, given in calibrations:
         check_same_robot(given.robot, measurements.robot, f"calibration '{name}'", "the measurements")
+    if measurements.commanded is not None or before is not None:
+        return _proved(calibrations, measurements, before, refit_setup)
     measurements = judged_rows(measurements)
     every: list[tuple[str, Calibration | None]] = [("nominal", None), *calibrations]
     methods, correctable, marked, far = [], [], [], []
@@ -125,10 +156,43 @@ def evaluate(
 
 
 def judged_rows(measurements: Measurements) -> Measurements:
-    """The rows that `evaluate` judges: a prediction needs whole observations, a simulation can be driven again."""
-    if measurements.truth is not None:
+    """The rows that `evaluate` judges: whole observations, or all where a simulation can be driven again."""
+    if measurements.truth is not None and measurements.commanded is None:
         return measurements
     return measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
+
+
+def _proved(
+    calibrations: list[tuple[str, Calibration]],
+    after: Measurements,
+    before: Measurements | None,
+    refit_setup: bool,
+) -> Evaluation:
+    """Kind `measured`: before and after one correction."""
+    if after.commanded is None:
+        raise UsageError(
+            "before a correction and after it: the measurements after it must say what was "
+            "commanded; import them with --commanded"
+        )
+    if len(calibrations) != 1:
+        raise UsageError("the measurements were taken after one correction; give its calibration alone")
+    ((name, calibration),) = calibrations
+    if before is not None:
+        check_same_robot(before.robot, after.robot, "before the correction", "after it")
+        if len(before) == len(after):
+            before = before.rows(np.flatnonzero(after.seen.all(axis=-1)))
+    after = judged_rows(after)
+    proof = prove(name, calibration, after, before, refit_setup=refit_setup)
+    return Evaluation(
+        robot=after.robot.name,
+        configurations=len(after),
+        kind="measured",
+        methods=[proof.before, proof.after],
+        marked=[0, 0],
+        outside=[0, int(coverage(calibration, after.q).outside.sum())],
+        pose_test=proof.pose_test,
+        proof=proof,
+    )
 
 
 def _pose_test(
@@ -164,39 +228,61 @@ def _compensated(
     if calibration is None:
         driven, setup = q, measurements.setup
     else:
-        result = guarded(calibration, q, None, method, outside)
         setup = fitting_setup(calibration, measurements)
-        driven = result.q + calibration.base.motion.backlash * truth.actual.directions(result.q)
-        marked = int(np.isin(result.status, (NEAR_SINGULAR, OUT_OF_LIMITS)).sum())
+        driven = np.empty_like(q)
+        for conditions, rows in measurements.conditions.alike(len(q)):
+            result = guarded(calibration, q[rows], None, method, outside, conditions=conditions)
+            driven[rows] = result.q
+            marked += int(np.isin(result.status, DOUBTFUL).sum())
+        driven = driven + calibration.base.errors["backlash"] * truth.actual.directions(driven)
     commanded = robot.mechanism.forward(q)
     if measurements.setup.known:
-        actual = truth.actual.forward(driven)
+        actual = truth.actual.forward(driven, measurements.conditions)
         errors = _pose_errors(name, actual, commanded)
         return errors, errors if nearest is None else _pose_errors(name, actual, nearest), marked
     # Commanded poses live in the registered frame: compare target points there, as an instrument would.
-    seen = transform_points(inverse(setup.T_instrument_base), observe(truth.actual, truth.setup, driven))
-    errors = _from_points(name, seen, commanded, setup)
+    observed = observe(truth.actual, truth.setup, driven, measurements.conditions)
+    seen = transform_points(inverse(setup.T_instrument_base), observed)
+    errors = point_errors(name, seen, commanded, setup)
     return errors, errors, marked
 
 
 def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErrors | None]:
     """Nearest poses to the commanded ones that the actual robot can take, and how far they stay; None if all can be taken.
 
-    Only where truth and set-up are known: an estimated instrument frame moves the commanded poses with the method.
+    Inside the joint limits, and nearest by the weighted pose error; for n < 6 by what `exact` makes up for, as if it knew
+    the truth. Only where truth and set-up are known: an estimated instrument frame moves the commanded poses with the
+    method.
     """
     truth, robot, q = measurements.truth, measurements.robot, measurements.q
     if truth is None or not measurements.setup.known:
         return None, None
     commanded = robot.mechanism.forward(q)
     # Motion errors of the joints do not change which poses can be taken, only where the joints have to go.
+    actual = truth.actual.mechanism
+    if robot.n < 6:
+        moved = log6(inverse(robot.chain.placements) @ actual.placements)  # thermal growth included
+        errors = truth.actual.errors
+        kept = RobotErrors.of(robot, placements=moved, twists=errors["twists"], offsets=errors["offsets"])
+        nominal = identify(measurements, "nominal")
+        knowing = replace(nominal, base=replace(nominal.base, model="local-poe", errors=kept))
+        nearest = actual.forward(exact(knowing, q, commanded, _UNBOUNDED).q)
+        return nearest, _pose_errors("uncorrectable", nearest, commanded)
     solved = solve_poses(
-        truth.actual.mechanism.forward_and_jacobian, commanded, q, length=robot.length, max_iterations=300, descend=True
+        actual.forward_and_jacobian,
+        commanded,
+        q,
+        length=robot.length,
+        lower=np.minimum(robot.lower, q),
+        upper=np.maximum(robot.upper, q),
+        max_iterations=300,
+        descend=True,
     )
     if solved.reached.all():
         return None, None
     beyond = ~solved.reached
     nearest = commanded.copy()
-    nearest[beyond] = truth.actual.mechanism.forward(solved.q[beyond])
+    nearest[beyond] = actual.forward(solved.q[beyond])
     return nearest, _pose_errors("uncorrectable", nearest[beyond], commanded[beyond])
 
 
@@ -214,12 +300,12 @@ def _predicted(
     refit: bool,
     outside: OutsidePolicy,
 ) -> MethodErrors:
-    robot, q, direction = measurements.robot, measurements.q, measurements.direction
-    pose = robot.mechanism.forward(q) if calibration is None else calibration.forward(q, direction)
+    robot, q, conditions = measurements.robot, measurements.q, measurements.conditions
+    pose = robot.mechanism.forward(q) if calibration is None else calibration.forward(q, conditions)
     if calibration is not None and calibration.networks and outside == "base":
         unlike = coverage(calibration, q).outside
         alone = replace(calibration, networks=())
-        pose[unlike] = alone.forward(q[unlike], None if direction is None else direction[unlike])
+        pose[unlike] = alone.forward(q[unlike], conditions.rows(unlike))
     if measurements.setup.known:
         setup = measurements.setup
     elif refit:
@@ -228,15 +314,4 @@ def _predicted(
         setup = fitting_setup(calibration, measurements)
     else:
         setup = measurements.setup if first is None else first.nominal_setup
-    points, rotations = measured_in_base(measurements, setup)
-    if rotations is None:
-        return _from_points(name, points, pose, setup)
-    left = residuals(measurements, setup, pose)
-    return MethodErrors(name, left[:, None, :3], left[:, 3:])
-
-
-def _from_points(name: str, points: Array, pose: Array, setup: Setup) -> MethodErrors:
-    """Errors of target points (N, m, 3) in K_0 against those of poses; the turn is that of the best rigid fit."""
-    expected = transform_points(pose, setup.targets)
-    turn = log3(rigid_fit(expected, points)[:, :3, :3]) if determines_orientation(setup.targets) else None
-    return MethodErrors(name, points - expected, turn)
+    return errors_against(name, measurements, setup, pose)

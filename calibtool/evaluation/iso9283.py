@@ -1,6 +1,7 @@
 """Pose accuracy AP and pose repeatability RP after ISO 9283, from configurations that were measured again and again."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -32,7 +33,8 @@ class PoseTest:
     RP  mean + 3 standard deviations (r − 1) of the distances from the barycentre; the same for every method
 
     The position is that of the barycentre of the target points. Orientations are rotation vectors, distances their
-    lengths: one number instead of the standard's three angles.
+    lengths: one number instead of the standard's three angles. Where the commands were measured before a correction,
+    too, `before` holds the RP of those rows: position and turn, (p,) each.
     """
 
     poses: list[RepeatedPose]
@@ -41,6 +43,18 @@ class PoseTest:
     repeatability: Array
     accuracy_turn: Array | None
     repeatability_turn: Array | None
+    before: tuple[Array, Array | None] | None = None
+
+    def alone(self, k: int) -> Self:
+        """AP of the k-th method alone, and RP."""
+        turned = self.accuracy_turn
+        turned = None if turned is None else turned[k : k + 1]
+        return replace(
+            self,
+            methods=self.methods[k : k + 1],
+            accuracy=self.accuracy[k : k + 1],
+            accuracy_turn=turned,
+        )
 
     def as_json(self) -> dict[str, object]:
         """The object `iso9283` of `evaluate --json`."""
@@ -51,12 +65,17 @@ class PoseTest:
         def of_method(values: Array | None, k: int) -> list[float] | None:
             return None if values is None else listed(values[k])
 
+        earlier: dict[str, object] = {}
+        if self.before is not None:
+            position, turn = map(listed, self.before)
+            earlier = {"rp_before_mm": position, "rp_before_mrad": turn}
         return {
             "poses": [pose.name for pose in self.poses],
             "first_configurations": [int(pose.rows[0]) + 1 for pose in self.poses],
             "repeats": [len(pose.rows) for pose in self.poses],
             "rp_mm": listed(self.repeatability),
             "rp_mrad": listed(self.repeatability_turn),
+            **earlier,
             "methods": [
                 {"name": name, "ap_mm": of_method(self.accuracy, k), "ap_mrad": of_method(self.accuracy_turn, k)}
                 for k, name in enumerate(self.methods)
@@ -95,6 +114,25 @@ def pose_test(methods: list[MethodErrors], poses: list[RepeatedPose]) -> PoseTes
         accuracy_turn, repeatability_turn = _accuracy_and_repeatability([t for t in turns if t is not None], poses)
     return PoseTest(
         poses, [errors.name for errors in methods], accuracy, repeatability, accuracy_turn, repeatability_turn
+    )
+
+
+def measured_pose_test(
+    before: MethodErrors, after: MethodErrors, poses: list[RepeatedPose], *, before_measured: bool
+) -> PoseTest:
+    """AP of before and after a correction from commanded against measured errors, RP of those after.
+
+    before_measured: RP before, too; expected errors have no scatter.
+    """
+    test = pose_test([after, before], poses)
+    alone = pose_test([before], poses) if before_measured else None
+    turned = test.accuracy_turn
+    return replace(
+        test,
+        methods=test.methods[::-1],
+        accuracy=test.accuracy[::-1],
+        accuracy_turn=None if turned is None else turned[::-1],
+        before=None if alone is None else (alone.repeatability, alone.repeatability_turn),
     )
 
 

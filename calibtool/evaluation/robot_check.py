@@ -10,10 +10,10 @@ from calibtool.identification.observability import Observability, observability
 from calibtool.measurement.measurements import Setup, determines_orientation
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import robot_names
-from calibtool.robot.chain import end_links
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot, is_path
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.urdf import end_links
 
 _REACH_SAMPLES = 5000
 _DESIGN_SAMPLES = 100
@@ -156,7 +156,8 @@ def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
         factor = 1e3 if robot.prismatic[j] else 180 / np.pi
         low, value, high = (f"{v * factor:.6g}" for v in (robot.lower[j], home[j], robot.upper[j]))
         raise InputError(
-            f"{place}: workspaces.{name}.home: {robot.joint_columns[j]} = {value} is outside its limits {low} to {high}; "
+            f"{place}: workspaces.{name}.home: {robot.columns(None)[j]} = {value} is outside its "
+            f"limits {low} to {high}; "
             "move it, or correct [limits]"
         )
     try:

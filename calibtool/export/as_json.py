@@ -3,62 +3,45 @@
 import json
 from typing import Any
 
+import numpy as np
+
 from calibtool.calibration import Calibration
-from calibtool.equivalent.network import Network
-from calibtool.identification.model import Identification
+from calibtool.compensation.one_step import default_bounds
+from calibtool.compensation.step import DAMPED_BELOW
+from calibtool.equivalent.regressor import Regressor
+from calibtool.errormodel.family import Rows
+from calibtool.export.formula import FORMULA
+from calibtool.export.rendering import LARGEST_POSITION
 from calibtool.measurement.measurements import Setup
-from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.coupling import JointValues
+from calibtool.robot.damped import GRAM_REGULARISATION
+from calibtool.robot.gravity import link_masses
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import link_masses
 
-SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 1
+SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 2
 
-# How q_m is computed from the other keys, for a reader who has nothing but the file.
-FORMULA = {
-    "purpose": "q_m = correct(q): command q_m, and the calibrated robot's tool goes where the nominal robot's would be at q",
-    "units": "m and rad; rad_or_m: in the unit of that joint; indices j count from 1, virtual_joint_columns from 0",
-    "twist": "(v, w): three linear elements first, then three angular ones",
-    "pose": "4x4 homogeneous matrix T_a_b = [[R, p], [0, 1]], row by row: pose of frame b in frame a",
-    "frames": "K_0 is the robot's base, K_{n+1} its tool; placement M_j is the pose of joint frame j in joint frame j - 1 "
-    "with joint j at zero, M_{n+1} that of the tool; twist xi_j of joint j is written in its own frame",
-    "exp6": "exp6((v, w)) = matrix exponential of [[S(w), v], [0, 0]], S(w) b = w x b; log6 is its inverse, |w| <= pi",
-    "adjoint": "Ad(T) = [[R, S(p) R], [0, R]]: twists of frame b to frame a for T = T_a_b",
-    "network": "N(q) = output_scale * (W2 tanh(W1 s + b1) + b2), s = (q - input_centre) / input_scale, element by element; "
-    "W1, b1 = hidden_weights, hidden_bias; W2, b2 = output_weights, output_bias; p elements: the n actuated joints, "
-    "then the virtual ones; N(q) = 0 if network is null (Eq. 16)",
-    "joint_coupling": "q of the serial chain = joint_coupling times the joint values that the controller shows, rad or m; "
-    "q and q_m here are those of the serial chain, the controller's are inverse(joint_coupling) q_m",
-    "nominal": "T_nominal(q) = M_1 exp6(xi_1 q_1) ... M_n exp6(xi_n q_n) M_{n+1}, M = nominal_placements_m, "
-    "xi = nominal_twists_per_rad_or_m (Eq. 7)",
-    "base": "T_base(q): the same product with M = placements_m = M_j exp6(placement_errors_m_rad_j), "
-    "xi = nominal_twists_per_rad_or_m + twist_errors_per_rad_or_m, and q + offset_errors_rad_or_m + m(q) for q (Eq. 8)",
-    "joint_motion": "m_j(q) = sum over h = 1, 2, ... of harmonics_rad[j][2h - 2] sin(h q_j) + harmonics_rad[j][2h - 1] "
-    "cos(h q_j), minus compliance_rad_per_nm[j] tau_j(q)",
-    "backlash": "q_m of `correction` is for the middle of the backlash; for rows in the order of motion add "
-    "backlash_rad_or_m[j] d_j to its joint j, d_j = -1, 0, +1 the direction of the joint's last motion, 0 if unknown",
-    "torque": "tau_j(q) = - sum over links i = j..n of link_masses_kg[i] g . (v_j + w_j x c_i), g = gravity_m_per_s2, "
-    "(v_j, w_j) = Ad(F_j) xi_j and c_i = F_i centres_of_mass_m[i] of the nominal robot at q",
-    "jacobian": "J, 6 x p: column j = 1..n is Ad(F_j) xi_j, xi_j and F_j those of the base, F_j the product up to and "
-    "with the exponential of joint j; then, of Ad(T_base(q)), each of virtual_joint_columns (Eq. 14)",
-    "calibrated": "T_calibrated(q) = exp6(J N(q)) T_base(q)",
-    "error": "e = log6(T_calibrated(q) inverse(T_nominal(q))) (Eqs. 9, 10)",
-    "weighting": "replace e and every column of J, (v, w), by ((v + w x t) / characteristic_length_m, w), t the position in "
-    "T_calibrated(q)",
-    "distance": "d = 1 / sqrt(trace(inverse(G))), G = J J' + gram_regularisation I: how far J is from a singularity",
-    "motion": "rho = J' inverse(G + lambda^2 I) e, lambda = max(0, min_singularity_distance - d) (Eq. 15); where lambda > 0 "
-    "the motion is damped and a part of the error stays",
-    "correction": "base_model.name 'nominal': q_m = q - (the first n elements of N(q)), nothing else is needed "
-    "(Eqs. 23, 24); any other: q_m = q - (the first n elements of rho) (Eq. 24)",
+# Families of errors by id, and their keys: what a family does stands in FORMULA.
+ERROR_KEYS = {
+    "placements": "placement_errors_m_rad",
+    "twists": "twist_errors_per_rad_or_m",
+    "offsets": "offset_errors_rad_or_m",
+    "harmonics": "harmonics_rad",
+    "gravity": "compliance_rad_per_nm",
+    "backlash": "backlash_rad_or_m",
+    "payload": "payload_rad_per_nm",
+    "temperature": "expansion_per_k",
 }
 
 
-def calibration_as_json(calibration: Calibration) -> str:
-    """One JSON object, schema `calibtool/compensator`, that says how q_m (Eq. 24) is computed and holds every number for it.
+def calibration_as_json(calibration: Calibration, joint_values: JointValues = "serial") -> str:
+    """One JSON object, schema `calibtool/compensator`: how q_m is computed (`one_step`), and every number for it.
 
-    Units stand in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under `formula`. A float is written
-    with as many digits as it takes to read exactly the same one; the same calibration gives the same text.
+    Units stand in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under
+    `formula`. A float is written with as many digits as it takes to read exactly the same one; the
+    same calibration gives the same text. joint_values: whose joint values q and q_m are.
     """
     robot, equivalent = calibration.robot, calibration.equivalent
+    bounds = default_bounds(calibration)
     contents = {
         "schema": SCHEMA,
         "schema_version": SCHEMA_VERSION,
@@ -66,19 +49,24 @@ def calibration_as_json(calibration: Calibration) -> str:
         "formula": FORMULA,
         "joints": _joints(robot),
         "joint_coupling": robot.coupling.tolist(),
+        "joint_values": joint_values,
         "nominal_placements_m": robot.chain.placements.tolist(),
         "nominal_twists_per_rad_or_m": robot.chain.twists.tolist(),
-        "base_model": _base_model(robot, calibration.base),
+        "base_model": _base_model(calibration),
         "equivalent_robot": {
             "p": equivalent.p,
             "virtual_joints": list(equivalent.virtual_joints),
             "virtual_joint_columns": equivalent.virtual_columns,
         },
         "characteristic_length_m": robot.length,
-        "min_singularity_distance": MIN_SINGULARITY_DISTANCE,
+        "largest_position_rad_or_m": LARGEST_POSITION,
+        "largest_change_rad_or_m": bounds.of_joints(robot).tolist(),
+        "usual_error_rad": {"task": bounds.usual[0], "all": bounds.usual[1]},
+        "damped_below": DAMPED_BELOW,
         "gram_regularisation": GRAM_REGULARISATION,
         "network": None if calibration.network is None else _network(calibration.network),
-        "setup": _setup(calibration.base.setup),
+        "setup": _setup(calibration.setup),
+        "frame": None if calibration.frame is None else calibration.frame.name,
         "configurations": calibration.configurations,
         "noise_position_m": calibration.noise_position,
         "noise_orientation_rad": calibration.noise_orientation,
@@ -100,34 +88,28 @@ def _joints(robot: Robot) -> list[dict[str, Any]]:
     ]
 
 
-def _base_model(robot: Robot, base: Identification) -> dict[str, Any]:
-    geometry = base.geometry
+def _base_model(calibration: Calibration) -> dict[str, Any]:
+    robot, errors, conditions = calibration.robot, calibration.errors, calibration.conditions
+    rows = Rows(robot, np.zeros((1, robot.n)), conditions)
     masses, centres, gravity = link_masses(robot)
     return {
-        "name": base.model,
-        "placement_errors_m_rad": geometry.placements.tolist(),
-        "twist_errors_per_rad_or_m": geometry.twists.tolist(),
-        "offset_errors_rad_or_m": geometry.offsets.tolist(),
-        "harmonics_rad": base.motion.harmonics.tolist(),
-        "compliance_rad_per_nm": base.motion.compliance.tolist(),
-        "backlash_rad_or_m": base.motion.backlash.tolist(),
+        "name": calibration.base.model,
+        **{key: errors[family].tolist() for family, key in ERROR_KEYS.items()},
         "link_masses_kg": masses.tolist(),
         "centres_of_mass_m": centres.tolist(),
         "gravity_m_per_s2": gravity.tolist(),
-        "placements_m": geometry.placements_of(robot.chain).tolist(),
+        "payload_kg": float(rows.payload),
+        "warmth_k": float(rows.warmth),
+        "placements_m": errors.standing(conditions).placements.tolist(),
     }
 
 
-def _network(network: Network) -> dict[str, Any]:
-    return {
-        "input_centre_rad_or_m": network.input_centre.tolist(),
-        "input_scale_rad_or_m": network.input_scale.tolist(),
-        "hidden_weights": network.hidden_weights.tolist(),
-        "hidden_bias": network.hidden_bias.tolist(),
-        "output_weights": network.output_weights.tolist(),
-        "output_bias": network.output_bias.tolist(),
-        "output_scale_rad_or_m": network.output_scale.tolist(),
+def _network(network: Regressor) -> dict[str, Any]:
+    arrays = {
+        f"{name}_rad_or_m" if unit in ("q", "rho") else name: getattr(network, name).tolist()
+        for name, (unit, _, _) in network.fields.items()
     }
+    return {"kind": network.id, **arrays}
 
 
 def _setup(setup: Setup) -> dict[str, Any]:
@@ -135,7 +117,8 @@ def _setup(setup: Setup) -> dict[str, Any]:
     return {
         "T_instrument_base_m": setup.T_instrument_base.tolist(),
         "targets_m": setup.targets.tolist(),
-        "R_tool_sensor": None if setup.R_tool_sensor is None else setup.R_tool_sensor.tolist(),
+        "kind": setup.kind.id,
+        **{name: array.tolist() for name, array in setup.arrays.items()},
         "frame_known": setup.frame_known,
         "targets_known": setup.targets_known,
     }

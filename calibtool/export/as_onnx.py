@@ -4,19 +4,24 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError, UsageError
-from calibtool.export.rendering import Precision, left_out, network_size
+from calibtool.export.rendering import Precision, left_out, network_size, tanh_network
+from calibtool.robot.coupling import JointValues
 
 OPSET, IR_VERSION = 17, 8  # of 2022: what runtimes of controllers and edge devices read
 
 
-def calibration_as_onnx(calibration: Calibration, precision: Precision = "double") -> bytes:
+def calibration_as_onnx(
+    calibration: Calibration, precision: Precision = "double", joint_values: JointValues = "serial"
+) -> bytes:
     """The network (Eq. 16) with its scalings as an ONNX model; of several networks, their mean.
 
-    Input `q` (N, n) in rad or m, output `rho` (N, p) = N(q), both double or float; on the nominal base also
-    `q_corrected` (N, n) = q − ρ_a (Eqs. 23, 24). What stands in the metadata: robot, base model, units. Raises InputError
-    when there is no network, UsageError when the package `onnx` is not installed.
+    Input `q` (N, n) in rad or m, output `rho` (N, p) = N(q), both double or float; on the nominal
+    base also `q_corrected` (N, n) = q − ρ_a (Eqs. 23, 24). joint_values: whose joint values q and
+    q_corrected are; `rho` stays that of the serial chain. What stands in the metadata: robot, base
+    model, units, joint values. Raises InputError when there is no network, UsageError when the
+    package `onnx` is not installed.
     """
-    network, robot = calibration.network, calibration.robot
+    network, robot = tanh_network(calibration), calibration.robot
     if network is None:
         raise InputError("the calibration has no network, and ONNX holds nothing else; export it as json, c or st")
     try:
@@ -48,11 +53,20 @@ def calibration_as_onnx(calibration: Calibration, precision: Precision = "double
         ("Mul", ["scaled_output", "output_scale"], "rho"),
     ]
     n, outputs = robot.n, {"rho": calibration.equivalent.p}
+    moved = "rho_actuated"
+    if joint_values == "controller" and robot.coupled:
+        constants |= {"coupling": robot.coupling.T, "uncoupling": robot.to_controller(np.eye(n))}
+        steps[0] = ("Sub", ["serial", "input_centre"], "centred")
+        steps.insert(0, ("MatMul", ["q", "coupling"], "serial"))
+        moved = "rho_controller"
     tensors = [numpy_helper.from_array(np.ascontiguousarray(value, dtype), name) for name, value in constants.items()]
     if calibration.base.model == "nominal":
         ranges = {"first": 0, "last": n, "axis": 1}
         tensors += [numpy_helper.from_array(np.array([value], np.int64), name) for name, value in ranges.items()]
-        steps += [("Slice", ["rho", *ranges], "rho_actuated"), ("Sub", ["q", "rho_actuated"], "q_corrected")]
+        steps.append(("Slice", ["rho", *ranges], "rho_actuated"))
+        if moved != "rho_actuated":
+            steps.append(("MatMul", ["rho_actuated", "uncoupling"], moved))
+        steps.append(("Sub", ["q", moved], "q_corrected"))
         outputs["q_corrected"] = n
     graph = helper.make_graph(
         [helper.make_node(operator, inputs, [output], name=output) for operator, inputs, output in steps],
@@ -71,6 +85,7 @@ def calibration_as_onnx(calibration: Calibration, precision: Precision = "double
             "robot": robot.name,
             "base_model": calibration.base.model,
             "joint_units": " ".join(robot.joint_units),
+            "joint_values": joint_values,
             "virtual_joints": " ".join(calibration.equivalent.virtual_joints),
             **({"left_out": left_out(calibration)} if left_out(calibration) else {}),
         },

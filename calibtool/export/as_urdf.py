@@ -1,144 +1,92 @@
-"""A calibration as a URDF: the identified geometry as joint origins, and what a URDF cannot hold, with its size."""
+"""A calibration as a URDF: joint origins identified again, and what a URDF cannot hold, with its size."""
 
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.export.rendering import left_out, render
+from calibtool.export.urdf_geometry import fitted_geometry, urdf_geometry
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion
-from calibtool.robot.se3 import Array, exp6, inverse, log3, translation
+from calibtool.robot.se3 import Array, exp6, log3
 
-_NOTHING = 1e-9  # m or rad: a smaller effect is rounding
+_NOTHING = 5e-8  # m or rad: less is 0.0000 mm in a line
 
 
 def calibration_as_urdf(calibration: Calibration) -> tuple[str, list[str]]:
     """The robot's own URDF with calibrated origins, and one line for everything that it does not hold.
 
-    Links, meshes, masses, joint names and limits stay. The placement errors δζ and the offsets δq become part of the
-    origins, exactly. Of a twist error δξ the direction and the place of the axis are held exactly; pitch, gain and
-    (prismatic joints) rotation only at the home of the default workspace. Joint-motion functions and the network are
-    left out. Sizes are the largest effects at the tool over the configurations used for the calibration.
+    Links, meshes, masses, joint names and limits stay. The origins are those of `urdf_geometry`: of
+    all errors of the calibration they take up what origins can. What is left of every part alone, and
+    of all together, is given in mm and mrad at the tool over the configurations of the calibration.
+    Raises InputError where the tool frame is no link of the URDF.
     """
     robot = calibration.robot
-    root, tool = _calibrated_tree(calibration)
-    text = ET.tostring(root, encoding="unicode")
-    description = robot.source.description
-    kinematics = description.kinematics.model_copy(update={"tool_frame": tool})
-    source = replace(
-        robot.source, urdf_text=text, description=description.model_copy(update={"kinematics": kinematics})
-    )
-    missing = _missing(calibration, Robot.from_source(source))
+    geometry = urdf_geometry(calibration)
+    root, tool = _calibrated_tree(robot, geometry)
+    missing = list(_missing(calibration, geometry))
+    kinematics = robot.source.description.kinematics
     values = {
         "robot": robot.name,
         "base_model": calibration.base.model,
         "tool": tool,
-        "base": description.kinematics.base_frame,
-        "locked": description.kinematics.locked_joints,
+        "base": kinematics.base_frame,
+        "locked": kinematics.locked_joints,
         "configurations": len(calibration.q),
         "missing": missing,
     }
     comment = render("urdf_comment.xml.j2", values, comment=lambda text: text.replace("--", "- -"))
+    text = ET.tostring(root, encoding="unicode")
     return f'<?xml version="1.0"?>\n{comment}{text}\n', missing
 
 
-def _calibrated_tree(calibration: Calibration) -> tuple[ET.Element, str]:
+def _calibrated_tree(robot: Robot, geometry: RobotErrors) -> tuple[ET.Element, str]:
     """The URDF with new origins, and the name of the link that is K_{n+1} in it."""
-    robot, geometry = calibration.robot, calibration.base.geometry
     root = ET.fromstring(
         robot.source.urdf_text.encode(),
         parser=ET.XMLParser(target=ET.TreeBuilder(insert_comments=True), encoding="utf-8"),
     )
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
-    links = {link.get("name", ""): link for link in root.findall("link")}
-    tool, carrier = _tool(calibration, root, joints, links)
-    home = robot.home(robot.workspace(None)[1])
-    for j in range(robot.n):
-        joint = joints[robot.chain.model.names[j + 1]]
-        axis, held = _axis_and_offset(robot.chain.twists[j], geometry.twists[j], geometry.offsets[j], home[j])
-        _set_origin(joint, _origin(joint) @ exp6(geometry.placements[j]) @ axis @ held)
-        if not np.array_equal(axis, np.eye(4)):
-            _shift_link(_child(joint), inverse(axis), joints, links)
-    if carrier is not None:
-        _set_origin(carrier, _origin(carrier) @ exp6(geometry.placements[-1]))
+    links = {link.get("name", "") for link in root.findall("link")}
+    tool = robot.source.description.kinematics.tool_frame
+    if tool not in links and tool in joints:  # a joint's frame stands where its child does
+        tool = _child(joints[tool])
+    if tool not in links:
+        place = robot.source.place
+        raise InputError(f"{place}: tool frame '{tool}' is no link of the URDF; name the link instead")
+    moved = [joints[name] for name in robot.chain.model.names[1:]]
+    if geometry["placements"][-1].any():
+        carrier = next((joint for joint in joints.values() if _child(joint) == tool), None)
+        if carrier is None or carrier.get("type") != "fixed":
+            carrier = _new_tool(root, tool, links | joints.keys())
+            tool = _child(carrier)
+        moved.append(carrier)
+    for joint, error in zip(moved, geometry["placements"], strict=False):
+        if error.any():
+            _set_origin(joint, _origin(joint) @ exp6(error))
     return root, tool
 
 
-def _tool(
-    calibration: Calibration, root: ET.Element, joints: dict[str, ET.Element], links: dict[str, ET.Element]
-) -> tuple[str, ET.Element | None]:
-    """The link that is K_{n+1}, and the fixed joint that carries it; None where the tool needs no correction.
-
-    A tool frame that moves with a joint, without a fixed joint between, becomes a link of its own.
-    """
-    source, geometry = calibration.robot.source, calibration.base.geometry
-    tool = source.description.kinematics.tool_frame
-    if tool in joints:  # a frame named after a joint stands where its link does
-        tool = _child(joints[tool])
-    if tool not in links:
-        raise InputError(f"{source.place}: tool frame '{tool}' is no link of the URDF; name the link instead")
-    if not (geometry.placements[-1].any() or geometry.twists[-1].any()):
-        return tool, None
-    carrier = next((joint for joint in joints.values() if _child(joint) == tool), None)
-    if carrier is not None and carrier.get("type") == "fixed":
-        return tool, carrier
-    parent, tool = tool, f"{tool}_calibrated"
-    carrier = ET.SubElement(root, "joint", {"name": f"{tool}_joint", "type": "fixed"})
-    ET.SubElement(carrier, "parent", {"link": parent})
-    ET.SubElement(carrier, "child", {"link": tool})
-    links[tool] = ET.SubElement(root, "link", {"name": tool})
-    joints[f"{tool}_joint"] = carrier
-    return tool, carrier
-
-
-def _axis_and_offset(twist: Array, error: Array, offset: float, home: float) -> tuple[Array, Array]:
-    """Poses S and L with exp6((ξ + δξ)(q + δq)) = S L exp6(ξ q) S⁻¹, at q = home, and everywhere if δξ is a mere
-    displacement of the axis: S carries the nominal axis to the identified one."""
-    axis = np.eye(4)
-    if error.any():
-        identified = twist + error
-        linear, angular = identified[:3], identified[3:]
-        revolute = bool(twist[3:].any())
-        old, new = (twist[3:], angular) if revolute else (twist[:3], linear)
-        axis[:3, :3] = _shortest_rotation(old, new)
-        if revolute:
-            axis = translation(np.cross(angular, linear) / (angular @ angular)) @ axis
-    moved = exp6((twist + error) * (home + offset))
-    return axis, inverse(axis) @ moved @ axis @ exp6(-twist * home)
-
-
-def _shortest_rotation(a: Array, b: Array) -> Array:
-    """The rotation (3, 3) about a × b that carries the direction of a to that of b."""
-    normal = np.cross(a, b)
-    sine = float(np.linalg.norm(normal))
-    if sine == 0.0:
-        return np.eye(3)
-    rotation: Array = Rotation.from_rotvec(normal / sine * np.arctan2(sine, a @ b)).as_matrix()
-    return rotation
-
-
-def _shift_link(link: str, pose: Array, joints: dict[str, ET.Element], links: dict[str, ET.Element]) -> None:
-    """Everything fixed to a link, its joints and its body, moves by `pose` in the link's frame: it stays in the world."""
-    attached = [joint for joint in joints.values() if _parent(joint) == link]
-    for part in [
-        *attached,
-        *(part for kind in ("inertial", "visual", "collision") for part in links[link].findall(kind)),
-    ]:
-        _set_origin(part, pose @ _origin(part))
+def _new_tool(root: ET.Element, tool: str, taken: set[str]) -> ET.Element:
+    """A fixed joint to a link of its own, for a tool that has no fixed joint before it."""
+    names = (f"{tool}_calibrated{f'_{k}' if k > 1 else ''}" for k in count(1))
+    name = next(name for name in names if not {name, f"{name}_joint"} & taken)
+    carrier = ET.SubElement(root, "joint", {"name": f"{name}_joint", "type": "fixed"})
+    ET.SubElement(carrier, "parent", {"link": tool})
+    ET.SubElement(carrier, "child", {"link": name})
+    ET.SubElement(root, "link", {"name": name})
+    return carrier
 
 
 def _child(joint: ET.Element) -> str:
     child = joint.find("child")
     return "" if child is None else child.get("link", "")
-
-
-def _parent(joint: ET.Element) -> str:
-    parent = joint.find("parent")
-    return "" if parent is None else parent.get("link", "")
 
 
 def _origin(part: ET.Element) -> Array:
@@ -169,29 +117,38 @@ def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     return float(roll), float(pitch), float(yaw)
 
 
-def _missing(calibration: Calibration, urdf: Robot) -> list[str]:
+def _missing(calibration: Calibration, held: RobotErrors) -> Iterator[str]:
     """One line per part of the calibration that the URDF leaves out, and one for all of it."""
-    q, base = calibration.q, calibration.base
-    held = urdf.mechanism.forward(q)
-    stages = [("twist errors (pitch, gain; right at the home of the workspace)", JointMotion.none(calibration.robot.n))]
-    stages.append(("gear harmonics", replace(base.motion, compliance=np.zeros(calibration.robot.n))))
-    stages.append(("wind-up under gravity", base.motion))
-    lines, before = [], held
-    for name, motion in stages:
-        stage = replace(calibration, base=replace(base, motion=motion), networks=()).forward(q)
-        lines += _size(name, before, stage)
-        before = stage
-    whole = calibration.forward(q)
-    lines += _size("network", before, whole)
-    lines += _size("all together", held, whole) if len(lines) > 1 else []
-    return lines + ([left_out(calibration)] if left_out(calibration) else [])
+    robot, q = calibration.robot, calibration.q
+    whole, tool = calibration.forward(q), held.forward(q)
+    if max(_sizes(whole, tool).max(axis=0)) > _NOTHING:
+        for name, part in _parts(calibration):
+            alone = fitted_geometry(robot, part.forward, q).forward(q)
+            position, orientation = _sizes(part.forward(q), alone).max(axis=0)
+            if max(position, orientation) > _NOTHING:
+                yield f"{name}: up to {position * 1e3:.4f} mm, {orientation * 1e3:.4f} mrad alone"
+        mean, most = _sizes(whole, tool).mean(axis=0) * 1e3, _sizes(whole, tool).max(axis=0) * 1e3
+        yield (
+            f"all together: {mean[0]:.4f} mm, {mean[1]:.4f} mrad in the mean, "
+            f"up to {most[0]:.4f} mm, {most[1]:.4f} mrad"
+        )
+    if left_out(calibration):
+        yield left_out(calibration)
 
 
-def _size(name: str, before: Array, after: Array) -> list[str]:
-    """The line of a part: its largest effect on the tool's position and orientation, none where there is none."""
-    position = float(np.linalg.norm(after[:, :3, 3] - before[:, :3, 3], axis=-1).max())
-    turn = log3(after[:, :3, :3] @ np.swapaxes(before[:, :3, :3], -1, -2))
-    orientation = float(np.linalg.norm(turn, axis=-1).max())
-    if max(position, orientation) < _NOTHING:
-        return []
-    return [f"{name}: up to {position * 1e3:.4f} mm, {orientation * 1e3:.4f} mrad"]
+def _parts(calibration: Calibration) -> Iterator[tuple[str, Calibration]]:
+    """The calibration with one only of the parts that joint origins cannot hold altogether."""
+    base, none = calibration.base, RobotErrors.of(calibration.robot)
+    for family in base.errors.present:
+        if family.id not in ("placements", "offsets", "backlash"):
+            alone = none.having(**{family.id: base.errors[family.id]})
+            yield family.words, replace(calibration, base=replace(base, errors=alone), networks=())
+    if calibration.networks:
+        yield "network", replace(calibration, base=replace(base, errors=none))
+
+
+def _sizes(a: Array, b: Array) -> Array:
+    """Distance of the tool points (m) and angle between the orientations (rad) of poses: (N, 2)."""
+    turn = log3(a[:, :3, :3] @ np.swapaxes(b[:, :3, :3], -1, -2))
+    position = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=-1)
+    return np.stack([position, np.linalg.norm(turn, axis=-1)], axis=-1)

@@ -7,23 +7,27 @@ from typing import Any
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
 from calibtool.export.rendering import LINE, Precision, compensator_values, digits, render, wrapped
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
 
 def calibration_as_c(
-    calibration: Calibration, prefix: str = "calibtool", precision: Precision = "double"
+    calibration: Calibration,
+    prefix: str = "calibtool",
+    precision: Precision = "double",
+    joint_values: JointValues = "serial",
 ) -> tuple[str, str]:
     """Header and source, to be saved as `<prefix>.h` and `<prefix>.c`: functions `<prefix>_correct`, `<prefix>_network`.
 
-    `<prefix>_correct` is `compensation.solve.one_step` in C99: joint positions q (n,) in rad or m to q_m (Eq. 24), of type
+    `<prefix>_correct` is `compensation.one_step` in C99: joint positions q (n,) in rad or m to q_m and a status, of type
     double or float. The source needs <math.h> only, takes no memory from the heap, and is plain ASCII. Numbers have 17
-    significant digits (9 for float); the same calibration gives the same text. Raises UsageError when `prefix` is no C
-    identifier.
+    significant digits (9 for float); the same calibration gives the same text. joint_values: whose
+    joint values q and q_m are. Raises UsageError when `prefix` is no C identifier.
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", prefix):
         raise UsageError(f"'{prefix}' cannot begin the names of C functions; use letters, digits and _, no digit first")
     values = {
-        **compensator_values(calibration, precision),
+        **compensator_values(calibration, precision, joint_values),
         "prefix": prefix,
         "PREFIX": prefix.upper(),
         "real": "double" if precision == "double" else "float",
@@ -63,9 +67,9 @@ def _row(number: Any, values: Array) -> str:
 
 def _stack(values: dict[str, Any], size: int) -> int:
     """Bytes of stack of one correction, the deepest way through the functions, under gcc -O2 on a 64-bit machine."""
-    n, p, network = values["n"], values["p"], values["network"]
-    hidden = network.hidden + n if network else 0
-    if not values["kinematic"]:
-        return int(size * (p + hidden) + 150)
-    motion = 30 if values["motion"]["orders"] or values["motion"]["gravity"] else 0
-    return int(size * (39 * n + 6 * p + 180 + motion + hidden) + 150)
+    n, network = values["n"], values["network"]
+    if not values["corrects"]:
+        return 50
+    moves = values["motion"]["orders"] or values["motion"]["gravity"] or not values["kinematic"]
+    chain = 38 * n + 12 if moves else 0
+    return int(size * (55 * n + 305 + chain + (network.hidden + n if network else 0)) + 200)

@@ -9,18 +9,28 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calibtool.calibration import Calibration
+from calibtool.compensation.one_step import default_bounds
+from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
-from calibtool.identification.report import backlash_text
-from calibtool.robot.mechanism import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.errormodel.backlash import backlash_text
+from calibtool.errormodel.conditions import REFERENCE_C
+from calibtool.errormodel.family import Rows
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.errors import UsageError
+from calibtool.robot.coupling import JointValues, coupling_text
+from calibtool.robot.damped import GRAM_REGULARISATION
+from calibtool.robot.gravity import link_masses
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion, link_masses
+from calibtool.robot.se3 import Array
 
 Precision = Literal["double", "single"]
 
 LINE = 116  # characters
 
+LARGEST_POSITION = 1e6  # rad or m; beyond it a position is nonsense, and sin stops some controllers
+
 # Single precision: how near it comes to double precision, and at which singularity distance that ends. Tests hold both.
-SINGLE_ACCURACY, SINGLE_DISTANCE = 1e-6, 2 * MIN_SINGULARITY_DISTANCE
+SINGLE_ACCURACY, SINGLE_DISTANCE = 1e-6, 0.04
 
 
 def render(template: str, values: dict[str, Any], **filters: Callable[..., str]) -> str:
@@ -53,14 +63,22 @@ def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
     )
 
 
-def compensator_values(calibration: Calibration, precision: Precision) -> dict[str, Any]:
-    """The numbers of a calibration, by the names that the templates know; units as in `as_json`."""
-    robot, equivalent, network = calibration.robot, calibration.equivalent, calibration.network
-    geometry = calibration.base.geometry
+def compensator_values(
+    calibration: Calibration, precision: Precision, joint_values: JointValues
+) -> dict[str, Any]:
+    """The numbers of a calibration, by the names that the templates know; units as in `as_json`.
+
+    joint_values: whose joint values the code takes and gives.
+    """
+    robot, equivalent, network = calibration.robot, calibration.equivalent, tanh_network(calibration)
+    errors, bounds, payload = calibration.errors, default_bounds(calibration), _payload(calibration)
+    standing = errors.standing(calibration.conditions)
+    converted = joint_values == "controller" and robot.coupled
     return {
         "robot": robot.name,
         "base_model": calibration.base.model,
         "kinematic": calibration.base.model != "nominal",
+        "corrects": network is not None or calibration.base.model != "nominal",
         "single": precision == "single",
         "single_accuracy": f"{SINGLE_ACCURACY:g}",
         "single_distance": f"{SINGLE_DISTANCE:g}",
@@ -70,23 +88,71 @@ def compensator_values(calibration: Calibration, precision: Precision) -> dict[s
         "joints": _joints(robot),
         "coupling": robot.coupling if robot.coupled else None,
         "uncoupling": np.linalg.inv(robot.coupling),
+        "converted": converted,  # the code takes and gives the controller's joint values …
+        "q": "serial"
+        if converted
+        else "q",  # … and this is what it calls those of the serial chain
+        "coupled_joints": coupling_text(robot.coupling),
         "n": robot.n,
         "p": equivalent.p,
+        "rank": min(robot.n, 6),
+        "parts": 2 if equivalent.virtual_joints else 1,
         "nominal_placements": robot.chain.placements,
-        "nominal_twists": robot.chain.twists,
-        "placement_changes": geometry.placements_of(robot.chain) - robot.chain.placements,
-        "twist_errors": geometry.twists,
-        "base_offsets": geometry.offsets,
-        "motion": _motion(robot, calibration.base.motion),
+        "axes": np.where(np.array(robot.prismatic)[:, None], robot.chain.twists[:, :3], robot.chain.twists[:, 3:]),
+        "slides": any(robot.prismatic),
+        "slide_flags": [int(slide) for slide in robot.prismatic],
+        "base_placements": standing.placements,
+        "placement_changes": standing.placements - robot.chain.placements,
+        "base_twists": errors.twists,
+        "screws": _screws(robot, errors["twists"]),
+        "base_offsets": errors["offsets"],
+        "motion": _motion(errors) | {"payload": payload is not None},
+        "conditions": _conditions(calibration),
+        "payload": payload,
         "virtual_joints": ", ".join(equivalent.virtual_joints),
         "virtual_twists": np.eye(6)[equivalent.virtual_columns],
         "characteristic_length": robot.length,
-        "min_singularity_distance": MIN_SINGULARITY_DISTANCE,
+        "damped_below": DAMPED_BELOW,
         "gram_regularisation": GRAM_REGULARISATION,
-        # Squares of its inverse must stay finite: 1e-30 would overflow in single precision.
-        "smallest_pivot": 1e-30 if precision == "double" else 1e-12,
-        "cost": _cost(calibration),
+        "largest": LARGEST_POSITION,
+        "lower": robot.lower,
+        "upper": robot.upper,
+        "largest_change": bounds.of_joints(robot),
+        "usual": np.array(bounds.usual[::-1] if equivalent.virtual_joints else bounds.usual[:1]),
+        "task_flags": [int(k not in equivalent.virtual_columns) for k in range(6)],
+        # In single precision smaller pivots are rounding, and powers of their inverse must stay finite.
+        "smallest_pivot": 1e-30 if precision == "double" else 1e-8,
+        "cost": _cost(calibration, converted),
     }
+
+
+def tanh_network(calibration: Calibration) -> Network | None:
+    """The network (Eq. 16), None without one. UsageError for another learned model, which only JSON holds."""
+    network = calibration.network
+    if network is None or isinstance(network, Network):
+        return network
+    raise UsageError(f"this format holds a tanh network, but the calibration has a '{network.id}' model; export JSON")
+
+
+def _screws(robot: Robot, errors: Array) -> dict[str, Array]:
+    """The motions exp6((ξ_j + δξ_j) x) of joints that turn, δξ (n, 6); zeros for slides.
+
+    The axis turns by (1 + gains) x. The origin moves by leads x + swings sin θ + crossings (1 − cos θ), m.
+    """
+    turning = ~np.array(robot.prismatic)[:, None]
+    axes = robot.chain.twists[:, 3:] + errors[:, 3:]
+    rates = np.where(turning, np.linalg.norm(axes, axis=-1, keepdims=True), 1.0)
+    axes = axes / rates
+    across = np.cross(axes, errors[:, :3])  # for slides this is never used
+    along = (errors[:, :3] * axes).sum(axis=-1, keepdims=True) * axes
+    screws = {
+        "axes": axes,
+        "axis_changes": axes - robot.chain.twists[:, 3:],
+        "leads": along,
+        "swings": (errors[:, :3] - along) / rates,
+        "crossings": across / rates,
+    }
+    return {"gains": (rates - 1.0)[:, 0], **{name: np.where(turning, x, 0.0) for name, x in screws.items()}}
 
 
 def network_size(network: Network | None) -> str:
@@ -100,45 +166,70 @@ def network_size(network: Network | None) -> str:
 
 def left_out(calibration: Calibration) -> str:
     """What a function of the joint positions cannot hold, in words; empty where that is nothing."""
-    backlash = calibration.base.motion.backlash
+    backlash = calibration.base.errors["backlash"]
     if not backlash.any():
         return ""
     return f"backlash ({backlash_text(calibration.robot, backlash)}): it needs the direction of motion"
 
 
-def _cost(calibration: Calibration) -> str:
-    """Arithmetic of one correction, counted in the generated C code where it takes its longest way undamped."""
-    n, p, network = calibration.robot.n, calibration.equivalent.p, calibration.network
-    motion, kinematic = calibration.base.motion, calibration.base.model != "nominal"
-    flops, calls = 2 * n, 0
+def _cost(calibration: Calibration, converted: bool) -> str:
+    """Arithmetic of one correction, as counted in the generated C code where the whole step is taken undamped."""
+    n, p, network = calibration.robot.n, calibration.equivalent.p, tanh_network(calibration)
+    errors = calibration.base.errors
+    if network is None and calibration.base.model == "nominal":
+        return "none: nothing is corrected"
+    kinematic = calibration.base.model != "nominal"
+    moves = bool(errors["harmonics"].any() or errors["gravity"].any())
+    steps = 1 if n >= 6 else 2  # of the task components, and of all
+    flops = (1241 if kinematic else 537) * n + 560 + (steps - 1) * 157 * n
+    flops += 4 * n * n * converted
+    calls = 2 * n * (1 if kinematic and not moves else 2) + steps * (min(n, 6) + 1) + 4
     if network is not None:
-        flops += 2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 1)
-        calls += network.hidden
-    if kinematic:
-        flops += 863 * n + 93 * p + 36 * (p - n) + 570
-        calls += 12 * n + 9
-        if network is not None:
-            flops += 12 * p + 260
-            calls += 5
-    if motion.harmonics.any():
-        flops += 5 * n * motion.harmonics.shape[1]
-        calls += 2 * n
-    if motion.compliance.any():
-        flops += (19 * n + 143) * n // 2
-    return f"about {flops} flops and {calls} calls of functions such as sin and sqrt"
+        runs = 2 if kinematic else 3
+        flops += runs * (2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 1)) + 2 * (12 * p + 186)
+        calls += runs * network.hidden
+    if moves:
+        flops += n * (172 + 10 * errors["harmonics"].shape[1] + 124 * bool(errors["gravity"].any()))
+    return f"about {flops} flops and {calls} calls of functions such as sin and sqrt; at worst twice that"
 
 
-def _motion(robot: Robot, motion: JointMotion) -> dict[str, Any]:
+def _motion(errors: RobotErrors) -> dict[str, Any]:
     """The joint-motion functions: how many harmonics, whether there is gravity, and their numbers."""
-    masses, centres, gravity = link_masses(robot)
+    masses, centres, gravity = link_masses(errors.robot)
     return {
-        "orders": motion.harmonics.shape[1] // 2 if motion.harmonics.any() else 0,
-        "harmonics": motion.harmonics,
-        "gravity": bool(motion.compliance.any()),
-        "compliance": motion.compliance,
+        "orders": errors["harmonics"].shape[1] // 2 if errors["harmonics"].any() else 0,
+        "harmonics": errors["harmonics"],
+        "gravity": bool(errors["gravity"].any()),
+        "compliance": errors["gravity"],
         "masses": masses,
         "centres": centres,
         "gravity_vector": gravity,
+    }
+
+
+def _conditions(calibration: Calibration) -> str:
+    """For which payload and temperature it is, in words; empty where it does not depend on them."""
+    rows = Rows(calibration.robot, np.zeros((1, calibration.robot.n)), calibration.conditions)
+    words = {
+        "payload": f"{float(rows.payload):g} kg at the tool",
+        "temperature": f"links at {REFERENCE_C + float(rows.warmth):g} C",
+    }
+    return ", ".join(text for family, text in words.items() if calibration.base.errors[family].any())
+
+
+def _payload(calibration: Calibration) -> dict[str, Any] | None:
+    """The mass at the tool, what it does to each joint, and the origins about which links bend; None for no effect."""
+    errors, robot = calibration.errors, calibration.robot
+    mass = float(Rows(robot, np.zeros((1, robot.n)), calibration.conditions).payload)
+    if not (errors["payload"].any() and mass):
+        return None
+    grown = errors.without("placements", "payload").standing(calibration.conditions).placements
+    return {
+        "mass": mass,
+        "wind": errors["payload"][:, 0],
+        "bend": errors["payload"][:, 1],
+        "weight": mass * np.array(robot.chain.model.gravity.linear),
+        "origins": grown[:-1, :3, 3],
     }
 
 

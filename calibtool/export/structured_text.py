@@ -9,12 +9,12 @@ from typing import Any
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
 from calibtool.export.rendering import Precision, compensator_values, digits, render, wrapped
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
-LARGEST_POSITION = "1.0E6"  # rad or m; beyond it a position is nonsense, and SIN stops some controllers
-
-# Words that a function block cannot be called: keywords, elementary types, standard functions. Case does not matter.
-_RESERVED = """
+# What neither a function block nor a variable can be called: keywords, elementary types, standard functions, whatever
+# their case.
+RESERVED = """
     abs acos action add and any array asin at atan atan2 bool by byte case ceil concat configuration constant continue
     cos ctd ctu ctud date delete dint div do dt dword else elsif end eq exit exp expt external false find floor for
     from function function_block ge goto gt if in initial_step insert int interface interval le left len limit lint ln
@@ -28,23 +28,28 @@ _RESERVED = """
 
 
 def calibration_as_structured_text(
-    calibration: Calibration, name: str = "calibtool", precision: Precision = "double"
+    calibration: Calibration,
+    name: str = "calibtool",
+    precision: Precision = "double",
+    joint_values: JointValues = "serial",
 ) -> str:
     """FUNCTION_BLOCK `name` with input q (n,) in rad or m, outputs q_corrected and status, of LREAL or REAL.
 
-    It computes what `compensation.solve.one_step` does, without recursion, functions of its own or memory beyond its
-    variables. Plain ASCII. Raises UsageError when `name` is no identifier of IEC 61131-3.
+    It computes what `compensation.one_step` does, without recursion, functions of its own or memory beyond its
+    variables. Plain ASCII. joint_values: whose joint values q and q_corrected are. Raises
+    UsageError when `name` is no identifier of IEC 61131-3.
     """
+    if calibration.base.errors["payload"].any():
+        raise UsageError("Structured Text does not hold what a payload does; export C or JSON, or identify without it")
     plain = re.fullmatch(r"[A-Za-z]\w*|_[A-Za-z0-9]\w*", name, re.ASCII)
-    if not plain or "__" in name or name.endswith("_") or name.lower() in _RESERVED.split():
+    if not plain or "__" in name or name.endswith("_") or name.lower() in RESERVED.split():
         raise UsageError(
             f"'{name}' cannot be the name of a function block; use letters, digits and single _, no reserved word"
         )
     values = {
-        **compensator_values(calibration, precision),
+        **compensator_values(calibration, precision, joint_values),
         "name": name,
         "real": "LREAL" if precision == "double" else "REAL",
-        "largest": LARGEST_POSITION,
     }
     number = partial(digits, precision=precision)
     array = partial(_array, number)
@@ -55,7 +60,7 @@ def calibration_as_structured_text(
     }
     declarations = render("declarations.st.j2", values, **filters)
     memory = _memory(declarations, values["n"], 8 if precision == "double" else 4)
-    return render("compensator.st.j2", {**values, "declarations": declarations, "memory": memory})
+    return render("compensator.st.j2", {**values, "declarations": declarations, "memory": memory}, **filters)
 
 
 def _array(number: Any, values: Array) -> str:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibtool.errors import NoSolutionError
 from calibtool.identification.equations import NormalEquations
 from calibtool.identification.parameters import Parameters
 from calibtool.robot.se3 import Array
@@ -22,6 +23,11 @@ class Solution:
     prior_std: Array
     noise_factor: float
     effective: float
+
+    @property
+    def farthest(self) -> float:
+        """The largest element of the step, in standard deviations of the posterior."""
+        return float(np.abs(self.step / np.sqrt(np.diag(self.covariance))).max())
 
 
 def posterior_step(
@@ -77,32 +83,48 @@ def most_probable(
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first: m and rad mix."""
+    """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first: m and rad mix.
+
+    Raises NoSolutionError where the matrix is not positive definite to rounding, or not finite.
+    """
     from scipy.linalg.lapack import dpotrf, dpotri
 
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    factor, _ = dpotrf(matrix * np.outer(scale, scale), lower=True, clean=True)
-    half, _ = dpotri(factor, lower=True)
-    result: Array = (half + np.tril(half, -1).T) * np.outer(scale, scale)
+    with np.errstate(all="ignore"):
+        scale = 1.0 / np.sqrt(np.diag(matrix))
+        factor, failed = dpotrf(matrix * np.outer(scale, scale), lower=True, clean=True)
+        if not failed:
+            half, failed = dpotri(factor, lower=True)
+            result: Array = (half + np.tril(half, -1).T) * np.outer(scale, scale)
+    if failed or not np.isfinite(result).all():  # LAPACK lets NaN pass
+        raise _singular()
     return result
+
+
+def _singular() -> NoSolutionError:
+    return NoSolutionError(
+        "the equations for the parameters are singular to rounding: the stated noise is too small beside the "
+        "tolerances; state a larger noise"
+    )
 
 
 def _log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> float:
     """ln N(0; θ, C) − ln N(0; 0, S): the evidence for the model without these parameters against the one with them."""
     if not len(theta):
         return 0.0
-    from scipy.linalg import cho_factor, cho_solve
+    from scipy.linalg.lapack import dpotrf, dpotrs
 
-    factor = cho_factor(covariance, lower=True)
-    log_det = 2.0 * np.log(np.diag(factor[0])).sum()
-    return float(-0.5 * (log_det + theta @ cho_solve(factor, theta)) + np.log(prior_std).sum())
+    factor, failed = dpotrf(covariance, lower=True)
+    if failed:
+        raise _singular()
+    log_det = 2.0 * np.log(np.diag(factor)).sum()
+    return float(-0.5 * (log_det + theta @ dpotrs(factor, theta, lower=True)[0]) + np.log(prior_std).sum())
 
 
 def _re_estimated(parameters: Parameters, theta: Array, covariance: Array, prior_std: Array) -> Array:
     """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances keep their ratios."""
     result = prior_std.copy()
     determined = 1.0 - np.diag(covariance) / prior_std**2
-    for chosen in parameters.families:
+    for chosen in parameters.groups:
         gamma = float(determined[chosen].sum())
         if gamma < 0.5:  # nothing was learned about this family
             continue

@@ -3,9 +3,9 @@
 import numpy as np
 
 from calibtool.errors import NoSolutionError
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.description import Workspace
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6
 

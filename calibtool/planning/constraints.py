@@ -9,10 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.description import Workspace
-from calibtool.robot.mechanism import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot
-from calibtool.robot.poe import poe_frames
 from calibtool.robot.se3 import Array, transform_points
 
 _TOGETHER = 500  # draws at least
@@ -143,7 +142,7 @@ def draw_candidates(
 
 def links(robot: Robot, targets: Array, q: Array) -> tuple[Array, Array]:
     """Ends (N, s, 3) of the straight pieces of the moving arm, in K_0: joint to joint, flange to tool and to targets."""
-    frames = poe_frames(robot.chain.placements, robot.chain.twists, q)
+    frames = robot.mechanism.frames(q)
     joints = frames.after[:, :, :3, 3]
     points = np.concatenate([frames.tool[:, None, :3, 3], transform_points(frames.tool, targets)], axis=1)
     last = np.broadcast_to(joints[:, -1:], points.shape)

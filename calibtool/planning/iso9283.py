@@ -7,6 +7,7 @@ import numpy as np
 from calibtool.errors import NoSolutionError
 from calibtool.planning.constraints import Constraints
 from calibtool.planning.table import as_written, in_columns, joint_table
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.description import Workspace
 from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.model import Robot
@@ -28,6 +29,7 @@ class TestCube:
     edge  m
     pose  (5, 4, 4) T_base_tool of P1 … P5, the orientation that of the centre
     q     (5, n) joint positions of P1 … P5 on the branch of the workspace's home, rad or m
+    joint_values  whose joint values `table` and `as_json` hold (q is always the serial chain's)
     """
 
     __test__ = False  # for pytest: no test class
@@ -36,6 +38,7 @@ class TestCube:
     edge: float
     pose: Array
     q: Array
+    joint_values: JointValues = "serial"
 
     def table(self, cycles: int) -> str:
         """CSV of the joints for a number of cycles, with columns `pose` (P1 … P5) and `cycle` (from 1)."""
@@ -44,12 +47,13 @@ class TestCube:
             "pose": [POSES[k] for k in order],
             "cycle": [str(1 + k // len(POSES)) for k in range(len(order))],
         }
-        return joint_table(self.robot, self.q[order], extra)
+        return joint_table(self.robot, self.q[order], extra, self.joint_values)
 
     def as_json(self, cycles: int) -> dict[str, object]:
         """The object `iso9283` of `plan --json`: joints and position of every pose."""
+        values = in_columns(self.robot, self.q, self.joint_values).tolist()
         joints = [
-            dict(zip(self.robot.joint_columns, row, strict=True)) for row in in_columns(self.robot, self.q).tolist()
+            dict(zip(self.robot.columns(self.joint_values), row, strict=True)) for row in values
         ]
         places = [
             {"pose": name, **dict(zip(("x_mm", "y_mm", "z_mm"), point, strict=True)), **row}

@@ -13,6 +13,7 @@ from calibtool.planning.selection import Criterion, improve, select
 from calibtool.planning.table import as_written, in_columns, joint_table
 from calibtool.planning.travel import short_order, travel
 from calibtool.progress import Progress, silent
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.description import Workspace
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
@@ -52,6 +53,7 @@ class Plan:
     q             (N, n) chosen joint positions in the order of travel, rad or m
     before, selected, random   predictions before, with the plan, and with as many random candidates instead
     observability, observability_random   indices O1 … O5 of the two designs
+    joint_values  whose joint values `table` and `as_json` hold (q is always the serial chain's)
     """
 
     knowledge: Knowledge
@@ -63,16 +65,20 @@ class Plan:
     random: Prediction
     observability: dict[str, float]
     observability_random: dict[str, float]
+    joint_values: JointValues = "serial"
 
     @property
     def table(self) -> str:
         """CSV of the joints, which `simulate --at` reads and a controller's list can be made from."""
-        return joint_table(self.knowledge.robot, self.q)
+        return joint_table(self.knowledge.robot, self.q, joint_values=self.joint_values)
 
     def as_json(self) -> dict[str, object]:
         """The object that `plan --json` prints."""
         robot = self.knowledge.robot
-        columns, values = robot.joint_columns, in_columns(robot, self.q)
+        columns, values = (
+            robot.columns(self.joint_values),
+            in_columns(robot, self.q, self.joint_values),
+        )
         return {
             "schema": "calibtool/plan",
             "schema_version": 1,

@@ -10,20 +10,24 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.program import OutsidePolicy, guarded
-from calibtool.compensation.solve import OK, OUTSIDE, Compensation, Method
+from calibtool.compensation.solve import Compensation, Method
+from calibtool.compensation.status import MEANING, OK, OUTSIDE, UNCORRECTED
+from calibtool.compensation.weighed import Weights
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
 from calibtool.programs.agreement import AS_FRAME, SEED, Position, positions
 from calibtool.programs.branches import Controller
+from calibtool.programs.controller_poses import check_controller_known, poses_to_write
 from calibtool.programs.flow import follow
 from calibtool.programs.formats import coupling_of, read_program
 from calibtool.programs.frames import Frames
-from calibtool.programs.motions import EXTERNAL, POSE, Literal, Program, Source
+from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, Source
 from calibtool.programs.nominal import Stands, stands
 from calibtool.programs.summary import CompensatedProgram, Fate
 from calibtool.programs.targets import Remark
 from calibtool.programs.writing import NewPositions, Writing, remark_of
-from calibtool.robot.coupling import JointValues
+from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array
 
@@ -37,17 +41,27 @@ _AGREE = 1e-7  # rad or m: what is written for several branches may differ by so
 class ProgramOptions:
     """How a program is compensated; see the command's help.
 
-    controller_model  by which the controller turns poses into joints; None: the nominal robot
+    method, outside   see `guarded`
+    on_error          `stop` or `skip`: what a target without an answer does
+    joint_values      whose they are; None: what the format says, see `coupling_of`
+    frames            frames and tools that the program does not define
+    backlash          take it up where the text is in the order of motion
+    controller_model  T_base_tool by which the controller solves poses; None: nobody says, which is
+                      the nominal robot's where the description knows of no other
+    ignore_external   poses beside external axes are those of the arm alone
+    largest_change    rad; this and weights: see `default_bounds`
     """
 
     method: Method = "exact"
     outside: OutsidePolicy = "mark"
     on_error: str = "stop"
-    joint_values: JointValues | None = None  # see `coupling_of`
+    joint_values: JointValues | None = None
     frames: Frames = field(default_factory=Frames)
-    backlash: bool = True  # taken up where the text is in the order of motion
+    backlash: bool = True
     controller_model: Mechanism | None = None
-    ignore_external: bool = False  # poses beside external axes are those of the arm alone
+    ignore_external: bool = False
+    largest_change: float | None = None
+    weights: Weights | None = None
 
 
 def compensate_program(
@@ -130,8 +144,12 @@ class _Correction:
         rows, q = self._rows(found, answers)
         self._stop()
         corrected = self._corrected(found, answers, rows, q)
-        notes = program.notes
-        backlash = self.calibration.base.motion.backlash
+        if any(program.literals[one.literal].kind == POSE for one in found):
+            check_controller_known(
+                self.calibration, self.options.controller_model, program.sources[0].name
+            )
+        notes = program.notes + self._joint_values_note(found)
+        backlash = self.calibration.base.errors["backlash"]
         if self.options.backlash and backlash.any():
             if program.in_order:
                 taken = BacklashPath(backlash).taken_up(corrected.q)
@@ -195,9 +213,10 @@ class _Correction:
         self, found: Sequence[Position], answers: Stands, rows: np.ndarray, q: Array
     ) -> Compensation:
         """The compensation of all rows, joint targets and poses each in batches."""
-        count = len(rows)
+        count, options = len(rows), self.options
+        bounds = default_bounds(self.calibration, options.largest_change, options.weights)
         result = Compensation(
-            q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count)
+            q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count), q
         )
         poses = np.array(
             [self.program.literals[found[k].literal].kind == POSE for k in rows.tolist()], bool
@@ -207,8 +226,9 @@ class _Correction:
             for first in range(0, len(every), _TOGETHER):
                 here = every[first : first + _TOGETHER]
                 T = answers.T[rows[here]] if kind else None
-                options = self.options
-                part = guarded(self.calibration, q[here], T, options.method, options.outside)
+                part = guarded(
+                    self.calibration, q[here], T, options.method, options.outside, bounds
+                )
                 for name in ("q", "status", "position", "orientation"):
                     getattr(result, name)[here] = getattr(part, name)
         return result
@@ -224,33 +244,53 @@ class _Correction:
         """Positions whose rows all have an answer and need the same numbers."""
         robot = self.controller.robot
         finite = np.nan_to_num(corrected.q)
-        inside = robot.within_limits(corrected.q)  # NaN is outside too
-        model = self.options.controller_model or robot.mechanism
-        T = model.forward(finite)
+        poses = [self.program.literals[found[k].literal].kind == POSE for k in rows.tolist()]
+        commanded = [answers.T[k] if pose else None for k, pose in zip(rows, poses, strict=True)]
+        T, untouched = poses_to_write(
+            self.calibration, self.options.controller_model, commanded, q, corrected.q
+        )
         first = np.flatnonzero(np.diff(rows, prepend=-1)).tolist()
         good: list[int] = []
         for start, end in pairwise([*first, len(rows)]):
             literal = found[rows[start]].literal
-            if not inside[start:end].all():
-                row = start + int(np.argmin(inside[start:end]))
-                why = _not_inside(corrected.q[row], str(corrected.status[row]))
-                self._leave(literal, why, NoSolutionError)
+            here = corrected.status[start:end].tolist()
+            if np.isnan(corrected.q[start:end]).any():
+                refused = " (--outside refuse)" if OUTSIDE in here else ""
+                self._leave(literal, MEANING[here[0]] + refused, NoSolutionError)
+            elif UNCORRECTED in here:
+                self._leave(literal, MEANING[UNCORRECTED])
+            elif untouched[start:end].any():
+                why = "the controller's own model already brings the tool nearer to it"
+                self._leave(literal, why)
             elif end > start + 1 and np.abs(T[start:end] - T[start]).max() > _AGREE:
                 why = "reached on several branches, which need different numbers"
                 self._leave(literal, why)
             else:
                 good.append(start)
-        nominal = robot.mechanism.forward(q[good])[:, :3, 3]
-        moved = robot.mechanism.forward(finite[good])[:, :3, 3] - nominal
+        nominal = robot.mechanism.forward(q[good])
         return NewPositions(
             [found[rows[k]] for k in good],
             q[good],
             finite[good],
             T[good],
-            np.linalg.norm(moved, axis=-1),
+            nominal,
             corrected.status[good],
             np.array([answers.guessed[rows[k]] for k in good], dtype=bool),
         )
+
+    def _joint_values_note(self, found: Sequence[Position]) -> tuple[str, ...]:
+        """Whose joint values were read and written, where that matters."""
+        if not any(self.program.literals[one.literal].kind == JOINT for one in found):
+            return ()
+        taken = coupling_text(self.controller.coupling)
+        own = coupling_text(self.controller.robot.coupling)
+        if taken:
+            return (f"joint values are the controller's, {taken}; if not: --joint-values serial",)
+        if own:
+            return (
+                f"joint values are the serial chain's; if not, {own}: --joint-values controller",
+            )
+        return ()
 
     # --- the result ------------------------------------------------------------------------------
 
@@ -291,15 +331,6 @@ class _Correction:
             fates=tuple(fates),
             inconsistent=alone if corrected else 0,
         )
-
-
-def _not_inside(q: Array, status: str) -> str:
-    """Why corrected joint positions (n,) cannot be written."""
-    if np.isfinite(q).all():
-        return "the corrected joints are outside the joint limits"
-    if status == OUTSIDE:
-        return "outside the configurations of the training (--outside refuse)"
-    return f"there are no corrected joints ({status})"
 
 
 def _alone(literal: Literal) -> Literal:

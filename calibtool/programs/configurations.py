@@ -58,18 +58,26 @@ class Configuration(Protocol):
 
 @dataclass(frozen=True)
 class Fanuc:
-    """`N U T, 0, 0, 0`: no-flip/flip, up/down, top (front)/bottom (back), turns. Only turns 0 are read.
+    """`N U T, 0, 0, 0`: no-flip/flip, up/down, top (front)/bottom (back), and the turns of three joints.
 
-    N: the wrist is bent as with J5 = −90 deg; U: the elbow as at the zero position; T: wrist in front of axis 1.
+    N: the wrist is bent as with J5 = −90 deg; U: the elbow as at the zero position; T: wrist in front of axis 1. Turn k of
+    a joint: from 360 k − 180 to 360 k + 180 deg. What is not written is 0. axes: the joints, from 0, see $TURN_AXIS.
     """
 
     flip: str
     elbow: str
     side: str
+    numbers: tuple[Digit, ...] = ()
+    axes: tuple[int, ...] = (0, 3, 5)
 
     @property
     def text(self) -> str:
-        return f"{self.flip} {self.elbow} {self.side}, 0, 0, 0"
+        return f"{self.flip} {self.elbow} {self.side}, {', '.join(map(str, self._turns))}"
+
+    @property
+    def _turns(self) -> list[int]:
+        written = [number.value for number in self.numbers[: len(self.axes)]]
+        return written + [0] * (len(self.axes) - len(written))
 
     def branch(self, posture: Posture, zero: Posture) -> bool:
         return (
@@ -79,10 +87,13 @@ class Fanuc:
         )
 
     def turns(self, q: Array) -> bool:
-        return bool((np.abs(q) <= np.pi + _BORDER).all())
+        away = q[list(self.axes)] - 2 * np.pi * np.array(self._turns)
+        return bool((np.abs(away) <= np.pi + _BORDER).all())
 
     def digits(self, q: Array) -> list[tuple[Digit, int]]:
-        return []
+        here = np.floor((q[list(self.axes)] + np.pi) / (2 * np.pi)).astype(int).tolist()
+        pairs = zip(self.numbers, here, strict=False)
+        return [(number, turn) for number, turn in pairs if turn != number.value]
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.compensation.solve import OK, OUTSIDE
+from calibtool.compensation.status import MEANING, OK
 from calibtool.programs.agreement import Position
 from calibtool.programs.branches import Controller
 from calibtool.programs.configurations import Digit
@@ -16,10 +16,6 @@ from calibtool.programs.targets import Remark, rewritten, spliced
 from calibtool.robot.se3 import Array
 
 _NO_CHANGE = 1e-9  # rad or m: below, a target's text stays as it is
-_STATUS = {
-    OUTSIDE: "outside the configurations of the training",
-    "near-singular": "near a singularity: damped, a part of the error stays",
-}
 _GUESSED = "its branch is a guess: the program does not say from where the robot comes"
 _TURNED = "a joint passes into another turn: its configuration data are changed too"
 
@@ -31,7 +27,7 @@ class NewPositions:
     found       (N) the positions, with their frames and tools
     q, q_new    (N, n) nominal and corrected joint positions of the chain, rad or m
     T           (N, 4, 4) T_base_tool by which the controller reaches the corrected joints, m
-    moved       (N,) how far the nominal tool is moved, m
+    T_nominal   (N, 4, 4) T_base_tool of the nominal robot at q, m
     status      (N,) of the compensation
     guessed     (N,) whether nothing tells the branch
     """
@@ -40,7 +36,7 @@ class NewPositions:
     q: Array
     q_new: Array
     T: Array
-    moved: Array
+    T_nominal: Array
     status: np.ndarray
     guessed: np.ndarray
 
@@ -98,7 +94,8 @@ class Writing:
         literal = self.program.literals[number]
         turned = np.abs(self.new.q_new[row] - self.new.q[row])
         self._look(literal, row)
-        if turned.max() < _NO_CHANGE:
+        moved = np.abs(self.new.T[row] - self.new.T_nominal[row]).max()
+        if turned.max() < _NO_CHANGE and (literal.kind != POSE or moved < _NO_CHANGE):
             return []
         values = numbers[row, : len(literal.numbers)].tolist()
         edits = rewritten(text, literal.numbers, values)
@@ -109,7 +106,8 @@ class Writing:
         if edits:
             revolute = ~np.array(self.controller.robot.prismatic)
             self.changed.add(number)
-            self.largest_m = max(self.largest_m, float(self.new.moved[row]))
+            shift = self.new.T[row, :3, 3] - self.new.T_nominal[row, :3, 3]
+            self.largest_m = max(self.largest_m, float(np.linalg.norm(shift)))
             self.largest_rad = max(self.largest_rad, float(turned[revolute].max(initial=0.0)))
         return sorted(edits)
 
@@ -123,7 +121,7 @@ class Writing:
     def _look(self, literal: Literal, row: int) -> None:
         status = str(self.new.status[row])
         if status != OK:
-            self.looks.append(remark_of(literal, _STATUS.get(status, f"its status is {status}")))
+            self.looks.append(remark_of(literal, MEANING[status]))
         if self.new.guessed[row]:
             self.looks.append(remark_of(literal, _GUESSED))
 

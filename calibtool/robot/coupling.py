@@ -1,10 +1,14 @@
-"""Coupled joint values: a controller may show joint positions that are not those of the serial chain."""
+"""Coupled joint values: a controller may show positions that are not those of the serial chain.
+
+Whoever reads or writes joint values of such a robot has to know which ones they are; nothing is
+assumed.
+"""
 
 from typing import Literal
 
 import numpy as np
 
-from calibtool.errors import InputError
+from calibtool.errors import InputError, UsageError
 from calibtool.robot.description import Description
 from calibtool.robot.se3 import Array, readonly
 
@@ -38,6 +42,49 @@ def coupling_matrix(description: Description, n: int, place: str) -> Array:
                 raise InputError(f"{place}: coupling.add.{name} names itself; name the joints that are added to it")
             matrix[j, k] = factor
     return _invertible(matrix, f"{place}: coupling.add")
+
+
+def coupling_text(coupling: Array) -> str:
+    """The joints whose values differ, in words: `q3 = J3 + J2`, J the controller's; (n, n)."""
+    joints = []
+    for j, row in enumerate(coupling):
+        order = [j, *(k for k in range(len(row)) if k != j)]
+        terms = [(row[k], k) for k in order if row[k] != 0.0]
+        if terms == [(1.0, j)]:
+            continue
+        text = "".join(
+            f" {'-' if factor < 0 else '+'} {_factor(abs(factor))}J{k + 1}" for factor, k in terms
+        )
+        joints.append(f"q{j + 1} = {text.removeprefix(' + ').strip()}")
+    return ", ".join(joints)
+
+
+def settled_values(coupling: Array, place: str, *said: JointValues | None) -> JointValues:
+    """Whose joint values these are, by what a header and an option say of them (None: nothing).
+
+    coupling (n, n) as in `coupling_matrix`. Where both kinds are the same, nothing has to be said.
+    Raises UsageError with `place` where they differ and nothing is said, or header and option
+    contradict each other.
+    """
+    words = [word for word in said if word is not None]
+    if np.array_equal(coupling, np.eye(len(coupling))):
+        return words[0] if words else "serial"
+    if not words:
+        raise UsageError(
+            f"{place}: the joint values of the controller are not those of the serial chain "
+            f"({coupling_text(coupling)}); say which these are: --joint-values serial or "
+            "--joint-values controller"
+        )
+    if len(set(words)) > 1:
+        raise UsageError(
+            f"{place}: the header says that the joint values are {words[0]}, but --joint-values "
+            f"says {words[1]}"
+        )
+    return words[0]
+
+
+def _factor(value: float) -> str:
+    return "" if value == 1.0 else f"{value:g} "
 
 
 def _joint(name: str, n: int, place: str) -> int:

@@ -97,6 +97,32 @@ class Coupling(_Strict):
         return self
 
 
+class Mounting(_Strict):
+    """How the robot stands and what it carries: `gravity`, its direction in K_0 (that of the URDF's world unless given, any
+    length), and the mass at the tool where a row does not say otherwise."""
+
+    gravity: tuple[float, float, float] | None = None
+    payload_kg: Annotated[float, Field(ge=0, le=1e5)] = 0.0
+
+    @model_validator(mode="after")
+    def _has_a_direction(self) -> "Mounting":
+        if self.gravity is not None and not any(self.gravity):
+            raise ValueError("gravity has no direction: it is [0, 0, 0]")
+        return self
+
+
+class ControllerTable(_Strict):
+    """What is known of this robot's controllers: that they compute poses with a calibration of each
+    arm, made in the factory.
+
+    `always`: every one does; `optional`: those for which it was bought. `reason` says so in a few
+    words.
+    """
+
+    factory_calibration: Literal["always", "optional"]
+    reason: Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\r\n]*$")]
+
+
 class Description(_Strict):
     """The contents of a robot.toml."""
 
@@ -109,7 +135,9 @@ class Description(_Strict):
     workspaces: dict[str, Workspace] = {}  # the first one is the default; `full` always exists
     equivalent: Equivalent | None = None
     tolerances: ToleranceTable = ToleranceTable()
+    mounting: Mounting = Mounting()
     coupling: Coupling | None = None  # the controller's joint values are those of the serial chain
+    controller: ControllerTable | None = None  # controllers compute poses with the nominal robot
 
     @model_validator(mode="after")
     def _full_is_built_in(self) -> "Description":
@@ -152,7 +180,7 @@ def read_source(path: Path) -> Source:
 
 def source_from_urdf(urdf_text: str, name: str) -> Source:
     """A description for a bare URDF: the last link is the tool, three targets on a circle of 0.1 m round it."""
-    from calibtool.robot.chain import last_frame  # Pinocchio is only needed here
+    from calibtool.robot.urdf import last_frame  # Pinocchio is only needed here
 
     safe = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in name).lstrip("._-") or "robot"
     toml_text = (

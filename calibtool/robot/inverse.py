@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.robot.mechanism import at_point, scale_rows
+from calibtool.robot.damped import at_point, scale_rows
 from calibtool.robot.model import Robot
 from calibtool.robot.reach import excluded
 from calibtool.robot.se3 import Array, log3
@@ -58,7 +58,8 @@ def solve_poses(
     The error is weighed at the tool point: translation divided by `length` beside the rotation in rad; the damping of
     Levenberg and Marquardt grows with the squared error (Sugihara 2011), so that it vanishes at the answer.
 
-    target (N, 4, 4) in K_0, q_start (N, n) in rad or m, length in m, limits (n,): joints are kept inside when given.
+    target (N, 4, 4) in K_0, q_start (N, n) in rad or m, length in m, limits (n,) or (N, n): joints are kept inside when
+    given.
     `tolerance` (rad, or characteristic lengths) decides between reached and not.
     descend: accept only steps that lower the error, so that a target out of reach has the nearest pose for an answer;
     without it n ≥ 6 joints may pass over a hill, which finds more of the targets that can be reached.
@@ -66,7 +67,8 @@ def solve_poses(
     q = q_start.copy()
     count, n = q.shape
     descend = descend or n < 6
-    bounds = (np.full(n, -np.inf), np.full(n, np.inf)) if lower is None or upper is None else (lower, upper)
+    lower = np.broadcast_to(-np.inf if lower is None else lower, q.shape)
+    upper = np.broadcast_to(np.inf if upper is None else upper, q.shape)
     stationary = np.zeros(count, dtype=bool)
     iterations = np.zeros(count, dtype=int)
     caution = np.zeros(count)  # damping beside that of _damped_step, raised while steps fail
@@ -77,6 +79,7 @@ def solve_poses(
     for _ in range(max_iterations):
         if not len(active):
             break
+        bounds = lower[active], upper[active]
         step = _bounded_step(jacobian[active], error[active], caution[active], q[active], *bounds)
         slides = np.linalg.norm(jacobian[active, 3:], axis=1) < 0.5  # joints that do not turn the tool, in m
         longest = np.linalg.norm(np.where(slides, step / length, step), axis=-1, keepdims=True)
@@ -195,7 +198,8 @@ def _bounded_step(
     rows = np.flatnonzero(held.any(axis=-1))
     if len(rows) and again:
         free = np.where(held[rows, None, :], 0.0, jacobian[rows])
-        step[rows] = _bounded_step(free, error[rows], caution[rows], q[rows], lower, upper, again - 1)
+        bounds = lower[rows], upper[rows]
+        step[rows] = _bounded_step(free, error[rows], caution[rows], q[rows], *bounds, again - 1)
     return step
 
 

@@ -1,145 +1,208 @@
-"""Forward kinematics and Jacobians of a serial chain, in batches."""
+"""A serial chain as a Pinocchio model, nominal or with errors: its poses, Jacobians and frames, row by row."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
+import pinocchio as pin
 
-from calibtool.robot.lanes import Links, eliminated, lanes, parts
-from calibtool.robot.se3 import Array
+from calibtool.robot.screw import Screw
+from calibtool.robot.se3 import Array, readonly, translation
 
-# Nearer to a singularity than this (see `singularity_distance`) 1 mrad of pose error costs up to 50 mrad of joint motion.
-MIN_SINGULARITY_DISTANCE = 0.02
-_REGULAR = 0.05  # farther than this the elimination without pivoting keeps its digits, and nothing is damped
-GRAM_REGULARISATION = 1e-14  # keeps J Jᵀ invertible at a singularity
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """What a serial chain has beside its geometry.
+
+    robot, joints, tool   names of the robot, of its n joints and of its tool frame
+    inertias              (n) of the links, in the frames of their joints
+    gravity               (3,) m/s² in K_0
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    tool: str
+    inertias: tuple[pin.Inertia, ...]
+    gravity: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Frames of a chain in K_0 for N configurations, from which error columns are built.
+
+    before  (N, n, 4, 4) F0_j, after M_j and before joint j moves
+    after   (N, n, 4, 4) F_j, after joint j has moved
+    tool    (N, 4, 4) T_base_tool
+    """
+
+    before: Array
+    after: Array
+    tool: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
     """A serial chain T(q) = Π_j M_j exp(ξ_j (q_j + δq_j)) · M_{n+1} (Eq. 7), nominal or with errors.
 
-    placements  (n+1, 4, 4) M_j, the last one the tool's
-    twists      (n, 6) ξ_j in the joints' frames, of any pitch, per rad or m of joint position
+    Pinocchio computes every row; a row's answer does not depend on the rows beside it.
+
+    model       the chain as a Pinocchio model; `configuration` turns joint positions into its coordinates
+    placements  (n+1, 4, 4) M_j, the last one the tool's; (N, n+1, 4, 4) where they change from row to row: such a
+                mechanism answers for its N rows only
     offsets     (n,) δq_j in rad or m
+    screws      (n) the joints of the model
     """
 
+    model: pin.Model
     placements: Array
-    twists: Array
     offsets: Array
+    screws: tuple[Screw, ...]
+
+    @classmethod
+    def of(cls, bodies: Bodies, placements: Array, twists: Array, offsets: Array | None = None) -> Self:
+        """The chain with these M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch per rad or m, and δq_j (n,), zero unless given."""
+        screws = tuple(Screw.of(twist) for twist in twists)
+        model = pin.Model()
+        model.name = bodies.robot
+        model.gravity = pin.Motion(bodies.gravity, np.zeros(3))
+        back = np.eye(4)  # from the model's frame of the joint before to the chain's
+        parts = zip(screws, placements, bodies.joints, bodies.inertias, strict=False)
+        for j, (screw, placement, name, inertia) in enumerate(parts):
+            there = pin.SE3(back @ placement @ translation(screw.shift))
+            new = model.addJoint(j, screw.joint, there, name)
+            back = translation(-screw.shift)
+            model.appendBodyToJoint(new, inertia, pin.SE3(back))
+        tool = pin.SE3(back @ placements[-1])
+        model.addFrame(pin.Frame(bodies.tool, len(screws), 0, tool, pin.FrameType.OP_FRAME), False)
+        offsets = readonly(np.zeros(len(screws)) if offsets is None else offsets)
+        return cls(model, readonly(placements), offsets, screws)
 
     def forward(self, q: Array) -> Array:
-        """T_base_tool for q (N, n) in rad or m: (N, 4, 4)."""
-        poses = np.empty((len(q), 4, 4))
-        for rows in parts(len(q)):
-            _fill_poses(poses[rows], self._frames(q[rows]))
-        return poses
+        """T_base_tool for q (N, n) in rad or m: (N, 4, 4). Pinocchio's `framesForwardKinematics`."""
+        columns = np.empty((len(q), 4, 3))
+        model, data, rows = self._moving(q)
+        tool, move = _columns_of(data.oMf[model.nframes - 1]), pin.framesForwardKinematics
+        for k, row in enumerate(rows):
+            move(model, data, row)
+            columns[k] = tool
+        return _poses(columns)
 
     def forward_and_jacobian(self, q: Array) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0, columns ∂(δy)/∂q_j = Ad(F_j) ξ_j."""
-        poses, jacobians = np.empty((len(q), 4, 4)), np.empty((len(q), 6, q.shape[1]))
-        for rows in parts(len(q)):
-            frames = self._frames(q[rows])
-            _fill_poses(poses[rows], frames)
-            jacobians[rows] = np.moveaxis(self.links.columns(frames), -1, 0)
-        return poses, jacobians
+        """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0, columns ∂(δy)/∂q_j = Ad(F_j) ξ_j (Eq. 14).
+
+        Pinocchio's `computeJointJacobians` and `updateFramePlacements`.
+        """
+        columns, jacobians = np.empty((len(q), 4, 3)), np.empty((len(q), self.model.nv, 6))
+        model, data, rows = self._moving(q)
+        tool, jacobian = _columns_of(data.oMf[model.nframes - 1]), data.J.T
+        move, place = pin.computeJointJacobians, pin.updateFramePlacements
+        for k, row in enumerate(rows):
+            move(model, data, row)
+            place(model, data)
+            columns[k] = tool
+            jacobians[k] = jacobian
+        return _poses(columns), np.swapaxes(self._per_joint(jacobians), -1, -2)
+
+    def frames(self, q: Array) -> Frames:
+        """Every frame of the chain for q (N, n) in rad or m, from Pinocchio's `framesForwardKinematics`."""
+        n = len(self.screws)
+        columns = np.empty((len(q), n + 1, 4, 3))
+        model, data, rows = self._moving(q)
+        live = [_columns_of(data.oMi[j + 1]) for j in range(n)] + [_columns_of(data.oMf[model.nframes - 1])]
+        for row, moved in zip(rows, columns, strict=True):
+            pin.framesForwardKinematics(model, data, row)
+            for j, frame in enumerate(live):
+                moved[j] = frame
+        poses = _poses(columns)
+        after, tool = poses[:, :n], poses[:, n]
+        for j, screw in enumerate(self.screws):
+            if screw.shift.any():
+                after[:, j, :3, 3] -= after[:, j, :3, :3] @ screw.shift
+        before = np.empty_like(after)
+        before[:, 0] = self.placements[..., 0, :, :]
+        before[:, 1:] = after[:, :-1] @ self.placements[..., 1:-1, :, :]
+        return Frames(before, after, tool)
+
+    def configuration(self, q: Array) -> Array:
+        """Coordinates of `model` for joint positions q (N, n) in rad or m: (N, nq)."""
+        moved: Array = q + self.offsets
+        if self._rates is not None:
+            return moved * self._rates
+        parts = [screw.coordinates(moved[:, j]) for j, screw in enumerate(self.screws)]
+        return np.concatenate(parts, axis=-1)
+
+    def at_row(self, row: int) -> Self:
+        """The mechanism of one row, for any joint positions."""
+        model = self.model.copy()
+        _place(model, self._in_model()[row])
+        return replace(self, model=model, placements=readonly(self.placements[row]))
+
+    def _moving(self, q: Array) -> tuple[pin.Model, pin.Data, Iterable[Array]]:
+        """A model, its data, and its coordinates row by row; placements that change are set before each row."""
+        if self.placements.ndim == 3:
+            return self.model, self.model.createData(), self.configuration(q)
+        model = self.model.copy()
+        return model, model.createData(), self._placed_rows(model, q)
+
+    def _placed_rows(self, model: pin.Model, q: Array) -> Iterator[Array]:
+        for row, there in zip(self.configuration(q), self._in_model(), strict=True):
+            _place(model, there)
+            yield row
+
+    def _in_model(self) -> Array:
+        """M_j as placements of the model's frames, which stand beside the chain's by the shifts of the screws."""
+        shifts = np.array([np.zeros(3), *(screw.shift for screw in self.screws)])
+        there = self.placements.copy()
+        there[..., :3, 3] -= shifts
+        there[..., :-1, :3, 3] += (self.placements[..., :-1, :3, :3] @ shifts[1:, :, None])[..., 0]
+        return there
+
+    def as_model(self, lower: Array, upper: Array) -> pin.Model:
+        """A copy of the Pinocchio model with joint limits (n,) in rad or m, to go on with elsewhere."""
+        model = self.model.copy()
+        model.lowerPositionLimit, model.upperPositionLimit = self.configuration(np.array([lower, upper]))
+        return model
+
+    def _per_joint(self, jacobians: Array) -> Array:
+        """Columns per coordinate of the model (N, nv, 6) → per joint position (N, n, 6)."""
+        if self._rates is not None:
+            jacobians *= self._rates[:, None]
+            return jacobians
+        result = np.empty((len(jacobians), len(self.screws), 6))
+        for j, screw in enumerate(self.screws):
+            start = self.model.joints[j + 1].idx_v
+            result[:, j] = screw.rates @ jacobians[:, start : start + len(screw.rates)]
+        return result
 
     @cached_property
-    def links(self) -> Links:
-        """The joints, for batches."""
-        return Links.of(self.placements, self.twists)
-
-    def _frames(self, q: Array) -> Array:
-        return self.links.frames(lanes(q + self.offsets))
-
-
-def _fill_poses(poses: Array, frames: Array) -> None:
-    poses[:, :3] = frames[-1].transpose(2, 1, 0)
-    poses[:, 3] = (0.0, 0.0, 0.0, 1.0)
+    def _rates(self) -> Array | None:
+        """(n,) coordinates of the model per unit of the joint positions; None where a joint has several."""
+        if any(len(screw.rates) > 1 for screw in self.screws):
+            return None
+        return readonly(np.concatenate([screw.rates for screw in self.screws]))
 
 
-def at_point(twists: Array, points: Array) -> Array:
-    """Twists of K_0 seen at a point: v becomes the velocity of that point, v + ω × p. (N, 6, c), (N, 3) → (N, 6, c)."""
-    result = twists.copy()
-    turning, (x, y, z) = twists[..., 3:, :], np.moveaxis(points, -1, 0)[..., None]
-    result[..., 0, :] += turning[..., 1, :] * z - turning[..., 2, :] * y
-    result[..., 1, :] += turning[..., 2, :] * x - turning[..., 0, :] * z
-    result[..., 2, :] += turning[..., 0, :] * y - turning[..., 1, :] * x
-    return result
+def _place(model: pin.Model, placements: Array) -> None:
+    """Give a model other placements (n+1, 4, 4) of its joints and its tool."""
+    for j, placement in enumerate(placements[:-1]):
+        model.jointPlacements[j + 1] = pin.SE3(placement)
+    model.frames[model.nframes - 1].placement = pin.SE3(placements[-1])
 
 
-def singularity_distance(jacobian: Array, length: float) -> Array:
-    """How far J is from losing rank: d = (Σ 1/σ_i²)^(−1/2), at most σ_min and at least σ_min/√6.
-
-    jacobian (N, 6, c) at the tool point, its translational rows are divided by `length` (m). Unlike σ_min it is smooth
-    in q and needs no SVD, so that exported code can evaluate it. (N,)
-    """
-    return _solved(jacobian, None, length)[1]
-
-
-def damped_solution(jacobian: Array, error: Array, length: float) -> tuple[Array, Array]:
-    """Joint motions x with J x ≈ e, of minimum norm, damped near singularities; and the singularity distance d.
-
-    jacobian (N, 6, c ≥ 6) and error (N, 6) at the tool point, translations in m → x (N, c), d (N,). With rows scaled by
-    `length`: x = Jᵀ (J Jᵀ + λ² I)⁻¹ e, λ = max(0, d₀ − d) and d₀ = MIN_SINGULARITY_DISTANCE: undamped where d ≥ d₀, and
-    never longer than |e| / (2 λ).
-    """
-    return _solved(jacobian, error, length)
+def _columns_of(frame: pin.SE3) -> Array:
+    """Axes x, y, z and origin of a frame of Pinocchio's data (4, 3): a view, which changes with every row."""
+    rotation, position = frame.rotation, frame.translation
+    start, end = (array.__array_interface__["data"][0] for array in (rotation, position))
+    if rotation.strides != (8, 24) or end - start != 72:
+        raise RuntimeError("this Pinocchio stores poses in another way; install pin 3.4 to 4.x")
+    return np.lib.stride_tricks.as_strided(rotation.T, (4, 3), (24, 8), writeable=False)
 
 
-def _solved(jacobian: Array, error: Array | None, length: float) -> tuple[Array, Array]:
-    """`damped_solution`, of an error if there is one, and the distances: regular rows together, the others by LAPACK."""
-    count, _, c = jacobian.shape
-    motion, distance = np.zeros((count if error is not None else 0, c)), np.empty(count)
-    for rows in parts(count):
-        scaled = lanes(jacobian[rows])
-        scaled[:3] /= length
-        right = None
-        if error is not None:
-            right = lanes(error[rows])
-            right[:3] /= length
-        with np.errstate(all="ignore"):  # singular rows are looked at again
-            trace, solved = eliminated(_gram_lanes(scaled), right)
-            distance[rows] = 1.0 / np.sqrt(trace)
-            if solved is not None:
-                motion[rows] = sum(scaled[i] * solved[i] for i in range(6)).T  # Jᵀ x
-    again = np.flatnonzero(~(distance > _REGULAR))
-    gram = regularised_gram(jacobian[again], length)
-    distance[again] = _distance(gram)
-    if error is not None:
-        damping = np.maximum(0.0, MIN_SINGULARITY_DISTANCE - distance[again]) ** 2
-        scaled_error = scale_rows(error[again, :, None], length)
-        solution = np.linalg.solve(gram + damping[:, None, None] * np.eye(6), scaled_error)
-        motion[again] = (np.swapaxes(scale_rows(jacobian[again], length), -1, -2) @ solution)[..., 0]
-    return motion, distance
-
-
-def _gram_lanes(scaled: Array) -> Array:
-    """`regularised_gram` of scaled rows (6, c, N), as lanes: (k, k, N)."""
-    short, long = (scaled, scaled.swapaxes(0, 1)) if scaled.shape[1] >= 6 else (scaled.swapaxes(0, 1), scaled)
-    gram = np.zeros((len(short), len(short), scaled.shape[-1]))
-    for column in long:
-        gram += column[:, None] * column[None, :]
-    gram[np.arange(len(gram)), np.arange(len(gram))] += GRAM_REGULARISATION
-    return gram
-
-
-def _distance(gram: Array) -> Array:
-    """(Σ 1/σ²)^(−1/2) from J Jᵀ. Rounding of large entries can undo the regularisation, and an inverse would fail."""
-    squares: Array = np.maximum(np.linalg.eigvalsh(gram), GRAM_REGULARISATION)
-    total: Array = (1.0 / squares).sum(axis=-1)
-    return 1.0 / np.sqrt(total)
-
-
-def regularised_gram(jacobian: Array, length: float) -> Array:
-    """J (…, 6, c): J Jᵀ (c ≥ 6) or JᵀJ (c < 6) with rows scaled as in `singularity_distance`, plus GRAM_REGULARISATION."""
-    scaled = scale_rows(jacobian, length)
-    transposed = np.swapaxes(scaled, -1, -2)
-    gram = scaled @ transposed if jacobian.shape[-1] >= 6 else transposed @ scaled
-    return gram + GRAM_REGULARISATION * np.eye(gram.shape[-1])
-
-
-def scale_rows(jacobian: Array, length: float) -> Array:
-    """Translational rows of (…, 6, c) divided by `length`, so that all six rows are in rad."""
-    scaled = jacobian.copy()
-    scaled[..., :3, :] /= length
-    return scaled
+def _poses(columns: Array) -> Array:
+    """Axes x, y, z and origin (…, 4, 3) as poses (…, 4, 4)."""
+    poses = np.empty((*columns.shape[:-2], 4, 4))
+    poses[..., :3, :] = np.swapaxes(columns, -1, -2)
+    poses[..., 3, :] = (0.0, 0.0, 0.0, 1.0)
+    return poses

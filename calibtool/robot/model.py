@@ -5,13 +5,14 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.chain import SerialChain, build_chain
-from calibtool.robot.coupling import JointValues, coupling_matrix
+from calibtool.robot.coupling import JointValues, coupling_matrix, settled_values
+from calibtool.robot.damped import at_point, singularity_distance
 from calibtool.robot.description import Source, Workspace
-from calibtool.robot.geometry import mechanism
-from calibtool.robot.mechanism import Mechanism, at_point, singularity_distance
+from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, readonly
 from calibtool.units import joint_and_factor, joint_values
 
@@ -83,10 +84,15 @@ class Robot:
         """Per joint: prismatic (m) or not (rad)."""
         return _prismatic(self.chain)
 
-    @cached_property
+    @property
     def mechanism(self) -> Mechanism:
         """The nominal kinematics."""
-        return mechanism(self.chain)
+        return self.chain.mechanism
+
+    @property
+    def model(self) -> pin.Model:
+        """The nominal robot as a Pinocchio model of its own, limits included; its tool frame is the last frame."""
+        return self.mechanism.as_model(self.lower, self.upper)
 
     @cached_property
     def coupling(self) -> Array:
@@ -114,6 +120,10 @@ class Robot:
         """Joint positions of the serial chain as values of either kind, (N, n)."""
         return self.to_controller(q) if values == "controller" else q
 
+    def joint_values(self, place: str, *said: JointValues | None) -> JointValues:
+        """Whose joint values `place` holds, by what is said of them; see `settled_values`."""
+        return settled_values(self.coupling, place, *said)
+
     @cached_property
     def targets(self) -> Array:
         """(m, 3) target points in the tool frame, m."""
@@ -137,8 +147,24 @@ class Robot:
 
     @property
     def joint_columns(self) -> list[str]:
-        """Header of each joint in tables for people: j1_deg, or j1_mm if prismatic."""
-        return [f"j{i + 1}_{'mm' if p else 'deg'}" for i, p in enumerate(self.prismatic)]
+        """Headers of joint positions of the serial chain in tables for people, see `columns`."""
+        return self.columns("serial")
+
+    def columns(self, values: JointValues | None) -> list[str]:
+        """Headers of joint positions in tables for people: `j1_deg`, or `j1_mm` if prismatic.
+
+        The joints for which the controller shows other values than the serial chain's say which
+        they are: `j3_serial_deg`, `j3_controller_deg`; with None they do not.
+        """
+        return [
+            self.column(j, "mm" if prismatic else "deg", values)
+            for j, prismatic in enumerate(self.prismatic)
+        ]
+
+    def column(self, joint: int, unit: str, values: JointValues | None) -> str:
+        """The header of one joint (from 0) in a unit, see `columns`."""
+        differs = not np.array_equal(self.coupling[joint], np.eye(self.n)[joint])
+        return f"j{joint + 1}_{values}_{unit}" if differs and values else f"j{joint + 1}_{unit}"
 
     @property
     def workspace_names(self) -> list[str]:

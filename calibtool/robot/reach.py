@@ -7,7 +7,6 @@ from typing import Self
 import numpy as np
 
 from calibtool.robot.model import Robot
-from calibtool.robot.poe import poe_frames
 from calibtool.robot.se3 import Array, inverse, readonly
 
 _ROUNDING = 1e-9  # m and rad
@@ -40,7 +39,7 @@ class Reach:
             return None
         middle = np.where(slides, (robot.lower + robot.upper) / 2, 0.0)
         strokes = ((robot.upper - robot.lower) / 2)[slides]
-        frames = poe_frames(robot.chain.placements, robot.chain.twists, middle[None])
+        frames = robot.mechanism.frames(middle[None])
         joints = frames.before[0, ~slides]
         axes = (joints[:, :3, :3] @ robot.chain.twists[~slides, 3:, None])[..., 0]
         points = _nearest_points(joints[:, :3, 3], axes)

@@ -110,6 +110,11 @@ def inverse(pose: Array) -> Array:
     return result
 
 
+def relative_error(actual: Array, nominal: Array) -> Array:
+    """Pose error δy = log6(T_actual · T_nominal⁻¹), a spatial twist in K_0 (Eqs. 9, 10): (…, 4, 4) → (…, 6)."""
+    return log6(actual @ inverse(nominal))
+
+
 def check_poses(pose: Array, place: str) -> None:
     """InputError unless these are finite rigid motions (N, 4, 4), rotations to the six digits that people write."""
     if pose.ndim != 3 or pose.shape[1:] != (4, 4):
@@ -136,62 +141,37 @@ def left_jacobian(twists: Array, q: Array) -> Array:
     """J_l(x) of SE(3) at x = ξ_j q_j, with exp6(x + dx) ≈ exp6(J_l(x) dx) exp6(x): (n, 6), (N, n) → (N, n, 6, 6).
 
     J_l(x) = Σ_k ad(x)^k / (k+1)!; as ad (ad² + θ²)² = 0, θ = |ω|, four powers of ad(ξ_j) are enough (Selig 2005, §7.5).
+    Below 0.5 rad, where the closed forms of their factors cancel, the series itself is summed.
     """
-    linear, angular = skew(twists[:, :3]), skew(twists[:, 3:])
     ad = np.zeros((len(twists), 6, 6))
-    ad[:, :3, :3] = ad[:, 3:, 3:] = angular
-    ad[:, :3, 3:] = linear
-    squared = ad @ ad
-    powers = np.stack([np.broadcast_to(np.eye(6), ad.shape), ad, squared, squared @ ad, squared @ squared], axis=1)
+    ad[:, :3, :3] = ad[:, 3:, 3:] = skew(twists[:, 3:])
+    ad[:, :3, 3:] = skew(twists[:, :3])
+    terms = [np.broadcast_to(np.eye(6), ad.shape)]  # ad^k / (k+1)!
+    for k in range(1, _TERMS):
+        terms.append(terms[-1] @ ad / (k + 1))
     theta = np.linalg.norm(twists[:, 3:], axis=-1) * np.abs(q)
-    scaled = _left_jacobian_coefficients(theta) * q[..., None] ** np.arange(5)
-    result: Array = np.einsum("Njk,jkab->Njab", scaled, powers, optimize=True)
+    factors = np.ones((*q.shape, _TERMS))
+    large = theta >= 0.5
+    factors[large, 1:] = 0.0
+    factors[large, 1:5] = _closed_factors(theta[large])
+    scaled = factors * q[..., None] ** np.arange(_TERMS)
+    result: Array = np.einsum("Njk,jkab->Njab", scaled, np.stack(terms, axis=1), optimize=True)
     return result
 
 
-def _left_jacobian_coefficients(theta: Array) -> Array:
-    """Factors of ad⁰ … ad⁴ in J_l: (…,) → (…, 5); by series below 0.5 rad, where the closed forms cancel."""
-    t = np.where(theta < 0.5, 1.0, theta)
+_TERMS = 14  # 0.5^14 / 15! is below the last digit
+
+
+def _closed_factors(t: Array) -> Array:
+    """What four powers ad^k / (k+1)!, k = 1 … 4, are multiplied by for the whole series: angles (M,) in rad → (M, 4)."""
     sine, cosine = np.sin(t), np.cos(t)
-    closed = np.stack(
-        [
-            np.ones_like(t),
-            (4.0 - t * sine - 4.0 * cosine) / (2.0 * t**2),
-            (4.0 * t - 5.0 * sine + t * cosine) / (2.0 * t**3),
-            (2.0 - t * sine - 2.0 * cosine) / (2.0 * t**4),
-            (2.0 * t - 3.0 * sine + t * cosine) / (2.0 * t**5),
-        ],
-        axis=-1,
-    )
-    # Reduce ad^k / (k+1)! with ad⁵ = −2θ² ad³ − θ⁴ ad until only four powers are left.
-    powers = np.minimum(theta, 0.5)[..., None] ** (2 * np.arange(len(_SERIES)))
-    series = np.concatenate([np.ones_like(theta)[..., None], powers @ _SERIES], axis=-1)
-    return np.where(theta[..., None] < 0.5, series, closed)
-
-
-def _left_jacobian_series(terms: int = 9) -> Array:
-    """Taylor coefficients in θ² of the factors of ad¹ … ad⁴: (terms, 4)."""
-    result = np.zeros((terms, 4))
-    odd, even = np.array([1.0, 0.0]), np.array([1.0, 0.0])  # ad^k = θ^m (a ad^i + b ad^{i+2}), i = 1 (odd k) or 2
-    factorial = 1.0
-    for k in range(1, 2 * terms + 1):
-        factorial *= k + 1
-        half = (k - 1) // 2
-        lower, upper = odd if k % 2 else even
-        first = 0 if k % 2 else 1
-        result[half, first] += lower / factorial
-        if half >= 1:
-            result[half - 1, first + 2] += upper / factorial
-        # ad^{k+2}: a ad^i becomes a ad^{i+2}; b ad^{i+4} = −2θ² b ad^{i+2} − θ⁴ b ad^i
-        following = np.array([-upper, lower - 2.0 * upper])
-        if k % 2:
-            odd = following
-        else:
-            even = following
-    return result
-
-
-_SERIES = _left_jacobian_series()
+    closed = [
+        (4.0 - t * sine - 4.0 * cosine) / t**2,
+        (4.0 * t - 5.0 * sine + t * cosine) * 3.0 / t**3,
+        (2.0 - t * sine - 2.0 * cosine) * 12.0 / t**4,
+        (2.0 * t - 3.0 * sine + t * cosine) * 60.0 / t**5,
+    ]
+    return np.stack(closed, axis=-1)
 
 
 def translation(offset: Array) -> Array:

@@ -3,9 +3,11 @@
     python data/sample/make.py data/sample
 
 The robot, with every kind of error, is that of `calibtool simulate fanuc-m1000ia --seed 5 --errors all --unregistered`:
-the tracker stands anywhere, and the three targets are not where the description has them.
+the tracker stands anywhere, and the three targets are not where the description has them. driven.csv is no output but
+an input: the corrected joints of before.csv, as step 6 of the tutorial gave them, to which the arm was driven for after.csv.
 """
 
+import csv
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,13 +15,18 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ERROR_KINDS, ErrorScales
+from calibtool.planning.constraints import Constraints
+from calibtool.planning.iso9283 import plan_test
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 
 ROBOT, SEED = "fanuc-m1000ia", 5
+CUBE, CYCLES = 0.8, 6  # m
+DRIVEN = Path(__file__).with_name("driven.csv")
 
 PROGRAM = """/PROG  SEAM
 /ATTR
@@ -53,18 +60,38 @@ def files() -> dict[str, str]:
     return {
         "tracker.csv": _table(tracker),
         "verification.csv": _table(verification),
+        "before.csv": _table(_cycles(robot, tracker)),
+        "after.csv": _table(_driven(robot, tracker), joints=False),
         "targets.csv": _targets(robot),
         "seam.ls": _program(robot),
     }
 
 
-def _table(measurements: Measurements) -> str:
+def _cycles(robot: Robot, tracker: Measurements) -> Measurements:
+    """The five poses of ISO 9283 in cycles, P5 to P1, measured before any correction."""
+    cube = plan_test(robot, robot.workspace(None)[1], Constraints(), robot.targets, CUBE)
+    q = np.tile(cube.q[::-1], (CYCLES, 1))
+    return simulate(robot, Simulation(seed=SEED + 1, at=q, same_robot=tracker.truth))
+
+
+def _driven(robot: Robot, tracker: Measurements) -> Measurements:
+    """The same cycles measured while the arm was driven to driven.csv."""
+    with DRIVEN.open(encoding="utf-8") as stream:
+        rows = [[float(row[f"j{j}_deg"]) for j in range(1, 7)] for row in csv.DictReader(stream)]
+    q = robot.to_serial(np.deg2rad(rows))
+    return simulate(robot, Simulation(seed=SEED + 2, at=q, same_robot=tracker.truth))
+
+
+def _table(measurements: Measurements, joints: bool = True) -> str:
     """Joints as the controller shows them, targets in the tracker's frame, to the micrometre."""
-    header = [f"j{j}_deg" for j in range(1, 7)] + [f"t{t}_{axis}_mm" for t in (1, 2, 3) for axis in "xyz"]
-    joints = np.rad2deg(measurements.robot.to_controller(measurements.q))
-    points = measurements.points.reshape(len(joints), -1) * 1e3
-    rows = [",".join([*(f"{v:.4f}" for v in q), *(f"{v:.3f}" for v in p)]) for q, p in zip(joints, points, strict=True)]
-    return "\n".join([",".join(header), *rows]) + "\n"
+    header = [f"t{t}_{axis}_mm" for t in (1, 2, 3) for axis in "xyz"]
+    points = measurements.points.reshape(len(measurements), -1) * 1e3
+    rows = [[f"{v:.3f}" for v in p] for p in points]
+    if joints:
+        header = [*(f"j{j}_deg" for j in range(1, 7)), *header]
+        shown = np.rad2deg(measurements.robot.to_controller(measurements.q))
+        rows = [[*(f"{v:.4f}" for v in q), *row] for q, row in zip(shown, rows, strict=True)]
+    return "\n".join([",".join(row) for row in [header, *rows]]) + "\n"
 
 
 def _poses(robot: Robot, shifts: list[tuple[float, float, float]]) -> np.ndarray:

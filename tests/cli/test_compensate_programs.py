@@ -55,7 +55,7 @@ def test_the_format_can_be_given(calibration: str) -> None:
 
 
 def test_a_table_is_still_a_table(calibration: str) -> None:
-    text = "j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,note\n0,10,-10,0,-70,0,DEF movej(\n"
+    text = "j1_deg,j2_deg,j3_serial_deg,j4_deg,j5_deg,j6_deg,note\n0,10,-10,0,-70,0,DEF movej(\n"
     table = run("compensate", calibration, "--format", "csv", stdin=text).stdout
     assert table.splitlines()[0].endswith(",note,status")
     assert run("compensate", calibration, stdin=text.replace("movej(", "")).stdout.replace("DEF", "DEF movej(") == table

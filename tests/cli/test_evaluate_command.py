@@ -316,7 +316,7 @@ def test_exact_and_one_step(files: Files) -> None:
 
 def test_rows_near_a_singularity_are_counted_in_a_warning(files: Files) -> None:
     """Joint 5 at zero lines joints 4 and 6 up."""
-    header = ",".join(f"j{k}_deg" for k in range(1, 7))
+    header = "j1_deg,j2_deg,j3_serial_deg,j4_deg,j5_deg,j6_deg"
     Path("at.csv").write_text(f"{header}\n0,10,-10,0,0,0\n0,10,-10,0,-70,0\n")
     run("simulate", "fanuc-m1000ia", "--at", "at.csv", "--same-robot", files.six_measurements, "-o", "m.h5")
     result = run("evaluate", files.six_network, "--on", "m.h5", "--json")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commandline import Files, answer, refused, rows_of, run, write_table
+from exported import STATUS
 
 
 def test_json_on_stdout_and_in_a_file(files: Files) -> None:
@@ -20,7 +21,7 @@ def test_json_on_stdout_and_in_a_file(files: Files) -> None:
 
 def test_json_holds_what_a_reader_needs(files: Files) -> None:
     value = json.loads(run("export", files.network, "--format", "json").stdout)
-    assert (value["schema"], value["schema_version"]) == ("calibtool/compensator", 1)
+    assert (value["schema"], value["schema_version"]) == ("calibtool/compensator", 2)
     assert value["robot"] == "planar-3r"
     assert [joint["unit"] for joint in value["joints"]] == ["rad"] * 3
     assert np.shape(value["nominal_placements_m"]) == (4, 4, 4)
@@ -44,8 +45,17 @@ def test_c_is_a_source_and_a_header_beside_it(files: Files) -> None:
     assert "int robot_a_correct(" in source
 
 
-@pytest.mark.parametrize("name", ["network", "local_poe", "paper", "six_network"])
-def test_c_corrects_as_the_command_does(files: Files, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("network", []),
+        ("local_poe", []),
+        ("paper", []),
+        ("six_network", ["--joint-values", "serial"]),
+        ("six_network", ["--joint-values", "controller"]),
+    ],
+)
+def test_c_corrects_as_the_command_does(files: Files, name: str, more: list[str]) -> None:
     """Compiled with warnings as errors, and run on the joints of a table."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
@@ -55,21 +65,27 @@ def test_c_corrects_as_the_command_does(files: Files, name: str) -> None:
     n = 6 if name.startswith("six") else 3
     names = [f"j{k}_rad" for k in range(1, n + 1)]
     write_table("t.csv", names, [row[:n] for row in rows])
-    corrected = rows_of(run("compensate", calibration, "t.csv", "--method", "one-step").stdout)
-    expected = [[float(row[name]) for name in names] for row in corrected]
+    corrected = rows_of(
+        run("compensate", calibration, "t.csv", "--method", "one-step", *more).stdout
+    )
+    expected = [[float(cell) for cell in list(row.values())[:n]] for row in corrected]
 
-    run("export", calibration, "--format", "c", "-o", "comp.c")
+    run("export", calibration, "--format", "c", *more, "-o", "comp.c")
     numbers = ", ".join("{" + ", ".join(map(str, row[:n])) + "}" for row in rows)
     Path("main.c").write_text(
         '#include <stdio.h>\n#include "comp.h"\n'
         f"int main(void) {{\n  const double q[2][COMP_N] = {{{numbers}}};\n  double q_m[COMP_N];\n"
-        "  for (int k = 0; k < 2; k++) {\n    if (comp_correct(q[k], q_m) != COMP_OK) return 1;\n"
+        "  for (int k = 0; k < 2; k++) {\n"
+        '    printf("%d ", comp_correct(q[k], q_m));\n'
         '    for (int j = 0; j < COMP_N; j++) printf("%.17g ", q_m[j]);\n  }\n  return 0;\n}\n'
     )
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
     subprocess.run([compiler, *strict, "main.c", "comp.c", "-lm", "-o", "main"], check=True, timeout=60)
     printed = subprocess.run(["./main"], capture_output=True, check=True, timeout=60).stdout
-    np.testing.assert_allclose(np.array(printed.split(), dtype=float).reshape(2, n), expected, rtol=0, atol=1e-12)
+    found = np.array(printed.split(), dtype=float).reshape(2, n + 1)
+    np.testing.assert_allclose(found[:, 1:], expected, rtol=0, atol=1e-12)
+    for code, row in zip(found[:, 0], corrected, strict=True):
+        assert row["status"] in (STATUS[int(code)], "outside")  # of the training: a controller does not know it
 
 
 @pytest.mark.parametrize("output", [[], ["-o", "-"], ["-o", "comp"], ["-o", "comp.h"], ["-o", "comp.cpp"]])

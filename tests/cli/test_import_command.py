@@ -170,7 +170,7 @@ def test_an_unknown_set_up_is_found() -> None:
     exact = ["--length-error-mm", 0, "--angle-error-mrad", 0, "--noise-mm", 0]
     run("simulate", "fanuc-m1000ia", "-n", 20, "--unregistered", *exact, "-o", "true.h5")
     measured_table("true.h5", "t.csv")
-    run("import", "t.csv", "--robot", "fanuc-m1000ia", "-o", "m.h5")
+    run("import", "t.csv", "--robot", "fanuc-m1000ia", "--joint-values", "serial", "-o", "m.h5")
     for name in ("T_instrument_base", "targets"):
         true = stored("true.h5", f"truth/registration/{name}")
         np.testing.assert_allclose(stored("m.h5", f"registration/{name}"), true, atol=1e-7)
@@ -322,7 +322,10 @@ def test_a_clean_file_has_no_findings(table: str) -> None:
 
 def test_joint_values_of_a_controller(files: Files) -> None:
     table = measured_table(files.six_measurements, "tracker.csv")
-    assert "couples joints" in run("import", table, "--robot", "fanuc-m1000ia", "-o", "plain.h5").stderr
+    message = refused(2, "import", table, "--robot", "fanuc-m1000ia", "-o", "plain.h5")
+    assert message.startswith("tracker.csv: ")
+    assert "q3 = J3 + J2" in message
+    assert "--joint-values serial or --joint-values controller" in message
     run("import", table, "--robot", "fanuc-m1000ia", "--joint-values", "controller", "-o", "m.h5")
     q, serial = stored("m.h5", JOINTS), stored(files.six_measurements, JOINTS)
     np.testing.assert_allclose(q[:, 2], serial[:, 1] + serial[:, 2], atol=1e-12)

@@ -7,10 +7,11 @@ import pytest
 from commandline import Files, answer, refused, rows_of, run, stored
 
 FEW = ["--candidates", 60, "--no-refine"]
+SERIAL = ["--joint-values", "serial"]
 
 
 def joints(text: str, count: int = 6) -> np.ndarray:
-    return np.array([[float(row[f"j{j + 1}_deg"]) for j in range(count)] for row in rows_of(text)])
+    return np.array([[float(cell) for cell in list(row.values())[:count]] for row in rows_of(text)])
 
 
 def test_the_loop_of_plan_simulate_and_identify() -> None:
@@ -44,9 +45,9 @@ def test_keys_of_the_json() -> None:
 
 def test_what_to_measure_next(files: Files) -> None:
     run("identify", files.six_measurements, "-o", "c.h5")
-    value = answer("plan", "fanuc-m1000ia", "-n", 5, "--from", "c.h5", *FEW)
+    value = answer("plan", "fanuc-m1000ia", "-n", 5, "--from", "c.h5", *SERIAL, *FEW)
     assert value["before"]["effective_parameters"] > 20
-    first = answer("plan", "fanuc-m1000ia", "-n", 5, *FEW)
+    first = answer("plan", "fanuc-m1000ia", "-n", 5, *SERIAL, *FEW)
     assert first["before"]["effective_parameters"] == 0
     assert value["plan"] != first["plan"]
     assert value["selected"]["target_std_mean_mm"] < value["before"]["target_std_mean_mm"]
@@ -57,7 +58,11 @@ def test_constraints_hold_in_the_table() -> None:
     limits = ["--floor-mm", -1000, "--joint-margin", 5, "--min-singularity-distance", 0.06]
     sight = ["--instrument", "6000,2000,500", "--cone-deg", 70]
     free, bound = (
-        joints(run("plan", "fanuc-m1000ia", "-n", 5, "--workspace", "full", *FEW, *more).stdout)
+        joints(
+            run(
+                "plan", "fanuc-m1000ia", "-n", 5, "--workspace", "full", *SERIAL, *FEW, *more
+            ).stdout
+        )
         for more in ([], ["--keep-out", box, *limits, *sight])
     )
     assert free.shape == bound.shape == (5, 6)
@@ -66,7 +71,18 @@ def test_constraints_hold_in_the_table() -> None:
 
 
 def test_poses_of_an_acceptance_test_and_their_figures(files: Files) -> None:
-    run("plan", "fanuc-m1000ia", "--iso9283", "--cycles", 5, "--cube-mm", 600, "-o", "test.csv")
+    run(
+        "plan",
+        "fanuc-m1000ia",
+        "--iso9283",
+        "--cycles",
+        5,
+        "--cube-mm",
+        600,
+        *SERIAL,
+        "-o",
+        "test.csv",
+    )
     rows = rows_of(Path("test.csv").read_text())
     assert [row["pose"] for row in rows[:6]] == ["P5", "P4", "P3", "P2", "P1", "P5"]
     assert [row["cycle"] for row in rows] == [str(1 + k // 5) for k in range(25)]
@@ -112,10 +128,10 @@ def test_the_cube_in_json() -> None:
         (2, ["--json", "-o", "-"], "--json and -o -"),
         (
             4,
-            ["-n", 3, "--workspace", "full", "--keep-out", "-9e3,-9e3,-9e3,9e3,9e3,9e3"],
+            ["-n", 3, "--workspace", "full", "--keep-out", "-9e3,-9e3,-9e3,9e3,9e3,9e3", *SERIAL],
             "keep the constraints --keep-out loosen",
         ),
-        (4, ["--iso9283", "--cube-mm", "9000"], "9000 mm cube fails the reach --cube-mm"),
+        (4, ["--iso9283", "--cube-mm", "9000", *SERIAL], "9000 mm cube fails the reach --cube-mm"),
     ],
 )
 def test_wrong_use_is_one_line_with_a_remedy(code: int, arguments: list[object], words: str) -> None:

@@ -78,7 +78,17 @@ def test_quiet_leaves_warnings_and_errors(files: Files, place: int) -> None:
 
 def test_quiet_keeps_the_rows_that_have_no_joints(files: Files) -> None:
     Path("far.csv").write_text("x_mm,y_mm,z_mm,qw,qx,qy,qz\n99999,0,0,1,0,0,0\n")
-    said = run("compensate", files.six_network, "far.csv", "-q", "-o", "out.csv", code=4).stderr
+    said = run(
+        "compensate",
+        files.six_network,
+        "far.csv",
+        "-q",
+        "--joint-values",
+        "serial",
+        "-o",
+        "out.csv",
+        code=4,
+    ).stderr
     assert "unreachable" in said.splitlines()[0]
 
 

@@ -11,7 +11,7 @@ TUTORIAL = Path(__file__).resolve().parents[2] / "docs" / "tutorial.md"
 
 def commands() -> str:
     blocks = re.findall(r"```sh\n(.*?)```", TUTORIAL.read_text("utf-8"), re.DOTALL)
-    assert len(blocks) == 11
+    assert len(blocks) == 13
     return "\n".join(blocks)
 
 
@@ -42,6 +42,9 @@ def test_the_tutorial_runs_and_says_what_is_true(here: Path) -> None:
 def test_the_sample_goes_into_a_folder_of_its_own(here: Path) -> None:
     run("demo", "--sample", "-o", "s")
     assert sorted(path.name for path in Path("s").iterdir()) == [
+        "after.csv",
+        "before.csv",
+        "driven.csv",
         "seam.ls",
         "targets.csv",
         "tracker.csv",

@@ -15,6 +15,8 @@ from mutations import BINARY, TEXT, mutated, mutated_archive
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.compensation.stream import StreamOptions, StreamReport, compensate_stream
+from calibtool.controller import read_controller_model
+from calibtool.controller.denavit_hartenberg import DhConvention
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError
 from calibtool.evaluation.study import Definition, Study, StudyTable, parse_definition
@@ -246,6 +248,17 @@ def _urdf(data: bytes) -> None:
     _check_robot(Robot.from_source(source_from_urdf(text_of(data), "robot.urdf")))
 
 
+def _controller(dh: DhConvention | None) -> Callable[[bytes], object]:
+    """The model of a ur5's controller, from any file."""
+
+    def read(data: bytes) -> None:
+        model = read_controller_model(text_of(data), "model", six(), dh)
+        assert np.isfinite([model.position, model.orientation]).all()
+        assert np.isfinite(model.mechanism.forward(six().home(None)[None])).all()
+
+    return read
+
+
 # --- studies ---------------------------------------------------------------------------------------------------------
 
 
@@ -315,6 +328,9 @@ READERS: dict[str, Reader] = {
     "robot-toml": Reader(lambda: corpus("robot-toml"), _text, _description),
     "urdf": Reader(lambda: corpus("urdf"), _text, _urdf),
     "frames-toml": Reader(lambda: corpus("frames-toml"), _text, lambda data: read_frames(text_of(data), "frames.toml")),
+    "ur-yaml": Reader(lambda: corpus("ur-yaml"), _text, _controller(None)),
+    "ur-conf": Reader(lambda: corpus("ur-conf"), _text, _controller(None)),
+    "dh-table": Reader(lambda: corpus("dh-table"), _text, _controller("standard")),
     **{
         name: Reader(lambda name=name: corpus(name), _text, _program(name))  # type: ignore[misc]
         for name in PROGRAM_FORMATS

@@ -2,13 +2,17 @@
  *
  * K_0 is the robot's base, K_{n+1} its tool. m and rad. Twists are (v, w), linear part first.
  */
+#if defined __FAST_MATH__ || defined _M_FP_FAST || (defined __FINITE_MATH_ONLY__ && __FINITE_MATH_ONLY__)
+#error "This code tells infinities and NaN from numbers: compile it without -ffast-math"
+#endif
+
 #include "planar_3r.h"
 
 #include <math.h>
 
 typedef double real;
 
-enum { N = PLANAR_3R_N, P = PLANAR_3R_P, H = 2 };
+enum { N = PLANAR_3R_N, P = PLANAR_3R_P, M = 3, S = 2, H = 2 };
 
 /* Network (Eq. 16): rho = output_scale * (W2 tanh(W1 s + b1) + b2), s = (q - input_centre) / input_scale */
 static const real input_centre[N] = {0.0, 1.0, 0.25};
@@ -30,6 +34,26 @@ static const real output_bias[P] = {0.0, 0.5, -0.5, 0.25, 0.0, 1.0};
 static const real output_scale[P] = {
     0.0009765625, 0.0009765625, 0.0009765625, 0.0009765625, 0.0009765625, 0.0009765625,
 };
+
+/* rho = N(q) (Eq. 16) */
+void planar_3r_network(const real q[N], real rho[P])
+{
+    real scaled[N], hidden[H];
+    for (int j = 0; j < N; j++)
+        scaled[j] = (q[j] - input_centre[j]) / input_scale[j];
+    for (int i = 0; i < H; i++) {
+        real sum = hidden_bias[i];
+        for (int j = 0; j < N; j++)
+            sum += hidden_weights[i][j] * scaled[j];
+        hidden[i] = tanh(sum);
+    }
+    for (int k = 0; k < P; k++) {
+        real sum = output_bias[k];
+        for (int i = 0; i < H; i++)
+            sum += output_weights[k][i] * hidden[i];
+        rho[k] = output_scale[k] * sum;
+    }
+}
 
 /* Pose of one frame in another, rotation and position in m; or the difference of two poses, element by element */
 typedef struct {
@@ -74,6 +98,17 @@ static pose multiply(const pose *A, const pose *B, real last)
     return C;
 }
 
+/* [w]: adds the matrix of the cross product with w to a rotation */
+static void add_skew(const real w[3], pose *C)
+{
+    C->R[0][1] -= w[2];
+    C->R[0][2] += w[1];
+    C->R[1][0] += w[2];
+    C->R[1][2] -= w[0];
+    C->R[2][0] -= w[1];
+    C->R[2][1] += w[0];
+}
+
 /* Ad(T) twist = (R v + p x (R w), R w): a twist of frame b in frame a, T = T_a_b */
 static void adjoint(const pose *T, const real twist[6], real out[6])
 {
@@ -85,75 +120,37 @@ static void adjoint(const pose *T, const real twist[6], real out[6])
         out[i] = dot3(T->R[i], twist) + moment[i];
 }
 
-static real sinc(real x)
+/* exp6((v, w)) - I (Eq. 3), with `first` for the first-order part v of its position */
+static pose exp6_change(const real first[3], const real v[3], const real w[3])
 {
-    return fabs(x) > 0 ? sin(x) / x : 1;
-}
-
-/* exp6(twist + change) - exp6(twist) (Eq. 3), written without a difference of large numbers; `twist` is a pure rotation
- * through its origin, a pure translation, or zero */
-static pose exp6_change(const real twist[6], const real change[6])
-{
-    const real *w = twist + 3, *dw = change + 3;
-    real v1[3], w1[3], turned[3], wv[3], wwv[3];
-    for (int i = 0; i < 3; i++) {
-        v1[i] = twist[i] + change[i];
-        w1[i] = w[i] + dw[i];
+    const real t2 = dot3(w, w);
+    real f1, f2, f3; /* sin t / t, (1 - cos t) / t^2, (t - sin t) / t^3 */
+    if (t2 < series_limit) {
+        f1 = 1 - t2 * (1 / 6.0 - t2 * (1 / 120.0 - t2 * (1 / 5040.0 - t2 * (1 / 362880.0))));
+        f2 = 0.5 - t2 * (1 / 24.0 - t2 * (1 / 720.0 - t2 * (1 / 40320.0 - t2 * (1 / 3628800.0))));
+        f3 = 1 / 6.0 - t2 * (1 / 120.0 - t2 * (1 / 5040.0 - t2 * (1 / 362880.0)));
+    } else {
+        const real t = sqrt(t2), half = sin(0.5 * t);
+        f1 = sin(t) / t;
+        f2 = 2 * half * half / t2;
+        f3 = (1 - f1) / t2;
     }
-    const real growth = dot3(dw, w) + dot3(dw, w1); /* |w1|^2 - |w|^2 */
-    const real t = sqrt(dot3(w, w)), square = dot3(w1, w1), t1 = sqrt(square);
-    const real dt = t + t1 > 0 ? growth / (t + t1) : 0;
-    const real half = sin(0.5 * dt), middle = t + 0.5 * dt, half_sinc = sinc(0.5 * t);
-    const real d_sin = 2 * cos(middle) * half, d_cos = -2 * sin(middle) * half;
-    const real a = sinc(t), da = t1 > 0 ? (d_sin - a * dt) / t1 : 0; /* sin t / t */
-    const real b = 0.5 * half_sinc * half_sinc;                /* (1 - cos t) / t^2 */
-    const real db = square > 0 ? -(d_cos + b * growth) / square : 0;
-    const real c1 = square < series_limit /* (t - sin t) / t^3 */
-        ? 1 / 6.0 - square * (1 / 120.0 - square * (1 / 5040.0 - square / 362880))
-        : (1 - a - da) / square;
     pose C;
-    cross(w1, v1, wv);
-    cross(w1, wv, wwv);
+    real turned[3], wv[3], wwv[3];
+    cross(w, v, wv);
+    cross(w, wv, wwv);
     for (int i = 0; i < 3; i++) {
-        turned[i] = da * w1[i] + a * dw[i];
         for (int j = 0; j < 3; j++)
-            C.R[i][j] = db * w1[i] * w1[j] + b * (w1[i] * dw[j] + dw[i] * w[j]);
-        C.R[i][i] += d_cos;
-        C.p[i] = change[i] + (b + db) * wv[i] + c1 * wwv[i];
+            C.R[i][j] = f2 * w[i] * w[j];
+        C.R[i][i] -= f2 * t2;
+        C.p[i] = first[i] + f2 * wv[i] + f3 * wwv[i];
+        turned[i] = f1 * w[i];
     }
-    C.R[0][1] -= turned[2];
-    C.R[0][2] += turned[1];
-    C.R[1][0] += turned[2];
-    C.R[1][2] -= turned[0];
-    C.R[2][0] -= turned[1];
-    C.R[2][1] += turned[0];
+    add_skew(turned, &C);
     return C;
 }
 
-/* log6(I + D) for rotations below half a turn: pose errors are thousands of times smaller */
-static void log6(const pose *D, real twist[6])
-{
-    real *v = twist, *w = twist + 3, wp[3], wwp[3];
-    const real axial[3] = { /* sin t times the axis */
-        0.5 * (D->R[2][1] - D->R[1][2]),
-        0.5 * (D->R[0][2] - D->R[2][0]),
-        0.5 * (D->R[1][0] - D->R[0][1]),
-    };
-    const real sine = sqrt(dot3(axial, axial)), versine = -0.5 * (D->R[0][0] + D->R[1][1] + D->R[2][2]);
-    const real t = 2 * atan2(sine, 2 - versine), t2 = t * t; /* tan(t / 2) = sin t / (1 + cos t) */
-    const real scale = sine > 0 ? t / sine : 1;
-    const real c = t2 < series_limit /* (1 - (t / 2) cot(t / 2)) / t^2 */
-        ? 1 / 12.0 + t2 * (1 / 720.0 + t2 * (1 / 30240.0 + t2 / 1209600))
-        : (1 - 0.5 * t * sine / versine) / t2;
-    for (int i = 0; i < 3; i++)
-        w[i] = scale * axial[i];
-    cross(w, D->p, wp);
-    cross(w, wp, wwp);
-    for (int i = 0; i < 3; i++)
-        v[i] = D->p[i] - 0.5 * wp[i] + c * wwp[i];
-}
-
-/* Nominal robot (Eq. 7): placements M_1 ... M_{n+1}, unit twists xi_j in the frames of the joints */
+/* Nominal robot (Eq. 7): placements M_1 ... M_{n+1}, unit axes of the joints in their own frames */
 static const pose nominal_placements[N + 1] = {
     {{{1.0, 0.0, 0.0},
       {0.0, 1.0, 0.0},
@@ -172,15 +169,16 @@ static const pose nominal_placements[N + 1] = {
       {-1.0, 0.0, 0.0}},
      {0.20000000000000001, 0.0, 0.0}},
 };
-static const real nominal_twists[N][6] = {
-    {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
-    {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
-    {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
+static const real axes[N][3] = {
+    {0.0, 0.0, 1.0},
+    {0.0, 0.0, 1.0},
+    {0.0, 0.0, 1.0},
 };
 
-/* The nominal robot at q: the joints' motions exp6(xi_j q_j), and each joint's frame in K_0 before and after its motion;
- * after the last one, placed[N] is the tool's */
+/* The nominal robot at q: sin q, cos q, the joints' motions, and each joint's frame in K_0 before and after its
+ * motion; placed[N] is the tool's */
 typedef struct {
+    real sine[N], cosine[N];
     pose motion[N], placed[N + 1], moved[N];
 } chain;
 
@@ -188,19 +186,55 @@ static void nominal_chain(const real q[N], chain *out)
 {
     out->placed[0] = nominal_placements[0];
     for (int j = 0; j < N; j++) {
-        const real zero[6] = {0};
-        real twist[6];
-        for (int i = 0; i < 6; i++)
-            twist[i] = nominal_twists[j][i] * q[j];
-        out->motion[j] = exp6_change(zero, twist);
-        for (int i = 0; i < 3; i++)
-            out->motion[j].R[i][i] += 1;
-        out->moved[j] = multiply(&out->placed[j], &out->motion[j], 1);
+        pose *motion = &out->motion[j];
+        const real s = out->sine[j] = sin(q[j]), c = out->cosine[j] = cos(q[j]);
+        real turned[3];
+        for (int i = 0; i < 3; i++) {
+            for (int k = 0; k < 3; k++)
+                motion->R[i][k] = (1 - c) * axes[j][i] * axes[j][k];
+            motion->R[i][i] += c;
+            motion->p[i] = 0;
+            turned[i] = s * axes[j][i];
+        }
+        add_skew(turned, motion);
+        out->moved[j] = multiply(&out->placed[j], motion, 1);
         out->placed[j + 1] = multiply(&out->moved[j], &nominal_placements[j + 1], 1);
     }
 }
 
-/* Base model (Eq. 8): M_j exp6(dzeta_j) - M_j, errors dxi_j of the twists, and joint offsets dq_j in rad or m */
+/* Joint twists xi_j + dxi_j of the base model */
+static const real base_twists[N][6] = {
+    {0.0, 0.0, 0.0009765625, 0.0, 0.0, 1.0},
+    {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
+    {0.0, 0.0, 0.0, 0.0, 0.001953125, 1.0},
+};
+
+/* Virtual joints x, ry, rz: elementary twists fixed in the tool frame (Eq. 14) */
+static const real virtual_twists[P - N][6] = {
+    {1.0, 0.0, 0.0, 0.0, 0.0, 0.0},
+    {0.0, 0.0, 0.0, 0.0, 1.0, 0.0},
+    {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
+};
+
+/* Base model (Eq. 8): placements M_j exp6(dzeta_j), and what they are ahead of M_j, and joint offsets dq_j in rad or m */
+static const pose base_placements[N + 1] = {
+    {{{1.0, 0.0, 0.0},
+      {0.0, 1.0, 0.0},
+      {0.0, 0.0, 1.0}},
+     {0.0009765625, 0.0, 0.0}},
+    {{{1.0, 0.0, 0.0},
+      {0.0, 1.0, 0.0},
+      {0.0, 0.0, 1.0}},
+     {0.5, 0.001953125, 0.0}},
+    {{{1.0, 0.0, 0.0},
+      {0.0, 1.0, 0.0},
+      {0.0, 0.0, 1.0}},
+     {0.40000000000000002, 0.0, -0.0009765625}},
+    {{{0.0, 0.0, 1.0},
+      {0.0, 1.0, 0.0},
+      {-1.0, 0.0, 0.0}},
+     {0.20292968750000001, 0.0, 0.0}},
+};
 static const pose placement_changes[N + 1] = {
     {{{0.0, 0.0, 0.0},
       {0.0, 0.0, 0.0},
@@ -219,47 +253,95 @@ static const pose placement_changes[N + 1] = {
       {0.0, 0.0, 0.0}},
      {0.0029296875, 0.0, 0.0}},
 };
-static const real twist_errors[N][6] = {
-    {0.0, 0.0, 0.0009765625, 0.0, 0.0, 0.0},
-    {0.0, 0.0, 0.0, 0.0, 0.0, 0.0},
-    {0.0, 0.0, 0.0, 0.0, 0.001953125, 0.0},
-};
 static const real base_offsets[N] = {0.0, 0.00048828125, -0.0009765625};
 
-/* Virtual joints x, ry, rz: elementary twists fixed in the tool frame (Eq. 14) */
-static const real virtual_twists[P - N][6] = {
-    {1.0, 0.0, 0.0, 0.0, 0.0, 0.0},
-    {0.0, 0.0, 0.0, 0.0, 1.0, 0.0},
-    {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
+/* Joints that turn: rad per rad of the joint beyond 1, axis, its difference to the nominal one, and the way of the
+ * origin in m: per rad along the axis, times sin and times 1 - cos of the angle across it */
+static const real gains[N] = {0.0, 0.0, 1.9073468138230965e-06};
+static const real base_axes[N][3] = {
+    {0.0, 0.0, 1.0},
+    {0.0, 0.0, 1.0},
+    {0.0, 0.0019531212747203597, 0.99999809265682416},
+};
+static const real axis_changes[N][3] = {
+    {0.0, 0.0, 0.0},
+    {0.0, 0.0, 0.0},
+    {0.0, 0.0019531212747203597, -1.9073431758442894e-06},
+};
+static const real leads[N][3] = {
+    {0.0, 0.0, 0.0009765625},
+    {0.0, 0.0, 0.0},
+    {0.0, 0.0, 0.0},
+};
+static const real swings[N][3] = {
+    {0.0, 0.0, 0.0},
+    {0.0, 0.0, 0.0},
+    {0.0, 0.0, 0.0},
+};
+static const real crossings[N][3] = {
+    {0.0, 0.0, 0.0},
+    {0.0, 0.0, 0.0},
+    {0.0, 0.0, 0.0},
 };
 
-/* A chain goes on by A, another one that is ahead by D goes on by A + dA: (F + D)(A + dA) - F A */
-static pose ahead(const pose *D, const pose *F, const pose *A, const pose *dA)
+/* A chain at F goes on by A - dA, another one that is ahead of it by D goes on by A:
+ * (F + D) A - F (A - dA) = D A + F dA */
+static pose ahead(const pose *D, const pose *A, const pose *F, const pose *dA)
 {
-    const pose B = add(A, dA), carried = multiply(D, &B, 1), own = multiply(F, dA, 0);
-    return add(&carried, &own);
+    pose C;
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++)
+            C.R[i][j] = D->R[i][0] * A->R[0][j] + D->R[i][1] * A->R[1][j] + D->R[i][2] * A->R[2][j]
+                + F->R[i][0] * dA->R[0][j] + F->R[i][1] * dA->R[1][j] + F->R[i][2] * dA->R[2][j];
+        C.p[i] = dot3(D->R[i], A->p) + D->p[i] + dot3(F->R[i], dA->p);
+    }
+    return C;
 }
 
-/* T_base(q) - T_nominal(q), and the columns Ad(F_j) xi_j of J_rho (Eq. 14): actuated joints, then virtual ones.
+/* exp6((xi_j + dxi_j)(q_j + offset)) - exp6(xi_j q_j), written without a difference of large numbers */
+static pose motion_change(int j, real q, real s, real c, real offset)
+{
+    const real t = gains[j] * q + (1 + gains[j]) * offset, t2 = t * t; /* how far the angle is ahead of q */
+    real sine, versine;
+    if (t2 < series_limit) {
+        sine = t * (1 - t2 * (1 / 6.0 - t2 * (1 / 120.0 - t2 * (1 / 5040.0 - t2 * (1 / 362880.0)))));
+        versine = t2 * (0.5 - t2 * (1 / 24.0 - t2 * (1 / 720.0 - t2 * (1 / 40320.0 - t2 * (1 / 3628800.0)))));
+    } else {
+        const real half = sin(0.5 * t);
+        sine = sin(t);
+        versine = 2 * half * half;
+    }
+    const real d_sin = c * sine - s * versine, d_cos = -s * sine - c * versine;
+    pose C;
+    real turned[3];
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < 3; k++)
+            C.R[i][k] = (1 - c) * (axis_changes[j][i] * base_axes[j][k] + axes[j][i] * axis_changes[j][k])
+                - d_cos * base_axes[j][i] * base_axes[j][k];
+        C.R[i][i] += d_cos;
+        C.p[i] = leads[j][i] * (q + offset) + swings[j][i] * (s + d_sin) + crossings[j][i] * (1 - c - d_cos);
+        turned[i] = d_sin * base_axes[j][i] + s * axis_changes[j][i];
+    }
+    add_skew(turned, &C);
+    return C;
+}
+
+/* T_base(q + change) - T_nominal(q), and the columns Ad(F_j) xi_j of J_rho (Eq. 14), the virtual ones last.
  * Differences are carried along the chain, so that they keep all their digits. */
-static pose base_change(const real q[N], const chain *nominal, real J[P][6])
+static pose base_change(const real q[N], const real change[N], const chain *nominal,
+    real J[P][6])
 {
     real offset[N];
     for (int j = 0; j < N; j++)
-        offset[j] = base_offsets[j];
+        offset[j] = base_offsets[j] + change[j];
     pose D = placement_changes[0];
     for (int j = 0; j < N; j++) {
-        real nominal_motion[6], change[6], twist[6];
-        for (int i = 0; i < 6; i++) {
-            twist[i] = nominal_twists[j][i] + twist_errors[j][i];
-            nominal_motion[i] = nominal_twists[j][i] * q[j];
-            change[i] = twist_errors[j][i] * q[j] + twist[i] * offset[j];
-        }
-        const pose motion_change = exp6_change(nominal_motion, change);
-        D = ahead(&D, &nominal->placed[j], &nominal->motion[j], &motion_change);
+        const pose step = motion_change(j, q[j], nominal->sine[j], nominal->cosine[j], offset[j]);
+        const pose motion = add(&nominal->motion[j], &step);
+        D = ahead(&D, &motion, &nominal->placed[j], &step);
         const pose F = add(&nominal->moved[j], &D);
-        adjoint(&F, twist, J[j]);
-        D = ahead(&D, &nominal->moved[j], &nominal_placements[j + 1], &placement_changes[j + 1]);
+        adjoint(&F, base_twists[j], J[j]);
+        D = ahead(&D, &base_placements[j + 1], &nominal->moved[j], &placement_changes[j + 1]);
     }
     const pose T = add(&nominal->placed[N], &D);
     for (int k = N; k < P; k++)
@@ -267,183 +349,356 @@ static pose base_change(const real q[N], const chain *nominal, real J[P][6])
     return D;
 }
 
-/* D inverse(T): (T + D) inverse(T) - I */
-static pose relative_change(const pose *D, const pose *T)
+static const real characteristic_length = 0.55000000000000004; /* m, weighs translation against rotation */
+
+/* Errors of the calibrated robot's pose at q + change against the nominal one at q (Eqs. 9, 10), in K_0: displacement
+ * of the tool over the characteristic length and rotation vector, six in rad; the tool point, and J_rho (Eq. 14) */
+static void pose_error(const real q[N], const real change[N], const chain *nominal,
+    real error[6], real point[3], real J[P][6])
 {
-    pose C;
+    const pose *T = &nominal->placed[N];
+    const pose D = base_change(q, change, nominal, J);
+    pose C; /* T_calibrated inverse(T_nominal) - I = (T + D) inverse(T) - I */
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++)
-            C.R[i][j] = dot3(D->R[i], T->R[j]);
-        C.p[i] = D->p[i] - dot3(C.R[i], T->p);
+            C.R[i][j] = dot3(D.R[i], T->R[j]);
+        C.p[i] = D.p[i] - dot3(C.R[i], T->p);
     }
-    return C;
+    real moved_q[N], rho[P], twist[6] = {0};
+    for (int j = 0; j < N; j++)
+        moved_q[j] = q[j] + change[j];
+    planar_3r_network(moved_q, rho);
+    for (int k = 0; k < P; k++)
+        for (int i = 0; i < 6; i++)
+            twist[i] += J[k][i] * rho[k];
+    const pose turn = exp6_change(twist, twist, twist + 3); /* exp6(J_rho N(q)) - I */
+    const pose sum = add(&turn, &C), product = multiply(&turn, &C, 0);
+    C = add(&sum, &product);
+    const real axial[3] = { /* sin t times the axis of the rotation */
+        0.5 * (C.R[2][1] - C.R[1][2]),
+        0.5 * (C.R[0][2] - C.R[2][0]),
+        0.5 * (C.R[1][0] - C.R[0][1]),
+    };
+    const real sine = sqrt(dot3(axial, axial)), versine = -0.5 * (C.R[0][0] + C.R[1][1] + C.R[2][2]);
+    const real scale = sine > 0 ? 2 * atan2(sine, 2 - versine) / sine : 1; /* tan(t / 2) = sin t / (1 + cos t) */
+    for (int i = 0; i < 3; i++) {
+        const real moved = dot3(C.R[i], T->p) + C.p[i];
+        error[i] = moved * (1 / characteristic_length);
+        error[i + 3] = scale * axial[i];
+        point[i] = T->p[i] + moved;
+    }
 }
 
-static const real characteristic_length = 0.55000000000000004; /* m, weighs translation against rotation */
-static const real min_singularity_distance = 0.02;
+static const real damped_below = 0.02; /* singularity distance */
 static const real gram_regularisation = 1.0e-14;
 static const real smallest_pivot = 1.0000000000000001e-30;
 
-/* A twist of K_0 seen at a point, v + w x point, with translations over the characteristic length: all six in rad */
-static void weigh(const real point[3], real twist[6])
+/* A' A + diagonal I = L L'; L, its diagonal inverted. A[k] is column k.
+ * Columns of held joints are zero, and get 1 on the diagonal. */
+static void factor(real A[N][6], const int held[N], real diagonal, real L[M][M])
 {
-    real moment[3];
-    cross(twist + 3, point, moment);
-    for (int i = 0; i < 3; i++)
-        twist[i] = (twist[i] + moment[i]) * (1 / characteristic_length);
-}
-
-/* Lower half of G = J J', with `diagonal` added; rows and columns are those of a twist */
-static void gram(real J[P][6], real diagonal, real G[6][6])
-{
-    for (int r = 0; r < 6; r++)
-        for (int c = 0; c <= r; c++) {
-            G[r][c] = r == c ? diagonal : 0;
-            for (int k = 0; k < P; k++)
-                G[r][c] += J[k][r] * J[k][c];
-        }
-}
-
-/* G = L L', L in place of the lower half of G, its diagonal inverted. Rounding can push the last pivots of a singular G
- * below zero: a floor. */
-static void cholesky(real G[6][6])
-{
-    for (int c = 0; c < 6; c++)
-        for (int r = c; r < 6; r++) {
+    for (int c = 0; c < M; c++)
+        for (int r = c; r < M; r++) {
+            real sum = r == c ? diagonal + (real)held[c] : 0;
+            for (int i = 0; i < 6; i++)
+                sum += A[r][i] * A[c][i];
             for (int k = 0; k < c; k++)
-                G[r][c] -= G[r][k] * G[c][k];
-            if (r > c)
-                G[r][c] *= G[c][c];
-            else
-                G[c][c] = 1 / sqrt(fmax(G[c][c], smallest_pivot));
+                sum -= L[r][k] * L[c][k];
+            L[r][c] = r > c ? sum * L[c][c] : 1 / sqrt(fmax(sum, smallest_pivot)); /* rounding can go below 0 */
         }
 }
 
 /* x = inverse(L) x, where the elements of x before the first one are zero */
-static void forward_substitution(real L[6][6], int first, real x[6])
+static void forward_substitution(real L[M][M], int first, real x[M])
 {
-    for (int r = first; r < 6; r++) {
+    for (int r = first; r < M; r++) {
         for (int k = first; k < r; k++)
             x[r] -= L[r][k] * x[k];
         x[r] *= L[r][r];
     }
 }
 
-/* rho = rho + J' inverse(L L') x; overwrites x by inverse(L L') x */
-static void add_motion(real J[P][6], real L[6][6], real x[6], real rho[P])
+/* x = inverse(L L') x */
+static void substitution(real L[M][M], real x[M])
 {
     forward_substitution(L, 0, x);
-    for (int r = 5; r >= 0; r--) {
-        for (int k = r + 1; k < 6; k++)
+    for (int r = M - 1; r >= 0; r--) {
+        for (int k = r + 1; k < M; k++)
             x[r] -= L[k][r] * x[k];
         x[r] *= L[r][r];
     }
-    for (int k = 0; k < P; k++)
-        for (int i = 0; i < 6; i++)
-            rho[k] += J[k][i] * x[i];
 }
 
-/* d = 1 / sqrt(trace(inverse(L L'))) = 1 / |inverse(L)|, the distance of J from a singularity */
-static real singularity_distance(real L[6][6])
+/* d = 1 / sqrt(trace(inverse(L L'))) = 1 / |inverse(L)|: how far A is from losing rank */
+static real singularity_distance(real L[M][M])
 {
     real sum = 0;
-    for (int c = 0; c < 6; c++) {
-        real column[6] = {0};
+    for (int c = 0; c < M; c++) {
+        real column[M] = {0};
         column[c] = 1;
         forward_substitution(L, c, column);
-        for (int r = c; r < 6; r++)
+        for (int r = c; r < M; r++)
             sum += column[r] * column[r];
     }
     return 1 / sqrt(sum);
 }
 
-/* rho = J' inverse(J J' + lambda^2 I) error, lambda = max(0, d_0 - d); returns d. What rounding leaves of the error
- * after a first solution is solved for once more: forming J J' costs the digits that its condition number has. */
-static real damped_solution(real J[P][6], const real error[6], real rho[P])
+/* change = change - inverse(L L') A' rest, rest = e + A change */
+static void add_solution(real A[N][6], real L[M][M], const real e[6], real change[N])
 {
-    real L[6][6], x[6], left[6];
-    gram(J, gram_regularisation, L);
-    cholesky(L);
-    const real distance = singularity_distance(L);
-    real diagonal = gram_regularisation;
-    if (distance < min_singularity_distance) {
-        const real lambda = min_singularity_distance - distance;
-        diagonal += lambda * lambda;
-        gram(J, diagonal, L);
-        cholesky(L);
-    }
-    for (int i = 0; i < 6; i++)
-        x[i] = error[i];
-    for (int k = 0; k < P; k++)
-        rho[k] = 0;
-    add_motion(J, L, x, rho);
+    real rest[6];
     for (int i = 0; i < 6; i++) {
-        left[i] = error[i] - diagonal * x[i];
-        for (int k = 0; k < P; k++)
-            left[i] -= J[k][i] * rho[k];
+        rest[i] = e[i];
+        for (int k = 0; k < N; k++)
+            rest[i] += A[k][i] * change[k];
     }
-    add_motion(J, L, left, rho);
+    real x[N];
+    for (int k = 0; k < N; k++) {
+        x[k] = 0;
+        for (int i = 0; i < 6; i++)
+            x[k] += A[k][i] * rest[i];
+    }
+    substitution(L, x);
+    for (int k = 0; k < N; k++)
+        change[k] -= x[k];
+}
+
+/* Joint changes that lower |e + A change|, with the damping that A needs, no less than before.
+ * Returns the singularity distance. Solved a second time for what damping took where it is not needed. */
+static real damped_solution(
+    real A[N][6], const int held[N], const real e[6], real *damping, real change[N])
+{
+    real L[M][M];
+    factor(A, held, gram_regularisation, L);
+    const real distance = singularity_distance(L), lambda = fmax(0, damped_below - distance);
+    *damping = fmax(*damping, lambda * lambda);
+    if (*damping > 0)
+        factor(A, held, gram_regularisation + *damping, L);
+    for (int k = 0; k < N; k++)
+        change[k] = 0;
+    add_solution(A, L, e, change);
+    if (*damping > 0)
+        add_solution(A, L, e, change);
     return distance;
 }
 
-/* rho = N(q) (Eq. 16) */
-void planar_3r_network(const real q[N], real rho[P])
+static real clipped(real x, real lower, real upper)
 {
-    real scaled[N], hidden[H];
-    for (int j = 0; j < N; j++)
-        scaled[j] = (q[j] - input_centre[j]) / input_scale[j];
-    for (int i = 0; i < H; i++) {
-        real sum = hidden_bias[i];
-        for (int j = 0; j < N; j++)
-            sum += hidden_weights[i][j] * scaled[j];
-        hidden[i] = tanh(sum);
+    return x < lower ? lower : x > upper ? upper : x;
+}
+
+/* Joint changes that lower |e + A change| inside a box, lower <= 0 <= upper: `proposed` ones or, for NULL, the
+ * damped solution. The joint that is farthest outside is held at its face, and the others solve the rest, up to
+ * three times. Returns the singularity distance of A. */
+static real bounded_step(
+    real A[N][6], const real e[6], const real lower[N], const real upper[N], const real *proposed, real change[N])
+{
+    int held[N] = {0};
+    real damping = 0;
+    const real distance = damped_solution(A, held, e, &damping, change);
+    for (int k = 0; proposed && k < N; k++)
+        change[k] = proposed[k];
+    for (int pass = 0; pass < 3; pass++) {
+        real stopped[N], left[6], others[N][6];
+        real farthest = 0;
+        int out = -1;
+        for (int k = 0; k < N; k++) {
+            const real outside = fmax(lower[k] - change[k], change[k] - upper[k]);
+            if (outside > farthest) {
+                farthest = outside;
+                out = k;
+            }
+        }
+        if (out < 0)
+            return distance;
+        held[out] = 1;
+        for (int i = 0; i < 6; i++)
+            left[i] = e[i];
+        for (int k = 0; k < N; k++) {
+            stopped[k] = held[k] ? clipped(change[k], lower[k], upper[k]) : 0;
+            for (int i = 0; i < 6; i++) {
+                left[i] += A[k][i] * stopped[k];
+                others[k][i] = held[k] ? 0 : A[k][i];
+            }
+        }
+        damped_solution(others, held, left, &damping, change);
+        for (int k = 0; k < N; k++)
+            change[k] += stopped[k];
     }
-    for (int k = 0; k < P; k++) {
-        real sum = output_bias[k];
-        for (int i = 0; i < H; i++)
-            sum += output_weights[k][i] * hidden[i];
-        rho[k] = output_scale[k] * sum;
+    for (int k = 0; k < N; k++)
+        change[k] = clipped(change[k], lower[k], upper[k]);
+    return distance;
+}
+
+/* Joint limits, and what a correction may change a joint by: rad, or m for slides */
+static const real lower_limits[N] = {
+    -2.9670597283900002, -2.7925268031899999, -2.9670597283900002,
+};
+static const real upper_limits[N] = {
+    2.9670597283900002, 2.7925268031899999, 2.9670597283900002,
+};
+static const real largest_change[N] = {
+    0.51189999350527415, 0.51189999350527415, 0.51189999350527415,
+};
+/* What one step leaves of |e| where it can, rad */
+static const real usual_error[S] = {0.012780135412776934, 9.972318551606431e-05};
+
+static int within_limits(int j, real q)
+{
+    return q >= lower_limits[j] - 1e-9 && q <= upper_limits[j] + 1e-9;
+}
+
+static real dot6(const real a[6], const real b[6])
+{
+    return dot3(a, b) + dot3(a + 3, b + 3);
+}
+
+/* The components of a weighted twist or error that the joints can correct: along the axes of the commanded tool, and
+ * no virtual joints x, ry, rz */
+static const int in_task[6] = {0, 1, 1, 1, 0, 0};
+
+static void task(const pose *T, const real twist[6], real out[6])
+{
+    for (int i = 0; i < 6; i++) {
+        const int axis = i % 3, first = i - axis;
+        out[i] = in_task[i]
+            ? T->R[0][axis] * twist[first] + T->R[1][axis] * twist[first + 1] + T->R[2][axis] * twist[first + 2]
+            : 0;
     }
 }
 
-/* Joint motions rho that amount to the pose error of the calibrated robot (Eq. 15); returns the singularity distance. */
-static real joint_motions(const real q[N], real rho[P])
+/* (v + w x point, w) of a twist of K_0, translations over the characteristic length: six in rad */
+static void weigh(const real point[3], const real twist[6], real out[6])
 {
-    real J[P][6], error[6], point[3];
+    real moment[3];
+    cross(twist + 3, point, moment);
+    for (int i = 0; i < 3; i++) {
+        out[i] = (twist[i] + moment[i]) * (1 / characteristic_length);
+        out[i + 3] = twist[i + 3];
+    }
+}
+
+/* J change: how the error changes along the way, to first order */
+static void slope(real J[N][6], const real change[N], real out[6])
+{
+    for (int i = 0; i < 6; i++) {
+        out[i] = 0;
+        for (int k = 0; k < N; k++)
+            out[i] += J[k][i] * change[k];
+    }
+}
+
+/* The task components alone, unless the whole error would lose more than three quarters of what it can gain */
+static real task_step(const pose *T, real J[N][6], const real e[6], const real lower[N], const real upper[N],
+    const real *proposed, real change[N])
+{
+    real A[N][6], e_A[6], of_all[N], difference[N], rest[6], lost[6];
+    for (int k = 0; k < N; k++)
+        task(T, J[k], A[k]);
+    task(T, e, e_A);
+    const real distance = bounded_step(A, e_A, lower, upper, proposed, change);
+    bounded_step(J, e, lower, upper, 0, of_all);
+    for (int k = 0; k < N; k++)
+        difference[k] = change[k] - of_all[k];
+    slope(J, of_all, rest);
+    slope(J, difference, lost);
+    for (int i = 0; i < 6; i++)
+        rest[i] += e[i];
+    const real cost = dot6(lost, lost), allowed = 0.75 * fmax(0, dot6(e, e) - dot6(rest, rest));
+    if (cost > allowed)
+        for (int k = 0; k < N; k++)
+            change[k] = of_all[k] + sqrt(allowed / cost) * difference[k];
+    return distance;
+}
+
+/* a' b over all components, and over those of the task */
+static void products(const pose *T, const real a[6], const real b[6], real out[S])
+{
+    out[0] = dot6(a, b);
+    real a_task[6], b_task[6];
+    task(T, a, a_task);
+    task(T, b, b_task);
+    out[1] = dot6(a_task, b_task);
+}
+
+/* Where |e|^2 is least on the way, from its value before, its slope there, and its value after: at most at 1 */
+static real least(real before, real gradient, real after)
+{
+    const real bend = after - before - gradient;
+    if (2 * bend <= -gradient)
+        return 1;
+    return gradient < 0 ? -gradient / (2 * bend) : 0;
+}
+
+/* q_m = q + t change, by the rule of planar_3r.h */
+int planar_3r_correct(const real q_commanded[N], real q_m[N])
+{
+    int known = 1;
+    for (int j = 0; j < N; j++) {
+        q_m[j] = q_commanded[j];
+        known = known && fabs(q_m[j]) <= 1000000.0; /* not so for NaN */
+    }
+    if (!known)
+        return PLANAR_3R_NOT_FINITE;
+
+    /* Where q is, and the step from there */
+    real q[N], change[N] = {0}, lower[N], upper[N], point[3], e[6], way[6], J[P][6], weighted[N][6];
     chain nominal;
+    for (int j = 0; j < N; j++) {
+        q[j] = q_m[j];
+        lower[j] = -largest_change[j];
+        upper[j] = largest_change[j];
+        if (within_limits(j, q[j])) {
+            lower[j] = fmax(lower[j], fmin(0, lower_limits[j] - q[j]));
+            upper[j] = fmin(upper[j], fmax(0, upper_limits[j] - q[j]));
+        }
+    }
     nominal_chain(q, &nominal);
     const pose *T = &nominal.placed[N];
-    const pose D = base_change(q, &nominal, J);
-    pose relative = relative_change(&D, T); /* T_base inverse(T_nominal) - I */
-    const real zero[6] = {0};
-    real twist[6] = {0};
-    planar_3r_network(q, rho);
-    for (int k = 0; k < P; k++)
-        for (int i = 0; i < 6; i++)
-            twist[i] += J[k][i] * rho[k];
-    const pose turn = exp6_change(zero, twist); /* exp6(J_rho N(q)) - I */
-    const pose sum = add(&turn, &relative), product = multiply(&turn, &relative, 0);
-    relative = add(&sum, &product);
-    for (int i = 0; i < 3; i++)
-        point[i] = T->p[i] + dot3(relative.R[i], T->p) + relative.p[i];
-    log6(&relative, error); /* Eqs. 9, 10 */
-    weigh(point, error);
-    for (int k = 0; k < P; k++)
-        weigh(point, J[k]);
-    return damped_solution(J, error, rho);
-}
+    pose_error(q, change, &nominal, e, point, J);
+    for (int k = 0; k < N; k++)
+        weigh(point, J[k], weighted[k]);
+    const real *proposed = 0;
+    const real distance = task_step(T, weighted, e, lower, upper, proposed, change);
+    slope(weighted, change, way);
 
-/* q_m = q - rho_a (Eq. 24) */
-int planar_3r_correct(const real q[N], real q_m[N])
-{
-    real rho[P];
-    const real distance = joint_motions(q, rho);
-    int finite = 1;
-    for (int j = 0; j < N; j++)
-        finite = finite && isfinite(q[j] - rho[j]); /* not so if q[j] is not */
-    for (int j = 0; j < N; j++)
-        q_m[j] = finite ? q[j] - rho[j] : q[j];
-    if (!finite)
-        return PLANAR_3R_NOT_FINITE;
-    return distance < min_singularity_distance ? PLANAR_3R_NEAR_SINGULAR : PLANAR_3R_OK;
+    /* The calibrated model judges it: taken, shortened or dropped */
+    real left[6], before[S], gradient[S], after[S], t = 1;
+    pose_error(q, change, &nominal, left, point, J);
+    products(T, e, e, before);
+    products(T, e, way, gradient);
+    products(T, left, left, after);
+    for (int s = 0; s < S; s++)
+        t = fmin(t, 1.5 * least(before[s], 2 * gradient[s], after[s]));
+    int better = 1, more = 0, held_change = 0, held_limit = 0, outside = 0;
+    for (int j = 0; j < N; j++) {
+        const int held = change[j] <= lower[j] || change[j] >= upper[j], far = fabs(change[j]) >= largest_change[j];
+        held_change = held_change || (held && far);
+        held_limit = held_limit || (held && !far);
+        change[j] *= t;
+    }
+    if (t < 1) {
+        pose_error(q, change, &nominal, left, point, J);
+        products(T, left, left, after);
+    }
+    for (int s = 0; s < S; s++)
+        better = better && after[s] < before[s]; /* not so for NaN */
+    for (int s = 0; s < S; s++)
+        more = more || (better ? after[s] : before[s]) > usual_error[s] * usual_error[s];
+    for (int j = 0; j < N; j++) {
+        if (better)
+            q_m[j] = q[j] + change[j];
+        outside = outside || !within_limits(j, q_m[j]);
+    }
+    if (more && !better)
+        return PLANAR_3R_UNCORRECTED;
+    if (outside)
+        return PLANAR_3R_OUT_OF_LIMITS;
+    if (distance < damped_below)
+        return PLANAR_3R_NEAR_SINGULAR;
+    if (more && held_limit)
+        return PLANAR_3R_OUT_OF_LIMITS;
+    if (more)
+        return held_change ? PLANAR_3R_LIMITED : PLANAR_3R_PARTIAL;
+    return PLANAR_3R_OK;
 }

@@ -8,7 +8,8 @@
  *              q[0]  joint_1, rad, -2.96706 to 2.96706
  *              q[1]  joint_2, rad, -2.79253 to 2.79253
  *              q[2]  joint_3, rad, -2.96706 to 2.96706
- * cost         about 4211 flops and 52 calls of functions such as sin and sqrt; about 2854 bytes of stack
+ * cost         about 5366 flops and 22 calls of functions such as sin and sqrt; at worst twice that
+ * stack        about 4000 bytes
  *
  * C99 and <math.h>; no heap, no state: calls may overlap. IEEE 754 arithmetic is relied on, so no -ffast-math.
  */
@@ -18,21 +19,26 @@
 #define PLANAR_3R_N 3 /* joints */
 #define PLANAR_3R_P 6 /* joint motion errors of the equivalent robot: the joints', then those of virtual joints x, ry, rz */
 
-#define PLANAR_3R_OK 0
-#define PLANAR_3R_NEAR_SINGULAR 1
-#define PLANAR_3R_NOT_FINITE 2
+/* What planar_3r_correct returns. Usual: 0.0128 rad of all components, 9.97e-05 of those that joints can correct */
+#define PLANAR_3R_OK 0            /* corrected */
+#define PLANAR_3R_NEAR_SINGULAR 1 /* nearer to a singularity than 0.02: damped, a part of the error may stay */
+#define PLANAR_3R_NOT_FINITE 2    /* an element of q is no number or beyond 1e+06: q_m = q */
+#define PLANAR_3R_PARTIAL 3       /* corrected, but more than usual stays */
+#define PLANAR_3R_LIMITED 4       /* the same, and a joint moved by the largest change */
+#define PLANAR_3R_OUT_OF_LIMITS 5 /* q_m is outside the joint limits, or more than usual stays because of one */
+#define PLANAR_3R_UNCORRECTED 6   /* no better joints were found: q_m = q */
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/* q_m = q - rho_a (Eq. 24): command q_m, and the tool goes where the nominal robot's would be at q.
+/* Command q_m, and the tool goes where the nominal robot's would be at q, or nearer to it than at q.
  *
- * q and q_m may be the same array. Joint limits are not looked at.
- *
- * Returns PLANAR_3R_OK, or
- *   PLANAR_3R_NEAR_SINGULAR  nearer to a singularity than 0.02: q_m is damped, a part of the error stays
- *   PLANAR_3R_NOT_FINITE     an element of q, or of the answer, is infinite or not a number: q_m = q
+ * The pose error is weighed: displacement of the tool over 0.55 m beside the rotation, in rad. The joints
+ * change by the damped least-squares step against it (Eq. 24), inside the joint limits and by no
+ * more than 0.512 rad each. The calibrated model then says whether that is better: a step that
+ * goes too far is shortened, one that does not help is dropped. So under the calibrated model q_m is never
+ * worse than q. q and q_m may be the same array.
  */
 int planar_3r_correct(const double q[PLANAR_3R_N], double q_m[PLANAR_3R_N]);
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from strategies import calibrated, configurations, robots, seeds, simulated
 
 from calibtool.calibration import Calibration
+from calibtool.calibration.frame import ChosenFrame
 from calibtool.calibration.model import CrossValidation
 from calibtool.compensation.decimals import DECIMALS, decimal_rows
 from calibtool.equivalent.optimisers import History
@@ -19,7 +20,7 @@ from calibtool.identification.model import Flagged, Posterior
 from calibtool.identification.parameters import Parameters
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import readonly
+from calibtool.robot.se3 import exp6, readonly
 from calibtool.storage import read_any, read_study, to_bytes
 from calibtool.storage.studies import study_to_bytes
 from calibtool.tables import joints_from_header, parse_table
@@ -55,9 +56,17 @@ def read_back(contents: Measurements | Calibration) -> Measurements | Calibratio
 
 
 @examples(15)
-@given(robots(), seeds, *[st.booleans()] * 5, provenances)
+@given(robots(), seeds, *[st.booleans()] * 6, provenances)
 def test_measurements_are_read_as_they_were_written(
-    robot: Robot, seed: int, pose: bool, truth: bool, unseen: bool, frame: bool, targets: bool, provenance: dict
+    robot: Robot,
+    seed: int,
+    pose: bool,
+    truth: bool,
+    unseen: bool,
+    frame: bool,
+    targets: bool,
+    apart: bool,
+    provenance: dict,
 ) -> None:
     rng = np.random.default_rng(seed)
     data = simulated(robot, rng, int(rng.integers(1, 9)), pose=pose, frame=np.eye(4))
@@ -68,6 +77,8 @@ def test_measurements_are_read_as_they_were_written(
     setup = replace(data.setup, frame_known=frame, targets_known=targets)
     data = replace(data, points=readonly(points), setup=setup, provenance=provenance)
     data = data if truth else replace(data, truth=None)
+    if apart:
+        data = replace(data, commanded=readonly(robot.mechanism.forward(data.q + 1e-3)))
     assert_same(read_back(data), data, "measurements")
 
 
@@ -88,11 +99,11 @@ def test_calibrations_are_read_as_they_were_written(
     made = calibrated(robot, rng)
     base = replace(made.base, setup=replace(made.base.setup, frame_known=known, targets_known=known))
     if posterior:
-        parameters = Parameters.of(robot, base.setup, twists=known, harmonics=members, gravity=not known)
+        parameters = Parameters.of(robot, base.setup, twists=int(known), harmonics=members, gravity=int(not known))
         p = parameters.count
         base = replace(
             base,
-            motion=replace(base.motion, harmonics=readonly(rng.normal(size=(robot.n, 2 * members)))),
+            errors=base.errors.having(harmonics=rng.normal(size=(robot.n, 2 * members))),
             posterior=Posterior(parameters, rng.random(p), rng.normal(size=(p, p)), 1.1, 3.3, -1e3),
             unobservable=tuple(parameters.names[:members]),
         )
@@ -109,6 +120,9 @@ def test_calibrations_are_read_as_they_were_written(
         made = replace(made, training=report)
     if validation:
         made = replace(made, validation=CrossValidation(5, -3.2, 0.1))
+    if members % 2 and not known:
+        poses = (readonly(exp6(1e-2 * rng.normal(size=6))) for _ in "AB")
+        made = replace(made, frame=ChosenFrame("taught" if training else "fitted", *poses))
     after = read_back(made)
     assert_same(after, made, "calibration")
     q = configurations(robot, 3, rng)
@@ -141,7 +155,7 @@ def test_joint_positions_are_read_as_they_were_written(robot: Robot, seed: int, 
     decimals = [DECIMALS[unit] for unit in units]
     assert len(set(decimals)) == 1
     lines = [",".join(f"j{j}_{unit}" for j, unit in enumerate(units, 1)), *decimal_rows(q / factors, decimals[0])]
-    found = joints_from_header(parse_table("\n".join(lines), "drawn.csv"), robot)
+    found = joints_from_header(parse_table("\n".join(lines), "drawn.csv"), robot, "serial")
     assert found is not None
     large = np.abs(q / factors).max(axis=1, keepdims=True) > (9.9 if si else 999.0)
     digits = np.where(large, 5e-14, 4e-16)  # of double precision otherwise

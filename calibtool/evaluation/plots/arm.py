@@ -10,7 +10,6 @@ from matplotlib.patheffects import withStroke
 
 from calibtool.evaluation.plots.style import ImageFormat, styled, to_bytes
 from calibtool.robot.model import Robot
-from calibtool.robot.poe import poe_frames
 from calibtool.robot.se3 import Array, transform_points
 
 # Okabe and Ito's colours, told apart by colour-blind readers; nothing is told by its colour alone.
@@ -59,7 +58,7 @@ def arm_figure(robot: Robot) -> Figure:
 
 
 def _arm(robot: Robot, q: Array) -> _Arm:
-    frames = poe_frames(robot.chain.placements, robot.chain.twists, q[None])
+    frames = robot.mechanism.frames(q[None])
     before, after, tool = frames.before[0], frames.after[0], frames.tool[0]
     twists = np.where(np.array(robot.prismatic)[:, None], robot.chain.twists[:, :3], robot.chain.twists[:, 3:])
     direction = (before[:, :3, :3] @ twists[..., None])[..., 0]

@@ -1,5 +1,6 @@
 """Sections about the judged configurations: errors, where they point, what no joint corrects, ISO 9283, coverage."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,8 @@ def errors_section(subject: Subject, judged: Measurements) -> Section:
         for quantity, unit in (("position", "mm"), ("orientation", "mrad"))
         if entries[0][f"{quantity}_{unit}"] is not None
     ]
+    if evaluation.proof is not None:
+        tables = [_with_expected(table, evaluation.proof.expected) for table in tables]
     lines = [] if len(tables) == 2 else ["The target points do not show the orientation: only the position is judged."]
     spread = "; ".join(
         f"{e['name']}: mean {number(e['position_mm']['mean'])}, largest {number(e['position_mm']['max'])}"
@@ -55,6 +58,16 @@ def errors_section(subject: Subject, judged: Measurements) -> Section:
         ],
         [*tables, _worst(evaluation.methods[1:], judged)],
     )
+
+
+def _with_expected(table: Table, expected: MethodErrors) -> Table:
+    """The table of one quantity with a row of what the model expects after correction."""
+    key = "position_mm" if table.caption.endswith("mm") else "orientation_mrad"
+    found = pose_statistics(expected)[key]
+    if found is None:
+        return table
+    row = ["expected, without noise", *(number(found[s]) for s in STATISTICS)]
+    return replace(table, rows=[*table.rows, row])
 
 
 def _worst(methods: list[MethodErrors], judged: Measurements) -> Table:
@@ -158,7 +171,12 @@ def pose_test_section(subject: Subject) -> Section:
         ]
         header = ["pose", "repeats", *(f"AP {name}" for name in test.methods), "RP"]
         tables.append(Table(f"AP and RP, {unit}", header, rows, folded=len(rows) > 10))
-    return Section("iso9283", title, ["Measured minus predicted, from the repeated rows."], [drawing], tables)
+    how = "Commanded against measured" if evaluation.proof else "Measured minus predicted"
+    lines = [f"{how}, from the repeated rows."]
+    if test.before is not None:
+        earlier = ", ".join(number(float(v) * 1e3) for v in test.before[0])
+        lines.append(f"RP before the correction, mm: {earlier}.")
+    return Section("iso9283", title, lines, [drawing], tables)
 
 
 def coverage_section(subject: Subject, judged: Measurements) -> Section:

@@ -13,6 +13,7 @@ from calibtool.evaluation.plots.style import COLOURS, GRID, INK, SHADE, WIDTH_MM
 from calibtool.evaluation.report import inside, judged
 from calibtool.evaluation.report.content import Drawing, Section, Table
 from calibtool.evaluation.report.verdict import cautions, headline, remarks, verdicts
+from calibtool.evaluation.words import words
 
 _VARIABLES = {INK: "--ink", GRID: "--grid", SHADE: "--shade", **{c: f"--m{i}" for i, c in enumerate(COLOURS)}}
 
@@ -70,6 +71,7 @@ def html_report(subject: Subject, provenance: dict[str, str]) -> str:
         verdicts=found,
         cautions=cautions(subject, rows.q),
         remarks=remarks(subject),
+        words=words(evaluation.kind, evaluation.before),
         part=evaluation.uncorrectable is not None,
         sections=[_shown(section, subject) for section in sections],
         vectors=judged.vectors_data(subject, rows),

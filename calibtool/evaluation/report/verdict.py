@@ -7,9 +7,10 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.evaluation.acceptance import broken_limits
-from calibtool.evaluation.metrics import pose_statistics, statistics
+from calibtool.evaluation.metrics import pose_statistics
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Change, Judgement, Verdict, number
+from calibtool.evaluation.words import brought, words
 from calibtool.robot.se3 import Array
 
 _WORDS = {"mean": "mean", "std": "standard deviation", "rms": "rms", "p95": "95th percentile", "max": "largest"}
@@ -38,20 +39,21 @@ def headline(subject: Subject, found: list[Verdict]) -> Headline:
     best = min(found, key=lambda verdict: verdict.changes[0].after_value)
     change = best.changes[0]
     lowered = change.after_value < change.before_value
-    brought = f"{best.name} brings the mean position error from {change.before} to {change.after}."
+    assert subject.evaluation is not None
+    outcome = brought(subject.evaluation, best.name, change.before, change.after)
     if not lowered:
-        brought = (
-            f"No calibration lowers the mean position error: {change.before} before, {change.after} with {best.name}."
+        outcome = (
+            f"No calibration lowers the mean position error: {change.before} without, {change.after} with {best.name}."
         )
     if not subject.limits:
-        return Headline(brought, None if lowered else False)
+        return Headline(outcome, None if lowered else False)
     passed = [verdict.name for verdict in found if verdict.met]
     failed = [verdict.name for verdict in found if not verdict.met]
     limits = "the limit" if len(subject.limits) == 1 else f"the {len(subject.limits)} limits"
     if not passed:
-        return Headline(f"Not met: {_listed(failed)} {_verb(failed, 'miss')} {limits}. {brought}", False)
+        return Headline(f"Not met: {_listed(failed)} {_verb(failed, 'miss')} {limits}. {outcome}", False)
     but = f"; {_listed(failed)} {_verb(failed, 'do')} not" if failed else ""
-    return Headline(f"Met: {_listed(passed)} {_verb(passed, 'keep')} {limits}{but}. {brought}", True)
+    return Headline(f"Met: {_listed(passed)} {_verb(passed, 'keep')} {limits}{but}. {outcome}", True)
 
 
 def cautions(subject: Subject, judged: Array) -> list[str]:
@@ -68,7 +70,7 @@ def cautions(subject: Subject, judged: Array) -> list[str]:
             )
         if evaluation.marked[k]:
             result.append(
-                f"{evaluation.marked[k]} corrections by {name} are near a singularity or out of the joint limits."
+                f"{evaluation.marked[k]} corrections by {name} leave a part of the error, or all of it."
             )
         if evaluation.outside[k]:
             result.append(f"{evaluation.outside[k]} judged configurations are unlike those of the training of {name}.")
@@ -79,12 +81,14 @@ def remarks(subject: Subject) -> list[str]:
     """What the numbers are."""
     evaluation = subject.evaluation
     assert evaluation is not None
-    how = (
-        "The actual robot of the simulation was driven to the corrected joints and observed without noise"
-        if evaluation.kind == "compensated"
-        else "Errors are what is left between measured and predicted target points; the measurements' noise is in them"
-    )
-    result = [f"{how}. “Before” is the nominal robot, judged in the same way."]
+    result = [words(evaluation.kind, evaluation.before).remark]
+    if evaluation.proof is not None:
+        expected = pose_statistics(evaluation.proof.expected)["position_mm"]
+        assert expected is not None
+        result.append(
+            f"Expected after correction: {number(expected['mean'], 'mm')} on average, at most "
+            f"{number(expected['max'], 'mm')}, without noise."
+        )
     if evaluation.uncorrectable is not None:
         stays = pose_statistics(evaluation.uncorrectable)["position_mm"]
         assert stays is not None
@@ -119,17 +123,17 @@ def _changes(nominal: dict[str, Any], entry: dict[str, Any]) -> list[Change]:
 def _judgements(subject: Subject, k: int) -> list[Judgement]:
     """Every limit against the k-th method, by the rule that sets the exit code of `evaluate`."""
     assert subject.evaluation is not None
-    method = subject.evaluation.methods[k]
+    method, test = subject.evaluation.methods[k], subject.evaluation.pose_tests[k]
     result = []
     for limit in subject.limits:
-        sizes = method.position_size if limit.quantity == "position" else method.orientation_size
-        found = None if sizes is None else statistics(sizes, 1e-3)[limit.statistic]
-        asked = f"{_WORDS[limit.statistic]} {limit.quantity} error at most {limit.value:g} {limit.unit}"
+        found = limit.found(method, test)
+        what = f"{limit.quantity} error" if limit.quantity in ("position", "orientation") else limit.quantity.upper()
+        asked = f"{_WORDS[limit.statistic]} {what} at most {limit.value:g} {limit.unit}"
         result.append(
             Judgement(
                 asked,
                 "not measured" if found is None else number(found, limit.unit),
-                not broken_limits([method], [limit]),
+                not broken_limits([method], [limit], [test]),
             )
         )
     return result

@@ -10,10 +10,11 @@ import pinocchio as pin
 from pinocchio import coal
 
 from calibtool.errors import InputError
-from calibtool.robot.chain import visual_geometry
-from calibtool.robot.description import example_robot_data, inside
+from calibtool.robot.chain import joints_to
+from calibtool.robot.description import Source, example_robot_data, inside
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.urdf import base_placement, frame_id, locked_joints, parse_urdf, read_urdf
 
 MESHES = (".stl", ".dae", ".obj", ".ply")  # what Pinocchio and trimesh both read
 _LINK, _JOINT = np.array([0.62, 0.64, 0.67, 1.0]), np.array([0.35, 0.37, 0.4, 1.0])
@@ -41,7 +42,28 @@ def described_shape(robot: Robot, folders: Sequence[Path]) -> pin.GeometryModel:
     for part in root.iter():  # only visual geometry is wanted, and no image is read
         for other in [child for child in part if child.tag in ("collision", "texture")]:
             part.remove(other)
-    return visual_geometry(robot.source, ElementTree.tostring(root, encoding="unicode"))
+    return _visual_geometry(robot.source, ElementTree.tostring(root, encoding="unicode"))
+
+
+def _visual_geometry(source: Source, urdf_text: str) -> pin.GeometryModel:
+    """What the links look like, on the joints of `build_chain(source)`: placements in their frames, and in K_0 before them.
+
+    urdf_text: the source's URDF with meshes named by absolute paths. InputError for a mesh that cannot be read.
+    """
+    name, kinematics = source.place, source.description.kinematics
+    full = parse_urdf(urdf_text, name)
+    every = read_urdf(urdf_text, name, lambda path: pin.buildGeomFromUrdf(full, path, pin.GeometryType.VISUAL))
+    reduced, geometry = pin.buildReducedModel(full, every, *locked_joints(full, kinematics.locked_joints, name))
+    tool = reduced.frames[frame_id(reduced, kinematics.tool_frame, name)]
+    way = [0, *joints_to(reduced, tool.parentJoint, name)]
+    base = base_placement(reduced, kinematics.base_frame, name)
+    result = pin.GeometryModel()
+    for piece in geometry.geometryObjects:
+        piece.parentJoint, piece.parentFrame = way.index(piece.parentJoint), 0
+        if piece.parentJoint == 0:
+            piece.placement = base.actInv(piece.placement)
+        result.addGeometryObject(piece)
+    return result
 
 
 def _mesh(name: str, folders: Sequence[Path], robot: str) -> Path:

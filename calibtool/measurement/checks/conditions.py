@@ -11,7 +11,6 @@ from calibtool.measurement.checks.nominal import Fit, nominal_fit
 from calibtool.measurement.companions import Companions
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import observation_matrix
-from calibtool.robot.poe import poe_frames
 from calibtool.robot.se3 import Array, adjoint, readonly, transform_points
 
 _LOUD = 3.0  # repeated configurations may scatter by so many times the stated noise
@@ -149,8 +148,7 @@ def _trends(measurements: Measurements, fit: Fit, outward: Array, values: Array)
 
 def without_geometry(measurements: Measurements, setup: Setup, series: Array) -> Array:
     """A series (N, d) without what placement errors of the links (Eq. 10), of tolerance 1 mm and 1 mrad, explain of it."""
-    chain = measurements.robot.chain
-    frames = poe_frames(chain.placements, chain.twists, measurements.q)
+    frames = measurements.robot.mechanism.frames(measurements.q)
     blocks = adjoint(np.concatenate([frames.before, frames.tool[:, None]], axis=1))
     P = observation_matrix(setup, frames.tool)
     seen = measurements.seen.repeat(3, axis=-1)

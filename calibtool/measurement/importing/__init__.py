@@ -2,12 +2,14 @@
 
 from calibtool.measurement.importing.assemble import Imported, JointFile, Understood, import_table, read_table
 from calibtool.measurement.importing.column_map import ColumnMap, parse_column_map
+from calibtool.measurement.importing.commanded import CommandedFile
 from calibtool.measurement.importing.header import Stated
 from calibtool.measurement.importing.preview import preview
 from calibtool.measurement.importing.rows import choose_rows, select_rows
 
 __all__ = [
     "ColumnMap",
+    "CommandedFile",
     "Imported",
     "JointFile",
     "Stated",

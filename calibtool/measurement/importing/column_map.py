@@ -30,7 +30,7 @@ class JointColumns(_Strict):
 
     columns: list[str]
     unit: Literal["deg", "rad", "mm", "m"] | list[Literal["deg", "rad", "mm", "m"]]
-    values: JointValues | None = None  # the robot's [coupling] converts those of a controller
+    values: JointValues | None = None  # needed on a robot with [coupling], which converts them
 
     def units(self) -> list[str]:
         """One unit per joint."""
@@ -102,6 +102,13 @@ class TemperatureColumn(_Strict):
     unit: Literal["C", "K"]
 
 
+class PayloadColumn(_Strict):
+    """The mass at the tool in kg or g."""
+
+    column: str
+    unit: Literal["kg", "g"]
+
+
 class JoinColumns(_Strict):
     """Which columns bring a row of the table and a row of the joint file together: names, or time stamps with a unit."""
 
@@ -135,9 +142,19 @@ class ColumnMap(_Strict):
     references: list[ReferenceColumns] = []
     time: TimeColumn | None = None
     temperature: TemperatureColumn | None = None
+    payload: PayloadColumn | None = None
     join: JoinColumns | None = None
     instrument: Instrument = Instrument()
     noise: Noise = Noise()
+
+    def with_joint_values(self, values: JointValues) -> "ColumnMap":
+        """The same with whose joint values they are; those read back too, unless they say it."""
+        joints, read = self.joints, self.joints_read
+        if joints is not None:
+            joints = joints.model_copy(update={"values": values})
+        if read is not None and read.values is None:
+            read = read.model_copy(update={"values": values})
+        return self.model_copy(update={"joints": joints, "joints_read": read})
 
     @model_validator(mode="after")
     def _one_kind(self) -> "ColumnMap":

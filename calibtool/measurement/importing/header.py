@@ -12,6 +12,7 @@ from calibtool.measurement.importing.column_map import (
     ColumnMap,
     JointColumns,
     LengthUnit,
+    PayloadColumn,
     PoseColumns,
     ReferenceColumns,
     TargetColumns,
@@ -22,7 +23,7 @@ from calibtool.measurement.importing.column_map import (
 )
 from calibtool.measurement.importing.sources import Source
 from calibtool.robot.model import Robot
-from calibtool.tables import Table, joint_columns_of, pose_columns_of
+from calibtool.tables import Table, joint_columns_of, pose_columns_of, stated_values, unit_of
 
 _LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")
 _TARGET = re.compile(r"t(\d{1,9})_(?:nominal_|error_)?[xyz](?:_(mm|m|in))?")
@@ -56,6 +57,7 @@ def complete_map(source: Source, joints: Table, robot: Robot, given: ColumnMap |
         "joints_read": given.joints_read or _joints_read(joints, robot),
         "time": given.time or time_column(table),
         "temperature": given.temperature or _temperature(table),
+        "payload": given.payload or _payload(table),
         "references": given.references or _references(table, stated),
     }
     if not given.targets and given.pose is None:
@@ -87,24 +89,33 @@ def _temperature(table: Table) -> TemperatureColumn | None:
     return TemperatureColumn(column="temperature_k", unit="K") if "temperature_k" in table.header else None
 
 
+def _payload(table: Table) -> PayloadColumn | None:
+    return PayloadColumn(column="payload_kg", unit="kg") if "payload_kg" in table.header else None
+
+
 def _joints(table: Table, robot: Robot, source: Source, stated: Stated) -> JointColumns:
     columns = joint_columns_of(table, robot)
     if columns is not None:
-        return JointColumns.model_validate({"columns": columns, "unit": [name.split("_")[1] for name in columns]})
+        found = {
+            "columns": columns,
+            "unit": list(map(unit_of, columns)),
+            "values": stated_values(table, columns),
+        }
+        return JointColumns.model_validate(found)
     if source.points is not None and table is source.table:
         raise InputError(f"{table.name}: a list of points holds no joint values; give their file with --joints FILE")
     bare = [f"j{i + 1}" for i in range(robot.n)]
     if not all(column in table.header for column in bare):
         raise InputError(
-            f"{table.name}: no joint columns {robot.joint_columns[0]} …; name the columns so, or map them with --columns "
-            "MAP.toml"
+            f"{table.name}: no joint columns {robot.columns(None)[0]} …; name the columns so, or "
+            "map them with --columns MAP.toml"
         )
     units = [stated.unit if prismatic else stated.angle_unit for prismatic in robot.prismatic]
     if None in units or "in" in units:
         option = "--unit mm|m" if robot.prismatic[units.index(None) if None in units else 0] else "--angle-unit deg|rad"
         raise InputError(
             f"{table.name}: the unit of column '{bare[units.index(None)] if None in units else bare[0]}' is not stated; "
-            f"name it {robot.joint_columns[0]} …, or give {option}"
+            f"name it {robot.columns(None)[0]} …, or give {option}"
         )
     return JointColumns.model_validate({"columns": bare, "unit": units})
 

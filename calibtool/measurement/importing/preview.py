@@ -28,6 +28,8 @@ def preview(imported: Imported) -> str:
     ]
     if understood.joints_name != table.name:
         facts.append(("joints from", understood.joints_name))
+    if measurements.commanded is not None:
+        facts.append(("commanded", "apart: the joints are those that the arm was driven to"))
     if columns.joints_read is not None:
         facts.append(("joints read", ", ".join(columns.joints_read.columns)))
     for i, target in enumerate(columns.targets):
@@ -77,7 +79,10 @@ def _noun(imported: Imported) -> str:
 def _joints(columns: ColumnMap, robot: Robot) -> str:
     assert columns.joints is not None
     pairs = zip(columns.joints.columns, columns.joints.units(), strict=True)
-    return ", ".join(f"j{i + 1} = {column} [{unit}]" for i, (column, unit) in enumerate(pairs))
+    text = ", ".join(f"j{i + 1} = {column} [{unit}]" for i, (column, unit) in enumerate(pairs))
+    if not robot.coupled:
+        return text
+    return f"{text}; {columns.joints.values}"
 
 
 def _beside(imported: Imported) -> list[str]:
@@ -85,6 +90,8 @@ def _beside(imported: Imported) -> list[str]:
     result = []
     if columns.time is not None:
         result.append(f"time stamps {columns.time.column} [{columns.time.unit}]")
+    if columns.payload is not None:
+        result.append(f"payload {columns.payload.column} [{columns.payload.unit}]")
     if columns.temperature is not None:
         result.append(f"temperature {columns.temperature.column} [{columns.temperature.unit}]")
     if companions.reference_points is not None:

@@ -1,0 +1,88 @@
+"""The common part of corrections in the frames of the fit, and what remains apart from it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibtool.calibration.frame import FrameName
+from calibtool.calibration.model import Calibration
+from calibtool.robot.se3 import Array, log3
+
+
+@dataclass(frozen=True, eq=False)
+class FrameReport:
+    """The common part in numbers, and the rest at the N configurations used.
+
+    name         the chosen frames
+    base, tool   (6,) displacement (m) and rotation vector (rad) of the base and of the tool frame
+    position     (N,) distances of the tool point from the nominal robot's in the taught frames, m
+    orientation  (N,) rotation angles likewise, rad
+    """
+
+    name: FrameName
+    base: Array
+    tool: Array
+    position: Array
+    orientation: Array
+
+    def as_json(self) -> dict[str, object]:
+        """The object `frame` of a calibration's summary."""
+        result: dict[str, object] = {"name": self.name}
+        for part in ("base", "tool"):
+            values = getattr(self, part)
+            result[f"common_{part}_mm"] = _rounded(values[:3] * 1e3)
+            result[f"common_{part}_rotation_vector_deg"] = _rounded(np.rad2deg(values[3:]))
+        for key, values in (("apart_mm", self.position), ("apart_mrad", self.orientation)):
+            result[key] = {"rms": _rms(values) * 1e3, "max": float(values.max()) * 1e3}
+        return result
+
+    def lines(self) -> list[str]:
+        """The same for people."""
+        if self.name == "taught":
+            says = "taught: commanded poses move as little as a rigid base and tool allow"
+        else:
+            says = "fitted: every commanded pose moves by the common part, too"
+        return [
+            f"frame {says}; common part: {self.common}",
+            f"apart from the common part the robot is {_rms(self.position) * 1e3:.3g} mm and "
+            f"{_rms(self.orientation) * 1e3:.3g} mrad rms from the drawing, at most "
+            f"{self.position.max() * 1e3:.3g} mm and {self.orientation.max() * 1e3:.3g} mrad",
+        ]
+
+    @property
+    def common(self) -> str:
+        """Sizes of the common part in words."""
+        sizes = []
+        for name, part in (("base", self.base), ("tool", self.tool)):
+            shift, turn = np.linalg.norm(part.reshape(2, 3), axis=-1)
+            sizes.append(f"{name} {shift * 1e3:.3g} mm, {np.rad2deg(turn):.3g} deg")
+        return "; ".join(sizes)
+
+
+def frame_report(calibration: Calibration) -> FrameReport | None:
+    """Common part and rest of the base model; None where no frame was free to choose."""
+    if not calibration.frame_is_free:
+        return None
+    taught = replace(calibration, networks=()).in_frame("taught")
+    assert taught.frame is not None
+    pose, nominal = taught.forward(taught.q), taught.robot.mechanism.forward(taught.q)
+    turn = log3(pose[:, :3, :3] @ np.swapaxes(nominal[:, :3, :3], -1, -2))
+    return FrameReport(
+        name="fitted" if calibration.frame is None else calibration.frame.name,
+        base=_moved(taught.frame.T_taught_fitted),
+        tool=_moved(taught.frame.T_tool_taught),
+        position=np.linalg.norm(pose[:, :3, 3] - nominal[:, :3, 3], axis=-1),
+        orientation=np.linalg.norm(turn, axis=-1),
+    )
+
+
+def _moved(pose: Array) -> Array:
+    return np.concatenate([pose[:3, 3], log3(pose[:3, :3])])
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def _rounded(values: Array) -> list[float]:
+    return [round(float(v), 6) + 0.0 for v in values]

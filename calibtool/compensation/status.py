@@ -1,0 +1,25 @@
+"""What became of a row: the statuses of corrections, and their words."""
+
+OK = "ok"
+JUMP = "jump"
+OUTSIDE = "outside"
+PARTIAL = "partial"
+LIMITED = "limited"
+NEAR_SINGULAR = "near-singular"
+OUT_OF_LIMITS = "out-of-limits"
+UNCORRECTED = "uncorrected"
+UNREACHABLE = "unreachable"
+
+CORRECTED = (OK, JUMP, OUTSIDE)  # nothing of the error stays but what no joint can correct
+DOUBTFUL = (PARTIAL, LIMITED, NEAR_SINGULAR, OUT_OF_LIMITS, UNCORRECTED)  # a part of it, or all, stays
+
+MEANING = {
+    JUMP: "the correction changes by more than 15 % of the commanded step from the row before",
+    OUTSIDE: "outside the configurations of the training",
+    PARTIAL: "corrected in part",
+    LIMITED: "a joint is held at the largest change",
+    NEAR_SINGULAR: "near a singularity: damped",
+    OUT_OF_LIMITS: "a joint is held at its limit, or outside its limits",
+    UNCORRECTED: "no better joints found: as commanded",
+    UNREACHABLE: "the pose is unreachable: no joints are given",
+}

@@ -1,0 +1,30 @@
+"""Errors as an instrument sees them: target points, or a sensor, against those of poses."""
+
+from calibtool.evaluation.metrics import MethodErrors
+from calibtool.measurement.measurements import Measurements, Setup, determines_orientation
+from calibtool.measurement.observation import measured_in_base, residuals
+from calibtool.measurement.registration import rigid_fit
+from calibtool.robot.se3 import Array, log3, transform_points
+
+
+def errors_against(
+    name: str, measurements: Measurements, setup: Setup, pose: Array
+) -> MethodErrors:
+    """Measured minus what T_base_tool `pose` (N, 4, 4) would show in a set-up, in K_0."""
+    points, rotations = measured_in_base(measurements, setup)
+    if rotations is None:
+        return point_errors(name, points, pose, setup)
+    left = residuals(measurements, setup, pose)
+    return MethodErrors(name, left[:, None, :3], left[:, 3:])
+
+
+def point_errors(name: str, points: Array, pose: Array, setup: Setup) -> MethodErrors:
+    """Errors of target points (N, m, 3) in K_0, m, against those of poses (N, 4, 4).
+
+    The turn is that of the best rigid fit, None where the targets do not determine it.
+    """
+    expected = transform_points(pose, setup.targets)
+    turn = None
+    if determines_orientation(setup.targets):
+        turn = log3(rigid_fit(expected, points)[:, :3, :3])
+    return MethodErrors(name, points - expected, turn)

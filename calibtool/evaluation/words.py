@@ -1,0 +1,78 @@
+"""What the numbers of an evaluation are called: only what was measured is called after."""
+
+from dataclasses import dataclass
+
+from calibtool.evaluation.compare import Evaluation, Kind
+from calibtool.evaluation.proof import Before
+
+
+@dataclass(frozen=True)
+class Words:
+    """Names of an evaluation's numbers.
+
+    how            what was compared, for headings
+    before, after  the nominal robot's column, and a calibration's
+    remark         one sentence about what the errors are
+    """
+
+    how: str
+    before: str
+    after: str
+    remark: str
+
+
+_COMPENSATED = Words(
+    how="driven to corrected joints, simulated without noise",
+    before="before, simulated",
+    after="after, simulated",
+    remark="The actual robot of the simulation was driven to the corrected joints and observed "
+    "without noise.",
+)
+_PREDICTED = Words(
+    how="measured minus predicted: what to expect after correction",
+    before="nominal robot",
+    after="expected after correction",
+    remark="Nobody drove the arm to corrected joints: errors are what is left between measured and "
+    "predicted target points, which is what to expect after correction; the measurements' noise is "
+    "in them.",
+)
+_MEASURED = Words(
+    how="commanded against measured",
+    before="before, measured",
+    after="after, measured",
+    remark="The arm was driven to the corrected joints: errors are those of measured against "
+    "commanded target points; the measurements' noise is in them.",
+)
+_AFTER_ALONE = Words(
+    how=_MEASURED.how,
+    before="expected before correction",
+    after=_MEASURED.after,
+    remark=f"{_MEASURED.remark} Nobody measured before the correction: that column is what the "
+    "model expects.",
+)
+
+
+def words(kind: Kind, before: Before | None) -> Words:
+    """The words for an evaluation of a kind.
+
+    before: how the numbers before the correction came about, of kind `measured`; else None.
+    """
+    if kind == "measured":
+        return _MEASURED if before == "measured" else _AFTER_ALONE
+    return _COMPENSATED if kind == "compensated" else _PREDICTED
+
+
+def brought(evaluation: Evaluation, name: str, before: str, after: str) -> str:
+    """The sentence that a calibration lowers the mean position error, texts with units."""
+    if evaluation.kind == "predicted":
+        return (
+            f"After correction by {name} a mean position error of {after} is to be expected; "
+            f"the nominal robot leaves {before}."
+        )
+    if evaluation.kind == "compensated":
+        return f"{name} brings the mean position error from {before} to {after} in simulation."
+    expected = "" if evaluation.before == "measured" else "the expected "
+    return (
+        f"{name} brought the mean position error from {expected}{before} to {after}, measured on "
+        "the arm."
+    )
