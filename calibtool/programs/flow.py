@@ -27,12 +27,13 @@ from calibtool.programs.motions import (
     Value,
 )
 from calibtool.programs.targets import Remark
-from calibtool.programs.values import Atom, Atoms, Evaluation, joined
+from calibtool.programs.values import MANY, Atom, Atoms, Evaluation, joined
 
 _STANDS = ""  # the variable that holds at which uses the robot stands
 _NOWHERE = -1  # among them: or somewhere that nobody knows
 _ROUNDS = 4  # of a program whose variables keep their values
 _BEFORE = 8  # uses from which the branch of a position is looked for
+_POSITIONS = 1000  # literals that a variable can hold: more are as good as unknown
 _WORK = 5_000_000  # blocks times variables: beyond it a variable holds all its values everywhere
 _EMPTY: Atoms = frozenset([Unknown("a variable that no file gives a value")])
 
@@ -88,7 +89,7 @@ def follow(program: Program, given: Frames) -> Flow:
     for _ in range(_ROUNDS):
         analysis = _Analysis(program, given, kept)
         after = analysis.run()
-        more = {name: joined(analysis.begin(name), atoms) for name, atoms in after.items()}
+        more = {n: analysis.joined(n, analysis.begin(n), atoms) for n, atoms in after.items()}
         if not program.persistent or all(more[name] == analysis.begin(name) for name in more):
             return analysis.flow()
         kept |= more
@@ -218,7 +219,7 @@ class _Analysis:
         for name in self.order:
             for variable, atoms in self.summaries[name].after.items():
                 if variable != _STANDS and name not in self.called:
-                    end[variable] = joined(end.get(variable, frozenset()), atoms)
+                    end[variable] = self.joined(variable, end.get(variable, frozenset()), atoms)
         return end
 
     def _routine(self, routine: Routine, root: bool) -> _Summary:
@@ -243,13 +244,52 @@ class _Analysis:
                     for action in graph[number].actions
                 ]
                 for following in graph[number].next if all(returns) else ():
-                    if _merge(states, following, state, entry):
+                    if self._merge(states, following, state, entry):
                         waiting.add(following)
         if states[-1] is None and routine.name in self.recursive:
             line = self.recursive[routine.name]
             self._remark(line, _said(routine.name), "calls itself without end", routine, bad=True)
         summary.after = states[-1] or {}
         return summary
+
+    def joined(self, name: str, one: Atoms, other: Atoms) -> Atoms:
+        """What a variable can hold if it is either; literals of a variable with very many are no constants."""
+        both = joined(one, other)
+        if len(both) <= _BEFORE or (name != _STANDS and len(both) <= _POSITIONS):
+            return both
+        literals = [atom for atom in both if isinstance(atom, int)]
+        if name == _STANDS:  # the lowest, and perhaps others
+            first = sorted(number for number in literals if number != _NOWHERE)[:_BEFORE]
+            return both.difference(literals) | {*first, _NOWHERE}
+        for number in literals:
+            self.evaluation.spoiled.setdefault(number, "its variable takes too many positions")
+        return frozenset([MANY])
+
+    def _merge(
+        self,
+        states: list[_State | None],
+        number: int,
+        state: _State,
+        entry: Callable[[str], Atoms],
+    ) -> bool:
+        """Add a state to what may hold where a block begins; whether that changed it."""
+        old = states[number]
+        if old is None:
+            states[number] = dict(state)
+            return True
+        changed = False
+        for name, there in state.items():
+            here = old.get(name)
+            if here is there:
+                continue
+            both = self.joined(name, entry(name) if here is None else here, there)
+            changed = changed or here is None or both != here
+            old[name] = both
+        for name in old.keys() - state.keys():
+            both = self.joined(name, old[name], entry(name))
+            changed = changed or both != old[name]
+            old[name] = both
+        return changed
 
     def _act(
         self,
@@ -275,7 +315,7 @@ class _Analysis:
             given = {name: self.evaluation.atoms(v, variable) for name, v in action.arguments}
             asked = {name: given.get(name) or variable(name) for name in sorted(callee.asked)}
             _, before = summary.calls.get(id(action), ("", {}))
-            found = {n: joined(atoms, before.get(n, frozenset())) for n, atoms in asked.items()}
+            found = {n: self.joined(n, a, before.get(n, frozenset())) for n, a in asked.items()}
             summary.calls[id(action)] = action.routine, found
             for name, atoms in callee.after.items():
                 state[name] = self.evaluation.entered(atoms, asked.__getitem__)
@@ -305,11 +345,12 @@ class _Analysis:
                 setattr(node, name, joined(getattr(node, name), found))
             if aim.near is not None:
                 node.near |= self.evaluation.atoms(aim.near, variable)
-            node.before = joined(node.before, before)
+            node.before = self.joined(_STANDS, node.before, before)
             reached.add(number)
         if aim.relative:
             self._remark(move.line, move.name, aim.relative, routine)
-        return frozenset(reached | before | {_NOWHERE}) if unknown else frozenset(reached)
+        stands = frozenset(reached | before | {_NOWHERE} if unknown else reached)
+        return self.joined(_STANDS, stands, stands)
 
     def _remark(self, line: int, name: str, why: str, routine: Routine, bad: bool = False) -> None:
         remark = Remark(line, name, why, bad, routine.source)
@@ -326,7 +367,7 @@ class _Analysis:
                 for variable, atoms in asked.items():
                     found = self.evaluation.entered(atoms, at_entry)
                     held = entries[callee].get(variable, frozenset())
-                    entries[callee][variable] = joined(held, found)
+                    entries[callee][variable] = self.joined(variable, held, found)
         found_at: list[list[int]] = []
         result: list[Use] = []
         came: list[Atoms] = []
@@ -408,29 +449,6 @@ def _own(owners: dict[int, set[str]], name: str, value: Value) -> None:
     for part in value.parts if isinstance(value, Either) else (value,):
         if isinstance(part, int):
             owners.setdefault(part, set()).add(name)
-
-
-def _merge(
-    states: list[_State | None], number: int, state: _State, entry: Callable[[str], Atoms]
-) -> bool:
-    """Add a state to what may hold where a block begins; whether that changed it."""
-    old = states[number]
-    if old is None:
-        states[number] = dict(state)
-        return True
-    changed = False
-    for name, there in state.items():
-        here = old.get(name)
-        if here is there:
-            continue
-        both = joined(entry(name) if here is None else here, there)
-        changed = changed or here is None or both != here
-        old[name] = both
-    for name in old.keys() - state.keys():
-        both = joined(old[name], entry(name))
-        changed = changed or both != old[name]
-        old[name] = both
-    return changed
 
 
 def _said(name: str) -> str:

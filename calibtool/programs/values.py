@@ -1,7 +1,7 @@
 """What variables of a program can hold: sets of values, and what is computed from them."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -38,13 +38,16 @@ def joined(one: Atoms, other: Atoms) -> Atoms:
     if not one:
         return other
     both = one | other
-    if len(both) == len(one):
-        return one
-    if len(both) > _DIFFERENT or MANY in both:
-        literals = frozenset(atom for atom in both if isinstance(atom, int))
-        if MANY in both or len(both) - len(literals) > _DIFFERENT:
+    return one if len(both) == len(one) else _few(both)
+
+
+def _few(atoms: Atoms) -> Atoms:
+    """The set, with MANY in place of values that are no literals if there are too many of those."""
+    if len(atoms) > _DIFFERENT or MANY in atoms:
+        literals = frozenset(atom for atom in atoms if isinstance(atom, int))
+        if MANY in atoms or len(atoms) - len(literals) > _DIFFERENT:
             return literals | {MANY}
-    return both
+    return atoms
 
 
 @dataclass(eq=False)
@@ -78,10 +81,7 @@ class Evaluation:
                 self._constants[value] = frozenset([known])
             return self._constants[value]
         if isinstance(value, Either):
-            result: Atoms = frozenset()
-            for part in value.parts:
-                result = joined(result, self.atoms(part, variable))
-            return result
+            return _few(frozenset().union(*(self.atoms(p, variable) for p in value.parts)))
         if isinstance(value, Product):
             parts = [self.atoms(part, variable) for part in value.parts]
             if math.prod(map(len, parts)) > _DIFFERENT**2:
@@ -91,7 +91,7 @@ class Evaluation:
             found = (self._edited(value, atom) for atom in self.atoms(value.base, variable))
         else:
             return frozenset([value])
-        return _few(found)
+        return _few(frozenset(found))
 
     def entered(self, atoms: Atoms, variable: Callable[[str], Atoms]) -> Atoms:
         """The values with those of the routine's beginning put in."""
@@ -160,10 +160,3 @@ class Evaluation:
         for index, number in value.components:
             numbers[index] = number
         return frame_of(base.kind, base.name, pose(numbers, value.orientation), value.line)
-
-
-def _few(atoms: Iterable[Atom]) -> Atoms:
-    found: Atoms = frozenset()
-    for atom in atoms:
-        found = joined(found, frozenset([atom]))
-    return found
