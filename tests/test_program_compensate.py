@@ -11,6 +11,7 @@ import pytest
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.solve import compensate_joints, compensate_poses
+from calibtool.compensation.status import MEANING
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.programs.compensate import ProgramOptions, compensate_program
 from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
@@ -284,8 +285,10 @@ def test_corrections_that_lead_over_a_limit() -> None:
             assert robot.within_limits(np.round(written, 9))[0]
             np.testing.assert_allclose(written, corrected.q, atol=1e-6)
             held.append(bool(abs(corrected.q[0, j] - q[0, j]) < 1e-9))
-            named = ["a joint is held at its limit, or outside its limits"] * held[-1]
-            assert [r.why for r in result.remarks if "limit" in r.why] == named
+            assert [r.why for r in result.remarks if r.why == MEANING["out-of-limits"]] == (
+                [MEANING["out-of-limits"]] if corrected.status[0] == "out-of-limits" else []
+            )
+            assert not held[-1] or corrected.status[0] in ("out-of-limits", "near-singular")
     assert True in held
     assert False in held
 

@@ -37,6 +37,7 @@ class ProgramOptions:
     joint_values      whose they are; None: what the format says, see `coupling_of`
     frames            frames and tools that the program does not define
     backlash          take it up where the text is in the order of motion
+    largest_change    of a joint, rad, and weights of the pose error's components: see `default_bounds`
     controller_model  T_base_tool by which the controller solves poses; None: nobody says, which is
                       the nominal robot's where the description knows of no other
     """
@@ -47,7 +48,7 @@ class ProgramOptions:
     joint_values: JointValues | None = None
     frames: Frames = field(default_factory=Frames)
     backlash: bool = True  # taken up where the text is in the order of motion
-    largest_change: float | None = None  # rad; this and weights: see `default_bounds`
+    largest_change: float | None = None
     weights: Weights | None = None
     controller_model: Mechanism | None = None
 
