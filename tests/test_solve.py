@@ -216,7 +216,7 @@ def test_rows_near_a_singularity_are_marked_and_their_correction_is_bounded(base
     assert np.isfinite(result.q).all()
     most = default_bounds(calibration).largest_change
     assert 0 < most < np.deg2rad(30)
-    assert np.abs(result.q - q).max() <= min(most, np.deg2rad(5))
+    assert np.abs(result.q - q).max() <= min(most, np.deg2rad(15))
     away = compensate_joints(calibration, UR5_HOME[None], method)  # type: ignore[arg-type]
     assert list(away.status) == ["ok"]
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from commandline import ENVIRONMENT, Files, only_line, refused, run, shell, write_table
+from commandline import ENVIRONMENT, Files, refused, run, shell, write_table
 
 PLANAR = ["j1_deg", "j2_deg", "j3_deg"]
 
