@@ -15,13 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.equivalent.network import initial_network
+from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.export.c_code import calibration_as_c
 from calibtool.export.rendering import Precision
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.motion import JointMotion
 
 # The smallest of many short runs: what the machine does besides is not the code's.
 MAIN = """
@@ -68,9 +67,10 @@ def with_harmonics(calibration: Calibration, orders: int) -> Calibration:
     """The calibration with every joint-motion function: `orders` random harmonics per joint, wind-up, and a network."""
     rng = np.random.default_rng(0)
     n = calibration.robot.n
-    motion = JointMotion(rng.normal(size=(n, 2 * orders)) * 1e-4, rng.random(n) * 1e-6, np.zeros(n))
-    network = initial_network(calibration.q, np.full(calibration.equivalent.p, 1e-4), 6, rng)
-    return replace(calibration, base=replace(calibration.base, model="complete", motion=motion), networks=(network,))
+    harmonics, gravity = rng.normal(size=(n, 2 * orders)) * 1e-4, rng.random(n) * 1e-6
+    errors = calibration.base.errors.having(harmonics=harmonics, gravity=gravity)
+    network = Network.initial(calibration.q, np.full(calibration.equivalent.p, 1e-4), 6, rng)
+    return replace(calibration, base=replace(calibration.base, model="complete", errors=errors), networks=(network,))
 
 
 def main() -> None:

@@ -14,40 +14,39 @@ import argparse
 import resource
 import statistics
 import time
-from dataclasses import replace
 
 import numpy as np
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.calibration.fit import BaseOptions
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ErrorScales
 from calibtool.evaluation.compare import evaluate
 from calibtool.identification.complete import CompleteOptions
-from calibtool.identification.parameters import ErrorState, Parameters
+from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import observation_matrix, weights
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped import at_point
 
 PHYSICAL = ("geometric", "gear", "gravity", "thermal")
 BAYES = TrainingOptions(regularisation="bayes")
-GEOMETRY = BaseOptions("complete", CompleteOptions(harmonics=0, gravity=False))
+GEOMETRY = BaseOptions("complete", CompleteOptions(orders={"harmonics": 0, "gravity": 0}))
 
 
 def bound(measurements: Measurements, fresh: Measurements) -> float:
     """Mean position error that no unbiased estimator can beat, m: Cramér–Rao at the true errors (δζ, δξ, δq)."""
     assert measurements.truth is not None
     robot, setup = measurements.robot, measurements.truth.setup
-    parameters = Parameters.of(robot, setup, twists=True, harmonics=0, gravity=False)
-    state = replace(ErrorState.nominal(robot, setup), geometry=measurements.truth.actual.geometry)
-    frames = state.frames(robot, measurements.q)
-    columns = observation_matrix(setup, frames.tool) @ parameters.pose_columns(robot, state, frames, measurements.q)
+    parameters = Parameters.of(robot, setup, twists=1)
+    state = State(measurements.truth.actual.errors.without("harmonics", "gravity", "backlash"), setup)
+    context = state.errors.context(measurements.q)
+    columns = observation_matrix(setup, context.frames.tool) @ parameters.pose_columns(context)
     A = (columns * weights(measurements)[..., None]).reshape(-1, parameters.count)
     covariance = np.linalg.pinv(A, rcond=1e-10) @ np.linalg.pinv(A, rcond=1e-10).T
-    frames = state.frames(robot, fresh.q)
-    C = at_point(parameters.pose_columns(robot, state, frames, fresh.q), frames.tool[:, :3, 3])[:, :3]
+    context = state.errors.context(fresh.q)
+    C = at_point(parameters.pose_columns(context), context.frames.tool[:, :3, 3])[:, :3]
     factors = np.linalg.cholesky(C @ covariance @ np.swapaxes(C, 1, 2) + 1e-18 * np.eye(3))
     draws = np.random.default_rng(0).normal(size=(200, 3))
     return float(np.linalg.norm(np.einsum("kij,dj->kdi", factors, draws), axis=-1).mean())

@@ -18,12 +18,13 @@ from calibtool.calibration.frame import FRAMES, FrameName, taught_frame
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.program import read_configurations
 from calibtool.compensation.solve import compensate_joints
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.evaluation.compare import evaluate
 from calibtool.evaluation.view.scene import scene_of
 from calibtool.measurement.importing import import_table
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.compensate import compensate_program
-from calibtool.robot.actual import ERROR_KINDS, ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.se3 import Array
 from calibtool.robot.shipped import shipped

@@ -26,11 +26,11 @@ from test_numerics import towards_singularity as towards
 from calibtool.calibration import identify
 from calibtool.compensation.solve import compensate_joints
 from calibtool.compensation.status import OK
+from calibtool.errormodel.actual import ErrorScales
 from calibtool.errors import InputError
 from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.measurements import check_targets
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
@@ -78,8 +78,8 @@ def turns() -> Table:
     rows = [["turned by rad", "nominal pose", "calibrated pose", "corrected joints rad"]]
     calibration = calibrated("fanuc-m1000ia")
     robot, q = calibration.robot, calibration.q[:10]
-    steady = replace(calibration.base.geometry, twists=np.zeros((6, 6)))
-    plain = replace(calibration, base=replace(calibration.base, geometry=steady), networks=())
+    steady = calibration.base.errors.without("twists")
+    plain = replace(calibration, base=replace(calibration.base, errors=steady), networks=())
     for turned in (1e3, 1e4, 1e5, 1e6):
         far = q + np.array([0, 0, 0, 1, 1, 1]) * round(turned / (2 * np.pi)) * 2 * np.pi
         nominal = robot.mechanism.forward(far) - robot.mechanism.forward(q)

@@ -17,15 +17,16 @@ from dataclasses import replace
 import numpy as np
 
 from calibtool.calibration import identify
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.tolerances import Tolerances
 from calibtool.evaluation.compare import evaluate
-from calibtool.identification.parameters import Parameters, Tolerances
+from calibtool.identification.parameters import Parameters
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints
 from calibtool.planning.knowledge import Knowledge
 from calibtool.planning.plan import make_plan
 from calibtool.planning.selection import select
-from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
 
 NOISE = 0.05e-3
@@ -80,8 +81,8 @@ def limits(seeds: range) -> None:
     robot = load_robot("fanuc-m1000ia")
     space = robot.workspace("full")[1]
     whole = Knowledge.of_tolerances(robot, NOISE)
-    parameters = Parameters.of(robot, whole.state.setup, twists=True, harmonics=0, gravity=False)
-    prior_std = parameters.prior_std(robot, Tolerances.of(robot))
+    parameters = Parameters.of(robot, whole.state.setup, twists=1)
+    prior_std = parameters.prior_std(Tolerances.of_robot(robot))
     geometry = replace(whole, parameters=parameters, prior_std=prior_std, covariance=np.eye(parameters.count))
     judged = sample_configurations(robot, space, 500, np.random.default_rng(99))
     results: dict[str, list[float]] = {}

@@ -25,8 +25,9 @@ from calibtool.compensation.solve import Compensation, Method, compensate_joints
 from calibtool.compensation.status import OK, OUT_OF_LIMITS, UNCORRECTED
 from calibtool.compensation.weighed import Task, weighted_error
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ERROR_KINDS, ErrorScales
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.model import Robot

@@ -20,9 +20,10 @@ import numpy as np
 
 from calibtool.calibration import train
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ERROR_KINDS, ErrorScales
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import Workspace
 from calibtool.robot.model import Robot
@@ -68,7 +69,7 @@ def trial(
     evaluation = evaluate([("complete", train(measurements, "complete", BAYES))], fresh)
     nominal, complete = (1e3 * part.position_size.mean() for part in evaluation.correctable)
     actual = measurements.truth.actual
-    still = replace(actual, backlash=np.zeros(robot.n))
+    still = replace(actual, errors=actual.errors.without("backlash"))
     moved = actual.forward(fresh.q)[:, :3, 3] - still.forward(fresh.q)[:, :3, 3]
     beyond = evaluation.uncorrectable
     left = 0.0 if beyond is None else 1e3 * beyond.position_size.sum() / len(fresh)

@@ -18,14 +18,14 @@ from dataclasses import replace
 import numpy as np
 
 from calibtool.calibration import identify
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.export.urdf_geometry import fitted_geometry
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ERROR_KINDS, ErrorScales
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import Workspace
-from calibtool.robot.geometry import mechanism
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, log3
 
@@ -54,7 +54,7 @@ def trial(robot: Robot, workspace: Workspace | None, configurations: int, seed: 
     urdf = Robot.from_source(replace(source, urdf_text=text, description=description))
     q = sample_configurations(robot, workspace, FRESH, np.random.default_rng([seed, 1]))
     truth = actual.forward(q)
-    best = mechanism(robot.chain, fitted_geometry(robot, lambda _: truth, q))
+    best = fitted_geometry(robot, lambda _: truth, q).mechanism
     found = [robot.mechanism.forward(q), calibration.forward(q), urdf.mechanism.forward(q), best.forward(q)]
     return np.array([mean_errors(poses, truth) for poses in found])
 

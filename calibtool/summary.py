@@ -8,7 +8,7 @@ from calibtool.calibration.learning_curve import LearningCurve
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.training import TrainingReport
 from calibtool.identification.model import Identification, Posterior
-from calibtool.identification.report import backlash_text, parameter_rows, strongest_correlations
+from calibtool.identification.report import parameter_rows, strongest_correlations
 from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.robot.coupling import coupling_text
@@ -70,27 +70,18 @@ def measurements_summary(measurements: Measurements) -> dict[str, object]:
         "schema_version": 1,
         "robot": measurements.robot.name,
         "configurations": len(measurements),
-        "observation": f"{measurements.points.shape[1]} target points" if measurements.kind == "points" else "6-D pose",
+        "observation": measurements.setup.kind.words.format(m=measurements.points.shape[1]),
         "noise_position_mm": measurements.noise_position * 1e3,
         "registration": _setup_summary(measurements.setup),
-        "directions": "unknown" if measurements.direction is None else "known",
+        "directions": "unknown" if measurements.conditions.direction is None else "known",
         "commanded": "the joints" if measurements.commanded is None else "poses, apart from the joints",
         "simulated": measurements.truth is not None,
     }
     if measurements.kind == "pose":
         summary["noise_orientation_mrad"] = measurements.noise_orientation * 1e3
     if measurements.truth is not None:
-        actual = measurements.truth.actual
-        parts = {
-            "geometric": any(
-                a.any() for a in (actual.geometry.placements, actual.geometry.twists, actual.geometry.offsets)
-            ),
-            "gear": bool(actual.gear.any()),
-            "gravity": bool(actual.compliance.any()),
-            "backlash": bool(actual.backlash.any()),
-            "thermal": actual.expansion != 0.0,
-        }
-        summary["errors"] = [name for name, present in parts.items() if present]
+        kinds = (family.kind for family in measurements.truth.actual.errors.present)
+        summary["errors"] = list(dict.fromkeys(kinds))
     return summary
 
 
@@ -215,12 +206,12 @@ def _complete_lines(calibration: Calibration) -> list[str]:
     posterior = base.posterior
     assert posterior is not None
     parameters = posterior.parameters
-    gravity = ", ".join(str(j + 1) for j in parameters.gravity)
-    functions = f"{parameters.harmonics} harmonics per joint" if parameters.harmonics else "no harmonics"
-    functions += f", gravity on joints {gravity}" if gravity else ", no gravity"
-    if parameters.backlash:
-        functions += f", backlash {backlash_text(calibration.robot, base.motion.backlash)} half width"
-    functions += "" if parameters.twists else ", no twist errors"
+    told = [
+        part.family.told(calibration.robot, base.errors[part.family.id], part.free)
+        for part in parameters.parts
+        if not part.family.always
+    ]
+    functions = ", ".join(told) or "geometry alone"
     estimated = posterior.noise_factor * calibration.noise_position * 1e3
     result = [
         f"{posterior.effective:.1f} of {base.observable_rank} directions determined ({parameters.count} parameters), "
@@ -259,17 +250,15 @@ def _flagged_lines(calibration: Calibration) -> list[str]:
 
 def _posterior_summary(calibration: Calibration, posterior: Posterior) -> dict[str, object]:
     parameters = posterior.parameters
-    rows = parameter_rows(calibration.robot, calibration.base)
+    rows = parameter_rows(calibration.base)
     return {
         "effective_parameters": posterior.effective,
         "estimated_noise_mm": posterior.noise_factor * calibration.noise_position * 1e3,
         "log_evidence": posterior.log_evidence,
-        "twist_errors": parameters.twists,
-        "harmonics": parameters.harmonics,
-        "gravity_joints": [j + 1 for j in parameters.gravity],
-        "backlash_joints": [j + 1 for j in parameters.backlash],
+        "families": parameters.orders,
         "parameter_table": [
             {
+                "id": row.id,
                 "name": row.name,
                 "unit": row.unit,
                 "value": row.value,

@@ -8,13 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.compensation.one_step import Linearised, default_bounds
-from calibtool.equivalent.network import initial_network
+from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.geometry import GeometricErrors
-from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array
 
 REGULAR = 2 * MIN_SINGULARITY_DISTANCE  # here answers are compared to the last digits; nearer, rounding is magnified
@@ -33,6 +32,7 @@ CASES = [
     ("gantry", "everything", True),
     ("panda", "everything", True),
     ("panda", "nominal", True),
+    ("scara", "nominal", True),
 ]
 
 
@@ -51,16 +51,17 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     rng = np.random.default_rng(1)
     if calibration.network is None:
         scale = np.full(calibration.equivalent.p, 1e-3)
-        calibration = replace(calibration, networks=(initial_network(measurements.q, scale, 5, rng),))
+        calibration = replace(calibration, networks=(Network.initial(measurements.q, scale, 5, rng),))
     if base == "everything":
         errors = [rng.normal(size=shape) * 1e-3 for shape in ((robot.n + 1, 6), (robot.n, 6), (robot.n,))]
         revolute = ~np.array(robot.prismatic)
-        motion = JointMotion(
-            rng.normal(size=(robot.n, 64)) * 1e-4 * revolute[:, None],
-            rng.random(robot.n) * 1e-6 * revolute,
-            np.zeros(robot.n),
+        drawn = RobotErrors.of(
+            robot,
+            **dict(zip(("placements", "twists", "offsets"), errors, strict=True)),
+            harmonics=rng.normal(size=(robot.n, 64)) * 1e-4 * revolute[:, None],
+            gravity=rng.random(robot.n) * 1e-6 * revolute,
         )
-        identified = replace(calibration.base, model="complete", geometry=GeometricErrors(*errors), motion=motion)
+        identified = replace(calibration.base, model="complete", errors=drawn)
         calibration = replace(calibration, base=identified)
     return calibration
 

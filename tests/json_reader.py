@@ -134,13 +134,12 @@ def correct_from_json(c: dict, q: Array) -> tuple[Array, str]:
 
     more = (np.sqrt(stays) > [c["usual_error_rad"]["all"], c["usual_error_rad"]["task"]]).any()
     stopped, far = (lower >= D) | (upper <= D), np.abs(D) >= most
-    verdicts = {
-        "uncorrected": dropped and more,
-        "outside": bool((q_m < np.array(low) - 1e-9).any() or (q_m > np.array(high) + 1e-9).any()),
-        "near-singular": distance < c["damped_below"],
-        "out-of-limits": more and (stopped & ~far).any(),
-        "limited": more and (stopped & far).any(),
-        "partial": more,
-    }
-    status = next((status for status, holds in verdicts.items() if holds), "ok")
-    return q_m, "out-of-limits" if status == "outside" else status
+    verdicts = [
+        ("uncorrected", dropped and more),
+        ("out-of-limits", bool((q_m < np.array(low) - 1e-9).any() or (q_m > np.array(high) + 1e-9).any())),
+        ("near-singular", distance < c["damped_below"]),
+        ("out-of-limits", more and (stopped & ~far).any()),
+        ("limited", more and (stopped & far).any()),
+        ("partial", more),
+    ]
+    return q_m, next((status for status, holds in verdicts if holds), "ok")

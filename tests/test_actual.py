@@ -7,19 +7,18 @@ import pytest
 from derivatives import assert_derivative, finite_differences
 from poe import expm_chain, poe_frames, random_positions
 
-from calibtool.identification.columns import offset_columns, placement_columns, twist_columns
-from calibtool.robot.actual import (
-    ERROR_KINDS,
-    STEEL_EXPANSION,
-    ActualRobot,
-    ErrorScales,
-    random_actual,
-)
+from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
+from calibtool.errormodel.conditions import REFERENCE_C
+from calibtool.errormodel.families import ERROR_KINDS, FAMILIES
+from calibtool.errormodel.family import offset_columns
+from calibtool.errormodel.placements import placement_columns
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.errormodel.temperature import STEEL_EXPANSION
+from calibtool.errormodel.twists import twist_columns
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.geometry import GeometricErrors, relative_error
+from calibtool.robot.gravity import gravity_torque
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import gravity_torque
-from calibtool.robot.se3 import Array, inverse
+from calibtool.robot.se3 import Array, exp6, inverse, relative_error
 
 
 def actual(robot: Robot, *kinds: str, seed: int = 3) -> ActualRobot:
@@ -28,21 +27,13 @@ def actual(robot: Robot, *kinds: str, seed: int = 3) -> ActualRobot:
 
 def present(robot: ActualRobot) -> set[str]:
     """The kinds that are not zero."""
-    geometry = robot.geometry
-    kinds = {
-        "geometric": geometry.placements.any() or geometry.twists.any() or geometry.offsets.any(),
-        "gear": robot.gear.any(),
-        "gravity": robot.compliance.any(),
-        "backlash": robot.backlash.any(),
-        "thermal": robot.expansion != 0,
-    }
-    return {kind for kind, here in kinds.items() if here}
+    return {family.kind for family in robot.errors.present}
 
 
 # --- kinds ---
 
 
-@pytest.mark.parametrize("kind", ERROR_KINDS)
+@pytest.mark.parametrize("kind", [kind for kind in ERROR_KINDS if kind != "payload"])
 def test_each_kind_alone_moves_the_tool_and_leaves_the_others_out(
     fanuc: Robot, kind: str, rng: np.random.Generator
 ) -> None:
@@ -66,25 +57,17 @@ def test_switching_other_kinds_on_leaves_a_kind_as_it_was(fanuc: Robot, kind: st
     alone, among_all = actual(fanuc, kind), actual(fanuc, *ERROR_KINDS)
     without = actual(fanuc, *(k for k in ERROR_KINDS if k != kind))
     assert present(among_all) == set(ERROR_KINDS)
-    parts = {
-        "geometric": lambda r: np.concatenate(
-            [r.geometry.placements.ravel(), r.geometry.twists.ravel(), r.geometry.offsets]
-        ),
-        "gear": lambda r: r.gear,
-        "gravity": lambda r: r.compliance,
-        "backlash": lambda r: r.backlash,
-        "thermal": lambda r: np.array(r.expansion),
-    }
-    for name, part in parts.items():
-        np.testing.assert_array_equal(part(among_all), part(alone if name == kind else without))
+    for family in FAMILIES:
+        other = alone if family.kind == kind else without
+        np.testing.assert_array_equal(among_all.errors[family.id], other.errors[family.id])
 
 
 def test_the_seed_decides(fanuc: Robot) -> None:
     first, again, other = (actual(fanuc, *ERROR_KINDS, seed=seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first.geometry.placements, again.geometry.placements)
-    np.testing.assert_array_equal(first.gear, again.gear)
-    assert (first.geometry.placements != other.geometry.placements).all()
-    assert (first.gear != other.gear).all()
+    np.testing.assert_array_equal(first.errors["placements"], again.errors["placements"])
+    np.testing.assert_array_equal(first.errors["harmonics"], again.errors["harmonics"])
+    assert (first.errors["placements"] != other.errors["placements"]).all()
+    assert (first.errors["harmonics"] != other.errors["harmonics"]).all()
 
 
 # --- geometry ---
@@ -93,27 +76,27 @@ def test_the_seed_decides(fanuc: Robot) -> None:
 def test_geometric_errors_have_the_stated_spread(rng: np.random.Generator) -> None:
     gantry = load_robot("gantry")
     scales = ErrorScales(length=2e-3, angle=0.3e-3)
-    drawn = [random_actual(gantry, scales, child).geometry for child in rng.spawn(200)]
-    for twists in (np.array([g.placements for g in drawn]), np.array([g.twists for g in drawn])):
+    drawn = [random_actual(gantry, scales, child).errors for child in rng.spawn(200)]
+    for twists in (np.array([g["placements"] for g in drawn]), np.array([g["twists"] for g in drawn])):
         assert twists[..., :3].std() == pytest.approx(2e-3, rel=0.05)
         assert twists[..., 3:].std() == pytest.approx(0.3e-3, rel=0.05)
         assert np.abs(twists.mean(axis=0)).max() < 5 * 2e-3 / np.sqrt(200)
-    offsets = np.array([g.offsets for g in drawn])
+    offsets = np.array([g["offsets"] for g in drawn])
     assert offsets[:, :3].std() == pytest.approx(2e-3, rel=0.1)  # slides: a length
     assert offsets[:, 3:].std() == pytest.approx(0.3e-3, rel=0.1)
 
 
 def test_geometric_errors_are_finite_motions(robot: Robot, rng: np.random.Generator) -> None:
     errors = random_actual(robot, ErrorScales(length=0.05, angle=0.05), rng)
-    q, geometry = random_positions(robot, rng, 3), errors.geometry
+    q, geometry = random_positions(robot, rng, 3), errors.errors
     identity = np.array([np.eye(4)] * 2)
     placements = np.array(
         [
             M @ expm_chain(identity, x[None], np.ones((1, 1)))[0]
-            for M, x in zip(robot.chain.placements, geometry.placements, strict=True)
+            for M, x in zip(robot.chain.placements, geometry["placements"], strict=True)
         ]
     )
-    expected = expm_chain(placements, robot.chain.twists + geometry.twists, q + geometry.offsets)
+    expected = expm_chain(placements, robot.chain.twists + geometry["twists"], q + geometry["offsets"])
     np.testing.assert_allclose(errors.forward(q), expected, atol=1e-9)
 
 
@@ -128,22 +111,16 @@ def test_small_errors_agree_with_the_linear_columns_to_second_order(
     drawn = actual(robot, *kinds)
 
     def left_over(scale: float) -> float:
-        geometry = drawn.geometry
-        errors = replace(
-            drawn,
-            geometry=GeometricErrors(scale * geometry.placements, scale * geometry.twists, scale * geometry.offsets),
-            gear=scale * drawn.gear,
-            compliance=scale * drawn.compliance,
-            backlash=scale * drawn.backlash,
-            expansion=scale * drawn.expansion,
-        )
-        placements = errors.geometry.placements.copy()
+        values = {name: scale * value for name, value in drawn.errors.values.items()}
+        errors = replace(drawn, errors=RobotErrors.of(robot, **values))
+        placements = errors.errors["placements"].copy()
         for j, M in enumerate(chain.placements):  # growth is a shift along the link, seen in the joint's frame
-            placements[j, :3] += errors.expansion * M[:3, :3].T @ M[:3, 3]
-        motion = errors.geometry.offsets + errors.joint_motion(q)
+            growth = errors.errors["temperature"][j] * (errors.temperature_c - REFERENCE_C)
+            placements[j, :3] += growth * M[:3, :3].T @ M[:3, 3]
+        motion = errors.errors["offsets"] + errors.joint_motion(q)
         linear = (
             placement_columns(frames) @ placements.ravel()
-            + twist_columns(frames, chain.twists, q) @ errors.geometry.twists.ravel()
+            + twist_columns(frames, chain.twists, q) @ errors.errors["twists"].ravel()
             + (offset_columns(frames, chain.twists) @ motion[..., None])[..., 0]
         )
         return float(np.abs(relative_error(errors.forward(q), frames.tool) - linear).max())
@@ -158,7 +135,7 @@ def test_small_errors_agree_with_the_linear_columns_to_second_order(
 
 def test_gear_errors_are_two_harmonics_of_the_commanded_position(fanuc: Robot, rng: np.random.Generator) -> None:
     robot, q = actual(fanuc, "gear"), random_positions(fanuc, rng, 10)
-    a1, b1, a2, b2 = robot.gear.T
+    a1, b1, a2, b2 = robot.errors["harmonics"].T
     expected = a1 * np.sin(q) + b1 * np.cos(q) + a2 * np.sin(2 * q) + b2 * np.cos(2 * q)
     np.testing.assert_allclose(robot.joint_motion(q), expected, atol=1e-16)
     np.testing.assert_allclose(
@@ -168,8 +145,8 @@ def test_gear_errors_are_two_harmonics_of_the_commanded_position(fanuc: Robot, r
 
 def test_gear_errors_have_the_stated_spread_and_slides_have_no_gears(rng: np.random.Generator) -> None:
     gantry = load_robot("gantry")
-    scales = ErrorScales(kinds=("gear",), gear=0.4e-3)
-    drawn = np.array([random_actual(gantry, scales, child).gear for child in rng.spawn(300)])
+    scales = ErrorScales(kinds=("gear",), sizes={"gear": 0.4e-3})
+    drawn = np.array([random_actual(gantry, scales, child).errors["harmonics"] for child in rng.spawn(300)])
     assert not drawn[:, :3].any()
     np.testing.assert_allclose(drawn[:, 3:].std(axis=0), 0.4e-3, rtol=0.2)
 
@@ -202,7 +179,7 @@ def test_gravity_torque_is_the_derivative_of_the_potential_energy(robot: Robot, 
 def test_joints_wind_up_in_the_direction_of_the_weight(robot: Robot, rng: np.random.Generator) -> None:
     sagging, q = actual(robot, "gravity"), random_positions(robot, rng, 3)
     motion = sagging.joint_motion(q)
-    np.testing.assert_allclose(motion, -sagging.compliance * gravity_torque(robot, q), atol=1e-18)
+    np.testing.assert_allclose(motion, -sagging.errors["gravity"] * gravity_torque(robot, q), atol=1e-18)
     for row, step in zip(q, motion, strict=True):
         slope = finite_differences(lambda x: np.array(potential_energy(robot, x)), row)
         assert slope @ step <= 1e-12  # every joint gives way downhill
@@ -219,15 +196,15 @@ def test_joints_wind_up_in_the_direction_of_the_weight(robot: Robot, rng: np.ran
     ],
 )
 def test_only_joints_that_carry_load_wind_up(name: str, carrying: set[int]) -> None:
-    assert set(np.flatnonzero(actual(load_robot(name), "gravity").compliance)) == carrying
+    assert set(np.flatnonzero(actual(load_robot(name), "gravity").errors["gravity"])) == carrying
 
 
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "ur5", "kinova", "panda", "gantry"])
 def test_the_largest_wind_up_is_the_stated_one(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
-    sagging = random_actual(robot, ErrorScales(kinds=("gravity",), gravity=0.8e-3), rng)
+    sagging = random_actual(robot, ErrorScales(kinds=("gravity",), sizes={"gravity": 0.8e-3}), rng)
     largest = np.abs(sagging.joint_motion(random_positions(robot, rng, 2000))).max(axis=0)
-    carrying = sagging.compliance > 0
+    carrying = sagging.errors["gravity"] > 0
     assert carrying.any()
     np.testing.assert_allclose(largest[carrying], 0.8e-3, rtol=0.15)
     assert not largest[~carrying].any()
@@ -239,9 +216,10 @@ def test_the_largest_wind_up_is_the_stated_one(name: str, rng: np.random.Generat
 def test_backlash_leaves_a_joint_behind_its_motion(fanuc: Robot) -> None:
     home = fanuc.home(fanuc.workspace(None)[1])
     up, down = home + 0.1, home - 0.2
-    robot = replace(actual(fanuc), backlash=np.array([1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4]))
+    widths = np.array([1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4])
+    robot = ActualRobot(RobotErrors.of(fanuc, backlash=widths))
     motion = robot.joint_motion(np.array([up, down, up, up + 0.1, down]))
-    expected = np.array([-1, 1, -1, -1, 1])[:, None] * robot.backlash
+    expected = np.array([-1, 1, -1, -1, 1])[:, None] * robot.errors["backlash"]
     np.testing.assert_allclose(motion, expected, atol=1e-18)
 
 
@@ -249,7 +227,7 @@ def test_backlash_knows_the_direction_of_each_joint(fanuc: Robot) -> None:
     home = fanuc.home(fanuc.workspace(None)[1])
     direction = np.array([1, -1, 1, 1, -1, -1])
     robot = actual(fanuc, "backlash")
-    assert (robot.backlash == 0.1e-3).all()
+    assert (robot.errors["backlash"] == 0.1e-3).all()
     np.testing.assert_allclose(robot.joint_motion(home[None] + 0.1 * direction), -0.1e-3 * direction[None], atol=1e-18)
 
 
@@ -268,7 +246,7 @@ def test_a_joint_that_stands_still_stays_on_the_side_of_its_last_motion(fanuc: R
 def test_a_warm_arm_is_the_same_arm_enlarged(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
     q = random_positions(robot, rng, 5)
-    warm = random_actual(robot, ErrorScales(kinds=("thermal",), temperature=50.0), rng)
+    warm = random_actual(robot, ErrorScales(kinds=("thermal",), warmth=50.0), rng)
     nominal, pose = robot.mechanism.forward(q), warm.forward(q)
     np.testing.assert_allclose(pose[:, :3, 3], nominal[:, :3, 3] * (1 + 50.0 * STEEL_EXPANSION), atol=1e-12)
     np.testing.assert_allclose(pose[:, :3, :3], nominal[:, :3, :3], atol=1e-12)
@@ -287,16 +265,18 @@ def test_heat_does_not_change_what_a_slide_is_commanded(
 
 
 def test_ten_kelvin_on_a_metre_of_steel_are_an_eighth_of_a_millimetre(fanuc: Robot) -> None:
-    assert actual(fanuc, "thermal").expansion == pytest.approx(0.12e-3)  # 12 µm/m/K
+    warm = actual(fanuc, "thermal")
+    growth = warm.errors["temperature"] * (warm.temperature_c - REFERENCE_C)
+    np.testing.assert_allclose(growth, 0.12e-3)  # 12 µm/m/K
 
 
 def test_heat_and_geometric_errors_multiply(fanuc: Robot, rng: np.random.Generator) -> None:
     # M grown, then exp6(δζ): relative to the cold robot every placement is the growth in front of the same error.
     both, cold = actual(fanuc, "geometric", "thermal"), actual(fanuc, "geometric")
     grown = fanuc.chain.placements.copy()
-    grown[:, :3, 3] *= 1 + both.expansion
+    grown[:, :3, 3] *= 1 + 10.0 * STEEL_EXPANSION
     q = random_positions(fanuc, rng, 3)
-    placements = grown @ inverse(fanuc.chain.placements) @ cold.geometry.placements_of(fanuc.chain)
-    geometry = cold.geometry
-    expected = expm_chain(placements, fanuc.chain.twists + geometry.twists, q + geometry.offsets)
+    placements = grown @ inverse(fanuc.chain.placements) @ fanuc.chain.placements @ exp6(cold.errors["placements"])
+    geometry = cold.errors
+    expected = expm_chain(placements, fanuc.chain.twists + geometry["twists"], q + geometry["offsets"])
     np.testing.assert_allclose(both.forward(q), expected, atol=1e-9)

@@ -20,6 +20,7 @@ ROOMS = (
     "units",
     "progress",
     "robot",
+    "errormodel",
     "tables",
     "measurement",
     "identification",
@@ -113,6 +114,17 @@ def test_the_library_does_not_know_that_it_has_a_command_line(path: Path, tree: 
 
 def test_only_storage_knows_hdf5() -> None:
     assert {room(path) for path, tree in modules() if "h5py" in tops(tree, path)} == {"storage"}
+
+
+def test_nothing_outside_its_module_names_a_language() -> None:
+    """But for the help of the command line, which lists what there is."""
+    from calibtool.programs import formats
+
+    for name in formats.PROGRAM_FORMATS:
+        for path, tree in modules():
+            texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)]
+            if name in texts and room(path) != "cli":
+                assert f'NAME = "{name}"' in path.read_text(encoding="utf-8"), path
 
 
 def test_only_plots_knows_matplotlib() -> None:

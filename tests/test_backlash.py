@@ -5,7 +5,6 @@ import json
 from dataclasses import replace
 from functools import cache
 
-import h5py
 import numpy as np
 import pytest
 from derivatives import assert_derivative
@@ -14,6 +13,10 @@ from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
 from calibtool.compensation.backlash import BacklashPath
 from calibtool.compensation.stream import StreamOptions, compensate_text
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.backlash import backlash_text
+from calibtool.errormodel.conditions import Conditions, directions
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errors import InputError
 from calibtool.evaluation.compare import evaluate
 from calibtool.export.as_json import calibration_as_json
@@ -21,20 +24,18 @@ from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.export.c_code import calibration_as_c
 from calibtool.export.structured_text import calibration_as_structured_text
 from calibtool.identification.complete import CompleteOptions, identify_complete
-from calibtool.identification.parameters import ErrorState, Parameters
-from calibtool.identification.report import backlash_text, parameter_rows
+from calibtool.identification.parameters import Parameters, State
+from calibtool.identification.report import parameter_rows
 from calibtool.measurement.importing import import_table
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.compensate import ProgramOptions, compensate_program
-from calibtool.robot.actual import ERROR_KINDS, ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.mechanism import Frames
-from calibtool.robot.motion import directions
 from calibtool.robot.se3 import Array, log6
 from calibtool.storage import read_any, to_bytes
 
-WITHOUT = BaseOptions("complete", CompleteOptions(backlash=False))
+WITHOUT = BaseOptions("complete", CompleteOptions(orders={"backlash": 0}))
 
 
 @cache
@@ -98,13 +99,29 @@ def test_a_path_may_come_in_batches_and_skips_rows_that_are_not_driven_to(rng: n
     assert not whole[0].any()
 
 
+def test_no_joint_is_taken_beyond_a_limit(rng: np.random.Generator) -> None:
+    q = np.clip(rng.normal(size=(50, 3)), -1.0, 1.0)
+    q[::7] += np.array([0.5, 0.0, 0.0])  # commanded outside: there nothing is added outwards
+    width = np.array([0.1, 0.2, 0.3])
+    free = BacklashPath(width).taken_up(q)
+    taken = BacklashPath(width, -np.ones(3), np.ones(3)).taken_up(q)
+    inside = np.abs(q) <= 1.0
+    assert (np.abs(q + taken)[inside] <= 1.0).all()
+    assert (np.abs(q + taken)[~inside] <= np.abs(q)[~inside]).all()
+    clear = np.abs(q) <= 0.7
+    np.testing.assert_array_equal(taken[clear], free[clear])
+    assert (taken != free).any()
+
+
 def test_rows_keep_their_directions() -> None:
     measurements = measured()
-    assert measurements.direction is not None
+    assert measurements.conditions.direction is not None
     order = np.array([7, 3, 50, 3])
-    np.testing.assert_array_equal(measurements.rows(order).direction, measurements.direction[order])
+    np.testing.assert_array_equal(
+        measurements.rows(order).conditions.direction, measurements.conditions.direction[order]
+    )
     with pytest.raises(InputError, match="directions"):
-        replace(measurements, direction=0.5 * measurements.direction)
+        replace(measurements, conditions=Conditions(0.5 * measurements.conditions.direction))
 
 
 def test_a_file_tells_directions_by_its_order_before_rows_are_chosen() -> None:
@@ -115,9 +132,9 @@ def test_a_file_tells_directions_by_its_order_before_rows_are_chosen() -> None:
     text = header + "\n" + "\n".join(",".join(f"{v:.12g}" for v in row) for row in rows) + "\n"
     taken, rest = import_table(text, "t.csv", robot).split("5:9", None, 0)
     expected = np.sign(np.diff(q, axis=0, prepend=q[:1]))
-    np.testing.assert_array_equal(taken.measurements.direction, expected[4:9])
+    np.testing.assert_array_equal(taken.measurements.conditions.direction, expected[4:9])
     assert rest is not None
-    np.testing.assert_array_equal(rest.measurements.direction, np.delete(expected, range(4, 9), axis=0))
+    np.testing.assert_array_equal(rest.measurements.conditions.direction, np.delete(expected, range(4, 9), axis=0))
 
 
 # --- identification -------------------------------------------------------------------------------------------------
@@ -129,7 +146,7 @@ def test_half_widths_are_those_injected_within_their_covariance(name: str) -> No
     assert truth is not None
     assert base.posterior is not None
     std = base.posterior.std[base.posterior.parameters.blocks["backlash"]]
-    deviation = (base.motion.backlash - truth.actual.backlash) / std
+    deviation = (base.errors["backlash"] - truth.actual.errors["backlash"]) / std
     assert np.sqrt(np.mean(deviation**2)) < 1.7
     assert np.abs(deviation).max() < 3.5
     assert (std < 0.03e-3).sum() >= 4
@@ -138,22 +155,20 @@ def test_half_widths_are_those_injected_within_their_covariance(name: str) -> No
 
 def test_columns_of_the_half_widths_are_derivatives() -> None:
     measurements = measured().rows(np.arange(4))
-    robot, direction = measurements.robot, measurements.direction
-    parameters = Parameters.of(robot, measurements.setup, False, 1, gravity=True, backlash=True)
+    robot, conditions = measurements.robot, measurements.conditions
+    parameters = Parameters.of(robot, measurements.setup, harmonics=1, gravity=1, backlash=1)
     block = parameters.blocks["backlash"]
     assert parameters.names[block] == [f"backlash{j}" for j in range(1, 7)]
-    state = ErrorState.nominal(robot, measurements.setup)
-    start = state.frames(robot, measurements.q, direction).tool
+    state = State.nominal(robot, measurements.setup)
+    start = state.frames(measurements.q, conditions).tool
 
     def moved(x: Array) -> Array:
         step = np.zeros(parameters.count)
         step[block] = x
-        frames: Frames = state.moved(parameters, step).frames(robot, measurements.q, direction)
+        frames: Frames = state.moved(parameters, step).frames(measurements.q, conditions)
         return log6(frames.tool @ np.linalg.inv(start))
 
-    columns = parameters.pose_columns(
-        robot, state, state.frames(robot, measurements.q, direction), measurements.q, direction
-    )
+    columns = parameters.pose_columns(state.errors.context(measurements.q, conditions))
     assert_derivative(moved, columns[..., block], np.zeros(robot.n), tolerance=1e-7)
 
 
@@ -161,58 +176,45 @@ def test_no_backlash_is_found_where_there_is_none_or_the_order_is_lost() -> None
     kinds = tuple(kind for kind in ERROR_KINDS if kind != "backlash")
     plain = simulate(load_robot("ur5"), Simulation(configurations=40, scales=ErrorScales(kinds)))
     shuffled = measured()
-    wrong = np.random.default_rng(0).permutation(shuffled.direction)
-    for measurements in (plain, replace(shuffled, direction=wrong)):
+    wrong = np.random.default_rng(0).permutation(shuffled.conditions.direction)
+    for measurements in (plain, replace(shuffled, conditions=Conditions(wrong))):
         base = identify_complete(measurements)
         assert base.posterior is not None
-        assert base.posterior.parameters.backlash == ()
-        assert not base.motion.backlash.any()
+        assert "backlash" not in base.posterior.parameters.orders
+        assert not base.errors["backlash"].any()
 
 
 def test_unknown_directions_are_as_good_as_no_backlash() -> None:
-    unknown = replace(measured(), direction=None)
+    unknown = replace(measured(), conditions=Conditions())
     left_out = identify(measured(), WITHOUT)
     assert to_bytes(identify(unknown, "complete")) == to_bytes(left_out)
     with pytest.raises(InputError, match="from which side"):
-        identify_complete(unknown, CompleteOptions(backlash=True))
+        identify_complete(unknown, CompleteOptions(orders={"backlash": 1}))
 
 
-def test_older_files_are_read() -> None:
-    def without(data: bytes, *paths: str) -> bytes:
-        buffer = io.BytesIO(data)
-        with h5py.File(buffer, "r+") as file:
-            for path in paths:
-                del file[path]
-            if "model/posterior" in file:
-                del file["model/posterior"].attrs["backlash"]
-        return buffer.getvalue()
-
+def test_directions_and_half_widths_are_read_as_they_were_written() -> None:
     same = read_any(io.BytesIO(to_bytes(measured())), "m.h5")
     assert isinstance(same, Measurements)
-    np.testing.assert_array_equal(same.direction, measured().direction)
-    older = read_any(io.BytesIO(without(to_bytes(measured()), "measurements/directions")), "m.h5")
-    assert isinstance(older, Measurements)
-    assert older.direction is None
-    plain = identify(measured(), WITHOUT)
-    old = read_any(io.BytesIO(without(to_bytes(plain), "model/backlash")), "c.h5")
-    assert isinstance(old, Calibration)
-    np.testing.assert_array_equal(old.forward(measured().q), plain.forward(measured().q))
+    np.testing.assert_array_equal(same.conditions.direction, measured().conditions.direction)
+    unknown = read_any(io.BytesIO(to_bytes(replace(measured(), conditions=Conditions()))), "m.h5")
+    assert isinstance(unknown, Measurements)
+    assert unknown.conditions.direction is None
     new = read_any(io.BytesIO(to_bytes(calibrated())), "c.h5")
     assert isinstance(new, Calibration)
-    direction = measured().direction
-    np.testing.assert_array_equal(new.forward(measured().q, direction), calibrated().forward(measured().q, direction))
+    q, conditions = measured().q, measured().conditions
+    np.testing.assert_array_equal(new.forward(q, conditions), calibrated().forward(q, conditions))
 
 
 def test_without_a_direction_the_middle_is_predicted() -> None:
     q, ones = measured().q, np.ones_like(measured().q)
-    plus, minus = (calibrated().forward(q, side * ones)[:, :3, 3] for side in (1, -1))
+    plus, minus = (calibrated().forward(q, Conditions(side * ones))[:, :3, 3] for side in (1, -1))
     middle = calibrated().forward(q)[:, :3, 3]
     assert np.abs((plus + minus) / 2 - middle).max() < 1e-6
     assert np.linalg.norm(plus - minus, axis=-1).min() > 0.1e-3
 
 
 def test_people_see_half_widths_in_mrad_and_mm() -> None:
-    rows = {row.name: row for row in parameter_rows(load_robot("gantry"), calibrated("gantry").base)}
+    rows = {row.name: row for row in parameter_rows(calibrated("gantry").base)}
     prismatic = load_robot("gantry").prismatic
     assert [rows[f"backlash{j + 1}"].unit for j in range(len(prismatic))] == ["mm" if p else "mrad" for p in prismatic]
     assert rows["backlash1"].value == pytest.approx(0.1, abs=0.05)
@@ -264,7 +266,7 @@ def test_poses_in_order_are_a_path_too() -> None:
         results.append(
             np.deg2rad([[float(row[rows[0].index(joint)]) for joint in joints] for row in rows[1:]])
         )
-    expected = calibrated().base.motion.backlash * directions(results[0])
+    expected = calibrated().base.errors["backlash"] * directions(results[0])
     np.testing.assert_allclose(results[1] - results[0], expected, atol=1e-9)
 
 
@@ -289,7 +291,7 @@ def test_an_evaluation_drives_with_the_backlash_taken_up() -> None:
     methods = evaluate([("without", identify(measured(), WITHOUT)), ("with", calibrated())], fresh).methods
     assert methods[2].position_size.mean() < 0.35 * methods[1].position_size.mean()
     predicted = evaluate([("with", calibrated())], replace(fresh, truth=None)).methods[1]
-    unknown = evaluate([("with", calibrated())], replace(fresh, truth=None, direction=None)).methods[1]
+    unknown = evaluate([("with", calibrated())], replace(fresh, truth=None, conditions=Conditions())).methods[1]
     assert predicted.position_size.mean() < 0.6 * unknown.position_size.mean()
 
 
@@ -309,7 +311,7 @@ def test_trajectories_take_up_backlash_and_other_programs_say_that_they_do_not()
         lines = [line for line in result.data.decode().splitlines() if "positions" in line]
         return np.array([json.loads(line.split(":", 1)[1]) for line in lines])
 
-    expected = calibrated().base.motion.backlash * directions(positions(False))
+    expected = calibrated().base.errors["backlash"] * directions(positions(False))
     np.testing.assert_allclose(positions(True) - positions(False), expected, atol=1e-9)
     script = f"movej([{', '.join(f'{v:.6f}' for v in q[0])}], a=1.0, v=1.0)\n".encode()
     options = ProgramOptions(joint_values="serial")
@@ -321,9 +323,9 @@ def test_trajectories_take_up_backlash_and_other_programs_say_that_they_do_not()
 
 
 def test_exports_say_that_backlash_is_not_in_them() -> None:
-    text = backlash_text(calibrated().robot, calibrated().base.motion.backlash)
+    text = backlash_text(calibrated().robot, calibrated().base.errors["backlash"])
     exported = json.loads(calibration_as_json(calibrated()))
-    assert exported["base_model"]["backlash_rad_or_m"] == calibrated().base.motion.backlash.tolist()
+    assert exported["base_model"]["backlash_rad_or_m"] == calibrated().base.errors["backlash"].tolist()
     plain = identify(measured(), WITHOUT)
     for export in (
         lambda calibration: calibration_as_c(calibration, "arm")[0],

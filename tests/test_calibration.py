@@ -63,7 +63,7 @@ def test_without_a_network_it_is_the_base_model(fanuc: Robot, fanuc_local_poe: C
     for k in range(5):
         T = np.eye(4)
         for j in range(7):
-            T = T @ fanuc.chain.placements[j] @ expm(twist_matrix(fanuc_local_poe.base.geometry.placements[j]))
+            T = T @ fanuc.chain.placements[j] @ expm(twist_matrix(fanuc_local_poe.base.errors["placements"][j]))
             if j < 6:
                 T = T @ expm(twist_matrix(fanuc.chain.twists[j]) * q[k, j])
         assert np.abs(fanuc_local_poe.forward(q[k : k + 1])[0] - T).max() < 1e-9
@@ -83,7 +83,7 @@ def test_pose_and_jacobian_agree_with_the_pose_alone(fanuc_network: Calibration,
 
 def test_an_identified_base_is_used_as_it_is(fanuc_measurements: Measurements, fanuc_local_poe: Calibration) -> None:
     calibration = train(fanuc_measurements, fanuc_local_poe, TrainingOptions(restarts=1))
-    assert np.array_equal(calibration.base.geometry.placements, fanuc_local_poe.base.geometry.placements)
+    assert np.array_equal(calibration.base.errors["placements"], fanuc_local_poe.base.errors["placements"])
     by_name = train(fanuc_measurements, "local-poe", TrainingOptions(restarts=1))
     q = fanuc_measurements.q[:5]
     assert np.array_equal(calibration.forward(q), by_name.forward(q))

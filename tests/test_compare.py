@@ -38,7 +38,7 @@ def perfect(measurements: Measurements) -> Calibration:
     truth = measurements.truth
     assert truth is not None
     calibration = identify(measurements, "nominal")
-    base = replace(calibration.base, model="local-poe", geometry=truth.actual.geometry, setup=truth.setup)
+    base = replace(calibration.base, model="local-poe", errors=truth.actual.errors, setup=truth.setup)
     return replace(calibration, base=base)
 
 
@@ -146,7 +146,7 @@ def test_poses_that_a_shorter_arm_cannot_reach() -> None:
     assert truth is not None
     lengths = np.zeros((7, 6))
     lengths[[2, 4], [2, 0]] = -2e-3  # upper arm and forearm are 2 mm shorter each
-    shorter = replace(truth.actual, geometry=replace(truth.actual.geometry, placements=lengths))
+    shorter = replace(truth.actual, errors=truth.actual.errors.having(placements=lengths))
     fresh = simulate(robot, Simulation(seed=1, at=q, same_robot=replace(truth, actual=shorter)))
     given = replace(first, truth=replace(truth, actual=shorter))
     evaluation = evaluate([("perfect", perfect(given))], fresh)

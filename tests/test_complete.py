@@ -8,14 +8,14 @@ import pytest
 from calibtool.calibration import identify
 from calibtool.calibration.fit import BaseOptions
 from calibtool.calibration.uncertainty import predicted_uncertainty
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import NoSolutionError
 from calibtool.identification.complete import CompleteOptions, identify_complete
-from calibtool.identification.parameters import Tolerances
 from calibtool.identification.report import parameter_rows
 from calibtool.identification.robust import row_weights
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, observe, simulate
-from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import log3, readonly, transform_points
@@ -44,10 +44,12 @@ def test_fresh_configurations_of_the_whole_range_are_predicted(name: str) -> Non
 
 
 def test_evidence_finds_the_joint_motion_functions_that_are_there(fanuc: Robot) -> None:
-    for kinds, harmonics, gravity in ((("geometric",), 0, ()), (PHYSICAL, 2, (1, 2))):
+    for kinds, harmonics, gravity in ((("geometric",), 0, []), (PHYSICAL, 2, [[1, 2]])):
         posterior = identify_complete(measured(fanuc, scales=ErrorScales(kinds))[0]).posterior
         assert posterior is not None
-        assert (posterior.parameters.harmonics, posterior.parameters.gravity) == (harmonics, gravity)
+        assert posterior.parameters.orders.get("harmonics", 0) == harmonics
+        wound_up = [part.elements.tolist() for part in posterior.parameters.parts if part.family.id == "gravity"]
+        assert wound_up == gravity
 
 
 @pytest.mark.parametrize("kinds", [("geometric",), ("geometric", "gear")])
@@ -65,12 +67,12 @@ def test_fine_structure_of_the_joint_motions_is_found(fanuc: Robot, kinds: tuple
     wavy = replace(first, points=with_waves(first) + noise)
     expected = with_waves(fresh)
     left = []
-    for options in (CompleteOptions(harmonics=3), CompleteOptions()):
+    for options in (CompleteOptions(orders={"harmonics": 3}), CompleteOptions()):
         calibration = identify(wavy, BaseOptions("complete", options))
         predicted = transform_points(calibration.forward(fresh.q), calibration.setup.targets)
         left.append(np.linalg.norm(predicted - expected, axis=-1).mean())
     assert left[1] < 0.3 * left[0]
-    assert calibration.base.motion.harmonics.shape[1] >= 40
+    assert calibration.base.errors["harmonics"].shape[1] >= 40
 
 
 def test_joints_that_repeat_badly_are_not_taken_for_fine_structure(fanuc: Robot) -> None:
@@ -78,18 +80,18 @@ def test_joints_that_repeat_badly_are_not_taken_for_fine_structure(fanuc: Robot)
     for seed in range(3):
         posterior = identify_complete(measured(fanuc, 50, seed, scales=kinds)[0]).posterior
         assert posterior is not None
-        assert posterior.parameters.harmonics <= 3
+        assert posterior.parameters.orders.get("harmonics", 0) <= 3
 
 
 def test_identified_functions_are_those_injected_within_their_covariance(fanuc: Robot) -> None:
     measurements, _ = measured(fanuc, 80, scales=ErrorScales(PHYSICAL))
-    base = identify_complete(measurements, CompleteOptions(harmonics=2, gravity=True))
+    base = identify_complete(measurements, CompleteOptions(orders={"harmonics": 2, "gravity": 1}))
     assert measurements.truth is not None
     assert base.posterior is not None
     parameters = base.posterior.parameters
-    gear = measurements.truth.actual.gear[list(parameters.revolute)].ravel()
+    gear = measurements.truth.actual.errors["harmonics"][~np.array(fanuc.prismatic)].ravel()
     block = parameters.blocks["harmonics"]
-    deviation = (base.motion.harmonics.ravel() - gear) / base.posterior.std[block]
+    deviation = (base.errors["harmonics"].ravel() - gear) / base.posterior.std[block]
     assert np.sqrt(np.mean(deviation**2)) < 1.6
     assert np.abs(deviation).max() < 4.5
 
@@ -166,7 +168,7 @@ def test_a_joint_that_never_moves_is_named_and_the_rest_is_usable(fanuc: Robot) 
     measurements = simulate(fanuc, Simulation(at=q))
     calibration = identify(measurements, "complete")
     assert position_errors(calibration.forward, measurements).max() < 0.5e-3
-    assert any(row.at_prior for row in parameter_rows(fanuc, calibration.base))
+    assert any(row.at_prior for row in parameter_rows(calibration.base))
 
 
 @pytest.mark.parametrize("harmonics", [0, 2])
@@ -174,7 +176,7 @@ def test_what_measurements_could_determine_is_that_of_the_design(robot: Robot, h
     """Six of every joint and of the base (δζ, δξ and δq overlap), sine and cosine of every order of turning joints."""
     turning = robot.n - sum(robot.prismatic)
     expected = 6 * (robot.n + 1) + 2 * harmonics * turning
-    options = CompleteOptions(harmonics=harmonics, gravity=False, backlash=False, twists=True)
+    options = CompleteOptions(orders={"harmonics": harmonics, "gravity": 0, "backlash": 0, "twists": 1})
     for count in (8, 60):
         base = identify_complete(measured(robot, count)[0], options)
         assert base.observable_rank == expected
@@ -212,7 +214,7 @@ def test_a_joint_may_have_tolerances_of_its_own(fanuc: Robot) -> None:
     tolerances = Tolerances(joints=((2, 5e-3, 7e-3),))
     measurements = measured(fanuc)[0]
     options = CompleteOptions(tolerances=tolerances, estimate_priors=False)
-    rows = {row.name: row.tolerance for row in parameter_rows(fanuc, identify_complete(measurements, options))}
+    rows = {row.name: row.tolerance for row in parameter_rows(identify_complete(measurements, options))}
     assert [rows[f"ζ{j}.x"] for j in (2, 3, 4)] == pytest.approx([1.0, 5.0, 1.0])
     assert [rows[f"ζ{j}.rx"] for j in (2, 3, 4)] == pytest.approx([1.0, 7.0, 1.0])
 

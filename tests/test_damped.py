@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped import GRAM_REGULARISATION, damped_solution, eliminated, singularity_distance
-from calibtool.robot.geometry import GeometricErrors, mechanism
+from calibtool.robot.gravity import gravity_torque
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import gravity_torque
 from calibtool.robot.se3 import Array, exp6, log3, log6
 
 
@@ -15,10 +15,10 @@ def drawn(robot: Robot, count: int, rng: np.random.Generator) -> Array:
     return robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
 
 
-def drawn_errors(robot: Robot, rng: np.random.Generator) -> GeometricErrors:
+def drawn_errors(robot: Robot, rng: np.random.Generator) -> RobotErrors:
     """Errors that make screws of turning joints and let slides turn a little."""
-    n = robot.n
-    return GeometricErrors(*(rng.normal(size=s) * 1e-3 for s in ((n + 1, 6), (n, 6), (n,))))
+    shapes = {"placements": (robot.n + 1, 6), "twists": (robot.n, 6), "offsets": robot.n}
+    return RobotErrors.of(robot, **{name: rng.normal(size=shape) * 1e-3 for name, shape in shapes.items()})
 
 
 @pytest.mark.parametrize("size", [1, 3, 6])
@@ -58,7 +58,7 @@ def test_damped_solutions_are_the_formula_near_singularities_and_far(c: int, rng
 
 def test_a_row_does_not_depend_on_the_rows_beside_it(rng: np.random.Generator) -> None:
     robot = load_robot("ur5")
-    found, q = mechanism(robot.chain, drawn_errors(robot, rng)), drawn(robot, 2500, rng)
+    found, q = drawn_errors(robot, rng).mechanism, drawn(robot, 2500, rng)
     error = rng.normal(size=(len(q), 6)) * 1e-3
 
     def everything(rows: slice) -> list[Array]:

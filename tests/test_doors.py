@@ -26,10 +26,10 @@ from calibtool.errors import check_choice, check_number
     [
         (lambda: BaseOptions("complet"), "complete"),
         (lambda: CompleteOptions(loss_function="hubber"), "did you mean huber"),
-        (lambda: CompleteOptions(harmonics=-1), "harmonics: -1"),
+        (lambda: CompleteOptions(orders={"harmonics": -1}), "harmonics: -1"),
         (lambda: ErrorScales(kinds=("geometri",)), "geometric"),
         (lambda: ErrorScales(length=-1e-3), "length"),
-        (lambda: ErrorScales(gear=np.nan), "gear"),
+        (lambda: ErrorScales(sizes={"gear": np.nan}), "gear"),
         (lambda: Simulation(configurations=0), "configurations: 0"),
         (lambda: Simulation(noise=np.inf), "noise"),
         (lambda: Simulation(seed=-1), "seed"),

@@ -13,14 +13,14 @@ from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.program import guarded
 from calibtool.equivalent.bayesian import train_bayesian
 from calibtool.equivalent.loss import task_loss
-from calibtool.equivalent.network import averaged, initial_network
+from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ActualRobot
 from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ActualRobot
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import exp6, inverse, log3, readonly, transform_points
+from calibtool.robot.se3 import exp6, inverse, log3, transform_points
 
 BAYES = TrainingOptions(regularisation="bayes", restarts=2)
 
@@ -35,7 +35,7 @@ def test_noise_alone_has_no_effective_weights() -> None:
     rng = np.random.default_rng(0)
     q, G = rng.uniform(-1, 1, (80, 6)), rng.normal(size=(80, 9, 6))
     noise = rng.normal(size=(80, 9))
-    run = train_bayesian(initial_network(q, np.ones(6), 6, rng), task_loss(q, G, noise))
+    run = train_bayesian(Network.initial(q, np.ones(6), 6, rng), task_loss(q, G, noise))
     assert run.effective < 8.0  # of 84
     assert np.sqrt(np.mean(run.network(q) ** 2)) < 0.2
 
@@ -43,9 +43,9 @@ def test_noise_alone_has_no_effective_weights() -> None:
 def test_a_smooth_function_and_its_noise_are_told_apart() -> None:
     rng = np.random.default_rng(1)
     q, G = rng.uniform(-1, 1, (150, 6)), rng.normal(size=(150, 9, 6))
-    teacher = initial_network(q, np.full(6, 50.0), 4, rng)
+    teacher = Network.initial(q, np.full(6, 50.0), 4, rng)
     y = (G @ teacher(q)[..., None])[..., 0] + 2.0 * rng.normal(size=(150, 9))
-    run = train_bayesian(initial_network(q, np.full(6, 50.0), 6, rng), task_loss(q, G, y))
+    run = train_bayesian(Network.initial(q, np.full(6, 50.0), 6, rng), task_loss(q, G, y))
     assert run.noise_factor == pytest.approx(2.0, rel=0.15)
     fresh = rng.uniform(-0.9, 0.9, (500, 6))
     assert np.sqrt(np.mean((run.network(fresh) - teacher(fresh)) ** 2)) < 0.1 * np.std(teacher(fresh))
@@ -53,8 +53,10 @@ def test_a_smooth_function_and_its_noise_are_told_apart() -> None:
 
 def test_the_mean_of_networks_is_one_network(rng: np.random.Generator) -> None:
     q = rng.uniform(-1, 1, (20, 6))
-    members = [initial_network(q, np.full(6, 1e-3), 5, rng) for _ in range(4)]
-    np.testing.assert_allclose(averaged(members)(q), np.mean([member(q) for member in members], axis=0), atol=1e-18)
+    members = [Network.initial(q, np.full(6, 1e-3), 5, rng) for _ in range(4)]
+    np.testing.assert_allclose(
+        Network.averaged(members)(q), np.mean([member(q) for member in members], axis=0), atol=1e-18
+    )
 
 
 def test_networks_are_kept_where_they_help_and_left_out_where_not(
@@ -165,10 +167,10 @@ def test_a_calibration_moves_to_another_cell(fanuc: Robot) -> None:
     old = identify(first, "complete")
     assert first.truth is not None
     actual = first.truth.actual
-    shifts = actual.geometry.placements.copy()
+    shifts = actual.errors["placements"].copy()
     shifts[0] += [0.004, -0.003, 0.002, 0.003, 0.002, -0.004]
     shifts[-1] += [0.002, 0.001, -0.003, 0.004, -0.002, 0.003]
-    moved: ActualRobot = replace(actual, geometry=replace(actual.geometry, placements=readonly(shifts)))
+    moved: ActualRobot = replace(actual, errors=actual.errors.having(placements=shifts))
     truth = replace(first.truth, actual=moved)
     few = simulate(fanuc, Simulation(seed=3, configurations=8, same_robot=truth))
     fresh = simulate(fanuc, Simulation(seed=4, configurations=100, same_robot=truth))

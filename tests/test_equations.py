@@ -5,39 +5,38 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibtool.errormodel.actual import ErrorScales
 from calibtool.identification.equations import held_out_sizes, normal_equations, row_sizes
-from calibtool.identification.parameters import ErrorState, Parameters
+from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import observation_matrix, residuals, target_columns, weights
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
 
 
 def columns_and_residuals(
-    measurements: Measurements, parameters: Parameters, state: ErrorState
+    measurements: Measurements, parameters: Parameters, state: State
 ) -> tuple[np.ndarray, np.ndarray]:
     """Every column written out, weighted: (N, d, p) and (N, d)."""
-    frames = state.frames(measurements.robot, measurements.q)
-    columns = observation_matrix(state.setup, frames.tool) @ parameters.pose_columns(
-        measurements.robot, state, frames, measurements.q
-    )
+    context = state.errors.context(measurements.q)
+    frames = context.frames
+    columns = observation_matrix(state.setup, frames.tool) @ parameters.pose_columns(context)
     if parameters.targets:
         columns = np.concatenate([columns, target_columns(state.setup, frames.tool)], axis=-1)
     weight = weights(measurements)
     return columns * weight[..., None], residuals(measurements, state.setup, frames.tool) * weight
 
 
-def moved_state(measurements: Measurements, parameters: Parameters) -> ErrorState:
+def moved_state(measurements: Measurements, parameters: Parameters) -> State:
     step = np.random.default_rng(0).normal(0, 1e-3, parameters.count)
-    return ErrorState.nominal(measurements.robot, measurements.setup).moved(parameters, step)
+    return State.nominal(measurements.robot, measurements.setup).moved(parameters, step)
 
 
 @pytest.mark.parametrize("unregistered", [False, True])
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "scara"])
 def test_they_are_the_products_of_the_columns(name: str, unregistered: bool) -> None:
     measurements = simulate(load_robot(name), Simulation(configurations=30, unregistered=unregistered))
-    parameters = Parameters.of(measurements.robot, measurements.setup, twists=True, harmonics=4, gravity=True)
+    parameters = Parameters.of(measurements.robot, measurements.setup, twists=1, harmonics=4, gravity=1)
     state = moved_state(measurements, parameters)
     row_weight = np.random.default_rng(1).uniform(0.1, 1.0, 30)
     A, r = columns_and_residuals(measurements, parameters, state)
@@ -57,8 +56,8 @@ def test_rows_weigh_as_they_are_told_and_missing_targets_not_at_all() -> None:
     points = measurements.points.copy()
     points[3, 1] = np.nan
     lacking = replace(measurements, points=points)
-    parameters = Parameters.of(measurements.robot, measurements.setup, twists=False, harmonics=2, gravity=False)
-    state = ErrorState.nominal(measurements.robot, measurements.setup)
+    parameters = Parameters.of(measurements.robot, measurements.setup, harmonics=2)
+    state = State.nominal(measurements.robot, measurements.setup)
     weight = np.ones(12)
     assert normal_equations(lacking, parameters, state, weight).equations == 12 * 9 - 3
     weight[3] = 0.0
@@ -70,8 +69,8 @@ def test_a_row_left_out_is_predicted_as_a_fit_of_the_others_would() -> None:
     """The closed form against fits repeated without the row, of the same linear model."""
     small = ErrorScales(length=1e-5, angle=1e-5)  # so that the robot is linear
     measurements = simulate(load_robot("ur5"), Simulation(configurations=25, scales=small))
-    parameters = Parameters.of(measurements.robot, measurements.setup, twists=False, harmonics=1, gravity=False)
-    start = ErrorState.nominal(measurements.robot, measurements.setup)
+    parameters = Parameters.of(measurements.robot, measurements.setup, harmonics=1)
+    start = State.nominal(measurements.robot, measurements.setup)
     prior = np.diag(np.full(parameters.count, 1e-3) ** -2.0)
     A, r = columns_and_residuals(measurements, parameters, start)
     H, g = np.einsum("kdi,kdj->ij", A, A), np.einsum("kdi,kd->i", A, r)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from exported import CASES, STATUS, anywhere, calibrated, undisturbed, weighted_sizes
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from json_reader import correct_from_json
 from structured_text import FunctionBlock
@@ -26,13 +26,14 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network
+from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.export.rendering import SINGLE_ACCURACY, Precision
 from calibtool.export.structured_text import calibration_as_structured_text
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.se3 import Array
 
 GCC = shutil.which("gcc")
@@ -83,7 +84,7 @@ def test_json_holds_every_number_exactly_and_is_deterministic() -> None:
     contents = json.loads(text)
     assert calibration.network is not None
     assert np.array_equal(contents["network"]["hidden_weights"], calibration.network.hidden_weights)
-    assert np.array_equal(contents["base_model"]["placement_errors_m_rad"], calibration.base.geometry.placements)
+    assert np.array_equal(contents["base_model"]["placement_errors_m_rad"], calibration.base.errors["placements"])
     assert np.array_equal(contents["nominal_placements_m"], calibration.robot.chain.placements)
     assert np.array_equal([j["upper_rad_or_m"] for j in contents["joints"]], calibration.robot.upper)
     assert [j["kind"] for j in contents["joints"]].count("prismatic") == 1
@@ -163,6 +164,24 @@ def test_compiled_c_corrects_as_one_step_does(case: tuple[str, str, bool], compi
     assert names(codes) == expected.status.tolist()
 
 
+@pytest.mark.parametrize("case", [case for case in CASES if case[1] == "everything"], ids=str)
+def test_compiled_c_is_for_the_payload_and_temperature_asked_for(
+    case: tuple[str, str, bool], compiled: Callable
+) -> None:
+    calibration = calibrated(*case)
+    robot, rng = calibration.robot, np.random.default_rng(3)
+    loads, growth = rng.uniform(1, 5, (robot.n, 2)) * 1e-6, rng.uniform(5, 25, robot.n + 1) * 1e-6
+    errors = calibration.base.errors.having(payload=loads, temperature=growth)
+    conditions = Conditions(payload_kg=np.array(8.0), temperature_c=np.array(45.0))
+    loaded = replace(calibration, base=replace(calibration.base, errors=errors)).at(conditions)
+    q = anywhere(calibration, 1000)
+    expected = one_step(loaded, q).q
+    found, _ = run(compiled(loaded), q)
+    calm = undisturbed(loaded, q)
+    assert np.abs(found - expected)[calm].max() < 1e-12
+    assert np.abs(one_step(calibration, q).q - expected)[calm].max() > 1e-5
+
+
 def test_compiled_c_corrects_nothing_where_nothing_was_identified(compiled: Callable) -> None:
     calibration = calibrated("fanuc-m1000ia", "nominal", False)
     q = anywhere(calibration, 100)
@@ -206,7 +225,7 @@ def test_compiled_c_in_single_precision_keeps_what_its_header_says(
 
 def test_compiled_c_stays_finite_at_exact_singularities(compiled: Callable) -> None:
     calibration = calibrated("fanuc-m1000ia", "local-poe", False)
-    straight = replace(calibration, base=replace(calibration.base, geometry=GeometricErrors.none(6)))
+    straight = replace(calibration, base=replace(calibration.base, errors=RobotErrors.of(calibration.robot)))
     corrected, codes = run(compiled(straight), np.zeros((1, 6)))  # wrist axes 4 and 6 coincide, nothing to correct
     assert np.abs(corrected).max() < 1e-12
     assert codes[0] == 1
@@ -235,7 +254,6 @@ def library(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     return calibration, precision, built(calibration, tmp_path_factory.mktemp("c"), precision)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_whatever_comes_in_no_large_number_comes_out(library: tuple[Calibration, str, Any], data: st.DataObject) -> None:
     """Not a number, infinite or beyond 1e6: the same bits come back. Anything else moves by the bound at most."""
@@ -306,12 +324,14 @@ def round_numbers() -> Calibration:
         output_bias=np.array([0.0, 0.5, -0.5, 0.25, 0.0, 1.0]),
         output_scale=np.full(6, 1 / 1024),
     )
+    robot = replace(calibration.robot, chain=replace(chain, placements=chain.placements.round(12) + 0.0))
     return replace(
         calibration,
-        robot=replace(calibration.robot, chain=replace(chain, placements=chain.placements.round(12) + 0.0)),
+        robot=robot,
         base=replace(
             calibration.base,
-            geometry=GeometricErrors(
+            errors=RobotErrors.of(
+                robot,
                 placements=np.hstack([shifts, np.zeros((4, 3))]),
                 twists=np.array([[0, 0, 1.0, 0, 0, 0], [0] * 6, [0, 0, 0, 0, 2.0, 0]]) / 1024,
                 offsets=np.array([0.0, 0.5, -1.0]) / 1024,

@@ -9,7 +9,7 @@ from exported import anywhere, calibrated
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.solve import one_step
-from calibtool.equivalent.network import initial_network
+from calibtool.equivalent.network import Network
 from calibtool.errors import InputError, UsageError
 from calibtool.export.as_onnx import calibration_as_onnx
 from calibtool.robot.se3 import Array
@@ -34,7 +34,7 @@ def ensemble(name: str, base: str) -> Calibration:
     calibration = calibrated(name, base, True)
     rng = np.random.default_rng(4)
     scale = np.full(calibration.equivalent.p, 1e-3)
-    return replace(calibration, networks=tuple(initial_network(calibration.q, scale, 5, rng) for _ in range(3)))
+    return replace(calibration, networks=tuple(Network.initial(calibration.q, scale, 5, rng) for _ in range(3)))
 
 
 @pytest.mark.parametrize(("precision", "dtype", "accuracy"), [("double", float, 1e-14), ("single", np.float32, 1e-7)])

@@ -11,13 +11,12 @@ from exported import anywhere, calibrated
 from scipy.optimize import least_squares
 
 from calibtool.calibration import Calibration
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import robot_names
 from calibtool.robot.description import parse_source
-from calibtool.robot.geometry import GeometricErrors, mechanism
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array, log3
 
 ROBOTS = robot_names()
@@ -39,8 +38,9 @@ def geometric(name: str, twists: str) -> Calibration:
                 errors[j, :3] = moved[:3] - twist[:3]
     elif twists == "any":
         errors = rng.normal(size=(n, 6)) * 1e-3
-    geometry = GeometricErrors(rng.normal(size=(n + 1, 6)) * 2e-3, errors, rng.normal(size=n) * 2e-3)
-    return replace(calibration, base=replace(calibration.base, geometry=geometry, motion=JointMotion.none(n)))
+    placements, offsets = rng.normal(size=(n + 1, 6)) * 2e-3, rng.normal(size=n) * 2e-3
+    drawn = RobotErrors.of(calibration.robot, placements=placements, twists=errors, offsets=offsets)
+    return replace(calibration, base=replace(calibration.base, errors=drawn))
 
 
 def tool_poses(text: str, calibration: Calibration, q: Array, folder: Path) -> Array:
@@ -69,7 +69,7 @@ def test_the_urdf_has_the_calibrated_geometry(name: str, twists: str, tmp_path: 
     calibration = geometric(name, twists)
     text, missing = calibration_as_urdf(calibration)
     q = anywhere(calibration, 20)
-    expected = mechanism(calibration.robot.chain, calibration.base.geometry).forward(q)
+    expected = calibration.base.errors.mechanism.forward(q)
     assert np.abs(tool_poses(text, calibration, q, tmp_path) - expected).max() < 1e-9
     assert missing == []
     assert "The whole calibration is held." in text
@@ -102,8 +102,7 @@ def best_of_any_urdf(calibration: Calibration, q: Array) -> float:
     robot, wanted = calibration.robot, calibration.forward(q)
 
     def errors(x: Array) -> Array:
-        geometry = GeometricErrors(x.reshape(-1, 6), np.zeros((robot.n, 6)), np.zeros(robot.n))
-        poses = mechanism(robot.chain, geometry).forward(q)
+        poses = RobotErrors.of(robot, placements=x.reshape(-1, 6)).forward(q)
         turn = log3(poses[:, :3, :3] @ np.swapaxes(wanted[:, :3, :3], 1, 2))
         return np.concatenate([(poses[:, :3, 3] - wanted[:, :3, 3]) / robot.length, turn], axis=1)
 
@@ -129,14 +128,13 @@ def test_origins_stay_where_they_would_only_be_fitted_to_noise(seed: int, tmp_pa
     n = calibration.robot.n
     ripple = np.zeros((n, 800))
     ripple[:, 600:] = np.random.default_rng(seed).normal(size=(n, 200)) * 1e-4
-    motion = JointMotion(ripple, np.zeros(n), np.zeros(n))
-    base = replace(calibration.base, geometry=GeometricErrors.none(n), motion=motion)
+    base = replace(calibration.base, errors=RobotErrors.of(calibration.robot, harmonics=ripple))
     calibration = replace(calibration, base=base)
     text, missing = calibration_as_urdf(calibration)
     q = fresh(calibration)
     poses = tool_poses(text, calibration, q, tmp_path)
     assert np.abs(poses - calibration.robot.mechanism.forward(q)).max() < 1e-12
-    assert missing[0].startswith("gear harmonics: up to ")
+    assert missing[0].startswith("harmonics of the joint motions: up to ")
 
 
 @pytest.mark.parametrize("name", ["planar-3r", "panda"])
@@ -148,14 +146,14 @@ def test_what_a_urdf_cannot_hold_is_listed(name: str, tmp_path: Path) -> None:
     assert missing[-1] == (
         f"all together: {mean[0]:.4f} mm, {mean[1]:.4f} mrad in the mean, up to {most[0]:.4f} mm, {most[1]:.4f} mrad"
     )
-    assert [line.split(" (")[0] for line in missing[:-1]] == ["twist errors"]
+    assert [line.split(":")[0] for line in missing[:-1]] == ["twist errors"]
     assert all(line in text for line in missing)
 
 
 def test_every_part_is_listed_with_its_size(tmp_path: Path) -> None:
     calibration = calibrated("panda", "everything", True)
     text, missing = calibration_as_urdf(calibration)
-    parts = ["twist errors", "gear harmonics", "wind-up under gravity", "network", "all together"]
+    parts = ["twist errors", "harmonics of the joint motions", "wind-up under gravity", "network", "all together"]
     assert [line.split(" (")[0].split(":")[0] for line in missing] == parts
     left = tool_poses(text, calibration, calibration.q, tmp_path)
     largest = distances(left, calibration.forward(calibration.q)).max(axis=1)
@@ -192,8 +190,8 @@ def robot_of(text: str, calibration: Calibration, **kinematics: str) -> Robot:
 def with_errors(calibration: Calibration, robot: Robot, seed: int) -> Calibration:
     """A calibration of another robot of the same joints, with random placement errors and offsets."""
     rng, n = np.random.default_rng(seed), robot.n
-    geometry = GeometricErrors(rng.normal(size=(n + 1, 6)) * 1e-3, np.zeros((n, 6)), rng.normal(size=n) * 1e-3)
-    return replace(calibration, robot=robot, base=replace(calibration.base, geometry=geometry))
+    errors = RobotErrors.of(robot, placements=rng.normal(size=(n + 1, 6)) * 1e-3, offsets=rng.normal(size=n) * 1e-3)
+    return replace(calibration, robot=robot, base=replace(calibration.base, errors=errors))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -221,14 +219,15 @@ def tool_on_the_last_moving_link() -> tuple[Calibration, str]:
     toml = source.toml_text.replace('tool_frame = "tool0"', f'tool_frame = "{tool}"')
     described = parse_source(toml, "", "robot.toml").description
     moved = Robot.from_source(replace(source, toml_text=toml, description=described))
-    return replace(calibration, robot=moved), tool
+    errors = RobotErrors.of(moved, **calibration.base.errors.values)
+    return replace(calibration, robot=moved, base=replace(calibration.base, errors=errors)), tool
 
 
 def test_a_tool_that_is_the_last_moving_link_becomes_a_link_of_its_own(tmp_path: Path) -> None:
     calibration, tool = tool_on_the_last_moving_link()
     text, missing = calibration_as_urdf(calibration)
     q = anywhere(calibration, 10)
-    expected = mechanism(calibration.robot.chain, calibration.base.geometry).forward(q)
+    expected = calibration.base.errors.forward(q)
     assert np.abs(tool_poses(text, calibration, q, tmp_path) - expected).max() < 1e-9
     assert missing == []
     assert f'<link name="{tool}_calibrated"' in text
@@ -248,7 +247,7 @@ def test_a_second_link_for_the_same_tool_gets_another_name(tmp_path: Path) -> No
 def test_a_calibration_without_errors_is_the_robot_s_own_urdf(tmp_path: Path) -> None:
     """Nothing to correct at the tool: no link is added, and every pose is the nominal one."""
     calibration = geometric("ur10", "none")
-    nothing = replace(calibration, base=replace(calibration.base, geometry=GeometricErrors.none(calibration.robot.n)))
+    nothing = replace(calibration, base=replace(calibration.base, errors=RobotErrors.of(calibration.robot)))
     text, _ = calibration_as_urdf(nothing)
     assert text.count("<link") == calibration.robot.source.urdf_text.count("<link")
     q = np.random.default_rng(0).uniform(-1, 1, (5, 6))

@@ -27,7 +27,6 @@ from calibtool.export.rendering import compensator_values
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.geometry import mechanism
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6, readonly
 from calibtool.storage import read_calibration, to_bytes
@@ -57,7 +56,7 @@ def arm(name: str = "ur5", frame: FrameName = "taught", model: str = "complete")
             seed=4, configurations=40, workspace=robot.workspace(None)[1], unregistered=True
         ),
     )
-    options = BaseOptions(model, CompleteOptions(harmonics=0, gravity=False))
+    options = BaseOptions(model, CompleteOptions(orders={"harmonics": 0, "gravity": 0}))
     return identify(data, options, frame)
 
 
@@ -96,7 +95,7 @@ def test_exported_numbers_are_those_of_the_frame(frame: FrameName) -> None:
 def test_numbers_of_exported_code_are_those_of_the_frame(frame: FrameName) -> None:
     """What C and Structured Text are rendered from."""
     calibration = arm(frame=frame, model="local-poe")
-    values = compensator_values(calibration, "double")
+    values = compensator_values(calibration, "double", "serial")
     placements = values["nominal_placements"] + values["placement_changes"]
     T = np.repeat(placements[:1], len(calibration.q), axis=0)
     for j, twist in enumerate(values["base_twists"]):
@@ -256,7 +255,7 @@ def test_the_frame_follows_every_error_of_the_parameters(frame: FrameName) -> No
         poses = []
         for sign in (1e-2, -1e-2):
             state = base.state.moved(posterior.parameters, sign * np.sqrt(max(value, 0.0)) * vector)
-            changed = mechanism(robot.chain, state.geometry)
+            changed = state.errors.mechanism
             chosen = taught_frame(changed.forward(calibration.q), nominal, base.setup, *noise)
             pose = chosen.T_taught_fitted @ changed.forward(q) @ chosen.T_tool_taught
             poses.append(pose)
@@ -276,7 +275,7 @@ def test_predicted_deviations_are_those_of_fresh_robots() -> None:
     """Taught poses of identified arms against those of the true ones, in units of ±."""
     robot = load_robot("ur5")
     workspace = robot.workspace(None)[1]
-    options = BaseOptions(complete=CompleteOptions(harmonics=0, gravity=False, twists=True))
+    options = BaseOptions(complete=CompleteOptions(orders={"harmonics": 0, "gravity": 0, "twists": 1}))
     ratios = []
     for seed in range(8):
         data = simulate(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from poe import expm_chain, poe_frames, random_positions
 
-from calibtool.robot.geometry import GeometricErrors, mechanism
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.robot.model import Robot
 
 
@@ -14,16 +14,18 @@ def test_every_frame_is_where_the_matrix_exponentials_put_it(
 ) -> None:
     chain, q = robot.chain, random_positions(robot, rng, 5)
     shapes = (robot.n + 1, 6), (robot.n, 6), (robot.n,)
-    errors = GeometricErrors(*(rng.normal(size=shape) * size for shape in shapes))
-    found = mechanism(chain, errors).frames(q)
+    families = ("placements", "twists", "offsets")
+    drawn = {family: rng.normal(size=shape) * size for family, shape in zip(families, shapes, strict=True)}
+    errors = RobotErrors.of(robot, **drawn)
+    found = errors.mechanism.frames(q)
     identity = np.array([np.eye(4)] * 2)
     placements = np.array(
         [
             M @ expm_chain(identity, x[None], np.ones((1, 1)))[0]
-            for M, x in zip(chain.placements, errors.placements, strict=True)
+            for M, x in zip(chain.placements, errors["placements"], strict=True)
         ]
     )
-    expected = poe_frames(placements, chain.twists + errors.twists, q + errors.offsets)
+    expected = poe_frames(placements, chain.twists + errors["twists"], q + errors["offsets"])
     np.testing.assert_allclose(found.tool, expected.tool, atol=1e-12)
     np.testing.assert_allclose(found.before, expected.before, atol=1e-12)
     np.testing.assert_allclose(found.after, expected.after, atol=1e-12)

@@ -8,10 +8,10 @@ import pytest
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
 from calibtool.calibration.uncertainty import predicted_uncertainty
+from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import InputError
 from calibtool.identification.complete import CompleteOptions
 from calibtool.identification.equations import normal_equations
-from calibtool.identification.parameters import Tolerances
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.knowledge import HARMONICS, Knowledge
@@ -44,7 +44,7 @@ def test_known_targets_need_six_rows_and_free_ones_all(fanuc: Robot) -> None:
 
 
 def complete(measurements: Measurements) -> Calibration:
-    options = CompleteOptions(harmonics=HARMONICS, gravity=True, twists=True, estimate_priors=False)
+    options = CompleteOptions(orders={"harmonics": HARMONICS, "gravity": 1, "twists": 1}, estimate_priors=False)
     return identify(measurements, BaseOptions("complete", options))
 
 
@@ -94,10 +94,10 @@ def test_a_calibration_is_where_the_next_measurements_start(fanuc: Robot) -> Non
 
 def test_many_harmonics_of_a_calibration_stay_as_they_are(fanuc: Robot) -> None:
     measurements = simulate(fanuc, Simulation(configurations=40))
-    options = CompleteOptions(harmonics=4, gravity=True, twists=True)
+    options = CompleteOptions(orders={"harmonics": 4, "gravity": 1, "twists": 1})
     base = identify(measurements, BaseOptions("complete", options)).base
     knowledge = Knowledge.of_identification(fanuc, base, NOISE, 1e-4)
-    assert knowledge.parameters.harmonics == HARMONICS
+    assert knowledge.parameters.orders["harmonics"] == HARMONICS
     assert base.posterior is not None
     names = base.posterior.parameters.names
     for name in ("ζ3.x", "cos2q4", "gravity2"):
@@ -113,4 +113,4 @@ def test_a_model_without_posterior_is_no_start(fanuc: Robot, fanuc_local_poe: Ca
 def test_without_measurements_the_tolerances_are_all_that_is_known(fanuc: Robot) -> None:
     knowledge = Knowledge.of_tolerances(fanuc, NOISE)
     assert knowledge.effective == 0.0
-    assert np.array_equal(knowledge.prior_std, knowledge.parameters.prior_std(fanuc, Tolerances.of(fanuc)))
+    assert np.array_equal(knowledge.prior_std, knowledge.parameters.prior_std(Tolerances.of_robot(fanuc)))

@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from calibtool.calibration import identify
+from calibtool.errormodel.actual import ActualRobot
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import NoSolutionError
 from calibtool.identification.local_poe import identify_local_poe
 from calibtool.identification.model import nominal_model
@@ -19,9 +21,7 @@ from calibtool.measurement.observation import residuals, weights
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, observe, simulate
-from calibtool.robot.actual import ActualRobot
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 
@@ -29,9 +29,7 @@ from calibtool.robot.se3 import Array
 def actual_robot(robot: Robot, seed: int, size: float = 0.5e-3) -> ActualRobot:
     """Errors of the initial relative poses only: what the model can represent exactly."""
     placements = np.random.default_rng(seed).normal(size=(robot.n + 1, 6)) * size
-    n = robot.n
-    geometry = GeometricErrors(placements, np.zeros((n, 6)), np.zeros(n))
-    return ActualRobot(robot, geometry, np.zeros((n, 4)), np.zeros(n), np.zeros(n), 0.0)
+    return ActualRobot(RobotErrors.of(robot, placements=placements))
 
 
 def truth_of(robot: Robot, seed: int = 0, unregistered: bool = False, size: float = 0.5e-3) -> Truth:
@@ -172,7 +170,7 @@ def test_poses_of_a_sensor_identify_the_robot_as_points_do(fanuc: Robot, known: 
 def test_weighted_residuals_are_chi_square_with_the_equations_less_the_rank(fanuc: Robot, unregistered: bool) -> None:
     measurements = measured(truth_of(fanuc, unregistered=unregistered), noise=0.05e-3)
     base = identify_local_poe(measurements)
-    poses = mechanism_of(measurements.robot, base.geometry).forward(measurements.q)
+    poses = base.errors.forward(measurements.q)
     left = residuals(measurements, base.setup, poses) * weights(measurements)
     freedom = left.size - base.rank
     low, high = chi2.ppf([1e-3, 1 - 1e-3], freedom)
@@ -180,25 +178,19 @@ def test_weighted_residuals_are_chi_square_with_the_equations_less_the_rank(fanu
     assert np.isclose(base.residual_rms[0], 0.05e-3 * np.sqrt((left**2).mean()), rtol=1e-9)
 
 
-def mechanism_of(robot: Robot, geometry: GeometricErrors) -> ActualRobot:
-    n = robot.n
-    return ActualRobot(robot, geometry, np.zeros((n, 4)), np.zeros(n), np.zeros(n), 0.0)
-
-
 def test_the_fit_is_a_minimum_of_the_weighted_squares(fanuc: Robot, fanuc_measurements: Measurements) -> None:
     base = identify_local_poe(fanuc_measurements)
 
     def cost(placements: Array) -> float:
-        geometry = replace(base.geometry, placements=placements)
-        poses = mechanism_of(fanuc, geometry).forward(fanuc_measurements.q)
+        poses = base.errors.having(placements=placements).forward(fanuc_measurements.q)
         return float(((residuals(fanuc_measurements, base.setup, poses) * weights(fanuc_measurements)) ** 2).sum())
 
     rng = np.random.default_rng(3)
-    lowest = cost(base.geometry.placements)
+    lowest = cost(base.errors["placements"])
     for _ in range(20):
         step = rng.normal(size=(7, 6)) * 1e-5
-        assert cost(base.geometry.placements + step) > lowest
-        assert cost(base.geometry.placements - step) > lowest
+        assert cost(base.errors["placements"] + step) > lowest
+        assert cost(base.errors["placements"] - step) > lowest
 
 
 def test_a_smaller_noise_gives_a_smaller_error(fanuc: Robot) -> None:
@@ -248,7 +240,7 @@ def test_a_joint_that_never_moves_leaves_directions_that_are_named(fanuc: Robot,
     # A locked revolute joint joins two frames into one: of their 12 parameters less two, six are left.
     assert (base.rank, base.observable_rank) == (26, 30)
     assert len(base.unobservable) == 4
-    assert np.isfinite(base.geometry.placements).all()
+    assert np.isfinite(base.errors["placements"]).all()
     assert np.isfinite(result.forward(fresh_configurations(fanuc))).all()
     assert base.residual_rms[0] < 0.05e-3
     # Where the joint stands as it stood, the fit is as good as any.
@@ -280,10 +272,10 @@ def test_the_step_has_no_component_that_the_data_cannot_see(fanuc: Robot) -> Non
     # Errors so small that one linear step solves the problem.
     q = measured(truth_of(fanuc)).q
     base = identify_local_poe(measured(truth_of(fanuc, size=1e-6), at=q))
-    step = base.geometry.placements.ravel()
+    step = base.errors["placements"].ravel()
     redundant = np.linalg.svd(sensitivity("fanuc-m1000ia", "full"))[2][30:]
     assert np.linalg.norm(redundant @ step) < 1e-4 * np.linalg.norm(step)
-    truth = truth_of(fanuc, size=1e-6).actual.geometry.placements.ravel()
+    truth = truth_of(fanuc, size=1e-6).actual.errors["placements"].ravel()
     assert np.linalg.norm(redundant @ truth) > 0.1 * np.linalg.norm(truth)
     assert np.linalg.norm(step) < np.linalg.norm(truth)
 
@@ -315,7 +307,7 @@ def test_points_of_another_robot_do_not_converge(fanuc: Robot) -> None:
 def test_the_nominal_model_is_the_drawing(fanuc_measurements: Measurements) -> None:
     model = nominal_model(fanuc_measurements)
     assert model.parameters == 0
-    assert not model.geometry.placements.any()
+    assert not model.errors["placements"].any()
     poses = fanuc_measurements.robot.mechanism.forward(fanuc_measurements.q)
     targets = fanuc_measurements.robot.targets
     expected = np.einsum("kab,mb->kma", poses[:, :3, :3], targets) + poses[:, None, :3, 3]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calibtool.equivalent.loss import Loss, joint_loss, task_loss
-from calibtool.equivalent.network import Network, initial_network
+from calibtool.equivalent.network import Network
 
 Array = np.ndarray
 LOSSES = {"task": task_loss, "joint": joint_loss}
@@ -19,7 +19,7 @@ def problem(rng: np.random.Generator, n: int, d: int, K: int = 12) -> tuple[Arra
     p = max(n, 6)
     q = rng.normal(size=(K, n))
     G = rng.normal(size=(K, d, p)) * 10.0 ** rng.uniform(2, 4, p)
-    network = initial_network(q, rng.uniform(1e-4, 1e-3, p), 4, rng)
+    network = Network.initial(q, rng.uniform(1e-4, 1e-3, p), 4, rng)
     return q, G, rng.normal(size=(K, d)), network.with_weights(rng.normal(size=network.weights.size))
 
 

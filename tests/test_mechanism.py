@@ -15,10 +15,9 @@ from calibtool.robot.damped import (
     scale_rows,
     singularity_distance,
 )
-from calibtool.robot.geometry import relative_error
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, relative_error
 
 
 def tool_jacobian(robot: Robot, q: Array) -> Array:

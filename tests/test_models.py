@@ -6,11 +6,11 @@ import pytest
 from poe import poe_frames, random_positions
 
 from calibtool.calibration import Calibration
-from calibtool.identification.columns import placement_columns
-from calibtool.robot.actual import ErrorScales, random_actual
+from calibtool.errormodel.actual import ErrorScales, random_actual
+from calibtool.errormodel.placements import placement_columns
+from calibtool.robot.gravity import gravity_model, gravity_torque
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import gravity_model, gravity_torque
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, exp6
 
 
 def tool_poses(model: pin.Model, configuration: Array) -> Array:
@@ -34,16 +34,13 @@ def test_the_nominal_model_takes_joint_positions_and_has_the_limits(robot: Robot
 def test_an_actual_robot_is_its_model_at_its_configuration(robot: Robot, rng: np.random.Generator) -> None:
     truth = random_actual(robot, ErrorScales(), rng)
     q = random_positions(robot, rng, 3)
-    geometry = truth.geometry
-    expected = poe_frames(
-        geometry.placements_of(robot.chain), robot.chain.twists + geometry.twists, q + geometry.offsets
-    ).tool
+    errors, chain = truth.errors, robot.chain
+    placements = chain.placements @ exp6(errors["placements"])
+    expected = poe_frames(placements, chain.twists + errors["twists"], q + errors["offsets"]).tool
     np.testing.assert_allclose(tool_poses(truth.model, truth.mechanism.configuration(q)), expected, atol=1e-12)
 
 
-def test_a_calibration_says_what_its_model_leaves_out(
-    fanuc_local_poe: Calibration, fanuc_network: Calibration
-) -> None:
+def test_a_calibration_says_what_its_model_leaves_out(fanuc_local_poe: Calibration, fanuc_network: Calibration) -> None:
     q = fanuc_local_poe.q[:5]
     assert fanuc_local_poe.beyond_model == ()
     found = tool_poses(fanuc_local_poe.model, fanuc_local_poe.base_mechanism.configuration(q))

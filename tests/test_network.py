@@ -6,7 +6,7 @@ from cases import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibtool.equivalent.network import initial_network, rule_of_thumb
+from calibtool.equivalent.network import Network
 
 
 @given(seed=st.integers(0, 10_000), n=st.integers(1, 7), hidden=st.integers(1, 8))
@@ -15,7 +15,7 @@ def test_the_output_is_the_sum_over_nodes_written_out(seed: int, n: int, hidden:
     rng = np.random.default_rng(seed)
     p = max(n, 6)
     q = rng.normal(size=(4, n))
-    network = initial_network(q, rng.uniform(1e-4, 1e-3, p), hidden, rng)
+    network = Network.initial(q, rng.uniform(1e-4, 1e-3, p), hidden, rng)
     network = network.with_weights(rng.normal(size=network.weights.size))
     w = network
     for row, output in zip(q, network(q), strict=True):
@@ -34,7 +34,7 @@ def test_the_output_is_the_sum_over_nodes_written_out(seed: int, n: int, hidden:
 def test_weights_make_a_round_trip_and_each_one_matters(seed: int, n: int, hidden: int) -> None:
     rng = np.random.default_rng(seed)
     p = max(n, 6)
-    network = initial_network(rng.normal(size=(5, n)), np.ones(p), hidden, rng)
+    network = Network.initial(rng.normal(size=(5, n)), np.ones(p), hidden, rng)
     assert network.weights.size == hidden * n + hidden + p * hidden + p
     other = rng.normal(size=network.weights.size)
     assert np.array_equal(network.with_weights(other).weights, other)
@@ -44,7 +44,7 @@ def test_weights_make_a_round_trip_and_each_one_matters(seed: int, n: int, hidde
 
 def test_weights_are_stacked_layer_by_layer(rng: np.random.Generator) -> None:
     # Part of the exported format: W₁ row by row, b₁, W₂ row by row, b₂.
-    network = initial_network(rng.normal(size=(5, 2)), np.ones(6), 3, rng).with_weights(np.arange(33.0))
+    network = Network.initial(rng.normal(size=(5, 2)), np.ones(6), 3, rng).with_weights(np.arange(33.0))
     assert network.hidden_weights.tolist() == [[0, 1], [2, 3], [4, 5]]
     assert network.hidden_bias.tolist() == [6, 7, 8]
     assert network.output_weights[1].tolist() == [12, 13, 14]
@@ -53,7 +53,7 @@ def test_weights_are_stacked_layer_by_layer(rng: np.random.Generator) -> None:
 
 def test_the_training_range_becomes_minus_one_to_one(rng: np.random.Generator) -> None:
     q = rng.uniform([-3, 0.2, 5], [1, 0.3, 5.1], (30, 3))
-    scaled = initial_network(q, np.ones(6), 4, rng).scaled_input(q)
+    scaled = Network.initial(q, np.ones(6), 4, rng).scaled_input(q)
     assert np.allclose(scaled.min(axis=0), -1, atol=1e-9)
     assert np.allclose(scaled.max(axis=0), 1, atol=1e-9)
 
@@ -61,25 +61,25 @@ def test_the_training_range_becomes_minus_one_to_one(rng: np.random.Generator) -
 def test_a_joint_that_never_moves_does_not_blow_up(rng: np.random.Generator) -> None:
     q = rng.normal(size=(10, 3))
     q[:, 1] = 0.7
-    network = initial_network(q, np.ones(6), 4, rng)
+    network = Network.initial(q, np.ones(6), 4, rng)
     assert np.isfinite(network(q)).all()
     assert np.array_equal(network.scaled_input(q)[:, 1], np.zeros(10))
 
 
 @pytest.mark.parametrize("n", range(1, 9))
 def test_the_number_of_hidden_nodes_is_the_root_of_six_n(n: int) -> None:
-    hidden = rule_of_thumb(n)
+    hidden = Network.size_for(n)
     assert abs(hidden - (6 * n) ** 0.5) <= 0.5
 
 
 def test_the_same_generator_makes_the_same_network(rng: np.random.Generator) -> None:
     q = rng.normal(size=(10, 6))
-    a, b, c = (initial_network(q, np.ones(6), 6, np.random.default_rng(seed)).weights for seed in (1, 1, 2))
+    a, b, c = (Network.initial(q, np.ones(6), 6, np.random.default_rng(seed)).weights for seed in (1, 1, 2))
     assert np.array_equal(a, b)
     assert not np.array_equal(a, c)
 
 
 def test_arrays_are_read_only(rng: np.random.Generator) -> None:
-    network = initial_network(rng.normal(size=(10, 6)), np.ones(6), 6, rng)
+    network = Network.initial(rng.normal(size=(10, 6)), np.ones(6), 6, rng)
     with pytest.raises(ValueError, match="read-only"):
         network.output_bias[0] = 1.0

@@ -17,16 +17,16 @@ from calibtool.compensation.solve import compensate_joints, compensate_poses
 from calibtool.compensation.status import NEAR_SINGULAR, OK, UNREACHABLE
 from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.measurements import Measurements, check_targets
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE, at_point, singularity_distance
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import Array, readonly, transform_points
+from calibtool.robot.se3 import Array, exp6, readonly, transform_points
 
 # --- singularities ---------------------------------------------------------------------------------------------------
 
@@ -178,14 +178,15 @@ def test_joint_values_of_many_turns_lose_digits_only(turned: float, bound: float
     far = q + np.array([0, 0, 0, 1, 1, 1]) * round(turned / (2 * np.pi)) * 2 * np.pi
     np.testing.assert_allclose(robot.mechanism.forward(far), robot.mechanism.forward(q), atol=bound)
     # With the same turns of every joint error the calibration says the same: only δξ grows with the turns.
-    steady = replace(calibration.base.geometry, twists=readonly(np.zeros((6, 6))))
-    plain = replace(calibration, base=replace(calibration.base, geometry=steady), networks=())
+    steady = calibration.base.errors.without("twists")
+    plain = replace(calibration, base=replace(calibration.base, errors=steady), networks=())
     np.testing.assert_allclose(plain.forward(far), plain.forward(q), atol=bound)
     near, there = compensate_joints(plain, q), compensate_joints(plain, far)
     np.testing.assert_allclose(there.q - far, near.q - q, atol=10 * bound)
     # A screw of many turns: scipy's matrix exponential, Pinocchio's helical joints.
-    geometry = calibration.base.geometry
-    expected = expm_chain(geometry.placements_of(robot.chain), robot.chain.twists + geometry.twists, far + geometry.offsets)
+    errors, chain = calibration.base.errors, robot.chain
+    placements = chain.placements @ exp6(errors["placements"])
+    expected = expm_chain(placements, chain.twists + errors["twists"], far + errors["offsets"])
     np.testing.assert_allclose(calibration.base_mechanism.forward(far), expected, atol=1e3 * bound)
 
 
@@ -282,6 +283,6 @@ def test_without_errors_nothing_is_left_to_correct_at_any_size() -> None:
         robot = DrawnChain(tuple(SLIDES + WRIST), TOOL, TARGETS).robot(scale=scale)
         data = simulate(robot, Simulation(configurations=20, scales=ErrorScales(kinds=()), noise=0.0))
         found = identify(data, "complete")
-        assert np.abs(found.base.geometry.placements).max() < 1e-9
-        still = replace(found, base=replace(found.base, geometry=GeometricErrors.none(6)))
+        assert np.abs(found.base.errors["placements"]).max() < 1e-9
+        still = replace(found, base=replace(found.base, errors=RobotErrors.of(robot)))
         np.testing.assert_allclose(compensate_joints(still, data.q).q, data.q, atol=1e-9)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.planning.knowledge import Knowledge
 from calibtool.planning.observability import observability_indices
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import readonly, transform_points
+from calibtool.robot.se3 import transform_points
 
 NOISE = 0.05e-3
 
@@ -23,9 +23,9 @@ def test_they_are_those_of_the_geometry_by_finite_differences(fanuc: Robot, fanu
     q, step = fanuc_configurations[:20], 1e-6
 
     def points(errors: np.ndarray) -> np.ndarray:
-        zero = np.zeros((6, 6))
-        geometry = GeometricErrors(readonly(errors.reshape(7, 6)), readonly(zero), readonly(np.zeros(6)))
-        return transform_points(geometry.frames(fanuc.chain, q).tool, fanuc.targets).ravel()
+        return transform_points(
+            RobotErrors.of(fanuc, placements=errors.reshape(7, 6)).frames(q).tool, fanuc.targets
+        ).ravel()
 
     # Tolerances are 1 mm and 1 mrad for every element.
     columns = [(points(step * e) - points(-step * e)) / (2 * step) * 1e-3 / NOISE for e in np.eye(42)]

@@ -142,3 +142,51 @@ def test_weights_turn_the_stated_noise_into_one(kind: str, rng: np.random.Genera
     measurements = exact_measurements(robot, setup, q, robot.mechanism.forward(q))  # 0.02 mm, 0.3 mrad
     sigma = [0.02e-3] * (3 * len(setup.targets)) + [0.3e-3] * (3 * (kind == "6-D sensor"))
     assert np.allclose(weights(measurements) * sigma, 1.0, atol=0, rtol=1e-14)
+
+
+def test_deviations_of_axes_weigh_along_the_instrument_s_axes(rng: np.random.Generator) -> None:
+    """A row's squares are xᵀ C⁻¹ x with the covariance C of its points in K_0, and columns are weighed like residuals."""
+    from calibtool.measurement.observation import linearised, weighted_residuals
+    from calibtool.measurement.simulate import Simulation, simulate
+
+    measurements = simulate(load_robot("ur5"), Simulation(configurations=5, unregistered=True))
+    deviations = rng.uniform(0.01, 0.3, (5, 9)) * 1e-3
+    uneven = replace(measurements, deviations=deviations)
+    pose = measurements.robot.mechanism.forward(measurements.q)
+    plain = residuals(uneven, uneven.setup, pose)
+    found = (weighted_residuals(uneven, uneven.setup, pose) ** 2).sum(axis=-1)
+    R = uneven.setup.T_instrument_base[:3, :3]
+    for k in range(5):
+        C = np.zeros((9, 9))
+        for i in range(3):
+            block = slice(3 * i, 3 * i + 3)
+            C[block, block] = R.T @ np.diag(deviations[k, block] ** 2) @ R
+        assert np.isclose(found[k], plain[k] @ np.linalg.solve(C, plain[k]))
+    columns, left = linearised(uneven, uneven.setup, pose, None, targets=True)
+    step = rng.normal(size=9) * 1e-6
+    moved = weighted_residuals(uneven, uneven.setup.kind.moved(uneven.setup, step), pose)
+    np.testing.assert_allclose(left - moved, columns @ step, atol=1e-12)
+    even = replace(measurements, deviations=np.full((5, 9), measurements.noise_position))
+    same = (weighted_residuals(even, even.setup, pose) ** 2).sum(axis=-1)
+    np.testing.assert_allclose(same, (weighted_residuals(measurements, measurements.setup, pose) ** 2).sum(axis=-1))
+
+
+def test_an_instrument_that_is_bad_along_one_axis_is_believed_along_the_others(rng: np.random.Generator) -> None:
+    from calibtool.calibration import identify
+    from calibtool.measurement.simulate import Simulation, simulate
+
+    robot = load_robot("ur5")
+    errors = []
+    for seed in range(3):
+        exact = simulate(robot, Simulation(seed=seed, configurations=60, noise=0.0))
+        deviations = np.tile([2e-3, 0.02e-3, 0.02e-3], (60, 3))
+        noisy = exact.points + rng.normal(size=exact.points.shape) * deviations.reshape(60, 3, 3)
+        measurements = replace(exact, points=noisy, noise_position=float(np.sqrt((deviations**2).mean())))
+        fresh = simulate(robot, Simulation(seed=9, configurations=200, noise=0.0, same_robot=exact.truth))
+        for told in (replace(measurements, deviations=deviations), measurements):
+            poses = identify(told, "complete").forward(fresh.q)
+            truth = fresh.truth.actual.forward(fresh.q)  # type: ignore[union-attr]
+            errors.append(np.linalg.norm((poses - truth)[:, :3, 3], axis=-1).mean())
+    told, blind = np.reshape(errors, (3, 2)).T
+    assert told.mean() < 0.5 * blind.mean()
+    assert (told < blind).all()

@@ -7,7 +7,7 @@ import pytest
 
 from calibtool.equivalent.bayesian import train_bayesian
 from calibtool.equivalent.loss import Loss, task_loss
-from calibtool.equivalent.network import Network, initial_network
+from calibtool.equivalent.network import Network
 from calibtool.equivalent.optimisers import (
     GD_STOPPING,
     LM_STOPPING,
@@ -26,10 +26,10 @@ def taught(seed: int, K: int = 80, noise: float = 0.0) -> tuple[Loss, Network, N
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1, 1, (K, 3))
     G = rng.normal(size=(K, 6, 6))
-    teacher = initial_network(q, np.ones(6), 3, rng)
+    teacher = Network.initial(q, np.ones(6), 3, rng)
     teacher = teacher.with_weights(rng.normal(size=teacher.weights.size))
     y = (G @ teacher(q)[..., None])[..., 0] + noise * rng.normal(size=(K, 6))
-    return task_loss(q, G, y), initial_network(q, np.ones(6), 3, rng), teacher
+    return task_loss(q, G, y), Network.initial(q, np.ones(6), 3, rng), teacher
 
 
 def constant(network: Network, value: float) -> Network:
@@ -113,7 +113,7 @@ def scripted(values: list[float]) -> tuple[Loss, Network, object]:
     """Steps that visit constant networks, whose validation losses are therefore known: value² · 6 for a zero target."""
     rng = np.random.default_rng(0)
     q = rng.normal(size=(4, 2))
-    network = initial_network(q, np.ones(6), 2, rng)
+    network = Network.initial(q, np.ones(6), 2, rng)
     loss = Loss(q, np.broadcast_to(np.eye(6), (4, 6, 6)), np.zeros((4, 6)))
 
     def steps(_: Network, training: Loss) -> Iterator[tuple[Network, float]]:

@@ -10,6 +10,8 @@ from matplotlib.image import imread
 
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import BY_ID
 from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.acceptance import parse_limit
 from calibtool.evaluation.compare import Evaluation
@@ -22,7 +24,6 @@ from calibtool.evaluation.plots.style import COLOURS
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ErrorScales
 from calibtool.robot.model import Robot
 
 WIDTH = 120.0
@@ -170,7 +171,7 @@ def test_figures_of_errors_need_measurements(fanuc_local_poe: Calibration) -> No
 def test_every_family_of_parameters_is_drawn(fanuc_measurements: Measurements) -> None:
     complete = identify(fanuc_measurements, "complete")
     found = written("parameters", Subject([("complete", complete)]))
-    for word in ("δζ, mm", "δζ, mrad", "δq, mrad", "ζ1.x", "q6"):
+    for word in ("placement errors, mm", "placement errors, mrad", "joint offsets, mrad", "ζ1.x", "q6"):
         assert word in found
 
 
@@ -178,11 +179,12 @@ def test_everything_that_moves_a_joint_is_drawn_with_its_own_name(fanuc: Robot) 
     """Harmonics, wind-up and backlash of one arm: a panel each, and the harmonics as a curve over their joint."""
     scales = ErrorScales(("geometric", "gear", "gravity", "backlash"))
     measurements = simulate(fanuc, Simulation(configurations=60, scales=scales))
-    options = CompleteOptions(harmonics=2, gravity=True, backlash=True, twists=True)
+    options = CompleteOptions(orders={"harmonics": 2, "gravity": 1, "backlash": 1, "twists": 1})
     complete = identify(measurements, BaseOptions("complete", options))
     found = written("parameters", Subject([("complete", complete)]))
-    for word in ("δζ, mm", "δξ, mm", "δξ, mrad", "harmonics, mrad", "wind-up, mrad", "backlash, mrad"):
-        assert word in found
+    units = {"placements": "mm", "twists": "mm/rad", "harmonics": "mrad", "gravity": "mrad", "backlash": "mrad"}
+    for family, unit in units.items():
+        assert f"{BY_ID[family].words}, {unit}" in found
     assert "δρ2, mrad" in written("motions", Subject([("complete", complete)]))
 
 

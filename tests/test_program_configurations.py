@@ -6,8 +6,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from calibtool.programs.branches import Controller, coupling_of, solve_pose
+from calibtool.programs.branches import Controller, solve_pose
 from calibtool.programs.configurations import Abb, Configuration, Digit, Fanuc, Kuka, posture
+from calibtool.programs.formats import coupling_of
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import source_from_urdf
 from calibtool.robot.model import Robot

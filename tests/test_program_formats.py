@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
-from calibtool.programs.targets import Program, Target, number_at
+from calibtool.programs.targets import number_at
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 
@@ -35,30 +35,6 @@ def text_of(sample: str) -> str:
     return (FOLDER / sample).read_bytes().decode("latin-1")
 
 
-def read(sample: str) -> Program:
-    return reader(SAMPLES[sample])(text_of(sample), robot_of(sample))
-
-
-def found(sample: str) -> dict[int, tuple[str, str]]:
-    return {target.line: (target.kind, target.name) for target in read(sample).targets}
-
-
-def left(sample: str) -> dict[int, str]:
-    return {remark.line: remark.why for remark in read(sample).remarks}
-
-
-def bad(program_format: str, text: str, name: str = "fanuc-m1000ia") -> dict[int, str]:
-    """Errors by line."""
-    return {r.line: r.why for r in reader(program_format)(text, robot(name)).remarks if r.bad}
-
-
-def degrees(target: Target) -> list[float]:
-    return np.round(np.rad2deg(target.values), 9).tolist()
-
-
-# --- which format ---------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_the_format_is_seen_in_the_contents(sample: str) -> None:
     assert detected(text_of(sample), "") == SAMPLES[sample]
@@ -78,75 +54,22 @@ def test_the_name_tells_where_the_contents_do_not(name: str, expected: str) -> N
 @pytest.mark.parametrize("program_format", PROGRAM_FORMATS)
 def test_nothing_in_it(program_format: str) -> None:
     program = reader(program_format)("", robot())
-    assert (program.targets, program.remarks) == ((), ())
+    assert (program.literals, program.remarks) == ((), ())
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_numbers_stand_where_they_are_said_to(sample: str) -> None:
-    program = read(sample)
-    for target in program.targets:
-        for number in (*target.numbers, *target.joints):
+    text = text_of(sample)
+    literals = reader(SAMPLES[sample])(text, robot_of(sample)).literals
+    assert len(literals) > 1
+    for literal in (literal for literal in literals if not literal.left):
+        for number in literal.numbers:
             factor = {"deg": np.pi / 180, "mm": 1e-3}.get(number.unit, 1.0)
-            assert float(program.text[number.start : number.end]) * factor == pytest.approx(number.value, abs=1e-15)
-        assert program.text[: min(number.start for number in target.numbers)].count("\n") + 1 == target.line
+            assert float(text[number.start : number.end]) * factor == pytest.approx(number.value, abs=1e-15)
+        assert text[: min(number.start for number in literal.numbers)].count("\n") + 1 == literal.line
 
 
-# --- FANUC ----------------------------------------------------------------------------------------------------------
-
-
-def test_fanuc() -> None:
-    assert found("weld.ls") == {
-        21: ("joint", "P[1]"),
-        27: ("pose", "P[2]"),
-        39: ("pose", "P[4]"),
-        45: ("pose", "P[5]"),
-        51: ("joint", "P[6]"),
-    }
-    assert left("weld.ls") == {
-        14: "a register: its value is not in the program",
-        30: "a relative motion (INC in line 12)",
-        53: "external axes (another motion group)",
-    }
-    home, hole, flipped, framed, _ = read("weld.ls").targets
-    assert degrees(home) == [0, 10, -20, 0, -70, 0]
-    assert hole.values[:3] == pytest.approx([1.904939, 0.662417, -0.093227])
-    assert (hole.frame, hole.tool, framed.frame, framed.tool) == ("", "", "3", "2")
-    assert [t.configuration.text for t in (hole, flipped) if t.configuration] == ["N U T, 0, 0, 0", "F U T, 0, 0, 0"]
-
-
-FANUC_POSE = (
-    "\tUF : 0, UT : 0,\t\tCONFIG : '{config}',\n\tX = 1 mm, Y = 2 mm, Z = {z},\n"
-    "\tW = 0 deg, P = 0 deg, R = 0 deg{more}\n"
-)
-
-
-def fanuc(config: str = "N U T, 0, 0, 0", z: str = "3 mm", more: str = "") -> str:
-    return f"/PROG A\n/MN\n/POS\nP[1]{{\n   GP1:\n{FANUC_POSE.format(config=config, z=z, more=more)}}};\n/END\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "why"),
-    [
-        (fanuc(z="nan mm"), 7, "Z is 'nan'"),
-        (fanuc(z="3 deg"), 7, "Z is in deg"),
-        (fanuc(z="3"), 7, "Z is '3'"),
-        (fanuc(more=", Q = 1 mm"), 8, "holds"),
-        (fanuc(more=", HELLO"), 8, "'HELLO' is not known"),
-        ("/POS\nP[1]{\n GP1:\n UF : 0, UT : 0,\n J1= 1 deg, J2= 2 deg\n};\n", 5, "has 6 joints"),
-        ("/POS\nP[1]{\n};\n", 2, "no motion group"),
-        ("/POS\nP[1]{\n GP1:\n}\n", 2, "is not closed"),
-    ],
-)
-def test_fanuc_errors(text: str, line: int, why: str) -> None:
-    assert why in bad("fanuc-ls", text)[line]
-
-
-def test_a_fanuc_position_that_is_not_closed_does_not_take_the_next_one() -> None:
-    text = fanuc().replace("/POS", "/POS\nP[9]{\n GP1:\n UF : 0, UT : 0,", 1)
-    assert bad("fanuc-ls", text) == {fanuc().splitlines().index("/POS") + 2: "is not closed by };"}
-    found, alone = (reader("fanuc-ls")(text, robot("fanuc-m1000ia")).targets for text in (text, fanuc()))
-    assert [(t.name, t.values) for t in found] == [(t.name, t.values) for t in alone]
-    assert len(found) == 1
+# --- numbers -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("text", ["1", "-1.", "+.5", "1.5e3", "0.5E-12", "00.10"])
@@ -159,273 +82,3 @@ def test_numbers_of_programs_are_those_of_python(text: str) -> None:
 @pytest.mark.parametrize("text", ["", ".", "-", "e5", "1e", "1.5.2", "1 2", "0x1", "1_0", "1,5", "9" * 20_000 + "z"])
 def test_other_texts_of_programs_are_no_numbers(text: str) -> None:
     assert number_at(text, 0, len(text), "") is None
-
-
-@pytest.mark.parametrize(
-    ("text", "why"),
-    [
-        (fanuc(config="N U T, 0, 0, 1"), "turn numbers"),
-        (fanuc(config="R, 0, 0, 0"), "not of a six-joint arm"),
-        (fanuc(more=",\n\tE1 = 5 mm"), "external axes"),
-        (fanuc(z="******** mm"), "not taught"),
-    ],
-)
-def test_fanuc_positions_left_alone(text: str, why: str) -> None:
-    (remark,) = reader("fanuc-ls")(text, robot()).remarks
-    assert why in remark.why
-    assert not remark.bad
-
-
-# --- KUKA -----------------------------------------------------------------------------------------------------------
-
-
-def test_kuka() -> None:
-    assert found("drill.src") == {9: ("joint", "PTP"), 10: ("pose", "LIN"), 11: ("pose", "LIN"), 17: ("pose", "LIN")}
-    assert left("drill.src") == {
-        12: "a relative motion",
-        13: "a position without A2, A3, A4, A5, A6: the rest is where the robot stands",
-        14: "a variable or an expression (X is 'xpos')",
-    }
-    program = read("drill.src")
-    assert [t.frame for t in program.targets if t.kind == "pose"] == ["$BASE of line 8", "$BASE of line 8", "7"]
-    np.testing.assert_allclose(program.frames["$BASE of line 8"][:3, 3], [0.1, 0, 0])
-    configuration = program.targets[1].configuration
-    assert configuration is not None
-    assert configuration.text == "S 4, T 20"
-    assert program.targets[2].configuration is None
-
-
-def test_kuka_data_list() -> None:
-    """Tool and base of XP1 are those of FP1; a frame that no motion goes to and load data are no targets."""
-    program = read("drill.dat")
-    assert [(t.name, t.frame, t.tool) for t in program.targets] == [("XP0", "", ""), ("XP1", "", ""), ("XP2", "", "4")]
-    assert left("drill.dat") == {
-        12: "external axes beside a pose (E1)",
-        13: "a FRAME that no motion of this file goes to",
-    }
-
-
-def test_kuka_tools_by_number_and_by_value() -> None:
-    text = (
-        "DEF a()\nTOOL_DATA[3]={X 0,Y 0,Z 50,A 0,B 0,C 0}\nBAS(#TOOL,3)\nBAS(#BASE,0)\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\n"
-        "$TOOL=TOOL_DATA[nr]\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n"
-    )
-    program = reader("kuka-krl")(text, robot())
-    assert [(t.frame, t.tool) for t in program.targets] == [("", "3"), ("", None)]
-    assert program.tools["3"][2, 3] == pytest.approx(0.05)
-
-
-@pytest.mark.parametrize(
-    ("position", "why"),
-    [
-        ("{X NaN,Y 0,Z 0,A 0,B 0,C 0}", "X is 'NaN'"),
-        ("{X 1,Y 0,Z 0,A 0,B 0,C 0,Q 4}", "'Q' is not known"),
-        ("{X 1,Y 0,Z 0,A1 0,B 0,C 0}", "axes and a pose"),
-        ("{X 1,Y 0,Z 0,A 0,B 0,C 0,S x}", "S or T"),
-        ("{X 1,Y 0,Z 0", "not closed"),
-    ],
-)
-def test_kuka_errors(position: str, why: str) -> None:
-    assert why in bad("kuka-krl", f"DEF a()\n\nPTP {position}\nEND\n")[3]
-
-
-def test_kuka_axes_of_another_robot() -> None:
-    text = "DEF a()\nPTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\nEND\n"
-    assert "has 4 joints" in bad("kuka-krl", text, "scara")[2]
-
-
-# --- ABB ------------------------------------------------------------------------------------------------------------
-
-
-def test_abb() -> None:
-    assert found("pick.mod") == {
-        5: ("joint", "home"),
-        6: ("pose", "p10"),
-        7: ("pose", "p20"),
-        15: ("joint", "MoveAbsJ […]"),
-        16: ("pose", "MoveL […]"),
-        17: ("pose", "MoveL […]"),
-    }
-    assert left("pick.mod") == {
-        8: "no instruction of this file moves there: its tool and work object are not known",
-        12: "a relative motion; the point it starts from is treated by itself",
-        14: "a variable that this file gives no position",
-    }
-    program = read("pick.mod")
-    assert [(t.frame, t.tool) for t in program.targets if t.kind == "pose"] == [
-        ("", ""),
-        ("table", "gripper"),
-        ("", ""),
-        ("vise", ""),
-    ]
-    np.testing.assert_allclose(program.tools["gripper"][:3, 3], [0, 0, 0.1])
-    np.testing.assert_allclose(program.frames["table"][:3, 3], [1, 0, 0])
-
-
-EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
-
-
-@pytest.mark.parametrize(
-    ("target", "why"),
-    [
-        (f"[[1,2,3],[1,0.1,0,0],[0,0,0,0],{EXTERNAL}]", "quaternion of length 1.005"),
-        (f"[[1,2,nan],[1,0,0,0],[0,0,0,0],{EXTERNAL}]", "'nan'"),
-        (f"[[1,2,3],[1,0,0,0],[0,0,0],{EXTERNAL}]", "is no robtarget"),
-        ("[[1,2,3],[1,0,0,0],[0,0,0,0]]", "is no robtarget"),
-    ],
-)
-def test_abb_errors(target: str, why: str) -> None:
-    assert why in bad("abb-rapid", f"MODULE A\nPROC m()\n MoveL {target},v10,fine,tool0;\nENDPROC\n")[3]
-
-
-def test_abb_positions_left_alone() -> None:
-    def why(target: str, before: str = "", after: str = "") -> str:
-        text = f"MODULE A\nPROC m()\n{before}\n MoveL {target},v10,fine,tool0;\n{after}ENDPROC\n"
-        (remark,) = reader("abb-rapid")(text, robot()).remarks
-        assert not remark.bad
-        return remark.why
-
-    good = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]"
-    assert "external axes" in why("[[1,2,3],[1,0,0,0],[0,0,0,0],[100,9E9,9E9,9E9,9E9,9E9]]")
-    assert "expression (x+1)" in why(f"[[x+1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]")
-    assert "displacement (line 3)" in why(good, before="PDispOn p1,tool0;")
-    both = f"MODULE A\nCONST robtarget p:={good};\nPROC m()\nMoveL p,v1,fine,tool0;\nMoveL p,v1,fine,grip;\nENDPROC\n"
-    assert "several tools" in reader("abb-rapid")(both, robot()).remarks[0].why
-
-
-def test_abb_joints_that_a_robot_does_not_have() -> None:
-    text = f"MODULE A\nCONST jointtarget a:=[[1,2,3,4,9E9,9E9],{EXTERNAL}];\n"
-    (target,) = reader("abb-rapid")(text, robot("scara")).targets
-    assert len(target.values) == 4
-    assert "has 6" in bad("abb-rapid", text)[2]
-
-
-def test_abb_arrays_and_switched_off_configurations() -> None:
-    point = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]"
-    text = f"MODULE A\nCONST robtarget p{{2}}:=[{point},\n{point}];\nPROC m()\nMoveL p{{1}},v1,fine,tool0;\nENDPROC\n"
-    program = reader("abb-rapid")(text, robot())
-    assert [(t.name, t.line) for t in program.targets] == [("p{1}", 2), ("p{2}", 3)]
-    assert all(t.configuration for t in program.targets)
-    off = reader("abb-rapid")(text.replace("PROC m()", "PROC m()\nConfL\\Off;"), robot())
-    assert not any(t.configuration for t in off.targets)
-
-
-# --- Universal Robots -----------------------------------------------------------------------------------------------
-
-
-def test_ur() -> None:
-    assert found("pick.script") == {
-        4: ("joint", "home"),
-        5: ("pose", "above"),
-        9: ("joint", "movej"),
-        10: ("pose", "movej"),
-        11: ("pose", "movep"),
-    }
-    assert left("pick.script") == {12: "an expression (d2r(90))", 13: "a relative motion", 15: "a variable"}
-    program = read("pick.script")
-    assert {t.tool for t in program.targets if t.kind == "pose"} == {"set_tcp of line 3"}
-    assert program.tools["set_tcp of line 3"][2, 3] == pytest.approx(0.1)
-    assert program.notes == ()
-
-
-def test_ur_without_a_tool_says_what_it_assumes() -> None:
-    (note,) = reader("ur-script")("movel(p[0.1, 0.2, 0.3, 0, 0, 0])\n", robot("ur5")).notes
-    assert "no set_tcp" in note
-
-
-@pytest.mark.parametrize(
-    ("text", "why"),
-    [
-        ("movej([0, 1, 2])", "holds 3 values"),
-        ("movel(p[0, 1, 2])", "holds 3 values"),
-        ("movej([0, 1, 2, 3, 4, nan])", "'nan'"),
-        ("movej([0, 1", "not closed"),
-    ],
-)
-def test_ur_errors(text: str, why: str) -> None:
-    assert why in bad("ur-script", f"def a():\n  {text}\n", "ur5")[2]
-
-
-def test_ur_joints_beside_a_pose() -> None:
-    text = "movej(get_inverse_kin(p[0.1, 0.2, 0.3, 0, 0, 0], qnear=[0, 1, 2, 3, 4, 5]))\n"
-    (target,) = reader("ur-script")(text, robot("ur5")).targets
-    assert [number.value for number in target.joints] == [0, 1, 2, 3, 4, 5]
-
-
-# --- ROS 2 ----------------------------------------------------------------------------------------------------------
-
-EXPECTED = [
-    [0.0, -1.396263, 1.745329, -1.919862, -1.570796, 0.0],
-    [0.174533, -1.48353, 1.832596, -1.745329, -1.396263, 0.349066],
-]
-
-
-def test_ros2_joints_by_name_in_both_list_styles() -> None:
-    program = read("path.yaml")
-    assert [list(target.values) for target in program.targets] == EXPECTED
-    assert [target.line for target in program.targets] == [4, 8]
-    (remark,) = program.remarks
-    assert (remark.name, remark.why) == ("gripper", "external axes: not joints of the calibration")
-    assert program.notes == ("velocities and accelerations are left as they are",)
-
-
-def test_ros2_json() -> None:
-    names = ", ".join(f'"{n}"' for n in robot("ur5").chain.model.names[1:])
-    points = ", ".join(f'{{"positions": {row}, "time_from_start": {{"sec": 1}}}}' for row in EXPECTED)
-    for text in (
-        f'{{"joint_names": [{names}], "points": [{points}]}}',
-        f'{{"points": [{points}],\n "joint_names": [{names}]}}',
-    ):
-        assert detected(text, "a.json") == "ros2-trajectory"
-        assert [list(t.values) for t in reader("ros2-trajectory")(text, robot("ur5")).targets] == EXPECTED
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "why"),
-    [
-        ("elbow_joint,", "elbow,", "no 'elbow_joint' of ur5; did you mean elbow"),
-        ("0.0, 0.04]", "0.04]", "holds 6 positions for 7 joint_names"),
-        ("[1.745329", "[.nan", "elbow_joint holds '.nan', which is not finite"),
-        ("0.0, 0.04]", "0.0, 0.04", "a bracket is not closed"),
-        ("[1.745329", "[up", "elbow_joint holds 'up', which is not a number"),
-    ],
-)
-def test_ros2_errors(before: str, after: str, why: str) -> None:
-    assert why in bad("ros2-trajectory", text_of("path.yaml").replace(before, after, 1), "ur5")[4]
-
-
-@pytest.mark.parametrize("value", ["[]", "[ ]"])
-def test_ros2_an_empty_list_is_not_a_target(value: str) -> None:
-    text = text_of("path.yaml")
-    first = text.index("[", text.index("positions:"))
-    changed = text[:first] + value + text[text.index("]", first) + 1 :]
-    program = reader("ros2-trajectory")(changed, robot("ur5"))
-    assert [list(target.values) for target in program.targets] == EXPECTED[1:]
-    assert not any(remark.bad for remark in program.remarks)
-
-
-def test_ur_a_variable_moved_to_with_several_tools_is_left_alone() -> None:
-    text = "a = p[0.4, 0.2, 0.3, 0, 3.1, 0]\nset_tcp(p[0,0,0.1,0,0,0])\nmovel(a)\nset_tcp(p[0,0,0.2,0,0,0])\nmovel(a)\n"
-    program = reader("ur-script")(text, robot("ur5"))
-    assert program.targets == ()
-    assert "used with several tools" in {remark.why for remark in program.remarks}
-
-
-def test_abb_an_instruction_that_does_not_end_or_close_is_said() -> None:
-    def whys(move: str) -> set[str]:
-        text = f"MODULE A\nPROC m()\n {move}\nENDPROC\nENDMODULE\n"
-        return {remark.why for remark in reader("abb-rapid")(text, robot("fanuc-m1000ia")).remarks}
-
-    assert "no ; at its end" in whys("MoveL p10,v10,fine,tool0")
-    assert "a bracket is not closed" in whys("MoveL [[1,2,3],v10,fine,tool0;")
-    assert whys("MoveExtJ p10,v10,fine;") == set()
-
-
-def test_kuka_an_external_tool_makes_both_frames_unknown() -> None:
-    def frames(fdat: str) -> tuple[str | None, str | None]:
-        text = f"DEFDAT a\nDECL E6POS XP1={{X 900,Y 0,Z 900,A 0,B 90,C 0}}\nDECL FDAT FP1={{{fdat}}}\nENDDAT\n"
-        (target,) = reader("kuka-krl")(text, robot("fanuc-m1000ia")).targets
-        return target.frame, target.tool
-
-    assert frames("TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE") == ("2", "1")
-    assert frames("TOOL_NO 1,BASE_NO 2,IPO_FRAME #TCP") == (None, None)

@@ -73,3 +73,41 @@ def test_frames_file() -> None:
 def test_a_bad_frames_file(text: str) -> None:
     with pytest.raises(InputError, match=r"^f\.toml: "):
         read_frames(text, "f.toml")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "turns"),
+    [
+        ("w_deg = 10\np_deg = 20\nr_deg = 30", [("z", 30), ("y", 20), ("x", 10)]),
+        ("a_deg = 30\nb_deg = 20\nc_deg = 10", [("z", 30), ("y", 20), ("x", 10)]),
+        ("roll_deg = 90", [("x", 90)]),
+        ("rz_deg = 90", [("z", 90)]),
+        ("ry_rad = 1.5707963267948966", [("y", 90)]),
+        ("qw = 0.5\nqx = 0.5\nqy = 0.5\nqz = 0.5", [("x", 90), ("y", 90)]),
+        ("qy = 1", [("y", 180)]),
+        ("", []),
+    ],
+)
+def test_orientations_of_a_frames_file(numbers: str, turns: list[tuple[str, float]]) -> None:
+    R = np.eye(3)
+    for axis, degrees in turns:
+        R = R @ turn(axis, np.deg2rad(degrees))
+    for place, z in (("z_mm = 5", 0.005), ("z_m = 0.25", 0.25)):
+        T = read_frames(f"[tools.2]\n{place}\n{numbers}\n", "f").tools["2"]
+        np.testing.assert_allclose(T[:3, :3], R, atol=1e-12)
+        np.testing.assert_allclose(T[:3, 3], [0, 0, z])
+
+
+@pytest.mark.parametrize(
+    ("numbers", "why"),
+    [
+        ("qw = 0.5", "a quaternion of length 0.5"),
+        ("a_deg = 1\nw_deg = 1", "w_deg and a_deg in one pose"),
+        ("x_mm = 1\ny_m = 1", "x_mm and y_m in one pose"),
+        ("yaw = 1", "unknown 'yaw'; did you mean yaw_deg"),
+        ("x_mm = inf", "finite"),
+    ],
+)
+def test_a_pose_of_a_frames_file_that_is_none(numbers: str, why: str) -> None:
+    with pytest.raises(InputError, match=rf"^f: tools\.2.*{why}"):
+        read_frames(f"[tools.2]\n{numbers}\n", "f")

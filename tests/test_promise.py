@@ -16,10 +16,11 @@ from calibtool.compensation.status import DOUBTFUL, JUMP, MEANING, OK, UNCORRECT
 from calibtool.compensation.step import DAMPED_BELOW, bounded_step
 from calibtool.compensation.stream import StreamOptions, compensate_text
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errors import UsageError
 from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ERROR_KINDS, ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array

@@ -12,6 +12,8 @@ from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
 from calibtool.compensation.backlash import BacklashPath
 from calibtool.compensation.solve import compensate_joints, compensate_poses
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.conditions import Conditions, directions
 from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.acceptance import broken_limits, parse_limit
 from calibtool.evaluation.compare import Evaluation, evaluate
@@ -21,9 +23,7 @@ from calibtool.evaluation.words import words
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.motion import directions
 from calibtool.robot.se3 import Array, readonly
 
 CYCLES = 4
@@ -44,7 +44,7 @@ def made(
     )
     data = simulate(robot, simulation)
     fresh = simulate(robot, replace(simulation, configurations=17, same_robot=data.truth)).q
-    options = BaseOptions(complete=CompleteOptions(harmonics=0, gravity=False))
+    options = BaseOptions(complete=CompleteOptions(orders={"harmonics": 0, "gravity": 0}))
     return identify(data, options), data, np.vstack([fresh[:12], np.tile(fresh[12:], (CYCLES, 1))])
 
 
@@ -372,11 +372,11 @@ def test_only_what_was_measured_is_called_after() -> None:
 def test_directions_are_those_of_the_driven_joints() -> None:
     """Where backlash was taken up along the driven motion the model expects next to nothing."""
     calibration, data, q = made(kinds=("geometric", "backlash"))
-    if not calibration.base.motion.backlash.any():
+    if not calibration.errors["backlash"].any():
         pytest.skip("no backlash was found")
     corrected = compensate_joints(calibration, q).q
-    taken_up = corrected + BacklashPath(calibration.base.motion.backlash).taken_up(corrected)
-    after = replace(driven(q, taken_up, data), direction=readonly(directions(taken_up)))
+    taken_up = corrected + BacklashPath(calibration.errors["backlash"]).taken_up(corrected)
+    after = replace(driven(q, taken_up, data), conditions=Conditions(readonly(directions(taken_up))))
     found = evaluate([("c", calibration)], after)
     assert found.proof is not None
     assert found.proof.expected.position_size[1:].max() < 1e-7

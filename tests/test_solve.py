@@ -15,10 +15,10 @@ from calibtool.calibration import Calibration, identify, train
 from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.compensation.solve import compensate_joints, compensate_poses
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ErrorScales
 from calibtool.errors import InputError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
@@ -88,7 +88,7 @@ def test_the_actual_robot_is_put_right_by_its_own_geometry() -> None:
     truth = measurements.truth
     assert truth is not None
     calibration = zero("ur5", "local-poe")
-    exact = replace(calibration, base=replace(calibration.base, geometry=truth.actual.geometry))
+    exact = replace(calibration, base=replace(calibration.base, errors=truth.actual.errors))
     q = configurations(robot)
     reached = truth.actual.forward(compensate_joints(exact, q).q)
     commanded = robot.mechanism.forward(q)

@@ -14,11 +14,12 @@ from hypothesis import strategies as st
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errors import InputError
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ERROR_KINDS, ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.storage import read_any, read_calibration, read_measurements, to_bytes
 
@@ -378,17 +379,17 @@ NUMERIC = {
         "measurements/points",
         "registration/T_instrument_base",
         "registration/targets",
-        "truth/placement_errors",
-        "truth/twist_errors",
-        "truth/offset_errors",
-        "truth/gear",
-        "truth/compliance",
-        "truth/backlash",
+        "truth/errors/placements",
+        "truth/errors/twists",
+        "truth/errors/offsets",
+        "truth/errors/harmonics",
+        "truth/errors/gravity",
+        "truth/errors/backlash",
         "truth/registration/targets",
     ],
     "pose": ["measurements/rotations", "registration/R_tool_sensor"],
     "nominal network": [
-        "model/placement_errors",
+        "model/errors/placements",
         "registration/targets",
         "registration_nominal/T_instrument_base",
         "networks/0/input_centre",
@@ -451,7 +452,7 @@ def test_a_missing_part_is_refused(kind: str, path: str) -> None:
     [
         ("registered", "measurements", "noise_position_m"),
         ("registered", "measurements", "noise_orientation_rad"),
-        ("registered", "truth", "expansion"),
+        ("registered", "truth", "temperature_c"),
         ("nominal", "model", "noise_position_m"),
     ],
 )

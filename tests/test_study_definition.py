@@ -2,9 +2,9 @@
 
 import pytest
 
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.study import Definition, Study, parse_definition
-from calibtool.robot.actual import ERROR_KINDS
 
 PLAN = """
 robots = ["planar-3r", "scara"]

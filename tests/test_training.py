@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from calibtool.calibration import Calibration, identify, train
-from calibtool.equivalent.network import Network, initial_network
+from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions, TrainingReport, split_rows, train_networks
+from calibtool.errormodel.actual import ErrorScales
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.actual import ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 
@@ -22,7 +22,7 @@ def learnable(seed: int = 0, K: int = 60, noise: float = 0.05) -> tuple[Array, A
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1, 1, (K, 6))
     G = rng.normal(size=(K, 9, 6)) * 1e3
-    teacher = initial_network(q, np.full(6, 1e-3), 4, rng)
+    teacher = Network.initial(q, np.full(6, 1e-3), 4, rng)
     return q, G, (G @ teacher(q)[..., None])[..., 0] + noise * rng.normal(size=(K, 9))
 
 
@@ -208,7 +208,7 @@ def test_a_network_on_the_nominal_robot_lowers_its_error_on_fresh_configurations
 
 def test_a_network_on_local_poe_learns_what_local_poe_cannot_represent() -> None:
     ur5 = load_robot("ur5")
-    scales = ErrorScales(kinds=("gear",), gear=5e-3)
+    scales = ErrorScales(kinds=("gear",), sizes={"gear": 5e-3})
     measurements = simulate(ur5, Simulation(seed=3, workspace=ur5.workspace(None)[1], scales=scales))
     truth = measurements.truth
     assert truth is not None

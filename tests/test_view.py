@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from calibtool.calibration import Calibration
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.evaluation.view.live import serving
 from calibtool.evaluation.view.page import page_of
 from calibtool.evaluation.view.scene import scene_of
 from calibtool.evaluation.view.shape import simple_shape
 from calibtool.measurement.measurements import Measurements
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
 
 
@@ -114,7 +114,7 @@ def test_the_live_scene_has_the_arm_the_targets_and_the_magnified_errors(
     scene = scene_of(unseen_first(fanuc_measurements))
     with serving(scene, simple_shape(fanuc), 10.0, free_port()) as visualizer:
         handles = visualizer.viewer.scene._handle_from_node_name
-        joints = GeometricErrors.none(6).frames(fanuc.chain, scene.q[:1]).after[0, :, :3, 3]
+        joints = RobotErrors.of(fanuc).frames(scene.q[:1]).after[0, :, :3, 3]
         for j, joint in enumerate(joints):
             assert np.allclose(visualizer.frames[f"arm/visual/joint{j + 1}"].position, joint, atol=1e-9)
         assert np.allclose(handles["/nominal/now"].points, scene.nominal[0, 1:], atol=1e-6)  # the first was not seen

@@ -100,12 +100,13 @@ def urdf(placements: np.ndarray) -> str:
     return f'<robot name="arm">{links}{joints}</robot>'
 
 
-def geometric_errors(case: str, n: int, rng: np.random.Generator):
+def geometric_errors(case: str, robot, rng: np.random.Generator):
     """The actual robot's errors: `all` δζ, δξ, δq; `mdh` the 24 parameters; `placements` δζ of the joints."""
-    from calibtool.robot.geometry import GeometricErrors
+    from calibtool.errormodel.robot_errors import RobotErrors
     from calibtool.robot.se3 import inverse, log6
 
     sizes = np.repeat([LENGTH, ANGLE], 3)
+    n = robot.n
     placements, twists, offsets = np.zeros((n + 1, 6)), np.zeros((n, 6)), np.zeros(n)
     if case == "mdh":
         changed = MDH + rng.normal(size=MDH.shape) * [ANGLE, 1e3 * LENGTH, ANGLE, 1e3 * LENGTH]
@@ -115,7 +116,7 @@ def geometric_errors(case: str, n: int, rng: np.random.Generator):
         placements = rng.normal(size=(n + 1, 6)) * sizes
     if case == "all":
         twists, offsets = rng.normal(size=(n, 6)) * sizes, rng.normal(size=n) * ANGLE
-    return GeometricErrors(placements, twists, offsets)
+    return RobotErrors.of(robot, placements=placements, twists=twists, offsets=offsets)
 
 
 def write_case(folder: Path, case: str, seed: int) -> None:
@@ -127,9 +128,9 @@ def write_case(folder: Path, case: str, seed: int) -> None:
     np.savetxt(folder / "mdh.csv", MDH, delimiter=",", fmt="%.17g")
     rng = np.random.default_rng([seed, *case.encode()])
     robot = load_robot(str(folder / "robot.urdf"))
-    errors = geometric_errors(case, robot.n, rng)
+    errors = geometric_errors(case, robot, rng)
     q = rng.uniform(-np.pi, np.pi, (CONFIGURATIONS + FRESH, robot.n))
-    points = transform_points(errors.frames(robot.chain, q).tool, TARGETS)
+    points = transform_points(errors.frames(q).tool, TARGETS)
     nominal = transform_points(robot.mechanism.forward(q), TARGETS)
     train = points[:CONFIGURATIONS] + rng.normal(size=(CONFIGURATIONS, 3, 3)) * NOISE
     header = ",".join([f"j{j}" for j in range(1, 7)] + [f"{c}{k}" for k in (1, 2, 3) for c in "xyz"])

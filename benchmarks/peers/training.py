@@ -31,7 +31,7 @@ def write_data(file: Path, seed: int) -> None:
     """Inputs s in [−1, 1], targets δρ̂ over their RMS, both halves; start weights of every restart."""
     from calibtool.calibration import identify
     from calibtool.equivalent.loss import joint_loss
-    from calibtool.equivalent.network import initial_network
+    from calibtool.equivalent.network import Network
     from calibtool.equivalent.training import split_rows
     from calibtool.measurement.observation import observation_matrix, residuals, weights
     from calibtool.measurement.simulate import Simulation, simulate
@@ -46,7 +46,7 @@ def write_data(file: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     train, held = split_rows(len(measurements), 0.5, rng)
     t = loss.t / np.sqrt(np.mean(loss.t[train] ** 2))
-    starts = [initial_network(measurements.q[train], np.ones(6), HIDDEN, r) for r in rng.spawn(RESTARTS)]
+    starts = [Network.initial(measurements.q[train], np.ones(6), HIDDEN, r) for r in rng.spawn(RESTARTS)]
     s = starts[0].scaled_input(measurements.q)
     weights_0 = [start.weights for start in starts]
     np.savez(file, s=s[train], t=t[train], s_held=s[held], t_held=t[held], starts=weights_0)
@@ -60,11 +60,11 @@ def held_loss(data: dict, predicted: np.ndarray) -> float:
 def calibtool_lm(data: dict, restart: int) -> Iterator[float]:
     """calibtool's own Levenberg–Marquardt."""
     from calibtool.equivalent.loss import Loss
-    from calibtool.equivalent.network import initial_network
+    from calibtool.equivalent.network import Network
     from calibtool.equivalent.optimisers import levenberg_marquardt
 
     eye = np.broadcast_to(np.eye(6), (len(data["s"]), 6, 6))
-    start = initial_network(np.array([[-1.0] * 6, [1.0] * 6]), np.ones(6), HIDDEN, np.random.default_rng(0))
+    start = Network.initial(np.array([[-1.0] * 6, [1.0] * 6]), np.ones(6), HIDDEN, np.random.default_rng(0))
     start = start.with_weights(data["starts"][restart])
     steps = levenberg_marquardt(start, Loss(data["s"], eye, data["t"]))
     for _, (network, _) in zip(range(ITERATIONS), steps, strict=False):

@@ -8,7 +8,7 @@ import numpy as np
 from calibtool.calibration.model import Calibration, CrossValidation, fitting_setup
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.measurements import Measurements
-from calibtool.measurement.observation import residuals, weights
+from calibtool.measurement.observation import weighted_residuals
 from calibtool.progress import Progress, silent
 from calibtool.robot.se3 import Array
 
@@ -43,7 +43,7 @@ def cross_validate(
 
 def squared_errors(calibration: Calibration, measurements: Measurements) -> Array:
     """Weighted squared residuals of each configuration, in the calibration's own set-up: (N,)."""
-    pose = calibration.forward(measurements.q, measurements.direction)
-    left = residuals(measurements, fitting_setup(calibration, measurements), pose)
-    squared: Array = ((left * weights(measurements)) ** 2).sum(axis=-1)
+    pose = calibration.forward(measurements.q, measurements.conditions)
+    left = weighted_residuals(measurements, fitting_setup(calibration, measurements), pose)
+    squared: Array = (left**2).sum(axis=-1)
     return squared

@@ -8,14 +8,14 @@ from calibtool.calibration.cross_validation import cross_validate
 from calibtool.calibration.frame import FRAMES, FrameName
 from calibtool.calibration.model import Calibration, check_same_robot, fitting_setup
 from calibtool.equivalent.joints import equivalent_robot
-from calibtool.equivalent.network import Network
+from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.training import TrainingOptions, TrainingReport, train_networks
 from calibtool.errors import check_choice
 from calibtool.identification.complete import CompleteOptions, identify_complete
 from calibtool.identification.local_poe import identify_local_poe
 from calibtool.identification.model import nominal_model
 from calibtool.measurement.measurements import Measurements
-from calibtool.measurement.observation import observation_matrix, residuals, weights
+from calibtool.measurement.observation import linearised
 from calibtool.progress import Progress, silent
 
 IDENTIFIED_MODELS = ("local-poe", "complete")
@@ -61,6 +61,7 @@ def identify(
         noise_position=measurements.noise_position,
         noise_orientation=measurements.noise_orientation,
         q=measurements.q,
+        simulated=measurements.truth is not None,
     )
     return fitted.in_frame(frame)
 
@@ -125,6 +126,7 @@ def on_base(
         noise_position=measurements.noise_position,
         noise_orientation=measurements.noise_orientation,
         q=measurements.q,
+        simulated=measurements.truth is not None,
     )
 
 
@@ -134,10 +136,8 @@ def _networks(
     options: TrainingOptions,
     rng: np.random.Generator,
     progress: Progress,
-) -> tuple[tuple[Network, ...], TrainingReport]:
+) -> tuple[tuple[Regressor, ...], TrainingReport]:
     setup = fitting_setup(base, measurements)
-    pose, jacobian = base.base_forward_and_jacobian(measurements.q, measurements.direction)
-    weight = weights(measurements)
-    G = observation_matrix(setup, pose) @ jacobian * weight[..., None]
-    y = residuals(measurements, setup, pose) * weight
+    pose, jacobian = base.base_forward_and_jacobian(measurements.q, measurements.conditions)
+    G, y = linearised(measurements, setup, pose, jacobian, targets=False)
     return train_networks(measurements.q, G, y, options, rng, progress)

@@ -10,10 +10,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.measurements import Setup
-from calibtool.robot.chain import SerialChain
 from calibtool.robot.damped import at_point
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, log6, readonly
 
 FrameName = Literal["fitted", "taught"]
@@ -41,21 +40,19 @@ class ChosenFrame:
         """Poses in the chosen frames are not those of the fit."""
         return self.name != "fitted"
 
-    def geometry(self, chain: SerialChain, fitted: GeometricErrors) -> GeometricErrors:
-        """The geometry of the fit in the chosen frames: the first and the last placement move."""
+    def errors(self, fitted: RobotErrors) -> RobotErrors:
+        """The errors of the fit in the chosen frames: the first and the last placement move."""
         if not self.moves:
             return fitted
-        placements = fitted.placements_of(chain).copy()
+        nominal = fitted.robot.chain.placements
+        placements = nominal @ exp6(fitted["placements"])
         placements[0] = self.T_taught_fitted @ placements[0]
         placements[-1] = placements[-1] @ self.T_tool_taught
-        errors = readonly(log6(inverse(chain.placements) @ placements))
-        return GeometricErrors(errors, fitted.twists, fitted.offsets)
+        return fitted.having(placements=log6(inverse(nominal) @ placements))
 
     def setup(self, fitted: Setup) -> Setup:
         """The set-up of the fit in the chosen frames: predicted points stay where they were."""
-        return (
-            moved_setup(fitted, self.T_taught_fitted, self.T_tool_taught) if self.moves else fitted
-        )
+        return moved_setup(fitted, self.T_taught_fitted, self.T_tool_taught) if self.moves else fitted
 
     def fitted_setup(self, chosen: Setup) -> Setup:
         """The inverse of `setup`."""
@@ -70,13 +67,8 @@ def moved_setup(setup: Setup, T_new_base: Array, T_tool_new: Array) -> Setup:
     Both (4, 4), m.
     """
     T_new_tool = inverse(T_tool_new)
-    turned = setup.R_tool_sensor
-    return replace(
-        setup,
-        T_instrument_base=readonly(setup.T_instrument_base @ inverse(T_new_base)),
-        targets=readonly(setup.targets @ T_new_tool[:3, :3].T + T_new_tool[:3, 3]),
-        R_tool_sensor=None if turned is None else readonly(T_new_tool[:3, :3] @ turned),
-    )
+    on_tool = setup.kind.in_tool(setup, T_new_tool)
+    return replace(on_tool, T_instrument_base=readonly(setup.T_instrument_base @ inverse(T_new_base)))
 
 
 def taught_frame(
@@ -98,9 +90,7 @@ def taught_frame(
         turn = log3(taught[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2))
         left = np.concatenate([taught[:, :3, 3] - pose[:, :3, 3], turn], axis=-1) / sigma
         step = np.zeros((2, 6))
-        step[free] = np.linalg.lstsq(columns.reshape(left.size, -1), left.ravel(), rcond=1e-9)[
-            0
-        ].reshape(-1, 6)
+        step[free] = np.linalg.lstsq(columns.reshape(left.size, -1), left.ravel(), rcond=1e-9)[0].reshape(-1, 6)
         T_base, T_tool = exp6(step[0]) @ T_base, T_tool @ exp6(step[1])
         if np.abs(step).max() < _SETTLED:
             break

@@ -54,7 +54,7 @@ def learning_curve(
                 calibration = fit(measurements.rows(np.sort(rest[:size])), stream)
             except NoSolutionError:
                 continue
-            pose = calibration.forward(judged.q, judged.direction)
+            pose = calibration.forward(judged.q, judged.conditions)
             left = residuals(judged, fitting_setup(calibration, judged), pose)
             position = left[:, : 3 * judged.points.shape[1]]
             squares.setdefault(size, []).append(float((position**2).sum() / (3 * judged.seen.sum())))

@@ -9,13 +9,15 @@ import pinocchio as pin
 
 from calibtool.calibration.frame import ChosenFrame, FrameName, taught_frame
 from calibtool.equivalent.joints import EquivalentRobot
-from calibtool.equivalent.network import Network, averaged
+from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.training import TrainingReport
+from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.family import Context
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.robot.geometry import GeometricErrors, mechanism
-from calibtool.robot.mechanism import Frames, Mechanism
+from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6
 
@@ -56,23 +58,27 @@ class Calibration:
     nominal_setup   the set-up as it was known, or registered with the nominal robot
     noise_position, noise_orientation   stated noise of the measurements used, m and rad
     q               (N, n) the configurations used, rad or m
+    conditions      under which it predicts where a row does not say otherwise: payload and temperature as numbers
+    simulated       the measurements came from a simulation, whose controller has the nominal model
     provenance      command line, seed, input checksums, versions: text by name
     frame           which base and tool frame it speaks in; None where nothing was free to choose
 
-    `geometry`, `setup` and every pose are in the chosen frames; only the parameters of `base` are those of the fit.
+    `errors`, `setup` and every pose are in the chosen frames; only the parameters of `base` are those of the fit.
     """
 
     robot: Robot
     base: Identification
     equivalent: EquivalentRobot
-    networks: tuple[Network, ...]
+    networks: tuple[Regressor, ...]
     training: TrainingReport | None
     validation: CrossValidation | None
     nominal_setup: Setup
     noise_position: float
     noise_orientation: float
     q: Array
+    conditions: Conditions = field(default_factory=Conditions)
     provenance: dict[str, str] = field(default_factory=dict)
+    simulated: bool = False
     frame: ChosenFrame | None = None
 
     @property
@@ -81,15 +87,19 @@ class Calibration:
         return len(self.q)
 
     @cached_property
-    def network(self) -> Network | None:
-        """The mean of the members as one network, None without any."""
-        return averaged(self.networks) if self.networks else None
+    def network(self) -> Regressor | None:
+        """The mean of the members as one learned model, None without any."""
+        return self.networks[0].averaged(self.networks) if self.networks else None
+
+    def at(self, conditions: Conditions) -> Self:
+        """The same calibration for a payload and a temperature: those of its rows unless they say otherwise."""
+        return replace(self, conditions=conditions)
 
     @cached_property
-    def geometry(self) -> GeometricErrors:
-        """Geometric errors of the base model, in the chosen frames."""
-        fitted = self.base.geometry
-        return fitted if self.frame is None else self.frame.geometry(self.robot.chain, fitted)
+    def errors(self) -> RobotErrors:
+        """Errors of the base model, in the chosen frames."""
+        fitted = self.base.errors
+        return fitted if self.frame is None else self.frame.errors(fitted)
 
     @cached_property
     def setup(self) -> Setup:
@@ -97,10 +107,10 @@ class Calibration:
         fitted = self.base.setup
         return fitted if self.frame is None else self.frame.setup(fitted)
 
-    @cached_property
+    @property
     def base_mechanism(self) -> Mechanism:
-        """Mechanism of `geometry`."""
-        return mechanism(self.robot.chain, self.geometry)
+        """Mechanism of `errors`, without what changes from row to row."""
+        return self.errors.mechanism
 
     @property
     def frame_is_free(self) -> bool:
@@ -122,9 +132,8 @@ class Calibration:
             )
         frame = self.frame
         if frame is None:
-            fitted = mechanism(self.robot.chain, self.base.geometry)
             frame = taught_frame(
-                fitted.forward(self._driven(self.q, None)),
+                self.base.errors.forward(self.q),
                 self.robot.mechanism.forward(self.q),
                 self.base.setup,
                 self.noise_position,
@@ -143,47 +152,38 @@ class Calibration:
     @property
     def beyond_model(self) -> tuple[str, ...]:
         """The parts of this calibration that `model` does not hold, in words; none when it is all there is."""
-        motion = self.base.motion
-        parts = {
-            "harmonics of the joint motions": motion.harmonics.any(),
-            "wind-up under gravity": motion.compliance.any(),
-            "backlash": motion.backlash.any(),
-            "network": bool(self.networks),
-        }
-        return tuple(name for name, present in parts.items() if present)
+        parts = [family.words for family in self.base.errors.beyond_geometry]
+        return (*parts, *(["network"] if self.networks else []))
 
-    def base_forward_and_jacobian(self, q: Array, direction: Array | None = None) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for joint positions q (N, n); direction as `forward`.
+    def base_forward_and_jacobian(self, q: Array, conditions: Conditions | None = None) -> tuple[Array, Array]:
+        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for q (N, n); conditions as in `forward`.
 
         The slope of the joint-motion functions, about a thousandth, is left out of J_ρ.
         """
-        return self.equivalent.forward_and_jacobian(self.base_mechanism, self._driven(q, direction))
+        return self.equivalent.forward_and_jacobian(*self.errors.at(q, conditions or self.conditions))
 
-    def base_frames(self, q: Array) -> Frames:
+    def base_context(self, q: Array) -> Context:
         """Frames of the base model for joint positions q (N, n), from which error columns are built."""
-        return self.base_mechanism.frames(self._driven(q, None))
+        return self.errors.context(q, self.conditions)
 
-    def forward(self, q: Array, direction: Array | None = None) -> Array:
+    def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
         """Calibrated T_base_tool for joint positions q (N, n): (N, 4, 4) in K_0.
 
-        direction (N, n): sign of each joint's last motion; 0 or None is the middle of its backlash.
+        conditions of the rows; without, the calibration's own, and every joint in the middle of its backlash.
         """
         if self.network is None:
-            return self.base_mechanism.forward(self._driven(q, direction))
-        return self.forward_and_jacobian(q, direction)[0]
+            return self.errors.forward(q, conditions or self.conditions)
+        return self.forward_and_jacobian(q, conditions)[0]
 
-    def forward_and_jacobian(self, q: Array, direction: Array | None = None) -> tuple[Array, Array]:
-        """Calibrated T_base_tool (N, 4, 4) and the base model's J_ρ (N, 6, p); direction as `forward`.
+    def forward_and_jacobian(self, q: Array, conditions: Conditions | None = None) -> tuple[Array, Array]:
+        """Calibrated T_base_tool (N, 4, 4) and the base model's J_ρ (N, 6, p); conditions as in `forward`.
 
         ∂N/∂q, about a thousandth of J_ρ, is left out: Newton's method converges by as much at every step all the same.
         """
-        pose, jacobian = self.base_forward_and_jacobian(q, direction)
+        pose, jacobian = self.base_forward_and_jacobian(q, conditions)
         if self.network is not None:
             pose = exp6((jacobian @ self.network(q)[..., None])[..., 0]) @ pose
         return pose, jacobian
-
-    def _driven(self, q: Array, direction: Array | None) -> Array:
-        return q if self.base.motion.is_none else q + self.base.motion.errors(self.robot, q, direction)
 
 
 def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup:
@@ -194,7 +194,7 @@ def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup
     if measurements.setup.known:
         return measurements.setup
     setup, other = calibration.setup, measurements.setup
-    if len(setup.targets) != len(other.targets) or (setup.R_tool_sensor is None) != (other.R_tool_sensor is None):
+    if len(setup.targets) != len(other.targets) or setup.kind is not other.kind:
         raise InputError(
             "the calibration was made with other targets than these measurements; evaluate with --refit-setup"
         )

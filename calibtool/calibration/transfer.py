@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibtool.calibration.model import Calibration, check_same_robot
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.measurement.observation import residuals, weights
+from calibtool.measurement.observation import weighted_residuals
 from calibtool.measurement.registration import register, rigid_fit
-from calibtool.robot.geometry import GeometricErrors
-from calibtool.robot.se3 import Array, inverse, log6, readonly, translation
+from calibtool.robot.se3 import Array, exp6, inverse, log6, translation
 
 REFITTED = ("base", "tool")
 
@@ -43,7 +43,7 @@ def refit(calibration: Calibration, measurements: Measurements, parts: tuple[str
         frame_known=measurements.setup.frame_known and "base" not in parts,
         targets_known=measurements.setup.targets_known and "tool" not in parts,
     )
-    pose = calibration.forward(measurements.q, measurements.direction)
+    pose = calibration.forward(measurements.q, measurements.conditions)
     setup = register(replace(measurements, setup=free), pose)
     nominal_pose = measurements.robot.mechanism.forward(measurements.q)
     transfer = Transfer(
@@ -51,8 +51,8 @@ def refit(calibration: Calibration, measurements: Measurements, parts: tuple[str
         calibrated=_left_out(measurements, free, pose),
     )
     if measurements.setup.known:
-        geometry = _absorbed(calibration, measurements.setup, setup)
-        base = replace(calibration.base, geometry=geometry, setup=measurements.setup, posterior=None)
+        errors = _absorbed(calibration, measurements.setup, setup)
+        base = replace(calibration.base, errors=errors, setup=measurements.setup, posterior=None)
         moved = replace(calibration, base=base, frame=None)
     else:
         restored = replace(
@@ -64,17 +64,16 @@ def refit(calibration: Calibration, measurements: Measurements, parts: tuple[str
     return replace(moved, nominal_setup=measurements.setup), transfer
 
 
-def _absorbed(calibration: Calibration, known: Setup, fitted: Setup) -> GeometricErrors:
+def _absorbed(calibration: Calibration, known: Setup, fitted: Setup) -> RobotErrors:
     """Base and tool as errors of the first and last placement, so that poses come out in the known set-up."""
-    chain, geometry = calibration.robot.chain, calibration.geometry
-    placements = geometry.placements_of(chain).copy()
+    chain, errors = calibration.robot.chain, calibration.errors
+    placements = chain.placements @ exp6(errors["placements"])
     placements[0] = inverse(known.T_instrument_base) @ fitted.T_instrument_base @ placements[0]
     if len(known.targets) >= 3:
         placements[-1] = placements[-1] @ rigid_fit(known.targets, fitted.targets)
     else:
         placements[-1] = placements[-1] @ translation((fitted.targets - known.targets).mean(axis=0))
-    errors = readonly(log6(inverse(chain.placements) @ placements))
-    return GeometricErrors(errors, geometry.twists, geometry.offsets)
+    return errors.having(placements=log6(inverse(chain.placements) @ placements))
 
 
 def _left_out(measurements: Measurements, free: Setup, pose: Array) -> float:
@@ -84,6 +83,5 @@ def _left_out(measurements: Measurements, free: Setup, pose: Array) -> float:
     for held in np.array_split(np.arange(count), min(count, 20)):
         rest = np.setdiff1d(np.arange(count), held)
         setup = register(replace(measurements.rows(rest), setup=free), pose[rest])
-        left = residuals(measurements.rows(held), setup, pose[held])
-        squares[held] = ((left * weights(measurements.rows(held))) ** 2).sum(axis=-1)
+        squares[held] = (weighted_residuals(measurements.rows(held), setup, pose[held]) ** 2).sum(axis=-1)
     return float(np.sqrt(squares.sum() / measurements.equations)) * measurements.noise_position

@@ -56,21 +56,26 @@ def base_options(
     from typing import cast
 
     from calibtool.calibration.fit import BaseOptions
+    from calibtool.errormodel.tolerances import Tolerances
     from calibtool.errors import UsageError
     from calibtool.identification.complete import CompleteOptions
-    from calibtool.identification.parameters import Tolerances
     from calibtool.identification.robust import LOSS_FUNCTIONS
     from calibtool.identification.robust import LossFunction as LossFunctionName
 
     choice(loss_function, LOSS_FUNCTIONS, "--loss-function")
-    given = (harmonics, gravity, backlash, tolerance_mm, tolerance_mrad)
+    orders = {"harmonics": harmonics, "gravity": gravity, "backlash": backlash}
     if model != "complete":
-        if any(value is not None for value in given) or fixed_tolerances or loss_function != "squared" or drop_flagged:
+        if (
+            any(value is not None for value in (*orders.values(), tolerance_mm, tolerance_mrad))
+            or fixed_tolerances
+            or loss_function != "squared"
+            or drop_flagged
+        ):
             raise UsageError(
                 f"'{model}' takes no options of the complete model (harmonics, gravity, backlash, tolerances, bad rows)"
             )
         return BaseOptions(model)
-    tolerances = Tolerances.of(robot)
+    tolerances = Tolerances.of_robot(robot)
     if tolerance_mm is not None:
         tolerances = replace(tolerances, length=tolerance_mm * 1e-3)
     if tolerance_mrad is not None:
@@ -79,9 +84,7 @@ def base_options(
         model,
         CompleteOptions(
             tolerances=tolerances,
-            harmonics=harmonics,
-            gravity=gravity,
-            backlash=backlash,
+            orders={family: int(order) for family, order in orders.items() if order is not None},
             estimate_priors=not fixed_tolerances,
             loss_function=cast(LossFunctionName, loss_function),
             drop_flagged=drop_flagged,

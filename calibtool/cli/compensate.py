@@ -1,11 +1,21 @@
 """calibtool compensate: poses or joints in, corrected joints out."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, input_stream, message, one_stdin, output_stream, shown, text_lines
+from calibtool.cli.files import (
+    STREAM,
+    check_output,
+    input_stream,
+    message,
+    one_stdin,
+    output_stream,
+    shown,
+    text_lines,
+)
 from calibtool.cli.load import load_calibration
 from calibtool.cli.options import (
     EXACT,
@@ -17,20 +27,29 @@ from calibtool.cli.options import (
     LargestChange,
     Output,
     Outside,
+    PayloadKg,
+    TemperatureC,
     choice,
     joint_values_of,
+    under,
 )
 from calibtool.cli.options import largest_change as in_rad
 from calibtool.cli.programs import (
+    EXTERNAL,
     FORMATS,
     ROWS,
     ControllerFile,
     Dh,
+    External,
     Format,
     FramesFile,
     OnError,
+    Partial,
+    Report,
+    WithFiles,
     check_not_input,
     compensate_file,
+    compensate_folder,
     controller_mechanism,
     program_options,
     recognised,
@@ -42,24 +61,34 @@ if TYPE_CHECKING:
     from calibtool.calibration import Calibration
     from calibtool.compensation.stream import RowFormat, StreamOptions
     from calibtool.compensation.weighed import Weights
+    from calibtool.programs.compensate import ProgramOptions
 
 
 def compensate(
     calibration: CalibrationFile,
     targets: Annotated[
         str,
-        typer.Argument(metavar="[TARGETS]", help="CSV with joints (j1_deg …) or poses (x_mm … qw …); '-' is stdin."),
+        typer.Argument(
+            metavar="[TARGETS]",
+            help="CSV with joints (j1_deg …) or poses (x_mm … qw …); '-' is stdin.",
+        ),
     ] = "-",
     output: Output = "-",
     method: CompensationMethod = EXACT,
     outside: Outside = "mark",
     joint_values: JointValuesOption = None,
     uncertainty: Annotated[
-        bool, typer.Option("--uncertainty", help="Add predicted standard deviations of the tool: sd_mm, sd_mrad.")
+        bool,
+        typer.Option(
+            "--uncertainty", help="Add predicted standard deviations of the tool: sd_mm, sd_mrad."
+        ),
     ] = False,
     verify: Annotated[
         bool,
-        typer.Option("--verify", help="Drive the calibrated model to every corrected row; add left_mm, left_mrad."),
+        typer.Option(
+            "--verify",
+            help="Drive the calibrated model to every corrected row; add left_mm, left_mrad.",
+        ),
     ] = False,
     largest_change_deg: LargestChange = None,
     weights: Annotated[
@@ -70,23 +99,37 @@ def compensate(
         ),
     ] = None,
     backlash: Annotated[
-        bool, typer.Option("--backlash/--no-backlash", help="Take up backlash; --no-backlash: the rows are no path.")
+        bool,
+        typer.Option(
+            "--backlash/--no-backlash",
+            help="Take up backlash; --no-backlash: the rows are no path.",
+        ),
     ] = True,
+    payload_kg: PayloadKg = None,
+    temperature_c: TemperatureC = None,
     frame: FrameOption = None,
     kind: Format = "auto",
     on_error: OnError = "stop",
     frames: FramesFile = None,
     controller: ControllerFile = None,
     dh: Dh = None,
+    with_: WithFiles = [],  # noqa: B006
+    external: External = "leave",
+    report: Report = None,
+    partial: Partial = False,
     line_buffered: Annotated[
         bool,
-        typer.Option("--line-buffered", help="Answer every row at once, for a program at the other end of a pipe."),
+        typer.Option(
+            "--line-buffered",
+            help="Answer every row at once, for a program at the other end of a pipe.",
+        ),
     ] = False,
     force: Force = False,
 ) -> None:
     """Correct commanded poses or joint positions, any number of rows, or a controller program.
 
-    By the calibrated model no row is worse than the command: where no better joints are found, it stays as it is. Rows
+    By the calibrated model no row has a larger weighted pose error (displacement over the robot's
+    characteristic length beside rotation) than the command: where no better joints are found, it stays as it is. Rows
     come back with the corrected joints, the input's other columns and a status (docs/numerics): ok, jump (the correction
     changes faster than the command), outside (of the training's configurations); partial, limited, near-singular,
     out-of-limits (a part of the error stays), uncorrected (all of it: as commanded) or unreachable (empty joints, exit
@@ -96,15 +139,25 @@ def compensate(
 
     Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how
     many, by how much at most, and what was left alone and why. A target without an answer stops it,
-    and nothing is written. Poses are written for the controller's own model, --controller.
+    and nothing is written. A program of which some poses are corrected and others, which it moves
+    to, are left is written, and the exit code is 4 (--partial: 0). The programs of a folder are
+    corrected together: give a folder for -o. Poses are written for the controller's own model,
+    --controller.
 
     Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv
     """
-    check_output(output, force)
-    one_stdin(calibration, targets, frames, controller)
+    folder = targets != STREAM and Path(targets).is_dir()
+    if not folder:
+        check_output(output, force)
+    if report is not None:
+        check_output(report, force)
+        if (report == output == STREAM) or Path(report).resolve() == Path(output).resolve():
+            raise UsageError(f"{shown(report)}: is the output, too; give another file for --report")
+    one_stdin(calibration, targets, frames, controller, *with_)
     choice(method, ("exact", "one-step"), "--method")
     choice(kind, FORMATS, "--format")
     choice(on_error, ("stop", "skip"), "--on-error")
+    choice(external, EXTERNAL, "--external")
     from typing import cast
 
     from calibtool.calibration.frame_report import frame_report
@@ -116,30 +169,50 @@ def compensate(
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
     values = joint_values_of(joint_values)
     most, weighed = in_rad(largest_change_deg), _weights(weights)
-    loaded, _ = load_calibration(calibration, frame)
+    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
     found_frame = frame_report(loaded)
     if found_frame is not None and found_frame.name == "fitted":
         message(f"frame fitted: every target moves by the common part, too: {found_frame.common}")
     bounds = _bounds(loaded, most, weighed)
+
+    def how() -> "ProgramOptions":
+        model = controller_mechanism(controller, dh, loaded.robot)
+        return program_options(
+            solver, policy, on_error, values, frames, backlash, external, most, weighed, model
+        )
+
+    if folder:
+        check_for_rows(f"{targets} is a folder", uncertainty, verify, line_buffered)
+        compensate_folder(
+            loaded, targets, kind, output, force, how(), with_, report, partial, bounds
+        )
+        return
     with input_stream(targets) as stream:
         found = recognised(targets, stream.peek()) if kind == "auto" else kind
         if found not in ROWS:
-            if uncertainty or verify or line_buffered:
-                raise UsageError(
-                    f"--uncertainty, --verify and --line-buffered are for rows, but {shown(targets)} is {found}"
-                )
-            check_not_input(output, targets, calibration)
-            model = controller_mechanism(controller, dh, loaded.robot)
-            how = program_options(
-                solver, policy, on_error, values, frames, backlash, most, weighed, model
+            check_for_rows(f"{shown(targets)} is {found}", uncertainty, verify, line_buffered)
+            for path in (output, *([] if report is None else [report])):
+                check_not_input(path, targets, calibration, *with_)
+            for_program, data = how(), stream.read()
+            compensate_file(
+                loaded,
+                data,
+                targets,
+                found,
+                output,
+                force,
+                for_program,
+                with_,
+                report,
+                partial,
+                bounds,
             )
-            compensate_file(loaded, stream.read(), targets, found, output, force, how)
-            message(bounds)
             return
-        if on_error != "stop" or frames is not None or controller is not None or dh is not None:
+        for_programs = on_error != "stop" or frames is not None or with_ or report is not None
+        if for_programs or partial or controller is not None or dh is not None:
             raise UsageError(
-                "--on-error, --frames and --controller are for programs, but "
-                f"{shown(targets)} holds rows"
+                "--on-error, --frames, --with, --report, --partial and --controller are for "
+                f"programs, but {shown(targets)} holds rows"
             )
         options = StreamOptions(
             method=solver,
@@ -153,7 +226,9 @@ def compensate(
             batch=1 if line_buffered else BATCH,
         )
         lines = text_lines(stream, shown(targets))
-        compensate_rows(loaded, lines, shown(targets), cast(RowFormat, found), options, output, force, bounds)
+        compensate_rows(
+            loaded, lines, shown(targets), cast(RowFormat, found), options, output, force, bounds
+        )
 
 
 def _weights(text: str | None) -> "Weights | None":
@@ -163,10 +238,14 @@ def _weights(text: str | None) -> "Weights | None":
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise UsageError(f"--weights is '{text}'; expected six numbers, for example 1,1,1,0,0,1") from None
+        raise UsageError(
+            f"--weights is '{text}'; expected six numbers, for example 1,1,1,0,0,1"
+        ) from None
 
 
-def _bounds(calibration: "Calibration", largest_change: float | None, weights: "Weights | None") -> str:
+def _bounds(
+    calibration: "Calibration", largest_change: float | None, weights: "Weights | None"
+) -> str:
     """How far joints may be changed, in words. UsageError for weights that do not fit the robot."""
     from math import degrees
 
@@ -174,8 +253,14 @@ def _bounds(calibration: "Calibration", largest_change: float | None, weights: "
 
     robot = calibration.robot
     most = default_bounds(calibration, largest_change, weights).largest_change
-    slides = f", slides by {most * robot.length * 1e3:.3g} mm" if any(robot.prismatic) else ""
-    return f"joints change by at most {degrees(most):.3g} deg{slides} (--largest-change-deg)"
+    slides = f", of a slide {most * robot.length * 1e3:.3g} mm" if any(robot.prismatic) else ""
+    return f"limit of the change of a joint: {degrees(most):.3g} deg{slides} (--largest-change-deg)"
+
+
+def check_for_rows(what: str, uncertainty: bool, verify: bool, line_buffered: bool) -> None:
+    """UsageError for options that programs do not have."""
+    if uncertainty or verify or line_buffered:
+        raise UsageError(f"--uncertainty, --verify and --line-buffered are for rows, but {what}")
 
 
 def compensate_rows(
@@ -202,13 +287,18 @@ def compensate_rows(
     if report.others:
         message(f"… and {report.others} more rows; see the column status", important=True)
     message(bounds)
-    if options.backlash and calibration.base.motion.backlash.any():
-        message("backlash is taken up along the rows, in their order; --no-backlash where they are no path")
-    if options.verify:
+    if options.backlash and calibration.base.errors["backlash"].any():
         message(
-            f"{report.rows} rows verified: the calibrated model stays within {report.left * 1e3:.3g} mm and "
+            "backlash is taken up along the rows, in their order; --no-backlash where they are no path"
+        )
+    if options.verify:
+        kept = (
+            f"{report.rows} rows verified, none is corrected in full"
+            if not report.in_full
+            else f"{report.rows} rows verified: the calibrated model stays within {report.left * 1e3:.3g} mm and "
             f"{report.turned * 1e3:.3g} mrad of the command where the status is ok, jump or outside"
         )
+        message(kept)
     if report.without_joints:
         raise NoSolutionError(
             f"{name}: {report.without_joints} of {report.rows} rows have no joints, unreachable or refused; the others "

@@ -13,12 +13,16 @@ from calibtool.cli.options import (
     FrameOption,
     JointValuesOption,
     Output,
+    PayloadKg,
+    TemperatureC,
     choice,
     joint_values_of,
+    under,
 )
 from calibtool.errors import UsageError
 
 if TYPE_CHECKING:
+    from calibtool.calibration import Calibration
     from calibtool.export.rendering import Precision
     from calibtool.robot.coupling import JointValues
 
@@ -41,6 +45,8 @@ def export(
         str | None,
         typer.Option("--precision", metavar="double|float", help="c, onnx: double or float; st: LREAL or REAL."),
     ] = None,
+    payload_kg: PayloadKg = None,
+    temperature_c: TemperatureC = None,
     frame: FrameOption = None,
     joint_values: JointValuesOption = None,
     output: Output = "-",
@@ -49,6 +55,7 @@ def export(
     """Write the compensator as JSON, C, Structured Text, ONNX or URDF.
 
     For C, -o NAME.c also writes NAME.h; NAME starts every symbol, and names the function block of NAME.st.
+    A calibration with payload or temperature is written for those of the options.
     What a URDF cannot hold is listed on stderr. docs/export.md describes each format.
 
     Example: calibtool export calibration.h5 --format c -o compensator.c
@@ -63,10 +70,10 @@ def export(
         values = "serial"
     check_output(output, force, binary=format == "onnx")
     stem = "calibtool" if output == STREAM else Path(output).stem
+    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
     if format == "c":
-        _export_c(calibration, frame, stem, chosen, values, output, force)
+        _export_c(loaded, stem, chosen, values, output, force)
         return
-    loaded, _ = load_calibration(calibration, frame)
     contents: bytes | str
     values = loaded.robot.joint_values(loaded.robot.name, values)
     if format == "json":
@@ -95,8 +102,7 @@ def export(
 
 
 def _export_c(
-    calibration: str,
-    frame: str | None,
+    calibration: "Calibration",
     prefix: str,
     precision: "Precision",
     values: "JointValues | None",
@@ -109,9 +115,8 @@ def _export_c(
         raise UsageError("--format c: -o takes a file that ends in .c; the header goes beside it")
     header_path = str(Path(output).with_suffix(".h"))
     check_output(header_path, force)
-    loaded, _ = load_calibration(calibration, frame)
-    values = loaded.robot.joint_values(loaded.robot.name, values)
-    header, source = calibration_as_c(loaded, prefix, precision, values)
+    values = calibration.robot.joint_values(calibration.robot.name, values)
+    header, source = calibration_as_c(calibration, prefix, precision, values)
     write_outputs({header_path: header, output: source}, force)
 
 

@@ -132,7 +132,7 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
     """The parameter table for people: the clearest errors, or every parameter, and the strongest correlations."""
     from calibtool.identification.report import parameter_rows, strongest_correlations
 
-    rows = parameter_rows(calibration.robot, calibration.base)
+    rows = parameter_rows(calibration.base)
     shown = rows if every else sorted(rows, key=lambda row: -abs(row.value) / row.std)[:_CLEAREST]
     print_table(
         f"{len(shown)} of {len(rows)} parameters" + ("" if every else ", the clearest (all: --parameters or --json)"),

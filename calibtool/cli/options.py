@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 if TYPE_CHECKING:
+    from calibtool.calibration import Calibration
     from calibtool.robot.coupling import JointValues
 
 Output = Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Output file; '-' is stdout.")]
@@ -75,6 +76,16 @@ JointValuesOption = Annotated[
 ]
 
 
+PayloadKg = Annotated[
+    float | None,
+    typer.Option("--payload-kg", min=0, help="Mass at the tool, for a calibration that knows it."),
+]
+TemperatureC = Annotated[
+    float | None,
+    typer.Option("--temperature-c", min=-273.15, help="Temperature of the links, likewise."),
+]
+
+
 def joint_values_of(value: str | None) -> "JointValues | None":
     """What `--joint-values` says; UsageError for another word."""
     from calibtool.robot.coupling import JOINT_VALUES
@@ -92,6 +103,27 @@ def choice(value: str, allowed: tuple[str, ...], option: str) -> str:
 
     check_choice(value, allowed, option)
     return value
+
+
+def under(calibration: "Calibration", payload_kg: float | None, temperature_c: float | None) -> "Calibration":
+    """The calibration for a payload and a temperature. UsageError for one that it has no errors of."""
+    from calibtool.errormodel.conditions import Conditions
+    from calibtool.errors import UsageError
+    from calibtool.robot.se3 import readonly
+
+    present = {family.id for family in calibration.base.errors.present}
+    given = {"payload": payload_kg, "temperature": temperature_c}
+    for family, value in given.items():
+        if value is not None and family not in present:
+            option = "--payload-kg" if family == "payload" else "--temperature-c"
+            raise UsageError(
+                f"{option}: this calibration does not know what the {family} does; identify it from measurements with a "
+                f"column {option[2:].replace('-', '_')}"
+            )
+    known = {name: None if value is None else readonly(value) for name, value in given.items()}
+    conditions = Conditions(payload_kg=known["payload"], temperature_c=known["temperature"])
+    conditions.check((0, calibration.robot.n), "options")
+    return calibration.at(conditions)
 
 
 def largest_change(degrees: float | None) -> float | None:

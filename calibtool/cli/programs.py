@@ -7,8 +7,19 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from calibtool.cli.files import STREAM, message, read_text, same_file, shown, write_output
+from calibtool.cli.files import (
+    STREAM,
+    check_output,
+    message,
+    read_bytes,
+    read_text,
+    same_file,
+    shown,
+    write_output,
+    write_outputs,
+)
 from calibtool.cli.options import choice
+from calibtool.errors import InputError, NoSolutionError, UsageError
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -16,6 +27,7 @@ if TYPE_CHECKING:
     from calibtool.compensation.solve import Method
     from calibtool.compensation.weighed import Weights
     from calibtool.programs.compensate import ProgramOptions
+    from calibtool.programs.summary import CompensatedProgram
     from calibtool.robot.coupling import JointValues
     from calibtool.robot.mechanism import Mechanism
     from calibtool.robot.model import Robot
@@ -26,6 +38,7 @@ _HEADER = re.compile(rf"(^|[,;\s\"]){_COLUMN}($|[,;\s\"])")
 
 ROWS = ("csv", "ndjson")
 FORMATS = ("auto", *ROWS, "fanuc-ls", "kuka-krl", "abb-rapid", "ur-script", "ros2-trajectory")
+EXTERNAL = ("leave", "ignore")
 Format = Annotated[
     str,
     typer.Option(
@@ -59,6 +72,28 @@ Dh = Annotated[
         "--dh", metavar="standard|modified", help="Convention of a DH table of --controller."
     ),
 ]
+WithFiles = Annotated[
+    list[str],
+    typer.Option(
+        "--with",
+        metavar="FILE",
+        help="Another file of the program, to look up frames, tools and positions; it is not corrected. Repeatable.",
+    ),
+]
+Report = Annotated[
+    str | None,
+    typer.Option("--report", metavar="FILE.csv", help="Every position of a program, and why it is left if it is."),
+]
+Partial = Annotated[
+    bool,
+    typer.Option("--partial", help="Exit 0 although poses that the program moves to are left beside corrected ones."),
+]
+External = Annotated[
+    str,
+    typer.Option(
+        "--external", metavar="leave|ignore", help="Poses with external axes: leave them, or look at the arm alone."
+    ),
+]
 
 
 def recognised(path: str, head: bytes) -> str:
@@ -82,6 +117,7 @@ def program_options(
     joint_values: "JointValues | None",
     frames: str | None,
     backlash: bool,
+    external: str,
     largest_change: float | None,
     weights: "Weights | None",
     controller_model: "Mechanism | None",
@@ -97,6 +133,7 @@ def program_options(
         joint_values=joint_values,
         frames=Frames() if frames is None else read_frames(read_text(frames), shown(frames)),
         backlash=backlash,
+        ignore_external=external == "ignore",
         largest_change=largest_change,
         weights=weights,
         controller_model=controller_model,
@@ -131,8 +168,6 @@ def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "
 
 def check_not_input(output: str, *inputs: str) -> None:
     """UsageError when a program would be written over itself, or over the calibration; --force does not allow it."""
-    from calibtool.errors import UsageError
-
     for path in inputs:
         if STREAM in (output, path) or not Path(output).exists() or not Path(path).exists():
             continue
@@ -141,12 +176,131 @@ def check_not_input(output: str, *inputs: str) -> None:
 
 
 def compensate_file(
-    calibration: "Calibration", data: bytes, path: str, kind: str, output: str, force: bool, options: "ProgramOptions"
+    calibration: "Calibration",
+    data: bytes,
+    path: str,
+    kind: str,
+    output: str,
+    force: bool,
+    options: "ProgramOptions",
+    others: list[str],
+    report: str | None,
+    partial: bool,
+    bounds: str,
 ) -> None:
-    """Write the corrected program, and the summary on stderr."""
-    from calibtool.programs.compensate import compensate_program
+    """Write the corrected program and its report; the summary and the bounds on stderr.
 
-    result = compensate_program(calibration, data, shown(path), kind, options)
-    write_output(output, result.data, force, text=True)
-    for k, line in enumerate(result.summary(shown(path))):
+    NoSolutionError (after all is written) for a program that is corrected in part, unless `partial`.
+    """
+    from calibtool.programs.compensate import compensate_texts
+
+    looked_up = [(shown(other), read_bytes(other), False) for other in others]
+    texts = [(shown(path), data, True), *looked_up]
+    result = compensate_texts(calibration, texts, kind, options)
+    reports = {} if report is None else {report: result.report()}
+    if output == STREAM:
+        write_output(output, result.data, force, text=True)
+        write_outputs({**reports}, force)
+    else:
+        write_outputs({output: result.data, **reports}, force)
+    _tell(shown(path), result)
+    message(bounds)
+    _check_whole([result], shown(path), partial)
+
+
+def compensate_folder(
+    calibration: "Calibration",
+    folder: str,
+    kind: str,
+    output: str,
+    force: bool,
+    options: "ProgramOptions",
+    others: list[str],
+    report: str | None,
+    partial: bool,
+    bounds: str,
+) -> None:
+    """The same for all programs of a folder; those of one language are one program. All files are written or none."""
+    from calibtool.programs.compensate import compensate_texts
+
+    if output == STREAM:
+        raise UsageError(f"{folder}: is a folder; give another one for the corrected programs with -o")
+    if Path(output).resolve() == Path(folder).resolve():
+        raise UsageError(f"{output}: is the folder of the programs; give another one for the corrected ones")
+    found = _programs(folder, kind, Path(output))
+    if not found:
+        raise InputError(f"{folder}: holds no programs; give their format with --format, or other files")
+    languages: dict[str, list[tuple[str, bytes, bool]]] = {}
+    for path, data, language in found:
+        languages.setdefault(language, []).append((path, data, True))
+    looked_up = {other: read_bytes(other) for other in others}
+    results = []
+    outputs: dict[str, bytes | str] = {}
+    for language, texts in languages.items():
+        more = [(o, d, False) for o, d in looked_up.items() if recognised(o, d[:65536]) == language]
+        result = compensate_texts(calibration, [*texts, *more], language, options)
+        results.append(result)
+        for (path, _, _), text in zip(texts, result.texts, strict=False):
+            outputs[str(Path(output) / Path(path).relative_to(folder))] = text
+    if report is not None:
+        if any(Path(path).resolve() == Path(report).resolve() for path in outputs):
+            raise UsageError(f"{report}: is a corrected program, too; give another file for --report")
+        first, *rest = [result.report() for result in results]
+        outputs[report] = first + "".join(text.partition("\n")[2] for text in rest)
+    _write_folder(outputs, output, report, force)
+    for language, result in zip(languages, results, strict=True):
+        _tell(f"{folder} ({language})", result)
+    message(bounds)
+    _check_whole(results, folder, partial)
+
+
+def _programs(folder: str, kind: str, output: Path) -> list[tuple[str, bytes, str]]:
+    """Path, bytes and language of the programs below a folder, but for what was written there before."""
+    found = []
+    for path in sorted(Path(folder).rglob("*")):
+        if not path.is_file() or path.is_relative_to(output):
+            continue
+        data = read_bytes(str(path))
+        language = recognised(str(path), data[:65536])
+        if language not in ROWS and kind in ("auto", language):
+            found.append((str(path), data, language))
+    return found
+
+
+def _write_folder(
+    outputs: dict[str, bytes | str], output: str, report: str | None, force: bool
+) -> None:
+    """Write files into folders that are made for them; those that are made go again if it fails."""
+    if Path(output).exists() and not Path(output).is_dir():
+        raise UsageError(f"{output}: is no folder; the programs of a folder are written to another one")
+    if report is not None:
+        check_output(report, force)
+    made: list[Path] = []
+    try:
+        for folder in sorted({Path(path).parent for path in outputs if path != report}):
+            for parent in (*reversed(folder.parents), folder):
+                if not parent.exists():
+                    parent.mkdir()
+                    made.append(parent)
+        write_outputs(outputs, force)
+    except OSError as error:
+        raise UsageError(f"{output}: cannot be written: {error.strerror or error}") from None
+    finally:
+        for folder in reversed(made):
+            if not any(folder.iterdir()):
+                folder.rmdir()
+
+
+def _tell(name: str, result: "CompensatedProgram") -> None:
+    for k, line in enumerate(result.summary(name)):
         message(line, important=k > 0)  # after the counts: what was left alone, or needs a look
+
+
+def _check_whole(results: "list[CompensatedProgram]", name: str, partial: bool) -> None:
+    left = sum(result.inconsistent for result in results)
+    if left and not partial:
+        poses = "1 pose is" if left == 1 else f"{left} poses are"
+        raise NoSolutionError(
+            f"{name}: {poses} left while others, to which the program moves too, are corrected: its path has steps "
+            "there; what is corrected is written, but should not be run like that (--partial: exit 0)"
+        )

@@ -22,7 +22,7 @@ def simulate(
         str | None, typer.Option(help="A named workspace of the robot (default: its first); 'full' is the joint range.")
     ] = None,
     errors: Annotated[
-        str, typer.Option(help="'all', or a comma list of geometric, gear, gravity, backlash, thermal.")
+        str, typer.Option(help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal.")
     ] = "geometric",
     length_error_mm: Annotated[float, typer.Option(min=0, help="Standard deviation of geometric lengths.")] = 0.5,
     angle_error_mrad: Annotated[float, typer.Option(min=0, help="Standard deviation of geometric angles.")] = 0.5,
@@ -31,7 +31,17 @@ def simulate(
     ] = 0.2,
     gravity_mrad: Annotated[float, typer.Option(min=0, help="Wind-up of a loaded joint at its largest torque.")] = 0.5,
     backlash_mrad: Annotated[float, typer.Option(min=0, help="Half width of the backlash (mm if prismatic).")] = 0.1,
+    payload_mrad: Annotated[
+        float, typer.Option(min=0, help="Wind-up and bending of a loaded joint at its largest moment under 10 kg.")
+    ] = 0.5,
     thermal_k: Annotated[float, typer.Option(min=0, help="Temperature rise of the steel links.")] = 10.0,
+    payload_kg: Annotated[
+        str | None,
+        typer.Option(metavar="KG[,KG]", help="Mass at the tool; two: drawn evenly between them for every row."),
+    ] = None,
+    temperature_c: Annotated[
+        str | None, typer.Option(metavar="C[,C]", help="Temperature of the links; two: a drift from one to the other.")
+    ] = None,
     noise_mm: Annotated[float, typer.Option(min=0, help="Measurement noise per coordinate.")] = 0.05,
     unregistered: Annotated[
         bool, typer.Option("--unregistered", help="Instrument and targets at random places that stay unknown.")
@@ -69,6 +79,7 @@ def simulate(
         "--gear-mrad": gear_mrad,
         "--gravity-mrad": gravity_mrad,
         "--backlash-mrad": backlash_mrad,
+        "--payload-mrad": payload_mrad,
         "--thermal-k": thermal_k,
         "--noise-mm": noise_mm,
     }
@@ -78,10 +89,11 @@ def simulate(
     from dataclasses import replace
 
     from calibtool.compensation.program import read_configurations
+    from calibtool.errormodel.actual import ErrorScales
+    from calibtool.errormodel.families import ERROR_KINDS
     from calibtool.measurement.importing.commanded import commanded_poses
     from calibtool.measurement.simulate import Simulation
     from calibtool.measurement.simulate import simulate as run
-    from calibtool.robot.actual import ERROR_KINDS, ErrorScales
     from calibtool.robot.catalogue import load_robot
     from calibtool.storage import to_bytes
     from calibtool.tables import parse_table
@@ -126,10 +138,13 @@ def simulate(
         kinds=kinds,
         length=length_error_mm * 1e-3,
         angle=angle_error_mrad * 1e-3,
-        gear=gear_mrad * 1e-3,
-        gravity=gravity_mrad * 1e-3,
-        backlash=backlash_mrad * 1e-3,
-        temperature=thermal_k,
+        sizes={
+            "gear": gear_mrad * 1e-3,
+            "gravity": gravity_mrad * 1e-3,
+            "backlash": backlash_mrad * 1e-3,
+            "payload": payload_mrad * 1e-3,
+        },
+        warmth=thermal_k,
     )
     count = configurations if q_at is None else len(q_at)
     with working(f"simulating {count} configurations"):
@@ -144,7 +159,22 @@ def simulate(
                 unregistered=unregistered,
                 at=q_at,
                 same_robot=truth,
+                payload_kg=_range(payload_kg, "--payload-kg", 0.0),
+                temperature_c=_range(temperature_c, "--temperature-c", -273.15),
             ),
         )
     measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))
     write_output(output, to_bytes(measurements), force)
+
+
+def _range(text: str | None, option: str, lowest: float) -> tuple[float, float] | None:
+    """One number, or the two ends of a range."""
+    if text is None:
+        return None
+    try:
+        ends = [float(part) for part in text.split(",")]
+    except ValueError:
+        ends = []
+    if len(ends) not in (1, 2) or not all(isfinite(end) and end >= lowest for end in ends):
+        raise UsageError(f"{option}: '{text}' is not one number, or two with a comma, of at least {lowest:g}")
+    return ends[0], ends[-1]

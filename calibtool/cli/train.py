@@ -49,7 +49,13 @@ def train(
         str | None,
         typer.Option(metavar="bayes|early-stopping", help="Default: bayes; early-stopping (the paper) on 'nominal'."),
     ] = None,
-    hidden: Annotated[int | None, typer.Option(min=1, help="Hidden nodes (default: the square root of 6n).")] = None,
+    regressor: Annotated[
+        str,
+        typer.Option(metavar="tanh|random-features", help="Learned model: the paper's network, or a Gaussian process."),
+    ] = "tanh",
+    hidden: Annotated[
+        int | None, typer.Option(min=1, help="Hidden nodes (default: the square root of 6n) or features (60).")
+    ] = None,
     validation: Annotated[float, typer.Option(min=0, max=0.9, help="Part of the rows for early stopping.")] = 0.5,
     restarts: Annotated[int, typer.Option(min=1, help="Networks trained: averaged (bayes), or the best kept.")] = 5,
     folds: Annotated[int, typer.Option(min=2, help="Parts of the cross-validation (bayes).")] = 5,
@@ -128,6 +134,7 @@ def train(
         loss=cast(LossName, loss),
         optimiser=cast(Optimiser, optimizer),
         regularisation=cast(Regularisation, regularisation),
+        regressor=regressor,
         hidden=hidden,
         validation=validation,
         restarts=restarts,

@@ -11,6 +11,7 @@ from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.solve import Compensation, Method, compensate_joints, compensate_poses
 from calibtool.compensation.status import OK, OUTSIDE
+from calibtool.errormodel.conditions import Conditions
 from calibtool.errors import InputError, NoSolutionError, check_choice
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.inverse import inverse_kinematics
@@ -53,16 +54,19 @@ def guarded(
     method: Method,
     outside: OutsidePolicy,
     bounds: Bounds | None = None,
+    conditions: Conditions | None = None,
 ) -> Compensation:
     """Corrected joints with the extrapolation guard: q (N, n), or poses (N, 4, 4), for which q then chooses the branch.
 
     Poses with q (n,) or None are a path: see `compensate_poses`. Rows outside the configurations of the training are
     marked, take the base model alone (`base`), or get no joints (`refuse`). bounds: `default_bounds` unless given.
+    conditions: a payload and a temperature for all rows, the calibration's own unless given.
     """
     check_choice(outside, OUTSIDE_POLICIES, "outside")
     bounds = default_bounds(calibration) if bounds is None else bounds
 
     def run(model: Calibration) -> Compensation:
+        model = model if conditions is None else model.at(conditions)
         if T_base_tool is not None:
             return compensate_poses(model, T_base_tool, q, method, bounds=bounds)
         assert q is not None

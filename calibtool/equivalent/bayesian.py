@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibtool.equivalent.loss import Loss
-from calibtool.equivalent.network import Network
 from calibtool.equivalent.optimisers import History
+from calibtool.equivalent.regressor import Regressor
 from calibtool.robot.se3 import readonly
 
 _MAX_ITERATIONS = 100
@@ -17,13 +17,13 @@ _SETTLED = 1e-4
 class BayesianRun:
     """One training: the network, its history, γ effective weights and the noise over the stated one (1/√β)."""
 
-    network: Network
+    network: Regressor
     history: History
     effective: float
     noise_factor: float
 
 
-def train_bayesian(network: Network, loss: Loss) -> BayesianRun:
+def train_bayesian(network: Regressor, loss: Loss) -> BayesianRun:
     """Minimise β |t − R N|² + α |w|², both precisions re-estimated from γ = W − α tr(H⁻¹) at every step.
 
     H = β JᵀJ + α I is the Gauss–Newton Hessian; its eigenvalues serve the step, γ and every damping at once.

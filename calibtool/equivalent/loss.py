@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.equivalent.network import Network
+from calibtool.equivalent.regressor import Regressor
 from calibtool.robot.se3 import Array
 
 
@@ -24,7 +24,7 @@ class Loss:
         """The loss on some configurations only: their indices (k,)."""
         return Loss(self.q[index], self.R[index], self.t[index])
 
-    def value(self, network: Network) -> float:
+    def value(self, network: Regressor) -> float:
         """E(w)."""
         return float((self.residual(network) ** 2).sum() / len(self.q))
 
@@ -33,26 +33,14 @@ class Loss:
         """E for N = 0."""
         return float((self.t**2).sum() / len(self.q))
 
-    def residual(self, network: Network) -> Array:
+    def residual(self, network: Regressor) -> Array:
         """t − R N: (K, r)."""
         return self.t - (self.R @ network(self.q)[..., None])[..., 0]
 
-    def residual_and_jacobian(self, network: Network) -> tuple[Array, Array]:
-        """Residual as a vector (K·r,) and ∂(R N)/∂w (K·r, W), weights in the order of `Network.weights`."""
-        s = network.scaled_input(self.q)
-        hidden = np.tanh(s @ network.hidden_weights.T + network.hidden_bias)
-        scaled = self.R * network.output_scale  # (K, r, p)
-        output = hidden @ network.output_weights.T + network.output_bias
-        residual = self.t - (scaled @ output[..., None])[..., 0]
-        into_hidden = (scaled @ network.output_weights) * (1.0 - hidden**2)[:, None, :]  # (K, r, h)
-        count, r = self.t.shape
-        blocks = (
-            (into_hidden[..., None] * s[:, None, None, :]).reshape(count, r, -1),
-            into_hidden,
-            (scaled[..., None] * hidden[:, None, None, :]).reshape(count, r, -1),
-            scaled,
-        )
-        return residual.ravel(), np.concatenate(blocks, axis=-1).reshape(count * r, -1)
+    def residual_and_jacobian(self, network: Regressor) -> tuple[Array, Array]:
+        """Residual as a vector (K·r,) and ∂(R N)/∂w (K·r, W), weights in the order of `Regressor.weights`."""
+        seen, J = network.through(self.R, self.q)
+        return (self.t - seen).ravel(), J.reshape(seen.size, -1)
 
 
 def task_loss(q: Array, G: Array, y: Array) -> Loss:

@@ -2,15 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
+from calibtool.equivalent.regressor import Regressor
 from calibtool.robot.se3 import Array, readonly
 
 
 @dataclass(frozen=True, eq=False)
-class Network:
+class Network(Regressor):
     """N(q) = output_scale ∘ (W₂ tanh(W₁ s + b₁) + b₂), s = (q − input_centre) / input_scale.
 
     input_centre, input_scale   (n,) rad or m: the training range becomes [−1, 1]
@@ -26,10 +27,55 @@ class Network:
     output_bias: Array
     output_scale: Array
 
+    id: ClassVar[str] = "tanh"
+    fields: ClassVar[dict[str, tuple[str, str, tuple[str, ...]]]] = {
+        "input_centre": ("q", "middle of the training range", ("joint",)),
+        "input_scale": ("q", "half of the training range", ("joint",)),
+        "hidden_weights": ("1", "W1", ("hidden", "joint")),
+        "hidden_bias": ("1", "b1", ("hidden",)),
+        "output_weights": ("1", "W2", ("motion", "hidden")),
+        "output_bias": ("1", "b2", ("motion",)),
+        "output_scale": ("rho", "unit of each joint motion error", ("motion",)),
+    }
+
+    @classmethod
+    def initial(cls, q: Array, output_scale: Array, hidden: int, rng: np.random.Generator) -> Self:
+        """A network with normally distributed weights, scaled to the range of the training configurations q (K, n).
+
+        Weights into a node have a variance of one over their number, so that the nodes start in the bend of the tanh.
+        """
+        centre, scale = input_scaling(q)
+        n, p = q.shape[1], len(output_scale)
+        return cls(
+            input_centre=centre,
+            input_scale=scale,
+            hidden_weights=readonly(rng.normal(size=(hidden, n)) / np.sqrt(n)),
+            hidden_bias=readonly(rng.normal(size=hidden) / np.sqrt(n)),
+            output_weights=readonly(rng.normal(size=(p, hidden)) / np.sqrt(hidden)),
+            output_bias=readonly(np.zeros(p)),
+            output_scale=readonly(output_scale),
+        )
+
+    @classmethod
+    def size_for(cls, n: int) -> int:
+        """Number of hidden nodes √(6n), rounded (paper, Section III-B)."""
+        return round(float(np.sqrt(6 * n)))
+
+    @classmethod
+    def averaged(cls, members: Sequence[Self]) -> Self:
+        """The mean of networks with the same scalings, which is one network again, with all their hidden nodes."""
+        first, count = members[0], len(members)
+        return replace(
+            first,
+            hidden_weights=readonly(np.concatenate([member.hidden_weights for member in members])),
+            hidden_bias=readonly(np.concatenate([member.hidden_bias for member in members])),
+            output_weights=readonly(np.concatenate([member.output_weights for member in members], axis=1) / count),
+            output_bias=readonly(np.mean([member.output_bias for member in members], axis=0)),
+        )
+
     def __call__(self, q: Array) -> Array:
-        """Joint motion errors δρ (N, p) in rad or m for joint positions q (N, n)."""
-        hidden = np.tanh(_affine(self.hidden_weights, self.scaled_input(q).T.copy(), self.hidden_bias))
-        return _affine(self.output_weights, hidden, self.output_bias).T * self.output_scale
+        hidden = np.tanh(affine(self.hidden_weights, self.scaled_input(q).T.copy(), self.hidden_bias))
+        return affine(self.output_weights, hidden, self.output_bias).T * self.output_scale
 
     def scaled_input(self, q: Array) -> Array:
         """s (N, n), within [−1, 1] inside the training range."""
@@ -47,7 +93,6 @@ class Network:
         return np.concatenate([part.ravel() for part in parts])
 
     def with_weights(self, weights: Array) -> Self:
-        """The same network with another weight vector (W,), in the order of `weights`."""
         h, n = self.hidden_weights.shape
         p = len(self.output_bias)
         w = readonly(weights)  # once: training does this at every step
@@ -61,8 +106,23 @@ class Network:
             output_scale=self.output_scale,
         )
 
+    def through(self, R: Array, q: Array) -> tuple[Array, Array]:
+        s = self.scaled_input(q)
+        hidden = np.tanh(s @ self.hidden_weights.T + self.hidden_bias)
+        scaled = R * self.output_scale  # (K, r, p)
+        output = hidden @ self.output_weights.T + self.output_bias
+        into_hidden = (scaled @ self.output_weights) * (1.0 - hidden**2)[:, None, :]  # (K, r, h)
+        count, r = R.shape[:2]
+        blocks = (
+            (into_hidden[..., None] * s[:, None, None, :]).reshape(count, r, -1),
+            into_hidden,
+            (scaled[..., None] * hidden[:, None, None, :]).reshape(count, r, -1),
+            scaled,
+        )
+        return (scaled @ output[..., None])[..., 0], np.concatenate(blocks, axis=-1)
 
-def _affine(weights: Array, inputs: Array, bias: Array) -> Array:
+
+def affine(weights: Array, inputs: Array, bias: Array) -> Array:
     """W x + b for every row, without a library whose sums depend on the number of rows: (k, N) → (h, N)."""
     result = np.repeat(bias[:, None], inputs.shape[-1], axis=1)
     for column, values in zip(weights.T, inputs, strict=True):
@@ -70,36 +130,7 @@ def _affine(weights: Array, inputs: Array, bias: Array) -> Array:
     return result
 
 
-def averaged(networks: Sequence[Network]) -> Network:
-    """The mean of networks with the same scalings, which is one network again, with all their hidden nodes."""
-    first, count = networks[0], len(networks)
-    return replace(
-        first,
-        hidden_weights=readonly(np.concatenate([network.hidden_weights for network in networks])),
-        hidden_bias=readonly(np.concatenate([network.hidden_bias for network in networks])),
-        output_weights=readonly(np.concatenate([network.output_weights for network in networks], axis=1) / count),
-        output_bias=readonly(np.mean([network.output_bias for network in networks], axis=0)),
-    )
-
-
-def rule_of_thumb(n: int) -> int:
-    """Number of hidden nodes √(6n), rounded (paper, Section III-B)."""
-    return round(float(np.sqrt(6 * n)))
-
-
-def initial_network(q: Array, output_scale: Array, hidden: int, rng: np.random.Generator) -> Network:
-    """A network with normally distributed weights, scaled to the range of the training configurations q (K, n).
-
-    Weights into a node have a variance of one over their number, so that the nodes start in the bend of the tanh.
-    """
+def input_scaling(q: Array) -> tuple[Array, Array]:
+    """Middle and half of the range of configurations q (K, n), each (n,); 1 for a joint that stands still."""
     low, high = q.min(axis=0), q.max(axis=0)
-    n, p = q.shape[1], len(output_scale)
-    return Network(
-        input_centre=readonly((low + high) / 2),
-        input_scale=readonly(np.where(high - low > 1e-9, (high - low) / 2, 1.0)),
-        hidden_weights=readonly(rng.normal(size=(hidden, n)) / np.sqrt(n)),
-        hidden_bias=readonly(rng.normal(size=hidden) / np.sqrt(n)),
-        output_weights=readonly(rng.normal(size=(p, hidden)) / np.sqrt(hidden)),
-        output_bias=readonly(np.zeros(p)),
-        output_scale=readonly(output_scale),
-    )
+    return readonly((low + high) / 2), readonly(np.where(high - low > 1e-9, (high - low) / 2, 1.0))

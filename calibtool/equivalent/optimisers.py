@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from calibtool.equivalent.loss import Loss
-from calibtool.equivalent.network import Network
+from calibtool.equivalent.regressor import Regressor
 from calibtool.robot.se3 import Array, readonly
 
 Optimiser = Literal["lm", "gd"]
@@ -48,7 +48,7 @@ LM_STOPPING = Stopping(max_iterations=200, patience=10, change=1e-7)
 GD_STOPPING = Stopping(max_iterations=20_000, patience=500, change=1e-7)
 
 
-def levenberg_marquardt(network: Network, loss: Loss) -> Iterator[tuple[Network, float]]:
+def levenberg_marquardt(network: Regressor, loss: Loss) -> Iterator[tuple[Regressor, float]]:
     """Networks with ever lower loss; ends when no damping finds a lower one.
 
     The damping follows the ratio of real to predicted decrease (Nielsen 1999).
@@ -81,7 +81,7 @@ def levenberg_marquardt(network: Network, loss: Loss) -> Iterator[tuple[Network,
         yield network, value / len(loss.q)
 
 
-def gradient_descent(network: Network, loss: Loss, rate: float = 0.1) -> Iterator[tuple[Network, float]]:
+def gradient_descent(network: Regressor, loss: Loss, rate: float = 0.1) -> Iterator[tuple[Regressor, float]]:
     """w ← w − α ∂E/∂w (Eq. 22), on the loss divided by its value without a network, which makes α free of units.
 
     α is halved where a step would raise the loss, and grows by 5 % otherwise, as a hand would do it.
@@ -102,15 +102,15 @@ def gradient_descent(network: Network, loss: Loss, rate: float = 0.1) -> Iterato
 
 
 def run(
-    steps: Callable[[Network, Loss], Iterator[tuple[Network, float]]],
-    network: Network,
+    steps: Callable[[Regressor, Loss], Iterator[tuple[Regressor, float]]],
+    network: Regressor,
     training: Loss,
     validation: Loss | None,
     stopping: Stopping,
-) -> tuple[Network, History]:
+) -> tuple[Regressor, History]:
     """Follow an optimiser and keep the weights with the lowest validation loss (training loss without validation)."""
 
-    def judge(candidate: Network, training_value: float) -> float:
+    def judge(candidate: Regressor, training_value: float) -> float:
         return training_value if validation is None else validation.value(candidate)
 
     values = [training.value(network)]

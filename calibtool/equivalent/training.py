@@ -7,7 +7,6 @@ import numpy as np
 
 from calibtool.equivalent.bayesian import train_bayesian
 from calibtool.equivalent.loss import joint_loss, task_loss
-from calibtool.equivalent.network import Network, initial_network, rule_of_thumb
 from calibtool.equivalent.optimisers import (
     GD_STOPPING,
     LM_STOPPING,
@@ -17,6 +16,8 @@ from calibtool.equivalent.optimisers import (
     levenberg_marquardt,
     run,
 )
+from calibtool.equivalent.regressor import Regressor
+from calibtool.equivalent.regressors import REGRESSORS
 from calibtool.errors import check_choice, check_number
 from calibtool.progress import Progress, silent
 from calibtool.robot.se3 import Array
@@ -35,7 +36,8 @@ class TrainingOptions:
     optimiser       `lm`: Levenberg and Marquardt; `gd`: gradient descent (Eq. 22)
     regularisation  `bayes`: all rows train, every restart is a member of an ensemble that is averaged;
                     `early-stopping` (the paper): a validation part stops the training and chooses the best restart
-    hidden          nodes, √(6n) unless given
+    regressor       learned model: `tanh`, the network of the paper, or `random-features`, a Gaussian process's spectrum
+    hidden          nodes or features, √(6n) or 60 unless given
     validation      part of the configurations for early stopping
     restarts        networks trained
     folds           of the cross-validation that decides whether the networks are used (bayes)
@@ -45,6 +47,7 @@ class TrainingOptions:
     loss: LossName = "task"
     optimiser: Optimiser = "lm"
     regularisation: Regularisation = "early-stopping"
+    regressor: str = "tanh"
     hidden: int | None = None
     validation: float = 0.5
     restarts: int = 5
@@ -55,6 +58,7 @@ class TrainingOptions:
         check_choice(self.loss, get_args(LossName), "loss")
         check_choice(self.optimiser, get_args(Optimiser), "optimiser")
         check_choice(self.regularisation, get_args(Regularisation), "regularisation")
+        check_choice(self.regressor, tuple(REGRESSORS), "regressor")
         check_number(1 if self.hidden is None else self.hidden, "hidden nodes", 1)
         check_number(self.validation, "validation part", 0, below=1)
         check_number(self.restarts, "restarts", 1)
@@ -105,7 +109,7 @@ def train_networks(
     options: TrainingOptions,
     rng: np.random.Generator,
     progress: Progress = silent,
-) -> tuple[tuple[Network, ...], TrainingReport]:
+) -> tuple[tuple[Regressor, ...], TrainingReport]:
     """Fit N to y ≈ G N: members of an ensemble (bayes), or one network, or none where it does not help (early stopping).
 
     q (K, n) in rad or m; G (K, d, p) = Σ^(−1/2) P J_ρ; y (K, d) weighted residuals of the base model.
@@ -116,8 +120,9 @@ def train_networks(
     training = loss.rows(training_rows)
     validation = loss.rows(validation_rows) if len(validation_rows) else None
     output_scale = _output_scale(G[training_rows], y[training_rows])
-    hidden = rule_of_thumb(q.shape[1]) if options.hidden is None else options.hidden
-    starts = [initial_network(q[training_rows], output_scale, hidden, r) for r in rng.spawn(options.restarts)]
+    kind = REGRESSORS[options.regressor]
+    hidden = kind.size_for(q.shape[1]) if options.hidden is None else options.hidden
+    starts = [kind.initial(q[training_rows], output_scale, hidden, r) for r in rng.spawn(options.restarts)]
     if bayes:
         members = [train_bayesian(start, training) for start in progress(starts, "networks")]
         networks = [member.network for member in members]

@@ -12,6 +12,7 @@ from calibtool.compensation.exact import exact
 from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.compensation.solve import Method
 from calibtool.compensation.status import DOUBTFUL
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import NoSolutionError, UsageError, check_choice
 from calibtool.evaluation.iso9283 import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
@@ -21,7 +22,7 @@ from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import observe
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.se3 import Array, inverse, log3, log6, readonly, transform_points
+from calibtool.robot.se3 import Array, inverse, log3, log6, transform_points
 
 _UNBOUNDED = Bounds(np.inf, (np.inf, np.inf))
 
@@ -174,9 +175,7 @@ def _proved(
             "commanded; import them with --commanded"
         )
     if len(calibrations) != 1:
-        raise UsageError(
-            "the measurements were taken after one correction; give its calibration alone"
-        )
+        raise UsageError("the measurements were taken after one correction; give its calibration alone")
     ((name, calibration),) = calibrations
     if before is not None:
         check_same_robot(before.robot, after.robot, "before the correction", "after it")
@@ -229,17 +228,21 @@ def _compensated(
     if calibration is None:
         driven, setup = q, measurements.setup
     else:
-        result = guarded(calibration, q, None, method, outside)
         setup = fitting_setup(calibration, measurements)
-        driven = result.q + calibration.base.motion.backlash * truth.actual.directions(result.q)
-        marked = int(np.isin(result.status, DOUBTFUL).sum())
+        driven = np.empty_like(q)
+        for conditions, rows in measurements.conditions.alike(len(q)):
+            result = guarded(calibration, q[rows], None, method, outside, conditions=conditions)
+            driven[rows] = result.q
+            marked += int(np.isin(result.status, DOUBTFUL).sum())
+        driven = driven + calibration.base.errors["backlash"] * truth.actual.directions(driven)
     commanded = robot.mechanism.forward(q)
     if measurements.setup.known:
-        actual = truth.actual.forward(driven)
+        actual = truth.actual.forward(driven, measurements.conditions)
         errors = _pose_errors(name, actual, commanded)
         return errors, errors if nearest is None else _pose_errors(name, actual, nearest), marked
     # Commanded poses live in the registered frame: compare target points there, as an instrument would.
-    seen = transform_points(inverse(setup.T_instrument_base), observe(truth.actual, truth.setup, driven))
+    observed = observe(truth.actual, truth.setup, driven, measurements.conditions)
+    seen = transform_points(inverse(setup.T_instrument_base), observed)
     errors = point_errors(name, seen, commanded, setup)
     return errors, errors, marked
 
@@ -259,9 +262,10 @@ def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErro
     actual = truth.actual.mechanism
     if robot.n < 6:
         moved = log6(inverse(robot.chain.placements) @ actual.placements)  # thermal growth included
-        geometry = replace(truth.actual.geometry, placements=readonly(moved))
+        errors = truth.actual.errors
+        kept = RobotErrors.of(robot, placements=moved, twists=errors["twists"], offsets=errors["offsets"])
         nominal = identify(measurements, "nominal")
-        knowing = replace(nominal, base=replace(nominal.base, model="local-poe", geometry=geometry))
+        knowing = replace(nominal, base=replace(nominal.base, model="local-poe", errors=kept))
         nearest = actual.forward(exact(knowing, q, commanded, _UNBOUNDED).q)
         return nearest, _pose_errors("uncorrectable", nearest, commanded)
     solved = solve_poses(
@@ -296,12 +300,12 @@ def _predicted(
     refit: bool,
     outside: OutsidePolicy,
 ) -> MethodErrors:
-    robot, q, direction = measurements.robot, measurements.q, measurements.direction
-    pose = robot.mechanism.forward(q) if calibration is None else calibration.forward(q, direction)
+    robot, q, conditions = measurements.robot, measurements.q, measurements.conditions
+    pose = robot.mechanism.forward(q) if calibration is None else calibration.forward(q, conditions)
     if calibration is not None and calibration.networks and outside == "base":
         unlike = coverage(calibration, q).outside
         alone = replace(calibration, networks=())
-        pose[unlike] = alone.forward(q[unlike], None if direction is None else direction[unlike])
+        pose[unlike] = alone.forward(q[unlike], conditions.rows(unlike))
     if measurements.setup.known:
         setup = measurements.setup
     elif refit:

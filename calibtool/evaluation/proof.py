@@ -77,14 +77,14 @@ def prove(
     assert commanded is not None
     robot = calibration.robot
     q = inverse_kinematics(robot, commanded, after.q).q
-    pose = calibration.forward(after.q, after.direction)
+    pose = calibration.forward(after.q, after.conditions)
     setup = _setup(calibration, after, pose, refit_setup)
     uncorrected = _expected("nominal", calibration.forward(q), commanded, setup)
     expected = _expected(name, pose, commanded, setup)
     _check_driven(name, calibration, after, setup, uncorrected)
     if before is not None:
         earlier = _commanded_alike(before, commanded)
-        model = calibration.forward(before.q, before.direction)
+        model = calibration.forward(before.q, before.conditions)
         place = _setup(calibration, before, model, refit_setup)
         uncorrected = errors_against("nominal", before, place, earlier)
     measured = errors_against(name, after, setup, commanded)
@@ -104,7 +104,7 @@ def _setup(calibration: Calibration, measurements: Measurements, pose: Array, re
 def _expected(name: str, pose: Array, commanded: Array, setup: Setup) -> MethodErrors:
     """Errors of poses (N, 4, 4) against commanded ones, as the instrument of a set-up sees them."""
     errors = point_errors(name, transform_points(pose, setup.targets), commanded, setup)
-    if setup.R_tool_sensor is None:
+    if setup.kind.id == "points":
         return errors
     turn = log3(pose[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
     return replace(errors, orientation=turn)
@@ -149,7 +149,7 @@ def _check_driven(
     own = compensate_poses(calibration, after.commanded, after.q)
     judged = np.flatnonzero(np.isfinite(own.q).all(axis=-1))
     asked = calibration.forward(own.q[judged])
-    driven = calibration.forward(after.q, after.direction)[judged]
+    driven = calibration.forward(after.q, after.conditions)[judged]
     apart = _expected(name, driven, asked, setup).position_size
     correction = float(uncorrected.position_size[judged].max(initial=0.0))
     far = apart > max(_PLAUSIBLE * correction, _SMALLEST * calibration.noise_position)

@@ -3,19 +3,34 @@
 import json
 from typing import Any
 
+import numpy as np
+
 from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
-from calibtool.equivalent.network import Network
+from calibtool.equivalent.regressor import Regressor
+from calibtool.errormodel.family import Rows
 from calibtool.export.formula import FORMULA
 from calibtool.export.rendering import LARGEST_POSITION
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.damped import GRAM_REGULARISATION
+from calibtool.robot.gravity import link_masses
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import link_masses
 
 SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 2
+
+# Families of errors by id, and their keys: what a family does stands in FORMULA.
+ERROR_KEYS = {
+    "placements": "placement_errors_m_rad",
+    "twists": "twist_errors_per_rad_or_m",
+    "offsets": "offset_errors_rad_or_m",
+    "harmonics": "harmonics_rad",
+    "gravity": "compliance_rad_per_nm",
+    "backlash": "backlash_rad_or_m",
+    "payload": "payload_rad_per_nm",
+    "temperature": "expansion_per_k",
+}
 
 
 def calibration_as_json(calibration: Calibration, joint_values: JointValues = "serial") -> str:
@@ -74,33 +89,27 @@ def _joints(robot: Robot) -> list[dict[str, Any]]:
 
 
 def _base_model(calibration: Calibration) -> dict[str, Any]:
-    robot, base, geometry = calibration.robot, calibration.base, calibration.geometry
+    robot, errors, conditions = calibration.robot, calibration.errors, calibration.conditions
+    rows = Rows(robot, np.zeros((1, robot.n)), conditions)
     masses, centres, gravity = link_masses(robot)
     return {
-        "name": base.model,
-        "placement_errors_m_rad": geometry.placements.tolist(),
-        "twist_errors_per_rad_or_m": geometry.twists.tolist(),
-        "offset_errors_rad_or_m": geometry.offsets.tolist(),
-        "harmonics_rad": base.motion.harmonics.tolist(),
-        "compliance_rad_per_nm": base.motion.compliance.tolist(),
-        "backlash_rad_or_m": base.motion.backlash.tolist(),
+        "name": calibration.base.model,
+        **{key: errors[family].tolist() for family, key in ERROR_KEYS.items()},
         "link_masses_kg": masses.tolist(),
         "centres_of_mass_m": centres.tolist(),
         "gravity_m_per_s2": gravity.tolist(),
-        "placements_m": geometry.placements_of(robot.chain).tolist(),
+        "payload_kg": float(rows.payload),
+        "warmth_k": float(rows.warmth),
+        "placements_m": errors.standing(conditions).placements.tolist(),
     }
 
 
-def _network(network: Network) -> dict[str, Any]:
-    return {
-        "input_centre_rad_or_m": network.input_centre.tolist(),
-        "input_scale_rad_or_m": network.input_scale.tolist(),
-        "hidden_weights": network.hidden_weights.tolist(),
-        "hidden_bias": network.hidden_bias.tolist(),
-        "output_weights": network.output_weights.tolist(),
-        "output_bias": network.output_bias.tolist(),
-        "output_scale_rad_or_m": network.output_scale.tolist(),
+def _network(network: Regressor) -> dict[str, Any]:
+    arrays = {
+        f"{name}_rad_or_m" if unit in ("q", "rho") else name: getattr(network, name).tolist()
+        for name, (unit, _, _) in network.fields.items()
     }
+    return {"kind": network.id, **arrays}
 
 
 def _setup(setup: Setup) -> dict[str, Any]:
@@ -108,7 +117,8 @@ def _setup(setup: Setup) -> dict[str, Any]:
     return {
         "T_instrument_base_m": setup.T_instrument_base.tolist(),
         "targets_m": setup.targets.tolist(),
-        "R_tool_sensor": None if setup.R_tool_sensor is None else setup.R_tool_sensor.tolist(),
+        "kind": setup.kind.id,
+        **{name: array.tolist() for name, array in setup.arrays.items()},
         "frame_known": setup.frame_known,
         "targets_known": setup.targets_known,
     }

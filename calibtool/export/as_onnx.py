@@ -4,7 +4,7 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError, UsageError
-from calibtool.export.rendering import Precision, left_out, network_size
+from calibtool.export.rendering import Precision, left_out, network_size, tanh_network
 from calibtool.robot.coupling import JointValues
 
 OPSET, IR_VERSION = 17, 8  # of 2022: what runtimes of controllers and edge devices read
@@ -21,7 +21,7 @@ def calibration_as_onnx(
     model, units, joint values. Raises InputError when there is no network, UsageError when the
     package `onnx` is not installed.
     """
-    network, robot = calibration.network, calibration.robot
+    network, robot = tanh_network(calibration), calibration.robot
     if network is None:
         raise InputError("the calibration has no network, and ONNX holds nothing else; export it as json, c or st")
     try:

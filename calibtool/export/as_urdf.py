@@ -9,12 +9,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.export.rendering import left_out, render
 from calibtool.export.urdf_geometry import fitted_geometry, urdf_geometry
-from calibtool.robot.geometry import GeometricErrors, mechanism
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array, exp6, log3
 
 _NOTHING = 5e-8  # m or rad: less is 0.0000 mm in a line
@@ -47,7 +46,7 @@ def calibration_as_urdf(calibration: Calibration) -> tuple[str, list[str]]:
     return f'<?xml version="1.0"?>\n{comment}{text}\n', missing
 
 
-def _calibrated_tree(robot: Robot, geometry: GeometricErrors) -> tuple[ET.Element, str]:
+def _calibrated_tree(robot: Robot, geometry: RobotErrors) -> tuple[ET.Element, str]:
     """The URDF with new origins, and the name of the link that is K_{n+1} in it."""
     root = ET.fromstring(
         robot.source.urdf_text.encode(),
@@ -62,13 +61,13 @@ def _calibrated_tree(robot: Robot, geometry: GeometricErrors) -> tuple[ET.Elemen
         place = robot.source.place
         raise InputError(f"{place}: tool frame '{tool}' is no link of the URDF; name the link instead")
     moved = [joints[name] for name in robot.chain.model.names[1:]]
-    if geometry.placements[-1].any():
+    if geometry["placements"][-1].any():
         carrier = next((joint for joint in joints.values() if _child(joint) == tool), None)
         if carrier is None or carrier.get("type") != "fixed":
             carrier = _new_tool(root, tool, links | joints.keys())
             tool = _child(carrier)
         moved.append(carrier)
-    for joint, error in zip(moved, geometry.placements, strict=False):
+    for joint, error in zip(moved, geometry["placements"], strict=False):
         if error.any():
             _set_origin(joint, _origin(joint) @ exp6(error))
     return root, tool
@@ -118,13 +117,13 @@ def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     return float(roll), float(pitch), float(yaw)
 
 
-def _missing(calibration: Calibration, held: GeometricErrors) -> Iterator[str]:
+def _missing(calibration: Calibration, held: RobotErrors) -> Iterator[str]:
     """One line per part of the calibration that the URDF leaves out, and one for all of it."""
     robot, q = calibration.robot, calibration.q
-    whole, tool = calibration.forward(q), mechanism(robot.chain, held).forward(q)
+    whole, tool = calibration.forward(q), held.forward(q)
     if max(_sizes(whole, tool).max(axis=0)) > _NOTHING:
         for name, part in _parts(calibration):
-            alone = mechanism(robot.chain, fitted_geometry(robot, part.forward, q)).forward(q)
+            alone = fitted_geometry(robot, part.forward, q).forward(q)
             position, orientation = _sizes(part.forward(q), alone).max(axis=0)
             if max(position, orientation) > _NOTHING:
                 yield f"{name}: up to {position * 1e3:.4f} mm, {orientation * 1e3:.4f} mrad alone"
@@ -139,18 +138,13 @@ def _missing(calibration: Calibration, held: GeometricErrors) -> Iterator[str]:
 
 def _parts(calibration: Calibration) -> Iterator[tuple[str, Calibration]]:
     """The calibration with one only of the parts that joint origins cannot hold altogether."""
-    base, n = calibration.base, calibration.robot.n
-    none, still = GeometricErrors.none(n), JointMotion.none(n)
-    parts = {
-        "twist errors (pitch, gain)": (replace(none, twists=base.geometry.twists), still),
-        "gear harmonics": (none, replace(still, harmonics=base.motion.harmonics)),
-        "wind-up under gravity": (none, replace(still, compliance=base.motion.compliance)),
-    }
-    for name, (geometry, motion) in parts.items():
-        alone = replace(base, geometry=geometry, motion=motion)
-        yield name, replace(calibration, base=alone, networks=())
+    base, none = calibration.base, RobotErrors.of(calibration.robot)
+    for family in base.errors.present:
+        if family.id not in ("placements", "offsets", "backlash"):
+            alone = none.having(**{family.id: base.errors[family.id]})
+            yield family.words, replace(calibration, base=replace(base, errors=alone), networks=())
     if calibration.networks:
-        yield "network", replace(calibration, base=replace(base, geometry=none, motion=still))
+        yield "network", replace(calibration, base=replace(base, errors=none))
 
 
 def _sizes(a: Array, b: Array) -> Array:

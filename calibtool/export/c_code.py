@@ -70,5 +70,6 @@ def _stack(values: dict[str, Any], size: int) -> int:
     n, network = values["n"], values["network"]
     if not values["corrects"]:
         return 50
-    chain = 38 * n + 12 if values["motion"]["orders"] or values["motion"]["gravity"] else 0
+    moves = values["motion"]["orders"] or values["motion"]["gravity"] or not values["kinematic"]
+    chain = 38 * n + 12 if moves else 0
     return int(size * (55 * n + 305 + chain + (network.hidden + n if network else 0)) + 200)

@@ -12,11 +12,15 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
-from calibtool.identification.report import backlash_text
+from calibtool.errormodel.backlash import backlash_text
+from calibtool.errormodel.conditions import REFERENCE_C
+from calibtool.errormodel.family import Rows
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.errors import UsageError
 from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.damped import GRAM_REGULARISATION
+from calibtool.robot.gravity import link_masses
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion, link_masses
 from calibtool.robot.se3 import Array
 
 Precision = Literal["double", "single"]
@@ -66,8 +70,9 @@ def compensator_values(
 
     joint_values: whose joint values the code takes and gives.
     """
-    robot, equivalent, network = calibration.robot, calibration.equivalent, calibration.network
-    geometry, bounds = calibration.geometry, default_bounds(calibration)
+    robot, equivalent, network = calibration.robot, calibration.equivalent, tanh_network(calibration)
+    errors, bounds, payload = calibration.errors, default_bounds(calibration), _payload(calibration)
+    standing = errors.standing(calibration.conditions)
     converted = joint_values == "controller" and robot.coupled
     return {
         "robot": robot.name,
@@ -96,12 +101,14 @@ def compensator_values(
         "axes": np.where(np.array(robot.prismatic)[:, None], robot.chain.twists[:, :3], robot.chain.twists[:, 3:]),
         "slides": any(robot.prismatic),
         "slide_flags": [int(slide) for slide in robot.prismatic],
-        "base_placements": geometry.placements_of(robot.chain),
-        "placement_changes": geometry.placements_of(robot.chain) - robot.chain.placements,
-        "base_twists": robot.chain.twists + geometry.twists,
-        "screws": _screws(robot, geometry.twists),
-        "base_offsets": geometry.offsets,
-        "motion": _motion(robot, calibration.base.motion),
+        "base_placements": standing.placements,
+        "placement_changes": standing.placements - robot.chain.placements,
+        "base_twists": errors.twists,
+        "screws": _screws(robot, errors["twists"]),
+        "base_offsets": errors["offsets"],
+        "motion": _motion(errors) | {"payload": payload is not None},
+        "conditions": _conditions(calibration),
+        "payload": payload,
         "virtual_joints": ", ".join(equivalent.virtual_joints),
         "virtual_twists": np.eye(6)[equivalent.virtual_columns],
         "characteristic_length": robot.length,
@@ -117,6 +124,14 @@ def compensator_values(
         "smallest_pivot": 1e-30 if precision == "double" else 1e-8,
         "cost": _cost(calibration, converted),
     }
+
+
+def tanh_network(calibration: Calibration) -> Network | None:
+    """The network (Eq. 16), None without one. UsageError for another learned model, which only JSON holds."""
+    network = calibration.network
+    if network is None or isinstance(network, Network):
+        return network
+    raise UsageError(f"this format holds a tanh network, but the calibration has a '{network.id}' model; export JSON")
 
 
 def _screws(robot: Robot, errors: Array) -> dict[str, Array]:
@@ -151,7 +166,7 @@ def network_size(network: Network | None) -> str:
 
 def left_out(calibration: Calibration) -> str:
     """What a function of the joint positions cannot hold, in words; empty where that is nothing."""
-    backlash = calibration.base.motion.backlash
+    backlash = calibration.base.errors["backlash"]
     if not backlash.any():
         return ""
     return f"backlash ({backlash_text(calibration.robot, backlash)}): it needs the direction of motion"
@@ -159,34 +174,62 @@ def left_out(calibration: Calibration) -> str:
 
 def _cost(calibration: Calibration, converted: bool) -> str:
     """Arithmetic of one correction, as counted in the generated C code where the whole step is taken undamped."""
-    n, p, network = calibration.robot.n, calibration.equivalent.p, calibration.network
-    motion = calibration.base.motion
+    n, p, network = calibration.robot.n, calibration.equivalent.p, tanh_network(calibration)
+    errors = calibration.base.errors
     if network is None and calibration.base.model == "nominal":
         return "none: nothing is corrected"
+    kinematic = calibration.base.model != "nominal"
+    moves = bool(errors["harmonics"].any() or errors["gravity"].any())
     steps = 1 if n >= 6 else 2  # of the task components, and of all
-    flops = 1241 * n + 560 + (steps - 1) * 157 * n
+    flops = (1241 if kinematic else 537) * n + 560 + (steps - 1) * 157 * n
     flops += 4 * n * n * converted
-    calls = 2 * n + steps * (min(n, 6) + 1) + 4
+    calls = 2 * n * (1 if kinematic and not moves else 2) + steps * (min(n, 6) + 1) + 4
     if network is not None:
-        flops += 2 * (2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 13) + 186)
-        calls += 2 * network.hidden
-    if motion.harmonics.any() or motion.compliance.any():
-        flops += n * (172 + 10 * motion.harmonics.shape[1] + 124 * bool(motion.compliance.any()))
-        calls += 2 * n
+        runs = 2 if kinematic else 3
+        flops += runs * (2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 1)) + 2 * (12 * p + 186)
+        calls += runs * network.hidden
+    if moves:
+        flops += n * (172 + 10 * errors["harmonics"].shape[1] + 124 * bool(errors["gravity"].any()))
     return f"about {flops} flops and {calls} calls of functions such as sin and sqrt; at worst twice that"
 
 
-def _motion(robot: Robot, motion: JointMotion) -> dict[str, Any]:
+def _motion(errors: RobotErrors) -> dict[str, Any]:
     """The joint-motion functions: how many harmonics, whether there is gravity, and their numbers."""
-    masses, centres, gravity = link_masses(robot)
+    masses, centres, gravity = link_masses(errors.robot)
     return {
-        "orders": motion.harmonics.shape[1] // 2 if motion.harmonics.any() else 0,
-        "harmonics": motion.harmonics,
-        "gravity": bool(motion.compliance.any()),
-        "compliance": motion.compliance,
+        "orders": errors["harmonics"].shape[1] // 2 if errors["harmonics"].any() else 0,
+        "harmonics": errors["harmonics"],
+        "gravity": bool(errors["gravity"].any()),
+        "compliance": errors["gravity"],
         "masses": masses,
         "centres": centres,
         "gravity_vector": gravity,
+    }
+
+
+def _conditions(calibration: Calibration) -> str:
+    """For which payload and temperature it is, in words; empty where it does not depend on them."""
+    rows = Rows(calibration.robot, np.zeros((1, calibration.robot.n)), calibration.conditions)
+    words = {
+        "payload": f"{float(rows.payload):g} kg at the tool",
+        "temperature": f"links at {REFERENCE_C + float(rows.warmth):g} C",
+    }
+    return ", ".join(text for family, text in words.items() if calibration.base.errors[family].any())
+
+
+def _payload(calibration: Calibration) -> dict[str, Any] | None:
+    """The mass at the tool, what it does to each joint, and the origins about which links bend; None for no effect."""
+    errors, robot = calibration.errors, calibration.robot
+    mass = float(Rows(robot, np.zeros((1, robot.n)), calibration.conditions).payload)
+    if not (errors["payload"].any() and mass):
+        return None
+    grown = errors.without("placements", "payload").standing(calibration.conditions).placements
+    return {
+        "mass": mass,
+        "wind": errors["payload"][:, 0],
+        "bend": errors["payload"][:, 1],
+        "weight": mass * np.array(robot.chain.model.gravity.linear),
+        "origins": grown[:-1, :3, 3],
     }
 
 

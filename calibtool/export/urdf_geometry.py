@@ -5,14 +5,14 @@ from collections.abc import Callable
 import numpy as np
 
 from calibtool.calibration import Calibration
-from calibtool.identification.columns import placement_columns
-from calibtool.identification.parameters import Tolerances
+from calibtool.errormodel.placements import placement_columns
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.errormodel.tolerances import Tolerances
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.damped import at_point, scale_rows
-from calibtool.robot.geometry import GeometricErrors, relative_error
 from calibtool.robot.mechanism import Frames
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, relative_error
 
 Forward = Callable[[Array], Array]  # q (N, n), rad or m → T_base_tool (N, 4, 4)
 
@@ -23,7 +23,7 @@ _CONVERGED = 1e-9  # of the tolerances
 _ROUNDING = 1e-8  # of the largest singular value: smaller ones are exact redundancies
 
 
-def urdf_geometry(calibration: Calibration) -> GeometricErrors:
+def urdf_geometry(calibration: Calibration) -> RobotErrors:
     """Placement errors δζ that bring Π M_j exp6(δζ_j) exp6(ξ_j q_j) near the calibrated robot.
 
     Fitted over the configurations of the calibration and over a sample of where they lie, which
@@ -34,35 +34,35 @@ def urdf_geometry(calibration: Calibration) -> GeometricErrors:
     sample, judged = np.split(_sample(calibration, 2 * _SAMPLE), 2)
     as_many = known[np.linspace(0, len(known) - 1, _SAMPLE).round().astype(int)]
     q = np.concatenate([sample, as_many])
-    fitted, drawing = fitted_geometry(robot, calibration.forward, q), GeometricErrors.none(robot.n)
+    fitted, drawing = fitted_geometry(robot, calibration.forward, q), RobotErrors.of(robot)
     target = calibration.forward(judged)
     before, after = (
-        np.linalg.norm(_pose_error(robot, target, geometry.frames(robot.chain, judged)), axis=-1)
+        np.linalg.norm(_pose_error(robot, target, geometry.frames(judged)), axis=-1)
         for geometry in (drawing, fitted)
     )
     gain = before - after
     return fitted if gain.mean() > 2.0 * gain.std() / np.sqrt(len(gain)) else drawing
 
 
-def fitted_geometry(robot: Robot, forward: Forward, q: Array) -> GeometricErrors:
+def fitted_geometry(robot: Robot, forward: Forward, q: Array) -> RobotErrors:
     """δζ of the least weighted pose error to the poses `forward(q)`, q (N, n) in rad or m.
 
     Gauss–Newton from the drawing. Placements that the poses do not tell apart share their part by
     minimum norm over the tolerances of the robot's description; the error that no placement takes
     up counts as noise, so that poses which a URDF can hold are met exactly.
     """
-    target, geometry = forward(q), GeometricErrors.none(robot.n)
-    tolerances = Tolerances.of(robot)
+    target, geometry = forward(q), RobotErrors.of(robot)
+    tolerances = Tolerances.of_robot(robot)
     scale = np.tile(np.repeat([tolerances.length, tolerances.angle], 3), robot.n + 1)
     for _ in range(_STEPS):
-        frames = geometry.frames(robot.chain, q)
+        frames = geometry.frames(q)
         error = _pose_error(robot, target, frames).ravel()
         columns = _weighted(robot, placement_columns(frames), frames)
         u, s, vt = np.linalg.svd(columns.reshape(len(error), -1) * scale, full_matrices=False)
         noise = max(float(np.mean(error**2)), (_ROUNDING * s[0]) ** 2)
-        prior = vt @ (geometry.placements.ravel() / scale)
+        prior = vt @ (geometry["placements"].ravel() / scale)
         step = vt.T @ ((s * (error @ u) - noise * prior) / (s**2 + noise))
-        geometry = geometry.moved_placements((step * scale).reshape(-1, 6))
+        geometry = geometry.moved(placements=(step * scale).reshape(-1, 6))
         if np.abs(step).max() < _CONVERGED:
             break
     return geometry

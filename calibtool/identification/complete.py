@@ -4,26 +4,31 @@ Tolerances are the prior, so nothing is eliminated and no rank is decided: what 
 prior, and the posterior says so. Noise level, number of harmonics and, on request, the tolerances come from the evidence.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import get_args
 
 import numpy as np
 
+from calibtool.errormodel.families import BY_ID, FAMILIES
+from calibtool.errormodel.family import Rows
+from calibtool.errormodel.harmonics import LOW_ORDERS
+from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import InputError, NoSolutionError, check_choice, check_number
-from calibtool.identification.equations import held_out_sizes, normal_equations, row_sizes
-from calibtool.identification.evidence import inverse, most_probable, posterior_step
+from calibtool.identification.equations import NormalEquations, held_out_sizes, normal_equations, row_sizes
+from calibtool.identification.evidence import Solution, inverse, most_probable, posterior_step
 from calibtool.identification.model import Flagged, Identification, Posterior, split_rms
-from calibtool.identification.parameters import LOW_ORDERS, ErrorState, Parameters, Tolerances
+from calibtool.identification.parameters import Parameters, State
 from calibtool.identification.robust import LossFunction, find_flagged, row_weights
+from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
-from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array, readonly
 from calibtool.robot.starts import drawn
 
-FEW_HARMONICS = tuple(range(LOW_ORDERS + 1))
-MANY_HARMONICS = (*FEW_HARMONICS, 6, 9, 12, 16, 20, 24, 28, 32)
+MANY_HARMONICS = (*BY_ID["harmonics"].orders, 6, 9, 12, 16, 20, 24, 28, 32)
 _UNEXPLAINED = 1.2  # times the stated noise: more than this left over, and more harmonics are tried
 _PARSIMONY = 3.0  # nats by which a larger model with few harmonics must be more probable
 _WORTHWHILE = 0.95  # of the held-out squares: a larger model has to leave less than that
@@ -40,10 +45,8 @@ class CompleteOptions:
     """How the complete model is identified.
 
     tolerances       prior standard deviations, those of the robot's description unless given
-    harmonics        orders per joint; None: chosen by evidence from FEW_HARMONICS, or MANY_HARMONICS if those are too few
-    gravity          wind-up under gravity; None: chosen by evidence
-    backlash         half width of every joint; None: chosen by evidence where the directions of motion are known
-    twists           errors δξ of the joint twists; None: chosen by evidence
+    orders           of families that evidence is not to choose, by id: {"harmonics": 2, "gravity": 0}; the others are chosen
+                     from `Family.orders`, harmonics from MANY_HARMONICS if those are too few
     estimate_priors  re-estimate the scale of every family of tolerances from the evidence; joint motions only downwards,
                      because many harmonics can cancel where a joint was measured and grow large where it was not
     loss_function    `squared`, or down-weight rows that do not fit: `huber`, `cauchy`
@@ -51,18 +54,16 @@ class CompleteOptions:
     """
 
     tolerances: Tolerances | None = None
-    harmonics: int | None = None
-    gravity: bool | None = None
-    backlash: bool | None = None
-    twists: bool | None = None
+    orders: Mapping[str, int] = field(default_factory=dict)
     estimate_priors: bool = True
     loss_function: LossFunction = "squared"
     drop_flagged: bool = False
 
     def __post_init__(self) -> None:
         check_choice(self.loss_function, get_args(LossFunction), "loss function")
-        if self.harmonics is not None:
-            check_number(self.harmonics, "harmonics", 0)
+        for family, order in self.orders.items():
+            check_choice(family, tuple(BY_ID), "family of errors")
+            check_number(order, family, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ class _Fit:
     """A converged iteration: state, Fisher information H (p, p) of the stated noise, squared sizes of rows (N,)."""
 
     parameters: Parameters
-    state: ErrorState
+    state: State
     prior_std: Array
     information: Array
     row_sizes: Array
@@ -95,19 +96,21 @@ def identify_complete(measurements: Measurements, options: CompleteOptions | Non
     the measurements do not know the directions of motion.
     """
     options = CompleteOptions() if options is None else options
-    if options.backlash and measurements.direction is None:
-        raise InputError(
-            "complete: the measurements do not say from which side the joints came, so backlash cannot be identified; "
-            "import or simulate them again, or leave out --backlash"
-        )
+    for family, order in options.orders.items():
+        if order and not BY_ID[family].known(_rows(measurements)):
+            raise InputError(
+                f"complete: {family} cannot be identified, because the measurements do not say what it depends on "
+                f"({BY_ID[family].needs}); import or simulate them again, or leave it out"
+            )
     robot, setup = measurements.robot, measurements.setup
-    fit = _most_probable_fit(measurements, options, FEW_HARMONICS, ErrorState.nominal(robot, setup), None)
-    if options.harmonics is None and _may_leave_structure(fit, measurements.equations):
+    few = BY_ID["harmonics"].orders
+    fit = _most_probable_fit(measurements, options, few, State.nominal(robot, setup), None)
+    if "harmonics" not in options.orders and _may_leave_structure(fit, measurements.equations):
         many = _most_probable_fit(measurements, options, MANY_HARMONICS, fit.state, fit)
         if _predicts_better(measurements, many, fit):
             fit = many
-    if options.backlash is None and fit.parameters.backlash:
-        smaller = replace(fit.parameters, backlash=())
+    if "backlash" not in options.orders and "backlash" in fit.parameters.orders:
+        smaller = fit.parameters.without("backlash")
         without = _fit(measurements, smaller, options, _reduced(fit, smaller), fit)
         if not _predicts_better(measurements, fit, without):
             fit = without
@@ -122,24 +125,24 @@ def identify_complete(measurements: Measurements, options: CompleteOptions | Non
 def _most_probable_fit(
     measurements: Measurements,
     options: CompleteOptions,
-    orders: tuple[int, ...],
-    state: ErrorState,
+    harmonics: tuple[int, ...],
+    state: State,
     start: "_Fit | None",
 ) -> _Fit:
     """The fit of everything that the options leave open, reduced to its most probable part.
 
     With few harmonics it names causes, and a doubtful one is left out; with many it is there to predict.
     """
-    free = options.backlash is None and measurements.direction is not None
+    rows = _rows(measurements)
+    choices = {family.id: family.orders if family.known(rows) else (0,) for family in FAMILIES}
+    choices |= {family.id: (1,) for family in FAMILIES if family.always} | {"harmonics": harmonics}
+    choices |= {family: (order,) for family, order in options.orders.items()}
     candidates = [
-        Parameters.of(measurements.robot, measurements.setup, twists, harmonics, gravity, backlash)
-        for twists in ([False, True] if options.twists is None else [options.twists])
-        for harmonics in (orders if options.harmonics is None else [options.harmonics])
-        for gravity in ([False, True] if options.gravity is None else [options.gravity])
-        for backlash in ([False, True] if free else [bool(options.backlash)])
+        Parameters.of(measurements.robot, measurements.setup, **dict(zip(choices, orders, strict=True)))
+        for orders in product(*choices.values())
     ]
     rough = _fit(measurements, candidates[-1], options, state, start, _ROUGHLY)
-    parsimony = _PARSIMONY if orders == FEW_HARMONICS else 0.0
+    parsimony = _PARSIMONY if harmonics == BY_ID["harmonics"].orders else 0.0
     chosen = most_probable(rough.parameters, rough.theta, rough.covariance, rough.prior_std, candidates, parsimony)
     return _fit(measurements, chosen, options, _reduced(rough, chosen), rough)
 
@@ -148,7 +151,7 @@ def _may_leave_structure(fit: _Fit, equations: int) -> bool:
     """Whether the noise may exceed the stated one for want of harmonics: within its own two standard errors."""
     freedom = max(equations - fit.effective, 1.0)
     most = fit.noise_factor * (1.0 + 2.0 / np.sqrt(2.0 * freedom))
-    return fit.parameters.harmonics == LOW_ORDERS or bool(most > _UNEXPLAINED)
+    return fit.parameters.orders.get("harmonics") == LOW_ORDERS or bool(most > _UNEXPLAINED)
 
 
 def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) -> bool:
@@ -169,7 +172,7 @@ def _fit(
     measurements: Measurements,
     parameters: Parameters,
     options: CompleteOptions,
-    state: ErrorState,
+    state: State,
     start: "_Fit | None" = None,
     converged: float = _CONVERGED,
 ) -> _Fit:
@@ -177,77 +180,78 @@ def _fit(
 
     `start` is the fit of a larger or smaller model, whose noise and tolerances are taken over.
     """
-    tolerances = parameters.prior_std(measurements.robot, options.tolerances or Tolerances.of(measurements.robot))
+    tolerances = parameters.prior_std(options.tolerances)
     prior_std, noise_factor = tolerances, 1.0
     if start is not None:
         known = dict(zip(start.parameters.names, start.prior_std, strict=True))
         prior_std = np.array([known.get(name, s) for name, s in zip(parameters.names, tolerances, strict=True)])
         noise_factor = start.noise_factor
-    prior_steps = 1 if start is not None and start.parameters.harmonics >= parameters.harmonics else _PRIOR_STEPS
-    largest = np.full(parameters.count, np.inf)
-    for name in ("harmonics", "gravity"):
-        largest[parameters.blocks[name]] = tolerances[parameters.blocks[name]]
+    known_before = start is not None and not len(parameters.missing_in(start.parameters))
+    prior_steps, largest = 1 if known_before else _PRIOR_STEPS, parameters.largest_std(tolerances)
     d = (weights(measurements) > 0).sum(axis=-1)
     row_weight = np.ones(len(measurements))
-    state = state.moved(parameters, np.zeros(parameters.count))
-    for iteration in range(1, _MAX_ITERATIONS + 1):
-        equations = normal_equations(measurements, parameters, state, row_weight)
-        theta = state.vector(parameters)
-        previous = noise_factor
-        priors = options.estimate_priors and iteration <= prior_steps  # then they rest, so that the steps can converge
+    taken = 0
+    equations: NormalEquations | None = None
+    solution: Solution | None = None
+
+    def linearise(at: State) -> tuple[NormalEquations, Array]:
+        return normal_equations(measurements, parameters, at, row_weight), at.vector(parameters)
+
+    def solve(system: tuple[NormalEquations, Array], _: float) -> tuple[Array, bool]:
+        nonlocal prior_std, noise_factor, row_weight, taken, equations, solution
+        (equations, theta), previous = system, noise_factor
+        taken += 1
+        priors = options.estimate_priors and taken <= prior_steps  # then they rest, so that the steps can converge
         solution = posterior_step(parameters, equations, theta, prior_std, noise_factor, largest if priors else None)
         prior_std, noise_factor = solution.prior_std, solution.noise_factor
-        state = state.moved(parameters, solution.step)
         if options.loss_function != "squared":
             row_weight = row_weights(equations.row_sizes, d, options.loss_function)
-        settled = np.abs(solution.step / np.sqrt(np.diag(solution.covariance))).max() < converged
-        if settled and abs(noise_factor / previous - 1.0) < 0.01:
-            break
-    else:
-        if not np.abs(solution.step / np.sqrt(np.diag(solution.covariance))).max() < 1.0:
-            raise NoSolutionError(
-                f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order and target order"
-            )
+        return solution.step, bool(solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01)
+
+    state, iterations, settled = gauss_newton(
+        state.moved(parameters, np.zeros(parameters.count)),
+        linearise,
+        solve,
+        lambda at, step: at.moved(parameters, step),
+        _MAX_ITERATIONS,
+    )
+    assert equations is not None
+    assert solution is not None
+    if not settled and not solution.farthest < 1.0:
+        raise NoSolutionError(
+            f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order and target order"
+        )
     sizes = row_sizes(measurements, state)
-    return _Fit(parameters, state, prior_std, equations.information, sizes, noise_factor, solution.effective, iteration)
+    return _Fit(parameters, state, prior_std, equations.information, sizes, noise_factor, solution.effective, iterations)
 
 
-def _reduced(fit: _Fit, smaller: Parameters) -> ErrorState:
+def _reduced(fit: _Fit, smaller: Parameters) -> State:
     """The most probable state without the parameters that `smaller` does not have, by the fit's own quadratic model."""
     larger, covariance = fit.parameters, fit.covariance
     dropped = larger.missing_in(smaller)
     step = -covariance[:, dropped] @ np.linalg.solve(covariance[np.ix_(dropped, dropped)], fit.theta[dropped])
-    state = fit.state.moved(larger, step)
-    geometry, motion = state.geometry, state.motion  # of the dropped ones, rounding errors are left
-    compliance = motion.compliance.copy()
-    compliance[[j for j in larger.gravity if j not in smaller.gravity]] = 0.0
-    return replace(
-        state,
-        geometry=geometry if smaller.twists else replace(geometry, twists=readonly(np.zeros_like(geometry.twists))),
-        motion=JointMotion(
-            harmonics=readonly(motion.harmonics[:, : 2 * smaller.harmonics]),
-            compliance=readonly(compliance),
-            backlash=motion.backlash if smaller.backlash else readonly(np.zeros(smaller.n)),
-        ),
-    )
+    return fit.state.moved(larger, step).kept(smaller)
+
+
+def _rows(measurements: Measurements) -> Rows:
+    return Rows(measurements.robot, measurements.q, measurements.conditions)
 
 
 def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> Identification:
-    robot, parameters = measurements.robot, fit.parameters
+    parameters = fit.parameters
     covariance = fit.covariance
     prior_scaled = fit.prior_std[:, None] * fit.information * fit.prior_std / fit.noise_factor**2
     eigenvalues = np.clip(np.linalg.eigvalsh(prior_scaled), 0.0, None)[::-1]
     count = measurements.equations
     squares = float(fit.row_sizes.sum()) / fit.noise_factor**2 + float(((fit.theta / fit.prior_std) ** 2).sum())
     log_evidence = -0.5 * (squares + float(np.log1p(eigenvalues).sum())) - count * np.log(fit.noise_factor)
-    tool = fit.state.frames(robot, measurements.q, measurements.direction).tool
+    tool = fit.state.frames(measurements.q, measurements.conditions).tool
     left = residuals(measurements, fit.state.setup, tool)
     at_prior = np.sqrt(np.diag(covariance)) > 0.99 * fit.prior_std
     names = np.array(parameters.names)
     return Identification(
         model="complete",
-        geometry=fit.state.geometry,
-        motion=fit.state.motion,
+        errors=fit.state.errors,
         setup=fit.state.setup,
         singular_values=readonly(np.sqrt(eigenvalues)),
         rank=int((eigenvalues > 1.0).sum()),
@@ -271,12 +275,11 @@ def _observable_rank(measurements: Measurements, fit: _Fit) -> int:
     """Directions of the parameters that measurements of this kind could determine: seen anywhere, moving to either side."""
     robot, parameters = measurements.robot, fit.parameters
     count, rng = max(30, parameters.count // 3), np.random.default_rng(0)
-    known = measurements.direction is not None
     anywhere = replace(
         measurements.rows(np.zeros(count, dtype=int)),
         q=drawn(robot, count, rng),
         points=np.zeros((count, *measurements.points.shape[1:])),  # every target is seen; where does not matter
-        direction=rng.choice([-1.0, 1.0], size=(count, robot.n)) if known else None,
+        conditions=measurements.conditions.anywhere((count, robot.n), rng),
     )
     information = normal_equations(anywhere, parameters, fit.state, np.ones(count)).information
     eigenvalues = np.linalg.eigvalsh(fit.prior_std[:, None] * information * fit.prior_std)

@@ -1,13 +1,14 @@
-"""Normal equations of the complete model: what a Gauss–Newton step needs of measurements of any number."""
+"""Normal equations of a model: what a Gauss–Newton step needs of measurements of any number."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.identification.parameters import ErrorState, Parameters
+from calibtool.errormodel.family import Context, JointFunctions
+from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.measurements import Measurements
-from calibtool.measurement.observation import observation_matrix, residuals, target_columns, weights
-from calibtool.robot.motion import harmonic_functions
+from calibtool.measurement.observation import linearised, weighted_residuals, weights
 from calibtool.robot.se3 import Array
 
 _CHUNK = 1000  # configurations whose columns are in memory together
@@ -28,101 +29,111 @@ class NormalEquations:
     row_sizes: Array
 
 
-def row_sizes(measurements: Measurements, state: ErrorState) -> Array:
+def row_sizes(measurements: Measurements, state: State) -> Array:
     """Squared residuals of every configuration over the stated noise, (N,)."""
-    frames = state.frames(measurements.robot, measurements.q, measurements.direction)
-    left = residuals(measurements, state.setup, frames.tool) * weights(measurements)
+    frames = state.frames(measurements.q, measurements.conditions)
+    left = weighted_residuals(measurements, state.setup, frames.tool)
     squared: Array = (left**2).sum(axis=-1)
     return squared
 
 
 def normal_equations(
-    measurements: Measurements, parameters: Parameters, state: ErrorState, row_weight: Array
+    measurements: Measurements, parameters: Parameters, state: State, row_weight: Array
 ) -> NormalEquations:
     """H and g at the state, in chunks, the squares of row k times `row_weight` (N,).
 
-    A harmonic's column is that of its joint's offset times a function of the position, o_j f(q_j): its products are
+    A joint function's column is that of its joint's offset times a function of the row, o_j f(q_j): its products are
     weighted sums of functions and need neither the columns nor their memory.
     """
-    robot, setup = measurements.robot, state.setup
     p = parameters.count
-    functions_of = parameters.blocks["harmonics"]
-    rest = np.r_[0 : functions_of.start, functions_of.stop : p]
-    offset_of = parameters.blocks["offsets"].start + np.array(parameters.revolute, dtype=int)
+    functions_of = [block for _, block in parameters.function_parts()]
+    rest = np.delete(np.arange(p), np.r_[*functions_of] if functions_of else [])
     information, gradient = np.zeros((p, p)), np.zeros(p)
     sizes, equations = np.empty(len(measurements)), 0.0
-    for start in range(0, len(measurements), _CHUNK):
-        rows = np.arange(start, min(start + _CHUNK, len(measurements)))
-        part = measurements.rows(rows)
-        weight = weights(part)
-        frames = state.frames(robot, part.q, part.direction)
-        constant = parameters.constant_columns(robot, state, frames, part.q, part.direction)
-        columns = observation_matrix(setup, frames.tool) @ constant
-        if parameters.targets:
-            columns = np.concatenate([columns, target_columns(setup, frames.tool)], axis=-1)
+    for rows, part, context in _chunks(measurements, state):
         scale = np.sqrt(row_weight[rows])[:, None]
-        columns *= (weight * scale)[..., None]
-        left = residuals(part, setup, frames.tool) * weight
+        pose_columns = parameters.pose_columns(context, functions=False)
+        if functions_of:
+            pose_columns = np.concatenate([context.offset_columns, pose_columns], axis=-1)
+        columns, left = linearised(part, state.setup, context.frames.tool, pose_columns, bool(parameters.targets))
         sizes[rows] = (left**2).sum(axis=-1)
+        columns *= scale[..., None]
         left *= scale
-        A, r = columns.reshape(-1, len(rest)), left.ravel()
+        offsets, own = np.split(columns, [columns.shape[-1] - len(rest)], axis=-1)
+        A, r = np.ascontiguousarray(own).reshape(-1, len(rest)), left.ravel()
         information[np.ix_(rest, rest)] += A.T @ A
         gradient[rest] += A.T @ r
-        equations += float(row_weight[rows] @ (weight > 0).sum(axis=-1))
-        if parameters.harmonics:
-            _add_harmonics(information, gradient, parameters, columns, left, part.q, rest, offset_of)
+        equations += float(row_weight[rows] @ (weights(part) > 0).sum(axis=-1))
+        if functions_of:
+            _add_functions(information, gradient, parameters, context, rest, own, offsets, left)
     return NormalEquations(information, gradient, float(sizes @ row_weight), equations, sizes)
 
 
 def held_out_sizes(
-    measurements: Measurements, parameters: Parameters, state: ErrorState, covariance: Array, noise_factor: float
+    measurements: Measurements, parameters: Parameters, state: State, covariance: Array, noise_factor: float
 ) -> Array:
     """Squared residuals over the stated noise that every configuration would have if the others alone were fitted. (N,)
 
     r_k without k is (1 − A_k C A_kᵀ/σ²)⁻¹ r_k, exact for the quadratic model: no fit is repeated. covariance C (p, p).
     """
     sizes = np.empty(len(measurements))
-    for start in range(0, len(measurements), _CHUNK):
-        part = measurements.rows(np.arange(start, min(start + _CHUNK, len(measurements))))
-        weight = weights(part)
-        frames = state.frames(part.robot, part.q, part.direction)
-        columns = observation_matrix(state.setup, frames.tool) @ parameters.pose_columns(
-            part.robot, state, frames, part.q, part.direction
-        )
-        if parameters.targets:
-            columns = np.concatenate([columns, target_columns(state.setup, frames.tool)], axis=-1)
-        columns *= weight[..., None]
-        left = residuals(part, state.setup, frames.tool) * weight
+    for rows, part, context in _chunks(measurements, state):
+        pose_columns = parameters.pose_columns(context)
+        columns, left = linearised(part, state.setup, context.frames.tool, pose_columns, bool(parameters.targets))
         hat = columns @ covariance @ np.swapaxes(columns, 1, 2) / noise_factor**2
         alone = np.linalg.solve(np.eye(left.shape[1]) - hat, left[..., None])[..., 0]
-        sizes[start : start + _CHUNK] = (alone**2).sum(axis=-1)
+        sizes[rows] = (alone**2).sum(axis=-1)
     return sizes
 
 
-def _add_harmonics(
+def _chunks(measurements: Measurements, state: State) -> Iterator[tuple[np.ndarray, Measurements, Context]]:
+    """Measurements some rows at a time, and the state's frames there."""
+    for start in range(0, len(measurements), _CHUNK):
+        rows = np.arange(start, min(start + _CHUNK, len(measurements)))
+        part = measurements.rows(rows)
+        yield rows, part, state.errors.context(part.q, part.conditions)
+
+
+def _add_functions(
     information: Array,
     gradient: Array,
     parameters: Parameters,
-    columns: Array,
-    left: Array,
-    q: Array,
+    context: Context,
     rest: np.ndarray,
-    offset_of: np.ndarray,
+    own: Array,
+    offsets: Array,
+    left: Array,
 ) -> None:
-    """Rows and columns of the harmonics, from the products of the offset columns with everything."""
-    first, terms = parameters.blocks["harmonics"].start, 2 * parameters.harmonics
-    blocks = [slice(first + i * terms, first + (i + 1) * terms) for i in range(len(offset_of))]
-    functions = np.moveaxis(harmonic_functions(q[:, list(parameters.revolute)], parameters.harmonics), 1, 0)
-    offsets = columns[:, :, offset_of]
-    with_rest = np.swapaxes(offsets, 1, 2) @ columns  # (N, joints, rest)
+    """Rows and columns of the joint functions, from the products of the offset columns (N, d, n) with everything."""
+    functions = _by_joint(parameters, context)
+    with_own = np.swapaxes(offsets, 1, 2) @ own  # (N, n, rest)
+    with_offsets = np.swapaxes(offsets, 1, 2) @ offsets
     with_left = (np.swapaxes(offsets, 1, 2) @ left[..., None])[..., 0]
-    for i, block in enumerate(blocks):
-        cross = functions[i].T @ with_rest[:, i]
-        information[block, rest] += cross
-        information[rest, block] += cross.T
-        gradient[block] += functions[i].T @ with_left[:, i]
-        for k in range(i, len(blocks)):
-            product = (functions[i] * with_rest[:, i, offset_of[k], None]).T @ functions[k]
-            information[block, blocks[k]] += product
-            if k > i:
-                information[blocks[k], block] += product.T
+    for i, (j, block, values) in enumerate(functions):
+        cross = values.T @ with_own[:, j]
+        information[np.ix_(block, rest)] += cross
+        information[np.ix_(rest, block)] += cross.T
+        gradient[block] += values.T @ with_left[:, j]
+        for k, other, others in functions[i:]:
+            product = (values * with_offsets[:, j, k, None]).T @ others
+            information[np.ix_(block, other)] += product
+            if k != j:
+                information[np.ix_(other, block)] += product.T
+
+
+def _by_joint(parameters: Parameters, context: Context) -> list[tuple[int, np.ndarray, Array]]:
+    """Joints with functions, indices of their parameters (k,) and the functions' values (N, k)."""
+    n, count = parameters.robot.n, len(context.moved)
+    joints: list[list[tuple[np.ndarray, Array]]] = [[] for _ in range(n)]
+    for part, block in parameters.function_parts():
+        assert isinstance(part.family, JointFunctions)
+        values = part.family.functions(part.shape, context.rows).reshape(count, -1)
+        joint = part.elements // (values.shape[1] // n)
+        for j in np.unique(joint):
+            chosen = joint == j
+            joints[j].append((block.start + np.flatnonzero(chosen), values[:, part.elements[chosen]]))
+    return [
+        (j, np.concatenate([index for index, _ in own]), np.concatenate([values for _, values in own], axis=-1))
+        for j, own in enumerate(joints)
+        if own
+    ]

@@ -24,6 +24,11 @@ class Solution:
     noise_factor: float
     effective: float
 
+    @property
+    def farthest(self) -> float:
+        """The largest element of the step, in standard deviations of the posterior."""
+        return float(np.abs(self.step / np.sqrt(np.diag(self.covariance))).max())
+
 
 def posterior_step(
     parameters: Parameters,
@@ -119,7 +124,7 @@ def _re_estimated(parameters: Parameters, theta: Array, covariance: Array, prior
     """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances keep their ratios."""
     result = prior_std.copy()
     determined = 1.0 - np.diag(covariance) / prior_std**2
-    for chosen in parameters.families:
+    for chosen in parameters.groups:
         gamma = float(determined[chosen].sum())
         if gamma < 0.5:  # nothing was learned about this family
             continue

@@ -5,11 +5,10 @@ from typing import Self
 
 import numpy as np
 
-from calibtool.identification.parameters import ErrorState, Parameters
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import residuals
-from calibtool.robot.geometry import GeometricErrors
-from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array, readonly
 
 
@@ -61,8 +60,7 @@ class Identification:
     """An identified base model.
 
     model            `nominal`, `local-poe` or `complete`
-    geometry         identified δζ, δξ, δq
-    motion           identified joint-motion functions
+    errors           identified errors of the robot
     setup            the set-up, its unknown parts fitted together with the errors
     singular_values  (p,) of the weighted identification matrix at the nominal robot, 1/m and 1/rad mixed by 1 m = 1 rad
     rank             number of directions that these measurements determine
@@ -75,8 +73,7 @@ class Identification:
     """
 
     model: str
-    geometry: GeometricErrors
-    motion: JointMotion
+    errors: RobotErrors
     setup: Setup
     singular_values: Array
     rank: int
@@ -93,9 +90,9 @@ class Identification:
         return len(self.singular_values)
 
     @property
-    def state(self) -> ErrorState:
+    def state(self) -> State:
         """The errors and the set-up together."""
-        return ErrorState(self.geometry, self.motion, self.setup)
+        return State(self.errors, self.setup)
 
     def with_setup(self, setup: Setup) -> Self:
         """The same errors in another set-up."""
@@ -115,8 +112,7 @@ def nominal_model(measurements: Measurements) -> Identification:
     left = residuals(measurements, setup, robot.mechanism.forward(measurements.q))
     return Identification(
         model="nominal",
-        geometry=GeometricErrors.none(robot.n),
-        motion=JointMotion.none(robot.n),
+        errors=RobotErrors.of(robot),
         setup=setup,
         singular_values=readonly(np.zeros(0)),
         rank=0,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibtool.identification.local_poe import directions, numerical_rank
-from calibtool.identification.parameters import ErrorState, Parameters, Tolerances
+from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.measurements import Setup
 from calibtool.measurement.observation import observation_matrix
 from calibtool.robot.damped import at_point, scale_rows
@@ -39,8 +39,8 @@ def observability(robot: Robot, setup: Setup, q: Array, anywhere: Array, model: 
     tolerances and rows to rad by the characteristic length, so that the rank does not depend on units.
     """
     complete = model == "complete"
-    parameters = Parameters.of(robot, setup, twists=complete, harmonics=0, gravity=complete)
-    scale = parameters.prior_std(robot, Tolerances.of(robot))
+    parameters = Parameters.of(robot, setup, twists=complete, gravity=complete)
+    scale = parameters.prior_std()
     used = np.arange(parameters.count)
     if not complete:
         used = used[parameters.blocks["placements"]]
@@ -55,9 +55,8 @@ def observability(robot: Robot, setup: Setup, q: Array, anywhere: Array, model: 
 
 def _columns(robot: Robot, setup: Setup, parameters: Parameters, q: Array, targets: bool) -> Array:
     """Columns of all configurations, reduced to the R of a QR decomposition: the same singular values and null space."""
-    state = ErrorState.nominal(robot, setup)
-    frames = state.frames(robot, q)
-    columns = parameters.pose_columns(robot, state, frames, q)
+    context = State.nominal(robot, setup).errors.context(q)
+    frames, columns = context.frames, parameters.pose_columns(context)
     if targets:
         seen = observation_matrix(setup, frames.tool) @ columns / robot.length
     else:

@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 
 from calibtool.identification.model import Flagged
-from calibtool.identification.parameters import ErrorState
+from calibtool.identification.parameters import State
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
 from calibtool.robot.se3 import Array
@@ -28,7 +28,7 @@ def row_weights(sizes: Array, d: np.ndarray, loss_function: LossFunction) -> Arr
     return np.ones(len(sizes))
 
 
-def find_flagged(measurements: Measurements, state: ErrorState, sizes: Array) -> Flagged:
+def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flagged:
     """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set; nothing is changed."""
     from scipy.special import chdtri  # scipy.stats takes as long to import as everything else together
 
@@ -36,9 +36,7 @@ def find_flagged(measurements: Measurements, state: ErrorState, sizes: Array) ->
     scale = _robust_scale(sizes, d)
     limit = chdtri(d, _FALSE_ALARM / len(sizes))
     rows = np.flatnonzero(sizes / scale**2 > limit)
-    left = residuals(
-        measurements, state.setup, state.frames(measurements.robot, measurements.q, measurements.direction).tool
-    )
+    left = residuals(measurements, state.setup, state.frames(measurements.q, measurements.conditions).tool)
     points = left[rows, : 3 * len(state.setup.targets)].reshape(len(rows), len(state.setup.targets), 3)
     return Flagged(
         rows=rows,

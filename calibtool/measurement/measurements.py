@@ -5,8 +5,10 @@ from typing import Self
 
 import numpy as np
 
+from calibtool.errormodel.actual import ActualRobot
+from calibtool.errormodel.conditions import Conditions
 from calibtool.errors import InputError
-from calibtool.robot.actual import ActualRobot
+from calibtool.measurement.kinds import KINDS, Kind
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, check_poses, readonly
 
@@ -36,6 +38,21 @@ class Setup:
         """Nothing of the set-up has to be estimated."""
         return self.frame_known and self.targets_known
 
+    @property
+    def kind(self) -> Kind:
+        """What the instrument sees of the tool."""
+        return KINDS["points" if self.R_tool_sensor is None else "pose"]
+
+    @property
+    def target_names(self) -> tuple[str, ...]:
+        """Names of the elements of the targets: target1.x …, of a sensor's orientation sensor.rx …"""
+        return self.kind.names(len(self.targets))
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """What its kind has on the tool beside the targets, by name: of shapes such as (3, 3)."""
+        return {name: getattr(self, name) for name in self.kind.arrays}
+
 
 @dataclass(frozen=True, eq=False)
 class Truth:
@@ -54,8 +71,10 @@ class Measurements:
     rotations    (N, 3, 3) measured R_instrument_sensor of a 6-D instrument, or None
     setup        where instrument and targets are, known or estimated
     noise_position, noise_orientation   stated standard deviations per coordinate, m and rad
+    deviations   (N, d) standard deviations of every coordinate of every row along the instrument's axes, m and rad, where
+                 they are not those two; None: they are
     truth        the actual robot and set-up of a simulation; None for real measurements
-    direction    (N, n) −1, 0, +1: direction of each joint's last motion before the row, 0 where unknown; None: all unknown
+    conditions   of every row: directions of motion, payload, temperature, as far as they are known
     provenance   command line, seed, input checksums, versions: text by name
     commanded    (N, 4, 4) T_base_tool that was asked for in K_0, where q are joints corrected for it; None where q itself
                  is the command
@@ -69,7 +88,8 @@ class Measurements:
     noise_position: float
     noise_orientation: float
     truth: Truth | None = None
-    direction: Array | None = None
+    conditions: Conditions = field(default_factory=Conditions)
+    deviations: Array | None = None
     provenance: dict[str, str] = field(default_factory=dict)
     commanded: Array | None = None
 
@@ -91,10 +111,7 @@ class Measurements:
             raise InputError(
                 f"measurements: rotations have shape {self.rotations.shape}, expected {(len(self.q), 3, 3)}"
             )
-        if self.direction is not None and (
-            self.direction.shape != self.q.shape or not np.isin(self.direction, (-1, 0, 1)).all()
-        ):
-            raise InputError("measurements: the directions are not -1, 0 or 1 for every joint of every row")
+        self.conditions.check(self.q.shape, "measurements")
         if self.commanded is not None:
             check_poses(self.commanded, "measurements: commanded poses")
             if len(self.commanded) != len(self.q):
@@ -106,6 +123,12 @@ class Measurements:
         ):
             raise InputError("measurements: the stated noise must be above zero; it is the weight of the fit")
 
+        if self.deviations is not None:
+            if self.deviations.shape != (len(self.q), self.coordinates):
+                raise InputError(f"measurements: deviations have shape {self.deviations.shape}")
+            if not ((self.deviations > _SMALLEST_NOISE) & (self.deviations < 1 / _SMALLEST_NOISE)).all():
+                raise InputError("measurements: a standard deviation is not above zero")
+
     def __len__(self) -> int:
         return len(self.q)
 
@@ -116,6 +139,11 @@ class Measurements:
         return seen
 
     @property
+    def coordinates(self) -> int:
+        """Number of coordinates measured at a configuration where everything is seen."""
+        return len(self.setup.target_names)
+
+    @property
     def equations(self) -> int:
         """Number of measured coordinates."""
         return 3 * int(self.seen.sum()) + (0 if self.rotations is None else 3 * len(self.q))
@@ -123,16 +151,27 @@ class Measurements:
     @property
     def kind(self) -> str:
         """`points` (target points) or `pose` (one 6-D sensor)."""
-        return "points" if self.rotations is None else "pose"
+        return self.setup.kind.id
+
+    def points_alone(self) -> Self:
+        """The measured points without orientations, and without what only a simulation knows."""
+        setup = replace(self.setup, R_tool_sensor=None)
+        deviations = None if self.deviations is None else readonly(self.deviations[:, : 3 * len(setup.targets)])
+        return replace(self, rotations=None, setup=setup, truth=None, deviations=deviations)
 
     def rows(self, index: np.ndarray) -> Self:
         """The same measurements at some configurations only: their indices (k,)."""
-        rotations = None if self.rotations is None else readonly(self.rotations[index])
-        direction = None if self.direction is None else readonly(self.direction[index])
-        commanded = None if self.commanded is None else readonly(self.commanded[index])
-        q, points = readonly(self.q[index]), readonly(self.points[index])
+        def chosen(values: Array | None) -> Array | None:
+            return None if values is None else readonly(values[index])
+
         return replace(
-            self, q=q, points=points, rotations=rotations, direction=direction, commanded=commanded
+            self,
+            q=readonly(self.q[index]),
+            points=readonly(self.points[index]),
+            rotations=chosen(self.rotations),
+            deviations=chosen(self.deviations),
+            commanded=chosen(self.commanded),
+            conditions=self.conditions.rows(index),
         )
 
 

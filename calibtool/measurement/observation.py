@@ -1,62 +1,70 @@
-"""From poses to what an instrument sees, and back to weighted residuals (Eqs. 18, 19).
+"""From poses to what an instrument sees, and back to weighted residuals (Eqs. 18, 19), by the kind of observation.
 
-An observation of one configuration has d components in K_0: x, y, z of each target point (d = 3m), for a 6-D instrument
-x, y, z of the sensor and a rotation vector (d = 6).
+An observation of one configuration has d coordinates in K_0, in m and rad: see `kinds`.
 """
 
 import numpy as np
 
+from calibtool.measurement.kinds import Readings
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.robot.se3 import Array, inverse, log3, skew, transform_points
+from calibtool.robot.se3 import Array, inverse, transform_points
 
 
-def measured_in_base(measurements: Measurements, setup: Setup) -> tuple[Array, Array | None]:
-    """Measured points (N, m, 3) and sensor rotations (N, 3, 3) or None, brought from the instrument's frame to K_0."""
+def measured_in_base(measurements: Measurements, setup: Setup) -> Readings:
+    """What was measured, brought from the instrument's frame to K_0."""
     T_base_instrument = inverse(setup.T_instrument_base)
-    points = transform_points(T_base_instrument, measurements.points)
-    if measurements.rotations is None:
-        return points, None
-    return points, T_base_instrument[:3, :3] @ measurements.rotations
+    rotations = measurements.rotations
+    return Readings(
+        transform_points(T_base_instrument, measurements.points),
+        None if rotations is None else T_base_instrument[:3, :3] @ rotations,
+    )
 
 
 def residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> Array:
     """Measured minus predicted, in K_0: (N, d), m and rad; 0 for a target that was not seen."""
-    points, rotations = measured_in_base(measurements, setup)
-    left = (points - transform_points(T_base_tool, setup.targets)).reshape(len(points), -1)
-    left[~measurements.seen.repeat(3, axis=-1)] = 0.0
-    if rotations is None or setup.R_tool_sensor is None:
-        return left
-    predicted = T_base_tool[:, :3, :3] @ setup.R_tool_sensor
-    return np.concatenate([left, log3(rotations @ np.swapaxes(predicted, -1, -2))], axis=-1)
+    return setup.kind.residuals(measured_in_base(measurements, setup), setup, T_base_tool)
+
+
+def weighted_residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> Array:
+    """The same over the stated noise (N, d), along the instrument's axes where that differs from axis to axis."""
+    return _whitened(measurements, setup, residuals(measurements, setup, T_base_tool)[..., None])[..., 0]
+
+
+def linearised(
+    measurements: Measurements, setup: Setup, T_base_tool: Array, pose_columns: Array | None, targets: bool
+) -> tuple[Array, Array]:
+    """Columns (N, d, p) and residuals (N, d) of every configuration over the stated noise, at predicted poses (N, 4, 4).
+
+    pose_columns (N, 6, ·) ∂δy/∂θ; with `targets`, the columns of the target coordinates follow.
+    """
+    blocks = [] if pose_columns is None else [observation_matrix(setup, T_base_tool) @ pose_columns]
+    blocks += [target_columns(setup, T_base_tool)] if targets else []
+    columns = np.concatenate(blocks, axis=-1) if len(blocks) > 1 else blocks[0]
+    return _whitened(measurements, setup, columns), weighted_residuals(measurements, setup, T_base_tool)
 
 
 def observation_matrix(setup: Setup, T_base_tool: Array) -> Array:
-    """P of Eq. 18, ∂(observation)/∂δy with rows [I, −[p_i]×] and, for a sensor's orientation, [0, I]: (N, d, 6)."""
-    points = transform_points(T_base_tool, setup.targets)
-    count, m = points.shape[:2]
-    identity = np.broadcast_to(np.eye(3), (count, m, 3, 3))
-    P = np.concatenate([identity, -skew(points)], axis=-1).reshape(count, 3 * m, 6)
-    if setup.R_tool_sensor is None:
-        return P
-    rotation_rows = np.broadcast_to(np.hstack([np.zeros((3, 3)), np.eye(3)]), (count, 3, 6))
-    return np.concatenate([P, rotation_rows], axis=1)
+    """P of Eq. 18, ∂(observation)/∂δy: (N, d, 6)."""
+    return setup.kind.matrix(setup, T_base_tool)
 
 
 def target_columns(setup: Setup, T_base_tool: Array) -> Array:
     """∂(observation)/∂(targets and sensor orientation), shifts and left turns in the tool frame: (N, d, d)."""
-    count, m = len(T_base_tool), len(setup.targets)
-    blocks = m + (setup.R_tool_sensor is not None)
-    columns = np.zeros((count, blocks, 3, blocks, 3))
-    for block in range(blocks):
-        columns[:, block, :, block, :] = T_base_tool[:, :3, :3]
-    return columns.reshape(count, 3 * blocks, 3 * blocks)
+    return setup.kind.columns(setup, T_base_tool)
 
 
 def weights(measurements: Measurements) -> Array:
-    """1/σ of every component of every observation, from the stated noise, 0 where a target was not seen: (N, d)."""
-    seen = measurements.seen.repeat(3, axis=-1)
-    position = seen / measurements.noise_position
-    if measurements.rotations is None:
-        return position
-    orientation = np.full((len(seen), 3), 1.0 / measurements.noise_orientation)
-    return np.concatenate([position, orientation], axis=-1)
+    """1/σ of every coordinate of every observation, 0 where a target was not seen: (N, d), see `_whitened`."""
+    readings = Readings(measurements.points, measurements.rotations)
+    if measurements.deviations is None:
+        stated = measurements.noise_position, measurements.noise_orientation
+        return measurements.setup.kind.weights(readings, *stated)
+    return measurements.setup.kind.weights(readings, 1.0, 1.0) / measurements.deviations
+
+
+def _whitened(measurements: Measurements, setup: Setup, rows: Array) -> Array:
+    """Rows (N, d, k) over the stated noise. Deviations of single axes are those of the instrument's axes."""
+    if measurements.deviations is not None:
+        count, d, k = rows.shape
+        rows = (setup.T_instrument_base[:3, :3] @ rows.reshape(count, d // 3, 3, k)).reshape(count, d, k)
+    return rows * weights(measurements)[..., None]

@@ -11,8 +11,10 @@ import numpy as np
 
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.circles import circle_start
+from calibtool.measurement.gauss_newton import gauss_newton
+from calibtool.measurement.kinds import Readings
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.measurement.observation import observation_matrix, residuals, target_columns, weights
+from calibtool.measurement.observation import linearised, weighted_residuals
 from calibtool.measurement.rotation_search import RotationForm, nearest_rotation, rotation_grid
 from calibtool.robot.se3 import Array, exp6, inverse, readonly
 
@@ -31,9 +33,7 @@ def register(measurements: Measurements, T_base_tool: Array | None = None, start
     if setup.known:
         return setup
     poses = measurements.robot.mechanism.forward(measurements.q) if T_base_tool is None else T_base_tool
-    unknowns = 6 * (not setup.frame_known) + (3 * len(setup.targets) + 3 * (setup.R_tool_sensor is not None)) * (
-        not setup.targets_known
-    )
+    unknowns = 6 * (not setup.frame_known) + len(setup.target_names) * (not setup.targets_known)
     equations = measurements.equations
     if equations <= unknowns:
         raise NoSolutionError(
@@ -53,14 +53,7 @@ def update_setup(setup: Setup, base: Array | None, target_shift: Array | None) -
     """Apply a Gauss–Newton step: a twist (6,) of K_0 that moves the predictions, and shifts (d,) as in `target_columns`."""
     if base is not None:
         setup = replace(setup, T_instrument_base=readonly(setup.T_instrument_base @ exp6(base)))
-    if target_shift is not None:
-        m = len(setup.targets)
-        turned = setup.R_tool_sensor
-        if turned is not None:
-            turned = readonly(exp6(np.concatenate([np.zeros(3), target_shift[3 * m :]]))[:3, :3] @ turned)
-        targets = readonly(setup.targets + target_shift[: 3 * m].reshape(m, 3))
-        setup = replace(setup, targets=targets, R_tool_sensor=turned)
-    return setup
+    return setup if target_shift is None else setup.kind.moved(setup, target_shift)
 
 
 def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setup, float]:
@@ -68,47 +61,39 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
 
     poses (N, 4, 4) are T_base_tool.
     """
-    weight = weights(measurements)
-    left = residuals(measurements, setup, poses) * weight
-    cost, damping = float((left**2).sum()), 0.0
-    for _ in range(_ITERATIONS):
-        blocks = []
-        if not setup.frame_known:
-            blocks.append(observation_matrix(setup, poses))
-        if not setup.targets_known:
-            blocks.append(target_columns(setup, poses))
-        columns = (np.concatenate(blocks, axis=-1) * weight[..., None]).reshape(left.size, -1)
-        right = left.ravel()
+    of_base = None if setup.frame_known else np.broadcast_to(np.eye(6), (len(poses), 6, 6))
+    base, shift = (slice(0), slice(None)) if setup.frame_known else (slice(6), slice(6, None))
+
+    def cost(at: Setup) -> float:
+        return float((weighted_residuals(measurements, at, poses) ** 2).sum())
+
+    def solve(system: tuple[Array, Array], damping: float) -> tuple[Array, bool]:
+        right = system[1].ravel()
+        columns = system[0].reshape(len(right), -1)
         if damping:
             scale = np.sqrt(damping * (columns**2).sum(axis=0))
             columns, right = np.concatenate([columns, np.diag(scale)]), np.concatenate([right, np.zeros(len(scale))])
         step: Array = np.linalg.lstsq(columns, right, rcond=1e-9)[0].astype(float)
-        base = None if setup.frame_known else step[:6]
-        shift = None if setup.targets_known else step[0 if setup.frame_known else 6 :]
-        proposed = update_setup(setup, base, shift)
-        left_after = residuals(measurements, proposed, poses) * weight
-        after = float((left_after**2).sum())
-        settled = np.abs(step).max() < 1e-11
-        if after <= cost * (1 + 1e-12) + 1e-12:
-            setup, left, cost, damping = proposed, left_after, after, damping / 10 if damping > 1e-6 else 0.0
-        elif settled:
-            return setup, cost
-        else:
-            damping = max(10 * damping, 1e-4)
-        if settled:
-            return setup, cost
-    return setup, np.inf
+        return step, bool(np.abs(step).max() < 1e-11)
+
+    found, _, settled = gauss_newton(
+        setup,
+        lambda at: linearised(measurements, at, poses, of_base, targets=not setup.targets_known),
+        solve,
+        lambda at, step: update_setup(
+            at, None if setup.frame_known else step[base], None if setup.targets_known else step[shift]
+        ),
+        _ITERATIONS,
+        cost,
+    )
+    return found, cost(found) if settled else np.inf
 
 
 def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> list[Setup]:
     """Starting values of the unknown parts."""
-    setup, rotations, points = measurements.setup, measurements.rotations, measurements.points
-    targets = setup.targets
-    if rotations is not None and setup.R_tool_sensor is not None:
-        # A sensor pose as four points: its origin and the tips of its axes, as long as makes both kinds of noise alike.
-        arm = measurements.noise_position / measurements.noise_orientation
-        points = np.concatenate([points, points + arm * np.swapaxes(rotations, -1, -2)], axis=1)
-        targets = np.concatenate([targets, targets + arm * setup.R_tool_sensor.T])
+    setup, arm = measurements.setup, measurements.noise_position / measurements.noise_orientation
+    readings = Readings(measurements.points, measurements.rotations)
+    points, targets = setup.kind.as_points(readings, setup, arm)
     if setup.frame_known:
         found = [(setup.T_instrument_base, _mean_targets(poses, setup.T_instrument_base, points))]
     elif setup.targets_known:
@@ -120,19 +105,12 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
         if (circles := circle_start(measurements)) is not None:
             guesses.append(circles)
         frames = frames_of_least_squares(poses, points, guesses)
-        if rotations is None:
+        if points.shape == measurements.points.shape:
             frames = frames[:1]  # the search had the very sum of squares of the refinement
         found = [(frame, _mean_targets(poses, frame, points)) for frame in frames]
-    m = len(setup.targets)
-    result = []
-    for frame, targets in found:
-        turned = setup.R_tool_sensor
-        if turned is not None and not setup.targets_known:
-            turned = readonly(nearest_rotation((targets[m:] - targets[:m]).T))
-        result.append(
-            replace(setup, T_instrument_base=readonly(frame), targets=readonly(targets[:m]), R_tool_sensor=turned)
-        )
-    return result
+    return [
+        setup.kind.from_points(replace(setup, T_instrument_base=readonly(frame)), on_tool) for frame, on_tool in found
+    ]
 
 
 def frames_of_least_squares(

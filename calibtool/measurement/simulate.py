@@ -4,11 +4,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
+from calibtool.errormodel.conditions import Conditions
 from calibtool.errors import InputError, check_number
 from calibtool.measurement.measurements import Measurements, Setup, Truth, check_targets
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.actual import ActualRobot, ErrorScales, random_actual
 from calibtool.robot.description import Workspace
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
@@ -21,6 +22,8 @@ ORIENTATION_NOISE = 0.1e-3  # rad, stated for 6-D instruments unless told otherw
 class Simulation:
     """What is to be simulated.
 
+    payload_kg      masses at the tool are drawn evenly between these two; None: that of the robot's description
+    temperature_c   the links warm or cool evenly from the first to the second over the rows; None: see `ActualRobot`
     seed            of everything random
     configurations  number to sample in `workspace` (None: the whole joint range)
     scales          kinds and sizes of the actual robot's errors
@@ -38,6 +41,8 @@ class Simulation:
     unregistered: bool = False
     at: Array | None = None
     same_robot: Truth | None = None
+    payload_kg: tuple[float, float] | None = None
+    temperature_c: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         check_number(self.seed, "seed", 0)
@@ -57,7 +62,7 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
     """
     again = simulation.same_robot is not None
     entropy = np.random.SeedSequence([simulation.seed, 1] if again else simulation.seed)
-    robot_rng, configuration_rng, noise_rng, setup_rng = (np.random.default_rng(s) for s in entropy.spawn(4))
+    robot_rng, configuration_rng, noise_rng, setup_rng, load_rng = (np.random.default_rng(s) for s in entropy.spawn(5))
 
     if simulation.same_robot is not None:
         truth = simulation.same_robot
@@ -76,7 +81,12 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
     if not len(q):
         raise InputError("configurations: there is none to measure at")
 
-    points = observe(truth.actual, truth.setup, q)
+    payload, temperature = simulation.payload_kg, simulation.temperature_c
+    conditions = Conditions(
+        payload_kg=None if payload is None else readonly(load_rng.uniform(*payload, len(q))),
+        temperature_c=None if temperature is None else readonly(np.linspace(*temperature, len(q))),
+    )
+    points = observe(truth.actual, truth.setup, q, conditions)
     points = points + noise_rng.normal(size=points.shape) * simulation.noise
     known = truth.setup.known
     measurements = Measurements(
@@ -88,14 +98,14 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
         noise_position=simulation.noise if simulation.noise > SMALLEST_NOISE else NO_NOISE,
         noise_orientation=ORIENTATION_NOISE,
         truth=truth,
-        direction=readonly(truth.actual.directions(q)),
+        conditions=replace(conditions, direction=readonly(truth.actual.directions(q))),
     )
     return measurements if known else replace(measurements, setup=register(measurements))
 
 
-def observe(actual: ActualRobot, setup: Setup, q: Array) -> Array:
+def observe(actual: ActualRobot, setup: Setup, q: Array, conditions: Conditions | None = None) -> Array:
     """Target points in the instrument's frame without noise, q (N, n) → (N, m, 3)."""
-    return transform_points(setup.T_instrument_base @ actual.forward(q), setup.targets)
+    return transform_points(setup.T_instrument_base @ actual.forward(q, conditions), setup.targets)
 
 
 def _random_setup(nominal: Setup, rng: np.random.Generator) -> Setup:

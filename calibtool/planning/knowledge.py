@@ -8,7 +8,7 @@ import numpy as np
 from calibtool.errors import InputError
 from calibtool.identification.evidence import inverse
 from calibtool.identification.model import Identification
-from calibtool.identification.parameters import ErrorState, Parameters, Tolerances
+from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.measurements import Setup
 from calibtool.measurement.observation import observation_matrix, target_columns
 from calibtool.measurement.simulate import ORIENTATION_NOISE
@@ -31,7 +31,7 @@ class Knowledge:
 
     robot: Robot
     parameters: Parameters
-    state: ErrorState
+    state: State
     prior_std: Array
     covariance: Array
     noise_position: float
@@ -41,9 +41,9 @@ class Knowledge:
     def of_tolerances(cls, robot: Robot, noise: float, unregistered: bool = False) -> Self:
         """Nothing but the robot's tolerances; unregistered: instrument frame and targets are unknown as well."""
         setup = Setup(readonly(np.eye(4)), robot.targets, frame_known=not unregistered, targets_known=not unregistered)
-        parameters = Parameters.of(robot, setup, twists=True, harmonics=HARMONICS, gravity=True)
-        prior_std = parameters.prior_std(robot, Tolerances.of(robot))
-        state = ErrorState.nominal(robot, setup)
+        parameters = Parameters.of(robot, setup, twists=1, harmonics=HARMONICS, gravity=1)
+        prior_std = parameters.prior_std()
+        state = State.nominal(robot, setup)
         return cls(robot, parameters, state, readonly(prior_std), readonly(np.eye(parameters.count)), noise)
 
     @classmethod
@@ -57,10 +57,11 @@ class Knowledge:
         posterior = identified.posterior
         if posterior is None:
             raise InputError(f"a '{identified.model}' model has no posterior to start from; identify --model complete")
-        harmonics = min(posterior.parameters.harmonics, HARMONICS)
-        parameters = replace(
-            posterior.parameters, harmonics=harmonics, backlash=()
-        )  # a plan does not choose directions
+        orders = posterior.parameters.orders
+        orders |= {"harmonics": min(orders.get("harmonics", 0), HARMONICS)}
+        # A plan does not choose directions, loads and temperatures.
+        left_out = ("backlash", "payload", "temperature")
+        parameters = Parameters.of(robot, identified.setup, **orders).without(*left_out)
         kept = np.flatnonzero(np.isin(posterior.parameters.names, parameters.names))
         std = posterior.prior_std[kept]
         covariance = posterior.covariance[np.ix_(kept, kept)] / np.outer(std, std)
@@ -110,7 +111,7 @@ class Knowledge:
     def _columns(self, q: Array) -> tuple[Array, Array, Array | None]:
         """∂(observation)/∂δy (N, d, 6), ∂δy/∂θ (N, 6, ·) and, of unknown targets, ∂(observation)/∂(targets) (N, d, d)."""
         setup = self.state.setup
-        frames = self.state.frames(self.robot, q)
-        poses = self.parameters.pose_columns(self.robot, self.state, frames, q)
+        context = self.state.errors.context(q)
+        frames, poses = context.frames, self.parameters.pose_columns(context)
         targets = target_columns(setup, frames.tool) if self.parameters.targets else None
         return observation_matrix(setup, frames.tool), poses, targets

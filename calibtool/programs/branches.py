@@ -1,19 +1,24 @@
-"""Joint positions for the poses of a program: inverse kinematics on the branch that the configuration data mean."""
+"""Joint positions for the poses of a program: inverse kinematics on the branch that is meant, for many at once."""
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 
-from calibtool.programs.configurations import Configuration, Posture, has_postures, posture
-from calibtool.robot.coupling import JointValues
+from calibtool.programs.configurations import Configuration, Posture, has_postures, postures
 from calibtool.robot.inverse import inverse_kinematics, solve_poses
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.reach import excluded
+from calibtool.robot.se3 import Array
+from calibtool.robot.starts import Starts, drawn, starts_of
 
-_STARTS = 96  # random starts that find the branches of a pose
-_REACHED = 1e-8
+_NEAR = 8  # starts near the pose, on the branch that is asked for
+_RANDOM = 96  # random starts that find the branches of a pose where those do not
+_ROWS = 4096  # poses that are solved at once
+_TOGETHER = 128  # poses that get several starts at once
+_SAME = 1e-6  # rad or m: nearer joint positions are one answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +31,13 @@ class Controller:
     @cached_property
     def zero(self) -> Posture:
         """The branch with all of the controller's joint values at zero. For six-joint arms."""
-        return posture(self.robot, self.to_serial(np.zeros(self.robot.n)), np.zeros(self.robot.n))
+        zero = np.zeros((1, self.robot.n))
+        return Posture(*map(bool, postures(self.robot, zero, zero)[0]))
+
+    @cached_property
+    def home(self) -> Array:
+        """Where the robot is taken to stand if nothing is known: the home of its default workspace, (n,)."""
+        return self.robot.home(self.robot.workspace(None)[1])
 
     def to_serial(self, q: Array) -> Array:
         """Joint positions of the serial chain for the controller's joint values, (…, n) both."""
@@ -34,76 +45,240 @@ class Controller:
 
     def to_controller(self, q: Array) -> Array:
         """The controller's joint values for joint positions of the serial chain, (…, n) both."""
-        return q @ np.linalg.inv(self.coupling).T
+        values: Array = q @ self._inverse.T
+        return values
+
+    @cached_property
+    def _inverse(self) -> Array:
+        result: Array = np.linalg.inv(self.coupling).astype(float)
+        return result
+
+    @cached_property
+    def start_branches(self) -> np.ndarray:
+        """The branches of the robot's starts, (k, 3) bool."""
+        q = starts_of(self.robot).q
+        return postures(self.robot, q, self.to_controller(q))
 
 
-def coupling_of(robot: Robot, program_format: str, joint_values: JointValues | None) -> Array:
-    """What stands between a program's joint values and the serial chain, (n, n).
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Joint positions q (N, n), and why a row has none, "" where it has; obeyed (N,): on the configuration's branch."""
 
-    `controller`: the robot's own coupling; without one, FANUC six-joint arms state J3 against the horizontal: q3 = J3 + J2.
-    `serial`: the program's values are the chain's. None: `controller` for FANUC programs, `serial` for the others.
+    q: Array
+    why: list[str]
+    obeyed: np.ndarray
+
+    @property
+    def found(self) -> np.ndarray:
+        """Which rows have an answer, (N,)."""
+        return np.array([not why for why in self.why], dtype=bool)
+
+
+def solve(
+    controller: Controller,
+    T_base_tool: Array,
+    near: Array,
+    configurations: Sequence[Configuration | None],
+    strict: np.ndarray,
+) -> Answers:
+    """Joint positions of the nominal robot within its limits for poses (N, 4, 4), each row by itself.
+
+    near (N, n): of several answers the one that Newton's method reaches from there, if it reaches one, otherwise the
+    nearest that is found. configurations: the branch and turns that are asked for; then the answer from `near` if it is
+    one of those, otherwise the nearest that is. strict (N,): a row without such an answer has none.
     """
-    if joint_values == "serial" or (joint_values is None and program_format != "fanuc-ls"):
-        return readonly(np.eye(robot.n))
-    coupling = robot.coupling.copy()
-    if not robot.coupled and program_format == "fanuc-ls" and has_postures(robot):
-        coupling[2, 1] = 1.0
-    return readonly(coupling)
+    parts = [slice(first, first + _ROWS) for first in range(0, len(near), _ROWS)]
+    found = [
+        _solve(controller, T_base_tool[part], near[part], configurations[part], strict[part])
+        for part in parts or [slice(0)]
+    ]
+    return Answers(
+        np.concatenate([answers.q for answers in found]),
+        [why for answers in found for why in answers.why],
+        np.concatenate([answers.obeyed for answers in found]),
+    )
+
+
+def _solve(
+    controller: Controller,
+    T_base_tool: Array,
+    near: Array,
+    configurations: Sequence[Configuration | None],
+    strict: np.ndarray,
+) -> Answers:
+    """The same for a part of the rows."""
+    search = _Search(controller, T_base_tool, near, configurations)
+    robot, count = controller.robot, len(near)
+    first = inverse_kinematics(robot, T_base_tool, near, starts=0)
+    q, answered = first.q.copy(), first.reached.copy()
+    asked = np.array([configuration is not None for configuration in configurations], dtype=bool)
+    obeyed = np.zeros(count, dtype=bool)
+    possible = answered | ~excluded(robot, T_base_tool, search.tolerance)
+    if has_postures(robot):
+        rows = np.flatnonzero(asked & answered)
+        meant, turned = search.meant(rows, q[rows])
+        q[rows[meant]], obeyed[rows[meant]] = turned[meant], True
+        for seeds, which in ((search.near_starts, asked), (search.random, asked & strict)):
+            for rows, starts in _few(np.flatnonzero(which & possible & ~obeyed), seeds):
+                found, answers = search.nearest(rows, starts)
+                q[rows[found]], obeyed[rows[found]] = answers[found], True
+    answered |= obeyed
+    search.configurations = [None] * count  # any branch will do
+    for seeds in (search.near_starts, search.random):
+        for rows, starts in _few(np.flatnonzero(possible & ~answered), seeds):
+            found, answers = search.nearest(rows, starts)
+            q[rows[found]], answered[rows[found]] = answers[found], True
+    why = [""] * count
+    for k in np.flatnonzero(~answered).tolist():
+        why[k] = f"the pose is unreachable ({first.position[k] * 1e3:.3g} mm are missing)"
+    for k in np.flatnonzero(answered & strict & asked & ~obeyed).tolist():
+        why[k] = f"the pose cannot be reached with the configuration {_text(configurations[k])}"
+        if not has_postures(robot):
+            text = _text(configurations[k])
+            why[k] = (
+                f"the configuration {text} is that of a six-joint arm, and {robot.name} is none"
+            )
+    return Answers(q, why, obeyed)
 
 
 def solve_pose(
-    controller: Controller, T_base_tool: Array, configuration: Configuration | None, q_near: Array | None
+    controller: Controller,
+    T_base_tool: Array,
+    configuration: Configuration | None,
+    q_near: Array | None,
 ) -> Array | str:
-    """Joint positions (n,) of the nominal robot within its limits for one pose (4, 4), or why there are none.
+    """`solve` for one pose (4, 4): joint positions (n,), or why there are none."""
+    near = controller.home if q_near is None else q_near
+    strict = np.ones(1, dtype=bool)
+    answers = solve(controller, T_base_tool[None], near[None], [configuration], strict)
+    row: Array = answers.q[0]
+    return answers.why[0] or row
 
-    configuration: the branch and turns that are asked for; without it the answer near `q_near`, the target before (None:
-    the home of the default workspace).
-    """
-    robot = controller.robot
-    start = robot.home(robot.workspace(None)[1]) if q_near is None else q_near
-    solved = inverse_kinematics(robot, T_base_tool[None], start)
-    if not solved.reached[0]:
-        return f"the pose is unreachable ({solved.position[0] * 1e3:.3g} mm are missing)"
-    if configuration is None:
-        nearest: Array = solved.q[0]
-        return nearest
-    if not has_postures(robot):
-        return f"the configuration {configuration.text} is that of a six-joint arm, and {robot.name} is none"
 
-    def wanted(q: Array) -> Array | None:
-        if not configuration.branch(posture(robot, q, controller.to_controller(q)), controller.zero):
-            return None
-        return next(
-            (turned for turned in _turns(robot, q) if configuration.turns(controller.to_controller(turned))), None
+@dataclass(eq=False)
+class _Search:
+    """Answers for poses T (N, 4, 4) from several starts, nearest to `near` (N, n) and on the branches that are asked for."""
+
+    controller: Controller
+    T: Array
+    near: Array
+    configurations: Sequence[Configuration | None]
+
+    @property
+    def tolerance(self) -> float:
+        """What counts as reached, as in `inverse_kinematics`."""
+        return 1e-8 if self.controller.robot.n >= 6 else 1e-5
+
+    def near_starts(self, rows: np.ndarray) -> Array:
+        """Starts near the poses of rows, on branches that are asked for: (rows, _NEAR, n)."""
+        robot = self.controller.robot
+        every = starts_of(robot)
+        seeds = np.empty((len(rows), _NEAR, robot.n))
+        if not has_postures(robot):
+            return every.nearest(self.T[rows], _NEAR)
+        choices = [Posture(*bits) for bits in product((False, True), repeat=3)]
+        groups: dict[tuple[bool, ...], list[int]] = {}
+        for k, row in enumerate(rows):
+            asked = self.configurations[row]
+            allowed = tuple(
+                asked is None or asked.branch(choice, self.controller.zero) for choice in choices
+            )
+            groups.setdefault(allowed, []).append(k)
+        number = self.controller.start_branches @ np.array([4, 2, 1])
+        for allowed, group in groups.items():
+            there = np.array(allowed)[number]
+            if not there.any():
+                there = np.ones(len(number), dtype=bool)
+            some = Starts(every.q[there], every.features[:, there], every.length)
+            found = some.nearest(self.T[rows[group]], min(_NEAR, int(there.sum())))
+            seeds[group] = np.resize(found, (len(group), _NEAR, robot.n))
+        return seeds
+
+    def random(self, rows: np.ndarray) -> Array:
+        """Starts from everywhere, the same for each row: (rows, _RANDOM, n)."""
+        robot = self.controller.robot
+        seeds = drawn(robot, _RANDOM, np.random.default_rng(0))
+        return np.broadcast_to(seeds, (len(rows), *seeds.shape))
+
+    def nearest(self, rows: np.ndarray, seeds: Array) -> tuple[np.ndarray, Array]:
+        """Which rows have an answer from their seeds (rows, k, n) that is asked for, and the nearest one."""
+        robot, (count, tries) = self.controller.robot, seeds.shape[:2]
+        solved = solve_poses(
+            robot.mechanism.forward_and_jacobian,
+            np.repeat(self.T[rows], tries, axis=0),
+            seeds.reshape(-1, robot.n),
+            length=robot.length,
+            lower=robot.lower,
+            upper=robot.upper,
+            tolerance=self.tolerance,
         )
+        distinct = solved.reached & ~_repeated(solved.q.reshape(seeds.shape)).ravel()
+        answers = np.flatnonzero(distinct)
+        owners = answers // tries
+        meant, turned = self.meant(rows[owners], solved.q[answers])
+        found, best = np.zeros(count, dtype=bool), self.near[rows].copy()
+        distance = np.full(count, np.inf)
+        for k, q in zip(owners[meant], turned[meant], strict=True):
+            away = float(np.linalg.norm(q - self.near[rows[k]]))
+            if away < distance[k] - _SAME:
+                found[k], best[k], distance[k] = True, q, away
+        return found, best
 
-    found = wanted(solved.q[0])
-    if found is not None:
-        return found
-    rng = np.random.default_rng(0)
-    low, high = np.maximum(robot.lower, -np.pi), np.minimum(robot.upper, np.pi)
-    starts = low + (high - low) * rng.random((_STARTS, robot.n))
-    answers = solve_poses(
-        robot.mechanism.forward_and_jacobian,
-        np.repeat(T_base_tool[None], _STARTS, axis=0),
-        starts,
-        length=robot.length,
-        lower=robot.lower,
-        upper=robot.upper,
-    )
-    others = answers.q[answers.reached]
-    for q in others[np.argsort(np.linalg.norm(others - start, axis=-1))]:
-        found = wanted(q)
-        if found is not None:
-            return found
-    return f"the pose cannot be reached with the configuration {configuration.text}"
+    def meant(self, rows: np.ndarray, q: Array) -> tuple[np.ndarray, Array]:
+        """Which joint positions q (rows, n) are on the branch that their row asks for, and the turn that is meant."""
+        robot = self.controller.robot
+        turned = _near_turn(robot, q, self.near[rows])
+        meant = np.array([self.configurations[k] is None for k in rows], dtype=bool)
+        if meant.all():
+            return meant, turned
+        q_controller = self.controller.to_controller(turned)
+        branches = postures(robot, q, self.controller.to_controller(q)).tolist()
+        for k in np.flatnonzero(~meant):
+            asked = self.configurations[rows[k]]
+            if asked is None or not asked.branch(Posture(*branches[k]), self.controller.zero):
+                continue
+            if asked.turns(q_controller[k]):
+                meant[k] = True
+                continue
+            for answer in _turns(robot, turned[k]):
+                if asked.turns(self.controller.to_controller(answer)):
+                    meant[k], turned[k] = True, answer
+                    break
+        return meant, turned
+
+
+def _few(
+    rows: np.ndarray, seeds: Callable[[np.ndarray], Array]
+) -> Iterator[tuple[np.ndarray, Array]]:
+    """Rows with their starts, so many at once that they fit into memory."""
+    for first in range(0, len(rows), _TOGETHER):
+        yield rows[first : first + _TOGETHER], seeds(rows[first : first + _TOGETHER])
+
+
+def _text(configuration: Configuration | None) -> str:
+    return "" if configuration is None else configuration.text
+
+
+def _repeated(q: Array) -> np.ndarray:
+    """Which of the answers (N, k, n) are there already among those before them, (N, k)."""
+    result = np.zeros(q.shape[:2], dtype=bool)
+    for j in range(1, q.shape[1]):
+        result[:, j] = (np.abs(q[:, :j] - q[:, j : j + 1]).max(axis=-1) < _SAME).any(axis=1)
+    return result
+
+
+def _near_turn(robot: Robot, q: Array, near: Array) -> Array:
+    """The same poses with every angle within half a turn of `near`, where the limits allow it."""
+    turned = q - 2 * np.pi * np.round((q - near) / (2 * np.pi))
+    allowed = (turned >= robot.lower) & (turned <= robot.upper) & ~np.array(robot.prismatic)
+    return np.where(allowed, turned, q)
 
 
 def _turns(robot: Robot, q: Array) -> list[Array]:
     """The same pose with whole turns added where the limits allow it, nearest first."""
     choices = []
-    for angle, low, high in zip(q, robot.lower, robot.upper, strict=True):
-        turns = [angle + 2 * np.pi * k for k in (0, -1, 1, -2, 2)]
+    for j, (angle, low, high) in enumerate(zip(q, robot.lower, robot.upper, strict=True)):
+        turns = [angle + 2 * np.pi * k for k in ((0,) if robot.prismatic[j] else (0, -1, 1, -2, 2))]
         choices.append([t for t in turns if low - 1e-9 <= t <= high + 1e-9] or [angle])
     answers = [np.array(combination) for combination in product(*choices)]
     return sorted(answers, key=lambda answer: float(np.abs(answer - q).sum()))

@@ -1,7 +1,10 @@
 """A controller program in, the corrected program and a summary out."""
 
+import re
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,19 +16,25 @@ from calibtool.compensation.solve import Compensation, Method
 from calibtool.compensation.status import MEANING, OK, OUTSIDE, UNCORRECTED
 from calibtool.compensation.weighed import Weights
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
-from calibtool.programs.branches import Controller, coupling_of, solve_pose
+from calibtool.programs.agreement import AS_FRAME, SEED, Position, positions
+from calibtool.programs.branches import Controller
 from calibtool.programs.controller_poses import check_controller_known, poses_to_write
-from calibtool.programs.formats import reader
-from calibtool.programs.frames import Frames, pose, pose_values
-from calibtool.programs.targets import Program, Remark, Target, replaced, rewritten
+from calibtool.programs.flow import follow
+from calibtool.programs.formats import coupling_of, read_program
+from calibtool.programs.frames import Frames
+from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, Source
+from calibtool.programs.nominal import Stands, stands
+from calibtool.programs.summary import CompensatedProgram, Fate
+from calibtool.programs.targets import Remark
+from calibtool.programs.writing import NewPositions, Writing, remark_of
 from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.se3 import Array, inverse
+from calibtool.robot.se3 import Array
 
 ON_ERROR = ("stop", "skip")
-_NO_CHANGE = 1e-9  # rad or m: below, a target's text stays as it is
-_IN_ORDER = ("ros2-trajectory",)  # formats whose text is in the order of motion, without calls, loops and named targets
-_LISTED = 20  # lines named for one reason
+_KINDS = 4  # of errors, told in one message
+_TOGETHER = 4096  # rows that are corrected at once
+_AGREE = 1e-7  # rad or m: what is written for several branches may differ by so much
 
 
 @dataclass(frozen=True)
@@ -37,9 +46,10 @@ class ProgramOptions:
     joint_values      whose they are; None: what the format says, see `coupling_of`
     frames            frames and tools that the program does not define
     backlash          take it up where the text is in the order of motion
-    largest_change    of a joint, rad, and weights of the pose error's components: see `default_bounds`
     controller_model  T_base_tool by which the controller solves poses; None: nobody says, which is
                       the nominal robot's where the description knows of no other
+    ignore_external   poses beside external axes are those of the arm alone
+    largest_change    rad; this and weights: see `default_bounds`
     """
 
     method: Method = "exact"
@@ -47,244 +57,301 @@ class ProgramOptions:
     on_error: str = "stop"
     joint_values: JointValues | None = None
     frames: Frames = field(default_factory=Frames)
-    backlash: bool = True  # taken up where the text is in the order of motion
+    backlash: bool = True
+    controller_model: Mechanism | None = None
+    ignore_external: bool = False
     largest_change: float | None = None
     weights: Weights | None = None
-    controller_model: Mechanism | None = None
-
-
-@dataclass(frozen=True)
-class CompensatedProgram:
-    """What came of a program.
-
-    data          the corrected program; every byte that is no number of a changed target is as it was
-    targets       how many could be read
-    changed       how many have other numbers now
-    largest_mm, largest_deg   the largest change: of the nominal tool's place, and of a joint
-    left_alone    what was not corrected, and why
-    remarks       corrected targets that need a look
-    notes         what else a reader has to know
-    """
-
-    data: bytes
-    targets: int
-    changed: int
-    largest_mm: float
-    largest_deg: float
-    left_alone: tuple[Remark, ...]
-    remarks: tuple[Remark, ...]
-    notes: tuple[str, ...]
-
-    def summary(self, name: str) -> list[str]:
-        """Lines for people: counts, the largest change, and every reason with its lines."""
-        most = f", at most {self.largest_mm:.3f} mm and {self.largest_deg:.4f} deg" if self.changed else ""
-        alone = f"; {len(self.left_alone)} left alone" if self.left_alone else ""
-        lines = [f"{name}: {self.changed} of {self.targets} targets changed{most}{alone}"]
-        for what, remarks in (("left alone", self.left_alone), ("changed, but look", self.remarks)):
-            ordered = sorted(remarks, key=lambda remark: (remark.why, remark.line))
-            for why, group in groupby(ordered, key=lambda remark: remark.why):
-                lines.append(f"{name}: {what}: {why}: {_places(list(group))}")
-        return lines + [f"{name}: note: {note}" for note in self.notes]
 
 
 def compensate_program(
-    calibration: Calibration, data: bytes, name: str, program_format: str, options: ProgramOptions | None = None
+    calibration: Calibration,
+    data: bytes,
+    name: str,
+    program_format: str,
+    options: ProgramOptions | None = None,
 ) -> CompensatedProgram:
     """Correct every joint and pose target of a program.
 
-    A joint target gets the joints that bring the calibrated robot where the nominal one would be; a
-    pose target, solved on the branch of its configuration data, gets the pose at which the
-    controller's own model (the nominal robot unless given) is at the corrected joints, in its own
-    frame and with its own tool. program_format: one of docs/programs; name stands in messages;
+    A joint target gets the joints that bring the calibrated robot where the nominal one would be; a pose target, solved
+    on the branch that the controller takes there, gets the pose that the controller's robot takes at the corrected
+    joints, in its own frame and with its own tool. program_format: one of docs/programs; name stands in messages;
     options: exact, stop at the first failure, unless given.
 
-    Raises InputError for bad data and NoSolutionError for targets without an answer, both with the
-    line; with on_error `skip` such targets stay as they are and are listed. Raises UsageError for
-    poses without the controller's model where the robot's description says that it may differ from
-    the nominal robot.
+    Raises InputError for bad data and NoSolutionError for targets without an answer, both with the line; with on_error
+    `skip` such targets stay as they are and are listed.
     """
+    return compensate_texts(calibration, [(name, data, True)], program_format, options)
+
+
+def compensate_texts(
+    calibration: Calibration,
+    texts: Sequence[tuple[str, bytes, bool]],
+    program_format: str,
+    options: ProgramOptions | None = None,
+) -> CompensatedProgram:
+    """The same for a program of several texts: name, bytes and whether it is corrected or only looked up."""
     options = options or ProgramOptions()
-    if b"\0" in data:
-        raise InputError(f"{name}: holds zero bytes; expected a program in ASCII, UTF-8 or Latin-1")
-    robot = calibration.robot
-    program = reader(program_format)(data.decode("latin-1"), robot)
-    if any(target.kind == "pose" for target in program.targets):
-        check_controller_known(robot, options.controller_model, name)
-    controller = Controller(robot, coupling_of(robot, program_format, options.joint_values))
-    failures: list[tuple[Remark, type[CalibtoolError]]] = [(r, InputError) for r in program.remarks if r.bad]
-    left = [remark for remark in program.remarks if not remark.bad]
-    if failures and options.on_error == "stop":
-        raise _stopped(name, failures)
-    solved, unsolved, unknown = _nominal(controller, program, options.frames)
-    failures += unsolved
-    left += unknown
-    if failures and options.on_error == "stop":
-        raise _stopped(name, failures)
-
-    q = np.array([item.q for item in solved]).reshape(-1, robot.n)
-    result = _corrected(calibration, solved, q, options)
-    backlash = calibration.base.motion.backlash
-    notes = program.notes + _joint_values_note(controller, program)
-    if options.backlash and backlash.any():
-        if program_format in _IN_ORDER:
-            result = replace(result, q=result.q + BacklashPath(backlash).taken_up(result.q))
-        else:
-            notes += ("the backlash is not taken up: a program does not say in which order its targets are reached",)
-    edits: list[tuple[int, int, str]] = []
-    remarks: list[Remark] = []
-    changed, moved_mm, turned_deg = 0, [0.0], [0.0]
-    nominal, commanded = robot.mechanism.forward(q), [item.T_base_tool for item in solved]
-    new, better_left = poses_to_write(calibration, options.controller_model, commanded, q, result.q)
-    for k, item in enumerate(solved):
-        status = result.status[k]
-        if np.isnan(result.q[k]).any():
-            why = f"{MEANING[status]} (--outside refuse)" if status == OUTSIDE else MEANING[status]
-            failures.append((_remark(item.target, why), NoSolutionError))
-            continue
-        if better_left[k]:
-            why = "the controller's own model already brings the tool nearer to it"
-            left.append(_remark(item.target, why))
-            continue
-        own, digits = _edits(controller, program, item, result.q[k], nominal[k], new[k])
-        if status != OK:
-            (left if status == UNCORRECTED else remarks).append(_remark(item.target, MEANING[status]))
-        if digits:
-            remarks.append(
-                _remark(item.target, "a joint passes into another turn: its configuration data are changed too")
+    for name, data, _ in texts:
+        if b"\0" in data:
+            raise InputError(
+                f"{name}: holds zero bytes; expected a program in ASCII, UTF-8 or Latin-1"
             )
+    sources = [Source(name, data.decode("latin-1"), edited) for name, data, edited in texts]
+    robot = calibration.robot
+    program = read_program(program_format, sources, robot)
+    if options.ignore_external:
+        program = replace(program, literals=tuple(map(_alone, program.literals)))
+    controller = Controller(robot, coupling_of(robot, program_format, options.joint_values))
+    return _Correction(calibration, program, controller, options, program_format).result()
+
+
+_Failure = type[CalibtoolError]
+
+
+class _Correction:
+    """What is found out about each literal on the way through a program."""
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        program: Program,
+        controller: Controller,
+        options: ProgramOptions,
+        program_format: str,
+    ) -> None:
+        self.calibration, self.program, self.controller = calibration, program, controller
+        self.options, self.format = options, program_format
+        self.failures: list[tuple[Remark, _Failure]] = []
+        self.left: list[Remark] = []
+        self.why: dict[int, str] = {}  # of literals that are left
+
+    def result(self) -> CompensatedProgram:
+        program = self.program
+        flow = follow(program, self.options.frames)
+        for remark in (*program.remarks, *flow.remarks):
+            if remark.bad:
+                self.failures.append((remark, InputError))
+            elif program.sources[remark.source].edited:
+                self.left.append(remark)
+        moved_to = {use.literal for use in flow.uses if use.line and not use.relative}
+        found, left = positions(program, flow)
+        for number, why in left.items():
+            self._leave(number, why, InputError if program.literals[number].bad else None)
+        self._stop()
+        answers = stands(self.controller, program, flow, found)
+        del flow
+        rows, q = self._rows(found, answers)
+        self._stop()
+        corrected = self._corrected(found, answers, rows, q)
+        notes = program.notes + self._joint_values_note(found)
+        if any(program.literals[one.literal].kind == POSE for one in found):
+            notes += check_controller_known(
+                self.calibration, self.options.controller_model, program.sources[0].name
+            )
+        backlash = self.calibration.base.errors["backlash"]
+        if self.options.backlash and backlash.any():
+            if program.in_order:
+                robot = self.controller.robot
+                path = BacklashPath(backlash, robot.lower, robot.upper)
+                taken = path.taken_up(corrected.q)
+                corrected = replace(corrected, q=corrected.q + taken)
+            else:
+                notes += (
+                    "the backlash is not taken up: a program does not say in which order its targets are reached",
+                )
+        new = self._agreed(found, answers, rows, q, corrected)
+        self._stop()
+        del answers, rows, q, corrected
+        writing = Writing(program, self.controller, new)
+        texts = tuple(writing.texts())
+        return self._told(writing, texts, moved_to, notes)
+
+    # --- what is left ----------------------------------------------------------------------------
+
+    def _leave(self, number: int, why: str, failure: _Failure | None = None) -> None:
+        """A literal is left as it is; failure: unless it may be, that is an error."""
+        self.why[number] = why
+        literal = self.program.literals[number]
+        if why in (SEED, AS_FRAME) or not self.program.sources[literal.source].edited:
+            return
+        if failure is None:
+            self.left.append(remark_of(literal, why))
+        else:
+            self.failures.append((remark_of(literal, why), failure))
+
+    def _stop(self) -> None:
+        if not self.failures or self.options.on_error != "stop":
+            return
+        first, kind = min(self.failures, key=lambda one: (one[0].source, one[0].line))
+        more = _others([failure for failure, _ in self.failures if failure is not first])
+        label = f"{first.name}: " if first.name else ""
+        raise kind(
+            f"{self.program.sources[first.source].name}:{first.line}: {label}{first.why}{more}; "
+            "nothing is written (--on-error skip leaves such targets)"
+        )
+
+    # --- joints and poses ------------------------------------------------------------------------
+
+    def _rows(self, found: Sequence[Position], answers: Stands) -> tuple[np.ndarray, Array]:
+        """Rows to correct, a position and its joints (N, n): one for each branch on which a position is used."""
+        robot = self.controller.robot
+        rows = np.array([k for k, q in enumerate(answers.q) for _ in q], dtype=int)
+        q = np.array([row for rows_of in answers.q for row in rows_of]).reshape(-1, robot.n)
+        inside = robot.within_limits(q)
+        beyond = {int(rows[k]): k for k in np.flatnonzero(~inside)[::-1]}
+        for k, position in enumerate(found):
+            why = answers.why[k]
+            if k in beyond and not why:
+                why = _beyond(self.controller, q[beyond[k]])
+            if why and self.program.literals[position.literal].blank:
+                self._leave(position.literal, "not taught: its numbers are zero")
+            elif why:
+                self._leave(position.literal, why, NoSolutionError)
+        good = np.array([k not in beyond for k in rows.tolist()], dtype=bool)
+        return rows[good], q[good]
+
+    def _corrected(
+        self, found: Sequence[Position], answers: Stands, rows: np.ndarray, q: Array
+    ) -> Compensation:
+        """The compensation of all rows, joint targets and poses each in batches."""
+        count, options = len(rows), self.options
+        bounds = default_bounds(self.calibration, options.largest_change, options.weights)
+        result = Compensation(
+            q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count), q
+        )
+        poses = np.array(
+            [self.program.literals[found[k].literal].kind == POSE for k in rows.tolist()], bool
+        )
+        for kind in (False, True):
+            every = np.flatnonzero(poses == kind)
+            for first in range(0, len(every), _TOGETHER):
+                here = every[first : first + _TOGETHER]
+                T = answers.T[rows[here]] if kind else None
+                part = guarded(
+                    self.calibration, q[here], T, options.method, options.outside, bounds
+                )
+                for name in ("q", "status", "position", "orientation"):
+                    getattr(result, name)[here] = getattr(part, name)
+        return result
+
+    def _agreed(
+        self,
+        found: Sequence[Position],
+        answers: Stands,
+        rows: np.ndarray,
+        q: Array,
+        corrected: Compensation,
+    ) -> NewPositions:
+        """Positions whose rows all have an answer and need the same numbers."""
+        robot = self.controller.robot
+        finite = np.nan_to_num(corrected.q)
+        poses = [self.program.literals[found[k].literal].kind == POSE for k in rows.tolist()]
+        commanded = [answers.T[k] if pose else None for k, pose in zip(rows, poses, strict=True)]
+        T, untouched = poses_to_write(
+            self.calibration, self.options.controller_model, commanded, q, corrected.q
+        )
+        first = np.flatnonzero(np.diff(rows, prepend=-1)).tolist()
+        good: list[int] = []
+        for start, end in pairwise([*first, len(rows)]):
+            literal = found[rows[start]].literal
+            here = corrected.status[start:end].tolist()
+            if np.isnan(corrected.q[start:end]).any():
+                refused = " (--outside refuse)" if OUTSIDE in here else ""
+                self._leave(literal, MEANING[here[0]] + refused, NoSolutionError)
+            elif UNCORRECTED in here:
+                self._leave(literal, MEANING[UNCORRECTED])
+            elif untouched[start:end].any():
+                why = "the controller's own model already brings the tool nearer to it"
+                self._leave(literal, why)
+            elif end > start + 1 and np.abs(T[start:end] - T[start]).max() > _AGREE:
+                why = "reached on several branches, which need different numbers"
+                self._leave(literal, why)
+            else:
+                good.append(start)
+        nominal = robot.mechanism.forward(q[good])
+        return NewPositions(
+            [found[rows[k]] for k in good],
+            q[good],
+            finite[good],
+            T[good],
+            nominal,
+            corrected.status[good],
+            np.array([answers.guessed[rows[k]] for k in good], dtype=bool),
+        )
+
+    def _joint_values_note(self, found: Sequence[Position]) -> tuple[str, ...]:
+        """Whose joint values were read and written, where that matters."""
+        if not any(self.program.literals[one.literal].kind == JOINT for one in found):
+            return ()
+        taken = coupling_text(self.controller.coupling)
+        own = coupling_text(self.controller.robot.coupling)
+        if taken:
+            return (f"joint values are the controller's, {taken}; if not: --joint-values serial",)
         if own:
-            changed += 1
-            moved_mm.append(1e3 * float(np.linalg.norm(new[k, :3, 3] - nominal[k, :3, 3])))
-            revolute = ~np.array(robot.prismatic)
-            turned_deg.append(float(np.rad2deg(np.abs(result.q[k] - item.q)[revolute].max(initial=0.0))))
-        edits += own
-    if failures and options.on_error == "stop":
-        raise _stopped(name, failures)
-    return CompensatedProgram(
-        data=replaced(program.text, edits).encode("latin-1"),
-        targets=len(program.targets),
-        changed=changed,
-        largest_mm=max(moved_mm),
-        largest_deg=max(turned_deg),
-        left_alone=(*left, *(remark for remark, _ in failures)),
-        remarks=tuple(remarks),
-        notes=notes if program.targets or program.remarks else (_nothing(program_format),),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """A target with its nominal joint positions q (n,); of a pose T_base_tool, T_base_frame and T_flange_tool."""
-
-    target: Target
-    q: Array
-    T_base_tool: Array | None = None
-    T_base_frame: Array | None = None
-    T_flange_tool: Array | None = None
-
-
-def _nominal(
-    controller: Controller, program: Program, frames: Frames
-) -> tuple[list[_Solved], list[tuple[Remark, type[CalibtoolError]]], list[Remark]]:
-    """Targets with their nominal joints in the order of the text; those without; those in unknown frames."""
-    robot = controller.robot
-    solved: list[_Solved] = []
-    failures: list[tuple[Remark, type[CalibtoolError]]] = []
-    unknown: list[Remark] = []
-    before: Array | None = None
-    known_frames, known_tools = {**program.frames, **frames.frames}, {**program.tools, **frames.tools}
-    for target in program.targets:
-        if target.kind == "joint":
-            item: _Solved | str = _Solved(target, controller.to_serial(np.array(target.values)))
-        else:
-            T_base_frame, T_flange_tool = _known(known_frames, target.frame), _known(known_tools, target.tool)
-            if T_base_frame is None or T_flange_tool is None:
-                unknown.append(_remark(target, _unknown(target, T_base_frame is None)))
-                continue
-            T = T_base_frame @ pose(target.values, target.orientation) @ inverse(T_flange_tool)
-            near = before
-            if target.joints:
-                near = controller.to_serial(np.array([number.value for number in target.joints]))
-            q = solve_pose(controller, T, target.configuration, near)
-            item = q if isinstance(q, str) else _Solved(target, q, T, T_base_frame, T_flange_tool)
-        if isinstance(item, str):
-            failures.append((_remark(target, item), NoSolutionError))
-        elif not robot.within_limits(item.q[None])[0]:
-            failures.append((_remark(target, _beyond(controller, item.q)), NoSolutionError))
-        else:
-            solved.append(item)
-            before = item.q
-    return solved, failures, unknown
-
-
-def _corrected(calibration: Calibration, solved: list[_Solved], q: Array, options: ProgramOptions) -> Compensation:
-    """The compensation of all targets, joint targets and poses each in one batch."""
-    count = len(solved)
-    result = Compensation(q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count), q)
-    bounds = default_bounds(calibration, options.largest_change, options.weights)
-    poses = np.array([item.T_base_tool is not None for item in solved], dtype=bool)
-    for kind in (False, True):
-        rows = np.flatnonzero(poses == kind)
-        if not len(rows):
-            continue
-        T = np.array([solved[k].T_base_tool for k in rows]) if kind else None
-        part = guarded(calibration, q[rows], T, options.method, options.outside, bounds)
-        for name in ("q", "status", "position", "orientation"):
-            getattr(result, name)[rows] = getattr(part, name)
-    return result
-
-
-def _edits(
-    controller: Controller, program: Program, item: _Solved, q: Array, nominal: Array, new: Array
-) -> tuple[list[tuple[int, int, str]], bool]:
-    """What has to be written for corrected joints q (n,), configuration data among it or not.
-
-    nominal (4, 4): where the nominal robot is at the commanded joints; new (4, 4): where the
-    controller's model, which may be another one, is at q.
-    """
-    target = item.target
-    same = target.kind == "joint" or np.abs(new - nominal).max() < _NO_CHANGE
-    if same and np.abs(q - item.q).max() < _NO_CHANGE:
-        return [], False
-    joints = controller.to_controller(q).tolist()
-    if target.kind == "joint":
-        return rewritten(program.text, target.numbers, joints), False
-    edits = rewritten(program.text, target.joints, joints) if target.joints else []
-    assert item.T_base_frame is not None
-    assert item.T_flange_tool is not None
-    T = inverse(item.T_base_frame) @ new @ item.T_flange_tool
-    edits += rewritten(program.text, target.numbers, pose_values(T, target.orientation, target.values))
-    digits = target.configuration.digits(np.array(joints)) if target.configuration else []
-    return edits + [(digit.start, digit.end, str(value)) for digit, value in digits], bool(digits)
-
-
-def _joint_values_note(controller: Controller, program: Program) -> tuple[str, ...]:
-    """Whose joint values were read and written, where that matters."""
-    if not any(target.kind == "joint" or target.joints for target in program.targets):
+            return (
+                f"joint values are the serial chain's; if not, {own}: --joint-values controller",
+            )
         return ()
-    taken, own = coupling_text(controller.coupling), coupling_text(controller.robot.coupling)
-    if taken:
-        return (f"joint values are the controller's, {taken}; if not: --joint-values serial",)
-    if own:
-        return (f"joint values are the serial chain's; if not, {own}: --joint-values controller",)
-    return ()
+
+    # --- the result ------------------------------------------------------------------------------
+
+    def _told(
+        self,
+        writing: Writing,
+        texts: tuple[bytes, ...],
+        moved_to: set[int],
+        notes: tuple[str, ...],
+    ) -> CompensatedProgram:
+        program = self.program
+        fates: list[Fate] = []
+        looks = {(look.source, look.line, look.name): look.why for look in writing.looks}
+        targets, corrected, alone = 0, 0, 0
+        for number, literal in enumerate(program.literals):
+            if not program.sources[literal.source].edited:
+                continue
+            left = number in self.why
+            targets += not literal.left and self.why.get(number) not in (SEED, AS_FRAME)
+            what = "left" if left else "corrected" if number in writing.changed else "unchanged"
+            place = (literal.source, literal.line, literal.name)
+            why = self.why[number] if left else looks.get(place, "")
+            fates.append(Fate(*place, literal.kind, what, why))
+            if literal.kind == POSE:
+                corrected += not left
+                alone += left and bool(literal.numbers) and number in moved_to
+        listed = program.literals or program.remarks or self.left
+        return CompensatedProgram(
+            names=tuple(source.name for source in program.sources),
+            texts=texts,
+            targets=targets,
+            changed=len(writing.changed),
+            largest_mm=1e3 * writing.largest_m,
+            largest_deg=float(np.rad2deg(writing.largest_rad)),
+            left_alone=(*self.left, *(remark for remark, _ in self.failures)),
+            remarks=tuple(writing.looks),
+            notes=notes if listed else (_nothing(self.format),),
+            fates=tuple(fates),
+            inconsistent=alone if corrected else 0,
+        )
+
+
+def _alone(literal: Literal) -> Literal:
+    """A literal without its external axes."""
+    return replace(literal, left="") if literal.left == EXTERNAL and literal.numbers else literal
+
+
+def _others(failures: Sequence[Remark]) -> str:
+    """How many there are, and of which kinds if there are several."""
+    if not failures:
+        return ""
+    kinds = Counter(re.sub(r"\s*[('\d].*", "", failure.why) for failure in failures)
+    listed = ", ".join(f"{count} × {kind}" for kind, count in kinds.most_common(_KINDS))
+    more = ", …" if len(kinds) > _KINDS else ""
+    return f"; and {len(failures)} more" + (f" ({listed}{more})" if len(kinds) > 1 else "")
 
 
 def _nothing(program_format: str) -> str:
     return f"no positions are written in it as {program_format}; if it is something else, say so with --format"
-
-
-def _known(known: dict[str, Array], name: str | None) -> Array | None:
-    if name == "":
-        return known.get("0", np.eye(4))
-    return known.get("default" if name is None else name)
-
-
-def _unknown(target: Target, frame: bool) -> str:
-    kind, name = ("frame", target.frame) if frame else ("tool", target.tool)
-    key = "default" if name is None else name
-    what = f"the program does not say its {kind}" if name is None else f"{kind} '{name}' is not known"
-    return f"{what}; give it with --frames, [{kind}s.{key}]"
 
 
 def _beyond(controller: Controller, q: Array) -> str:
@@ -294,25 +361,3 @@ def _beyond(controller: Controller, q: Array) -> str:
     factor, unit = (1e3, "mm") if robot.prismatic[j] else (180 / np.pi, "deg")
     limits = f"{robot.lower[j] * factor:.6g} … {robot.upper[j] * factor:.6g} {unit}"
     return f"joint {j + 1} at {q[j] * factor:.6g} {unit} is outside its limits ({limits})"
-
-
-def _remark(target: Target, why: str) -> Remark:
-    return Remark(target.line, target.name, why)
-
-
-def _stopped(name: str, failures: list[tuple[Remark, type[CalibtoolError]]]) -> CalibtoolError:
-    first, kind = min(failures, key=lambda failure: failure[0].line)
-    more = f"; and {len(failures) - 1} more" if len(failures) > 1 else ""
-    label = f"{first.name}: " if first.name else ""
-    return kind(
-        f"{name}:{first.line}: {label}{first.why}{more}; nothing is written (--on-error skip leaves such targets)"
-    )
-
-
-def _places(remarks: list[Remark]) -> str:
-    """`line 3 (P[1])`, or `lines 3, 5, 9 and 14 more`."""
-    if len(remarks) == 1:
-        return f"line {remarks[0].line}" + (f" ({remarks[0].name})" if remarks[0].name else "")
-    numbers = [str(line) for line in sorted({remark.line for remark in remarks})]
-    more = f" and {len(numbers) - _LISTED} more" if len(numbers) > _LISTED else ""
-    return f"lines {', '.join(numbers[:_LISTED])}{more}"

@@ -27,7 +27,7 @@ class Posture:
     flexed: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Digit:
     """An integer of the configuration data and where it stands in the text."""
 
@@ -58,18 +58,26 @@ class Configuration(Protocol):
 
 @dataclass(frozen=True)
 class Fanuc:
-    """`N U T, 0, 0, 0`: no-flip/flip, up/down, top (front)/bottom (back), turns. Only turns 0 are read.
+    """`N U T, 0, 0, 0`: no-flip/flip, up/down, top (front)/bottom (back), and the turns of three joints.
 
-    N: the wrist is bent as with J5 = −90 deg; U: the elbow as at the zero position; T: wrist in front of axis 1.
+    N: the wrist is bent as with J5 = −90 deg; U: the elbow as at the zero position; T: wrist in front of axis 1. Turn k of
+    a joint: from 360 k − 180 to 360 k + 180 deg. What is not written is 0. axes: the joints, from 0, see $TURN_AXIS.
     """
 
     flip: str
     elbow: str
     side: str
+    numbers: tuple[Digit, ...] = ()
+    axes: tuple[int, ...] = (0, 3, 5)
 
     @property
     def text(self) -> str:
-        return f"{self.flip} {self.elbow} {self.side}, 0, 0, 0"
+        return f"{self.flip} {self.elbow} {self.side}, {', '.join(map(str, self._turns))}"
+
+    @property
+    def _turns(self) -> list[int]:
+        written = [number.value for number in self.numbers[: len(self.axes)]]
+        return written + [0] * (len(self.axes) - len(written))
 
     def branch(self, posture: Posture, zero: Posture) -> bool:
         return (
@@ -79,10 +87,13 @@ class Fanuc:
         )
 
     def turns(self, q: Array) -> bool:
-        return bool((np.abs(q) <= np.pi + _BORDER).all())
+        away = q[list(self.axes)] - 2 * np.pi * np.array(self._turns)
+        return bool((np.abs(away) <= np.pi + _BORDER).all())
 
     def digits(self, q: Array) -> list[tuple[Digit, int]]:
-        return []
+        here = np.floor((q[list(self.axes)] + np.pi) / (2 * np.pi)).astype(int).tolist()
+        pairs = zip(self.numbers, here, strict=False)
+        return [(number, turn) for number, turn in pairs if turn != number.value]
 
 
 @dataclass(frozen=True)
@@ -120,7 +131,7 @@ class Kuka:
         return [] if value == self.turn.value else [(self.turn, value)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Abb:
     """`[cf1,cf4,cf6,cfx]`: quadrants of axes 1, 4 and 6; cfx: 4 behind axis 1, 2 behind the lower arm, 1 axis 5 negative.
 
@@ -155,25 +166,32 @@ def _in_quadrant(angle: float, quadrant: int) -> bool:
     return bool(low - _BORDER <= angle <= low + np.pi / 2 + _BORDER)
 
 
-def posture(robot: Robot, q: Array, q_controller: Array) -> Posture:
-    """The branch of joint positions q (n,) of a six-joint arm with a wrist; q_controller (n,): as the controller counts.
+def postures(robot: Robot, q: Array, q_controller: Array) -> np.ndarray:
+    """The branches of joint positions q (N, n) of a six-joint arm: (N, 3) bool, front, bent and flexed.
 
-    The wrist centre is the origin of joint 5.
+    q_controller (N, n): as the controller counts. The wrist centre is the origin of joint 5.
     """
-    frames, here = [], np.eye(4)
-    for placement, twist, angle in zip(robot.chain.placements, robot.chain.twists, q, strict=False):
-        here = here @ placement
+    frames, here = [], np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    for j in range(5):
+        here = here @ robot.chain.placements[j]
         frames.append(here)
-        here = here @ exp6(twist * angle)
-    points = [frame[:3, 3] for frame in frames]
-    axis_1, axis_3 = (frames[j][:3, :3] @ robot.chain.twists[j][3:] for j in (0, 2))
-    turned_x = exp6(np.concatenate([np.zeros(3), axis_1 * q[0]]))[:3, :3] @ np.array([1.0, 0.0, 0.0])
+        here = here @ exp6(robot.chain.twists[j] * q[:, j, None])
+    points = [frame[:, :3, 3] for frame in frames]
+    axis_1, axis_3 = (frames[j][:, :3, :3] @ robot.chain.twists[j][3:] for j in (0, 2))
+    turned = exp6(np.concatenate([np.zeros_like(axis_1), axis_1 * q[:, :1]], axis=-1))
+    turned_x = turned[:, :3, 0]
     wrist = points[4]
-    return Posture(
-        front=bool((wrist - points[0]) @ turned_x >= 0.0),
-        bent=bool(axis_3 @ np.cross(points[2] - points[1], wrist - points[2]) >= 0.0),
-        flexed=bool(np.sin(q_controller[4]) >= 0.0),
-    )
+    normal = np.cross(points[2] - points[1], wrist - points[2])
+    front = ((wrist - points[0]) * turned_x).sum(axis=-1) >= 0.0
+    bent = (axis_3 * normal).sum(axis=-1) >= 0.0
+    flexed: np.ndarray = np.sin(q_controller[:, 4]) >= 0.0
+    return np.stack([front, bent, flexed], axis=-1)
+
+
+def posture(robot: Robot, q: Array, q_controller: Array) -> Posture:
+    """The branch of joint positions q (n,), see `postures`."""
+    front, bent, flexed = postures(robot, q[None], q_controller[None])[0]
+    return Posture(bool(front), bool(bent), bool(flexed))
 
 
 def has_postures(robot: Robot) -> bool:

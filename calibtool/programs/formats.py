@@ -1,16 +1,25 @@
-"""The formats of programs, and which one a file is in."""
+"""The languages of programs, and which one a file is in."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import PurePath
-from typing import Protocol
+from typing import Any, Protocol
+
+import numpy as np
 
 from calibtool.programs import abb, fanuc, kuka, ros2, ur
-from calibtool.programs.targets import Program
+from calibtool.programs.motions import Program, Source
+from calibtool.programs.targets import BYTE_ORDER_MARK
+from calibtool.robot.coupling import JointValues
 from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, readonly
 
 
-class Format(Protocol):
-    """What the module of a format offers."""
+class Language(Protocol):
+    """What the module of a language offers beside `program`.
+
+    coupling(robot), where there is one: C (n, n) of q_serial = C · q_controller for programs of this language, which
+    then states joint values as the controller shows them unless something else is said.
+    """
 
     NAME: str
 
@@ -19,25 +28,45 @@ class Format(Protocol):
         """Ends of file names, lower case."""
 
     def matches(self, text: str) -> bool:
-        """Whether a text, or its first part, is of this format."""
+        """Whether a text, or its first part, is in this language."""
 
-    def read(self, text: str, robot: Robot) -> Program:
-        """The targets of a program."""
+    def program(self, sources: Sequence[Source], robot: Robot) -> Program:
+        """The positions and motions of a program of one or several texts."""
 
 
-_FORMATS: tuple[Format, ...] = (fanuc, kuka, abb, ur, ros2)
-_MODULES = {module.NAME: module for module in _FORMATS}
+_LANGUAGES: tuple[Any, ...] = (fanuc, kuka, abb, ur, ros2)
+_MODULES = {module.NAME: module for module in _LANGUAGES}
 PROGRAM_FORMATS = tuple(_MODULES)
 _HEAD = 65536  # characters that tell a format
 
 
+def read_program(name: str, sources: Sequence[Source], robot: Robot) -> Program:
+    """The positions and motions of a program in the language called `name`."""
+    program: Program = _MODULES[name].program(sources, robot)
+    return program
+
+
 def reader(name: str) -> Callable[[str, Robot], Program]:
-    """The function that finds the targets of a program in this format."""
-    return _MODULES[name].read
+    """The same for programs of one text."""
+    return lambda text, robot: read_program(name, [Source("program", text)], robot)
+
+
+def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Array:
+    """What stands between a program's joint values and the serial chain, (n, n).
+
+    `controller`: what the language says of the robot, otherwise the robot's own coupling. `serial`: the program's values
+    are the chain's. None: `controller` for languages that say something, `serial` for the others.
+    """
+    module = _MODULES[name]
+    own = getattr(module, "coupling", None)
+    if joint_values == "serial" or (joint_values is None and own is None):
+        return readonly(np.eye(robot.n))
+    return readonly(robot.coupling if own is None else own(robot))
 
 
 def detected(text: str, name: str) -> str | None:
     """The format of a program: by what it holds, with the end of its name where that is not clear; None if nothing tells."""
+    text = text.removeprefix(BYTE_ORDER_MARK)
     suffix = PurePath(name).suffix.lower()
     named = [module.NAME for module in _MODULES.values() if suffix in module.SUFFIXES]
     held = [module.NAME for module in _MODULES.values() if module.matches(text[:_HEAD])]

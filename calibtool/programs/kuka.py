@@ -1,22 +1,37 @@
-"""KUKA programs (KRL, .src and .dat): AXIS, E6AXIS, POS, E6POS and FRAME, declared, assigned or in a motion."""
+"""KUKA programs (KRL, .src and .dat): what their routines assign, and their motions."""
 
 import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
-from calibtool.programs.configurations import Digit, Kuka
-from calibtool.programs.frames import pose
-from calibtool.programs.targets import (
-    Lines,
-    Number,
+from calibtool.programs.krl import Declared, Statement, declared
+from calibtool.programs.krl_data import Text
+from calibtool.programs.krl_motions import Motions
+from calibtool.programs.krl_names import CALLED, Names, Procedure, call_arguments
+from calibtool.programs.krl_values import AS_FRAME, BASE_NOW, MODE_NOW, ON_BASE, TOOL_NOW
+from calibtool.programs.motions import (
+    FRAME,
+    TOOL,
+    Assign,
+    Begin,
+    Break,
+    Call,
+    Edited,
+    Else,
+    End,
+    Frame,
+    Jump,
+    Label,
+    Literal,
     Program,
-    Remark,
-    Target,
-    by_position,
-    comments_blanked,
-    is_not_finite,
-    number_at,
+    Return,
+    Routine,
+    Source,
+    Value,
 )
+from calibtool.programs.motions import Statement as Step
+from calibtool.programs.targets import Remark
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import Array
 
 NAME = "kuka-krl"
 SUFFIXES = (".src", ".dat", ".sub")
@@ -24,26 +39,12 @@ _START = re.compile(
     r"^[^\S\n]*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT\s+\w+|(?:FCT)?[^\r\n(]+\([^\r\n)]*\)(?!\s*:)))",
     re.MULTILINE | re.IGNORECASE,
 )
-_NAME = r"\$?[A-Za-z_][\w$]*(?:\[[\d,\s]+\])?"
-_MOVES = r"S?(?:PTP|LIN|CIRC|SPL)"
-_PART = re.compile(
-    rf"(?P<relative>\b{_MOVES}_REL\b)[^\n]*"
-    rf"|\bDECL\s+(?:GLOBAL\s+)?FDAT\s+(?P<fdat>\w+)\s*=\s*\{{(?P<fdat_items>[^{{}}]*)\}}"
-    rf"|\bBAS\s*\(\s*#(?P<bas>TOOL|BASE)\s*,\s*(?P<bas_number>\w+)\s*\)"
-    rf"|(?P<system>\$(?:TOOL|BASE))\s*=\s*(?:(?P<data>(?:TOOL|BASE)_DATA)\s*\[\s*(?P<data_number>\w+)\s*\]"
-    rf"|(?P<null>\$NULLFRAME)|\{{(?P<system_items>[^{{}}]*)\}}|(?P<other>[^\n]+))"
-    rf"|\b(?P<table>TOOL|BASE)_DATA\s*\[\s*(?P<table_number>\d+)\s*\]\s*=\s*\{{(?P<table_items>[^{{}}]*)\}}"
-    rf"|(?<![\w$])(?:(?P<type>E6AXIS|AXIS|E6POS|POS|FRAME)\s+)?(?P<name>{_NAME})\s*=\s*\{{(?P<items>[^{{}}\n]*)\}}"
-    rf"|\b(?:E6AXIS|AXIS|E6POS|POS)\s+(?P<open>{_NAME})\s*=\s*\{{[^{{}}\n]*$"
-    rf"|\b(?P<move>{_MOVES})\b(?P<rest>[^\n]*)",
-    re.IGNORECASE | re.MULTILINE,
-)
-_GROUP = re.compile(r"\{([^{}]*)\}")
-_JOINTS = [f"A{k}" for k in range(1, 7)]
-_POSE = ["X", "Y", "Z", "A", "B", "C"]
-_EXTERNAL = [f"E{k}" for k in range(1, 7)]
-_KNOWN = {*_JOINTS, *_POSE, *_EXTERNAL, "S", "T"}
-_INTEGER = re.compile(r"(-?\d{1,9})|'B([01]{1,32})'|'H([0-9A-Fa-f]{1,8})'")
+_UNSAID = {BASE_NOW: Frame(FRAME, None), TOOL_NOW: Frame(TOOL, None), MODE_NOW: ON_BASE}
+_OPEN = re.compile(r"(?:BASE|TOOL)_DATA\s*\[\s*[A-Z_$][^\[\]]*\][\s.\w]*=(?!=)", re.IGNORECASE)
+_NUMBERED = re.compile(
+    r"(BASE|TOOL)(?:_DATA\s*\[|_NO\s|\s*,)\s*(\d+)", re.IGNORECASE
+)  # BASE_DATA[1], BASE_NO 1, BAS(#BASE,1)
+_LISTED = 5  # routines named in a note
 
 
 def matches(text: str) -> bool:
@@ -51,179 +52,177 @@ def matches(text: str) -> bool:
     return _START.search(text) is not None
 
 
-def read(text: str, robot: Robot) -> Program:
-    """Targets of a .src or .dat file; tool and base follow the text, or the FDAT of the same point."""
-    return _Reader(text, robot).program()
+def program(sources: Sequence[Source], robot: Robot) -> Program:
+    """The positions and motions of programs and data lists of one controller."""
+    literals: list[Literal] = []
+    texts = [Text(k, source.name, source.text, robot, literals) for k, source in enumerate(sources)]
+    names = Names()
+    names.read(texts)
+    held = any(re.search(r"#TCP\b", text.code, re.IGNORECASE) for text in texts)
+    open_tables = any(_OPEN.search(text.code) for text in texts)
+    values: dict[str, Value] = dict(_UNSAID)
+    readers = [_Reader(text, names, values, held) for text in texts]
+    for text in texts:
+        for table, index in _NUMBERED.findall(text.code) if open_tables else ():
+            readers[0].numbered(f"{table.lower()}_data", index, 0)
+    for reader in readers:
+        reader.declare()
+    routines = [routine for reader in readers for routine in reader.routines()]
+    for text in texts:
+        text.others()
+    called = {step.routine for r in routines for step in r.body if isinstance(step, Call)}
+    start = tuple(Assign(0, name, value) for name, value in _UNSAID.items())
+    missing = sorted({name for reader in readers for name in reader.missing})
+    direct = any(
+        step.name == BASE_NOW for r in routines for step in r.body if isinstance(step, Assign)
+    )
+    return Program(
+        tuple(sources),
+        tuple(literals),
+        tuple(r if r.name in called else replace(r, body=start + r.body) for r in routines),
+        values,
+        tuple(remark for reader in readers for remark in reader.remarks),
+        (_missing(missing),) if missing and direct else (),
+        persistent=True,
+        unused="no motion of this program goes there, and nothing else tells its base and tool",
+    )
 
 
-class _Reader:
-    """What is known while the text is read from top to bottom: the tool and base in force, and what was found."""
+def _missing(names: list[str]) -> str:
+    more = " …" if len(names) > _LISTED else ""
+    which = ", ".join(names[:_LISTED]) + more
+    return f"no file holds {which}: taken to leave $BASE and $TOOL as they are"
 
-    def __init__(self, text: str, robot: Robot) -> None:
-        self.text, self.robot, self.lines = text, robot, Lines(text)
-        self.code = comments_blanked(text, r";[^\r\n]*")
-        moved_to = re.findall(rf"\b{_MOVES}\s+({_NAME})", self.code, re.IGNORECASE)
-        self.driven = {re.sub(r"\s", "", name).upper() for name in moved_to}
-        self.active: dict[str, str | None] = {"TOOL": None, "BASE": None}
-        self.defined: dict[str, dict[str, Array]] = {"TOOL": {}, "BASE": {}}
-        self.targets: list[tuple[Target, str]] = []
-        self.remarks: list[Remark] = []
-        self.fdat: dict[str, tuple[str | None, str | None]] = {}
 
-    def program(self) -> Program:
-        for part in _PART.finditer(self.code):
-            self._part(part)
-        targets = []
-        for target, variable in self.targets:
-            frame, tool = self.fdat.get(f"F{variable[1:]}".upper(), (target.frame, target.tool))
-            if target.kind == "pose":
-                target = Target(**{**vars(target), "frame": frame, "tool": tool})
-            targets.append(target)
-        found = by_position(targets)
-        return Program(self.text, found, tuple(self.remarks), self.defined["BASE"], self.defined["TOOL"])
+class _Reader(Motions):
+    """A text: what its data lists declare, and its routines as steps."""
 
-    def _part(self, part: re.Match[str]) -> None:
-        line = self.lines(part.start())
-        if part["relative"]:
-            self.remarks.append(Remark(line, part["relative"], "a relative motion"))
-        elif part["fdat"]:
-            self.fdat[part["fdat"].upper()] = _fdat(part["fdat_items"])
-        elif part["bas"]:
-            self.active[part["bas"].upper()] = _numbered(part["bas_number"])
-        elif part["system"]:
-            self._system(part, part["system"][1:].upper(), line)
-        elif part["table"]:
-            frame = self._frame(part.start("table_items"), part.end("table_items"))
-            if frame is not None:
-                self.defined[part["table"].upper()][part["table_number"]] = frame
-        elif part["open"]:
-            self.remarks.append(Remark(line, part["open"], "a brace is not closed", bad=True))
-        elif part["name"] is not None:
-            self._assigned(part, line)
-        elif part["move"]:
-            if "{" in part["rest"] and "}" not in part["rest"]:
-                self.remarks.append(Remark(line, part["move"], "a brace is not closed", bad=True))
-            for group in _GROUP.finditer(self.code, part.start("rest"), part.end("rest")):
-                self._position(group.start(1), group.end(1), part["move"].upper(), "")
+    def __init__(self, text: Text, names: Names, values: dict[str, Value], held: bool) -> None:
+        super().__init__(text, names, values, held)
+        self.missing: set[str] = set()
 
-    def _system(self, part: re.Match[str], which: str, line: int) -> None:
-        if part["data"]:
-            self.active[which] = _numbered(part["data_number"])
-        elif part["null"]:
-            self.active[which] = ""
+    def declare(self) -> None:
+        """What the text's data lists say, and declarations outside of routines."""
+        inside = False
+        for statement, scopes in self.text.scoped:
+            self.scopes = scopes
+            if statement.word == "routine":
+                inside = True
+            elif statement.word in ("end", "endfct"):
+                inside = False
+            elif not inside and statement.word in ("decl", "assign"):
+                for step in self._data(statement, 0):
+                    self._declare(step.name, step.value, statement)
+
+    def _declare(self, key: str, value: Value, statement: Statement) -> None:
+        old = self.declared.get(key)
+        given = old is not None and not (isinstance(old, Frame) and old.values is None)
+        if given and old != value and key not in _UNSAID:
+            again = isinstance(value, int) and self._source(old) == self.text.number
+            if not again:
+                why = "another file, or another line, gives it another value"
+                self._bad(statement.position, key.split("|")[-1], why)
+                return
+        self.declared[key] = value
+
+    def _source(self, value: Value | None) -> int:
+        return self.text.literals[value].source if isinstance(value, int) else -1
+
+    def _data(self, statement: Statement, line: int) -> Iterator[Assign]:
+        """What a declaration or an assignment gives to variables; line: 0 in a data list."""
+        if statement.word == "decl":
+            for item in declared(self.code, statement.start, statement.end):
+                if item.start >= 0:
+                    yield from self.given(item, statement.name, line)
         else:
-            items = part["system_items"]
-            frame = None if items is None else self._frame(part.start("system_items"), part.end("system_items"))
-            self.active[which] = None
-            if frame is not None:
-                self.active[which] = f"${which} of line {line}"
-                self.defined[which][f"${which} of line {line}"] = frame
+            yield from self.assigned(statement, line)
 
-    def _assigned(self, part: re.Match[str], line: int) -> None:
-        name, kind = part["name"], (part["type"] or "").upper()
-        written = re.match(r"\s*(E6AXIS|AXIS|E6POS|POS|FRAME)\s*:", part["items"], re.IGNORECASE)
-        kind = kind or (written[1].upper() if written else "")
-        driven = re.sub(r"\s", "", name).upper() in self.driven
-        if not kind and not driven:
-            return  # load data, motion parameters, something else
-        if kind == "FRAME" and not driven:
-            self.remarks.append(Remark(line, name, "a FRAME that no motion of this file goes to"))
-            return
-        self._position(part.start("items"), part.end("items"), name, name)
+    def routines(self) -> Iterator[Routine]:
+        """The routines of the text."""
+        steps: list[Step] | None = None
+        cases: list[bool] = []  # of open SWITCH: whether a CASE was seen
+        name = ""
+        for statement, scopes in self.text.scoped:
+            self.scopes = scopes
+            if statement.word == "routine":
+                if steps is not None:
+                    yield Routine(name, tuple(steps), self.text.number)
+                name, steps, cases = self.scopes[0], [], []
+            elif steps is None:
+                if statement.word in ("move", "relative"):
+                    self._bad(statement.position, statement.name, "a motion outside of a routine")
+            elif statement.word in ("end", "endfct"):
+                yield Routine(name, tuple(steps), self.text.number)
+                steps = None
+            else:
+                steps += self._steps(statement, cases)
+        if steps is not None:
+            yield Routine(name, tuple(steps), self.text.number)
 
-    def _items(self, start: int, end: int) -> dict[str, tuple[int, int]]:
-        """Component → span of its value. A type in front (`E6POS:`) is skipped."""
-        prefix = re.compile(r"\s*[A-Za-z]\w*\s*:").match(self.code, start, end)
-        start = prefix.end() if prefix else start
-        found = {}
-        for item in re.compile(r"[^,]+").finditer(self.code, start, end):
-            match = re.compile(r"\s*([A-Za-z]\w*)\s*").match(self.code, item.start(), item.end())
-            key = match[1].upper() if match else item[0].strip()
-            found[key] = (match.end() if match else item.start(), item.end())
-        return found
+    def _steps(self, statement: Statement, cases: list[bool]) -> Iterator[Step]:
+        word, line = statement.word, self.text.lines(statement.position)
+        if word not in ("decl", "aside") and "(" in self.code[statement.start : statement.end]:
+            yield from self._calls(statement, line)
+        if word in ("if", "switch", "for", "while", "repeat", "loop"):
+            yield Begin(loop=word not in ("if", "switch"), once=word in ("repeat", "loop"))
+            if word == "switch":
+                cases.append(False)
+        elif word in ("elseif", "else"):
+            yield Else(last=word == "else")
+        elif word in ("case", "default"):
+            if cases and not cases[-1]:
+                cases[-1] = True
+            else:
+                yield Else(last=word == "default")
+        elif word in ("endif", "endswitch", "endfor", "endwhile", "until", "endloop"):
+            if word == "endswitch" and cases:
+                cases.pop()
+            yield End()
+        elif word == "exit":
+            yield Break()
+        elif word == "label":
+            yield Label(statement.name.lower())
+        elif word == "goto":
+            yield Jump(self.code[statement.start : statement.end].strip().lower())
+        elif word == "return":
+            yield Return()
+        elif word in ("decl", "assign"):
+            yield from self._data(statement, line)
+        elif word in ("spline", "ptp_spline", "endspline"):
+            self.block = self.settings(statement.start, statement.end, line)
+        elif word in ("move", "relative"):
+            yield from self.motion(statement, line)
 
-    def _frame(self, start: int, end: int) -> Array | None:
-        spans = self._items(start, end)
-        numbers = self._numbers(spans, _POSE, ["mm"] * 3 + ["deg"] * 3) if set(spans) >= set(_POSE) else None
-        if not isinstance(numbers, tuple):
-            return None
-        return pose([number.value for number in numbers], "abc")
+    def _calls(self, statement: Statement, line: int) -> Iterator[Step]:
+        """Calls of routines in a statement, with what their parameters hold; BAS sets base and tool."""
+        for match in CALLED.finditer(self.code, statement.start, statement.end):
+            procedure = self.names.routine(match[1], self.text.module)
+            if match[1].upper() == "BAS":
+                yield from self.bas(match.end(), statement.end, line)
+            elif procedure is None:
+                if statement.word == "other" and match.start() == statement.start:
+                    self.missing.add(match[1])
+            else:
+                yield from self._call(procedure, match.end(), statement.end, line)
 
-    def _numbers(
-        self, spans: dict[str, tuple[int, int]], keys: list[str], units: list[str]
-    ) -> tuple[Number, ...] | str:
-        numbers = []
-        for key, unit in zip(keys, units, strict=True):
-            number = number_at(self.text, *spans[key], unit)
-            if number is None:
-                return f"{key} is '{self.text[slice(*spans[key])].strip()}'"
-            numbers.append(number)
-        return tuple(numbers)
+    def _call(self, procedure: Procedure, start: int, end: int, line: int) -> Iterator[Step]:
+        """A routine of the program; what it assigns to a parameter by reference changes there too."""
+        passed: list[tuple[str, Value]] = []
+        written: list[Assign] = []
+        given = call_arguments(self.text, start, end)
+        for parameter, (first, last) in zip(procedure.parameters, given, strict=False):
+            item = Declared(parameter, "", first, last)
+            type_ = self.names.type(parameter, (procedure.key,))
+            key = f"{procedure.key}|{parameter}"
+            passed += [(step.name, step.value) for step in self.held_by(key, item, type_, line)]
+            changed = (procedure.key, parameter) in self.names.changed
+            if changed and parameter not in procedure.copied:
+                why = f"is changed by a routine (line {line})"
+                for variable in self.variables(self.target(self.code[first:last])):
+                    for name in (variable, f"{variable}{AS_FRAME}"):
+                        written.append(Assign(line, name, Edited(name, (), "abc", line, why)))
+        yield Call(line, procedure.key, tuple(passed))
+        yield from written
 
-    def _position(self, start: int, end: int, name: str, variable: str) -> None:
-        line = self.lines(start)
-        found = self._target(self._items(start, end), line, name)
-        if isinstance(found, Target):
-            self.targets.append((found, variable))
-        else:
-            self.remarks.append(found)
-
-    def _target(self, spans: dict[str, tuple[int, int]], line: int, name: str) -> Target | Remark:
-        robot = self.robot
-        unknown = [key for key in spans if key not in _KNOWN]
-        if unknown:
-            return Remark(line, name, f"'{unknown[0][:30]}' is not known in a position", bad=True)
-        joint = any(key in spans for key in _JOINTS)
-        if joint and any(key in spans for key in [*_POSE, "S", "T"]):
-            return Remark(line, name, "axes and a pose in one position", bad=True)
-        keys = _JOINTS if joint else _POSE
-        missing = [key for key in keys if key not in spans]
-        if missing and not (joint and missing == _JOINTS[robot.n :]):
-            return Remark(line, name, f"a position without {', '.join(missing)}: the rest is where the robot stands")
-        if joint and len(spans.keys() & set(_JOINTS)) != robot.n:
-            return Remark(line, name, f"holds {6 - len(missing)} axes, but {robot.name} has {robot.n} joints", bad=True)
-        keys = keys[: robot.n] if joint else keys
-        joint_units = ["mm" if prismatic else "deg" for prismatic in robot.prismatic]
-        numbers = self._numbers(spans, keys, joint_units if joint else ["mm"] * 3 + ["deg"] * 3)
-        if isinstance(numbers, str):
-            if is_not_finite(numbers.split("'")[1]):
-                return Remark(line, name, f"{numbers}; expected a number", bad=True)
-            return Remark(line, name, f"a variable or an expression ({numbers})")
-        if joint:
-            return Target("joint", numbers, line, name)
-        for key in _EXTERNAL:
-            if key in spans:
-                number = number_at(self.text, *spans[key], "")
-                if number is None or number.value:
-                    return Remark(line, name, f"external axes beside a pose ({key})")
-        configuration: Kuka | None = None
-        if "S" in spans or "T" in spans:
-            digits = {key: self._integer(*spans[key]) for key in ("S", "T") if key in spans}
-            if None in digits.values():
-                return Remark(line, name, "S or T is not an integer", bad=True)
-            status, turn = digits.get("S"), digits.get("T")
-            configuration = Kuka(None if status is None else status.value, turn)
-        tool, frame = self.active["TOOL"], self.active["BASE"]
-        return Target("pose", numbers, line, name, "abc", frame, tool, configuration)
-
-    def _integer(self, start: int, end: int) -> Digit | None:
-        inner = self.text[start:end]
-        first = start + len(inner) - len(inner.lstrip())
-        match = _INTEGER.fullmatch(inner.strip())
-        if match is None:
-            return None
-        value = int(match[1]) if match[1] else int(match[2], 2) if match[2] else int(match[3], 16)
-        return Digit(first, first + len(inner.strip()), value)
-
-
-def _numbered(number: str) -> str | None:
-    """Name of a numbered tool or base: 0 is the flange or the robot's root, a variable is not known."""
-    return number.lstrip("0") if number.isdecimal() else None
-
-
-def _fdat(items: str) -> tuple[str | None, str | None]:
-    """(base, tool) of `{TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE,…}`; an external tool makes both unknown."""
-    base, tool = (re.search(rf"\b{which}_NO\s+(\d+)", items, re.IGNORECASE) for which in ("BASE", "TOOL"))
-    if re.search(r"IPO_FRAME\s+#TCP", items, re.IGNORECASE):
-        return None, None
-    return _numbered(base[1]) if base else None, _numbered(tool[1]) if tool else None
+    def _bad(self, position: int, name: str, why: str) -> None:
+        self.remarks.append(Remark(self.text.lines(position), name, why, True, self.text.number))

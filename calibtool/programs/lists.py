@@ -1,6 +1,8 @@
 """Bracketed lists and arguments in program text: where each element stands."""
 
 import re
+from array import array
+from bisect import bisect_left
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -28,19 +30,28 @@ class Item:
 
 def closing(code: str, start: int) -> int | None:
     """Position of the bracket that closes the one at `start`; None if there is none."""
-    return _pairs(code).get(start)
+    opened, closed = _pairs(code)
+    place = bisect_left(opened, start)
+    return closed[place] if place < len(opened) and opened[place] == start else None
 
 
 @lru_cache(maxsize=2)
-def _pairs(code: str) -> dict[int, int]:
-    """Opening → closing bracket, for the whole text at once: the time is linear whatever is not closed."""
-    found, opened = {}, []
+def _pairs(code: str) -> tuple["array[int]", "array[int]"]:
+    """Opening brackets in order and those that close them, of the whole text at once: the time is linear whatever is
+    not closed."""
+    opened, closed = array("q"), array("q")
+    waiting: list[int] = []  # their places in `opened`
     for match in _BRACKET.finditer(code):
         if match[0] in _OPEN:
+            waiting.append(len(opened))
             opened.append(match.start())
-        elif opened:
-            found[opened.pop()] = match.start()
-    return found
+            closed.append(-1)
+        elif waiting:
+            closed[waiting.pop()] = match.start()
+    kept = [k for k, end in enumerate(closed) if end >= 0]
+    if len(kept) < len(opened):
+        return array("q", (opened[k] for k in kept)), array("q", (closed[k] for k in kept))
+    return opened, closed
 
 
 def split(code: str, start: int, end: int) -> list[tuple[int, int]]:

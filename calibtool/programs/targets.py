@@ -1,25 +1,31 @@
-"""Program targets: where their numbers stand in a controller program, what they mean, and how they are rewritten."""
+"""Numbers in program text: where they stand, what they mean, and how they are rewritten."""
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from io import StringIO
+from struct import Struct
+from typing import overload
 
-from calibtool.programs.configurations import Configuration
-from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST, TO_SI
 
 # Decimals that keep 1e-6 deg and 1e-4 mm; a quaternion's components are as fine as 1e-6 deg.
 DECIMALS = {"deg": 6, "rad": 8, "mm": 4, "m": 7, "": 9}
 
+BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, as Latin-1
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _NUMBER = re.compile(NUMBER)
 _NOT_FINITE = re.compile(r"[-+]?\.?(?:nan|inf|infinity)", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Number:
-    """A number in the text: characters start to end, its unit (`""` for a quaternion's component), its SI value."""
+    """A number in the text: characters start to end, its unit (`""` for a quaternion's component), its SI value.
+
+    It may be a constant expression, such as `pi/2`, in place of which the number is written.
+    """
 
     start: int
     end: int
@@ -27,61 +33,69 @@ class Number:
     value: float
 
 
-@dataclass(frozen=True)
-class Target:
-    """A position that the program commands.
+_NUMBER_PACKED = Struct("<IId")  # start, end, value
 
-    kind           `joint` or `pose`
-    numbers        joints in the robot's order; or x, y, z and the orientation
-    line           line of the first number, from 1
-    name           how the program calls it, for messages
-    orientation    of a pose: `wpr` (fixed x, y, z), `abc` (z, y', x''), `quaternion` (scalar first), `rotation vector`
-    frame, tool    of a pose: names of its frame and tool; "" is the robot's base and the tool of the calibration, None
-                   is not known
-    configuration  what the program says about the branch; None: near the target before
-    joints         joint numbers beside a pose: they choose the branch, and are corrected with it
-    """
 
-    kind: str
-    numbers: tuple[Number, ...]
-    line: int
-    name: str
-    orientation: str = ""
-    frame: str | None = ""
-    tool: str | None = ""
-    configuration: Configuration | None = None
-    joints: tuple[Number, ...] = ()
+class Numbers(Sequence[Number]):
+    """Numbers of a position, kept in little memory: a program has tens of thousands."""
+
+    __slots__ = ("_packed", "_units")
+
+    def __init__(self, numbers: Iterable[Number]) -> None:
+        found = tuple(numbers)
+        self._units = _shared(tuple(number.unit for number in found))
+        self._packed = b"".join(_NUMBER_PACKED.pack(n.start, n.end, n.value) for n in found)
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The numbers in SI units."""
-        return tuple(number.value for number in self.numbers)
+        """In SI units."""
+        return tuple(value for _, _, value in _NUMBER_PACKED.iter_unpack(self._packed))
+
+    def __len__(self) -> int:
+        return len(self._units)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and tuple(self) == tuple(other)
+
+    def __hash__(self) -> int:
+        return hash(self._packed)
+
+    @overload
+    def __getitem__(self, index: int) -> Number: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Number, ...]: ...
+    def __getitem__(self, index: int | slice) -> Number | tuple[Number, ...]:
+        if isinstance(index, slice):
+            return tuple(self[k] for k in range(*index.indices(len(self))))
+        unit = self._units[index]  # IndexError behind the last one
+        place = index % len(self._units) * _NUMBER_PACKED.size
+        start, end, value = _NUMBER_PACKED.unpack_from(self._packed, place)
+        return Number(start, end, unit, value)
+
+    def __iter__(self) -> Iterator[Number]:
+        for (start, end, value), unit in zip(
+            _NUMBER_PACKED.iter_unpack(self._packed), self._units, strict=True
+        ):
+            yield Number(start, end, unit, value)
+
+
+@lru_cache(maxsize=1000)
+def _shared(units: tuple[str, ...]) -> tuple[str, ...]:
+    return units
 
 
 @dataclass(frozen=True)
 class Remark:
-    """Something in the program that is not corrected: its line, its name and why; bad: it is an error of the program."""
+    """Something in the program that is not corrected: its line, its name and why; bad: it is an error of the program.
+
+    source: number of its text
+    """
 
     line: int
     name: str
     why: str
     bad: bool = False
-
-
-@dataclass(frozen=True)
-class Program:
-    """A program's text (Latin-1, so that every byte is one character), its targets and what stays as it is.
-
-    frames, tools  T_base_frame and T_flange_tool that the program itself defines, (4, 4) in m
-    notes          what a reader of the summary has to know of this program
-    """
-
-    text: str
-    targets: tuple[Target, ...]
-    remarks: tuple[Remark, ...] = ()
-    frames: dict[str, Array] = field(default_factory=dict)
-    tools: dict[str, Array] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    source: int = 0
 
 
 class Lines:
@@ -115,7 +129,7 @@ def comments_blanked(text: str, comment: str, string: str = r'"[^"\n]*"') -> str
     def blank(match: re.Match[str]) -> str:
         return re.sub(r"[^\r\n]", " ", match[0])
 
-    return re.sub(f"{string}|{comment}", blank, text, flags=re.MULTILINE)
+    return re.sub(f"\\A{BYTE_ORDER_MARK}|{string}|{comment}", blank, text, flags=re.MULTILINE)
 
 
 def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
@@ -123,8 +137,13 @@ def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
 
     A number that stands right-aligned in a column (two blanks before it at least) keeps its column's width.
     """
-    pieces, position = [], 0
-    for start, end, new in sorted(edits):
+    return spliced(text, sorted(edits))
+
+
+def spliced(text: str, edits: Iterable[tuple[int, int, str]]) -> str:
+    """The same for edits in the order of the text."""
+    pieces, position = StringIO(), 0
+    for start, end, new in edits:
         room = start
         while room > position and text[room - 1] == " ":
             room -= 1
@@ -132,11 +151,14 @@ def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
             width = end - room
             close = len(new) <= width and text[room - 1 : room] in ("=", ",", "[", "(", "{", ":")
             wanted = new if close else f" {new}"
-            pieces += [text[position:room], wanted.rjust(width)]
+            pieces.write(text[position:room])
+            pieces.write(wanted.rjust(width))
         else:
-            pieces += [text[position:start], new]
+            pieces.write(text[position:start])
+            pieces.write(new)
         position = end
-    return "".join([*pieces, text[position:]])
+    pieces.write(text[position:])
+    return pieces.getvalue()
 
 
 def rewritten(text: str, numbers: Sequence[Number], values: Sequence[float]) -> list[tuple[int, int, str]]:
@@ -144,7 +166,13 @@ def rewritten(text: str, numbers: Sequence[Number], values: Sequence[float]) -> 
     edits = []
     for number, value in zip(numbers, values, strict=True):
         old = text[number.start : number.end]
-        new = written(old, value / TO_SI.get(number.unit, 1.0), number.unit)
+        factor = TO_SI.get(number.unit, 1.0)
+        if _NUMBER.fullmatch(old) is None:
+            decimals = DECIMALS[number.unit]
+            stays = abs(value - number.value) / factor < 0.5 * 10.0**-decimals
+            new = old if stays else f"{value / factor:.{decimals}f}"
+        else:
+            new = written(old, value / factor, number.unit)
         if new != old:
             edits.append((number.start, number.end, new))
     return edits
@@ -164,8 +192,3 @@ def written(old: str, value: float, unit: str) -> str:
     if re.match(r"[-+]?\.", old):
         new = re.sub(r"^([-+]?)0\.", r"\1.", new)
     return new
-
-
-def by_position(targets: Iterable[Target]) -> tuple[Target, ...]:
-    """Targets in the order of the text."""
-    return tuple(sorted(targets, key=lambda target: target.numbers[0].start))

@@ -1,166 +1,432 @@
-"""Universal Robots programs (URScript): literal joints and poses in movej, movel, movep, movec and servoj."""
+"""Universal Robots programs (URScript): the motions of a script, and variables that hold positions."""
 
 import re
-from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 from calibtool.programs.frames import pose
-from calibtool.programs.lists import closing, item, split
+from calibtool.programs.lists import closing, split
+from calibtool.programs.motions import (
+    BASE,
+    FLANGE,
+    JOINT,
+    POSE,
+    TOOL,
+    Aim,
+    Assign,
+    Begin,
+    Break,
+    Call,
+    Edited,
+    Either,
+    Else,
+    End,
+    Jump,
+    Label,
+    Literal,
+    Move,
+    Product,
+    Program,
+    Return,
+    Routine,
+    Source,
+    Unknown,
+    Value,
+    frame_of,
+)
+from calibtool.programs.motions import Statement as Step
 from calibtool.programs.targets import (
     Lines,
     Number,
-    Program,
     Remark,
-    Target,
-    by_position,
     comments_blanked,
     is_not_finite,
     number_at,
 )
+from calibtool.programs.urscript import CALL, Statement, arguments, constant, statements
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import Array
+from calibtool.units import LARGEST
 
 NAME = "ur-script"
 SUFFIXES = (".script", ".urscript")
-_CALL = re.compile(r"\b(movej|movel|movep|movec|servoj|set_tcp)\s*(?=\()")
-_RELATIVE = re.compile(r"\b(?:pose_trans|pose_add|get_actual_tcp_pose|get_actual_joint_positions|get_forward_kin)\b")
-_UNITS = ["m", "m", "m", "rad", "rad", "rad"]
+# Motions and the parameters that say where they go.
+_MOTIONS = {
+    "movej": ("q",),
+    "movel": ("pose",),
+    "movep": ("pose",),
+    "movec": ("pose_via", "pose_to"),
+    "servoj": ("q",),
+    "servoc": ("pose",),
+    "servol": ("pose",),
+    "optimovej": ("q",),
+    "optimovel": ("pose",),
+    "mc_add_linear": ("pose",),
+    "mc_add_circular": ("pose_via", "pose_to"),
+}
+_RELATIVE = ("pose_trans", "pose_add", "pose_sub", "interpolate_pose")
+_READ = re.compile(r"get_(?:actual|target)_\w+|get_forward_kin")
+_MOTION_CALL = re.compile(rf"\b(?:{'|'.join(_MOTIONS)})\s*\(")
+_SHAPE = re.compile(r"\bp\[(?=[^\[\]]*(?:,[^\[\]]*){5}\])")
+_TCP = "set_tcp"  # the variable that holds the tool
+_INVERSE = ("x", "qnear", "maxPositionError", "maxOrientationError", "tcp")  # get_inverse_kin
+_LOOPS = ("while", "for")
+_BLOCKS = ("if", "switch", *_LOOPS)
+_UNITS = ("m", "m", "m", "rad", "rad", "rad")
+_LOOK_BACK = 300  # characters in which the function is looked for that a pose is given to
+_DEGREES = re.compile(r"d2r\s*\(\s*([^()]*?)\s*\)")
 
 
 def matches(text: str) -> bool:
     """Whether this is a URScript program."""
-    return re.search(r"\b(?:movej|movel|movep|movec|servoj)\s*\(", text) is not None
+    return _MOTION_CALL.search(text) is not None
 
 
-def read(text: str, robot: Robot) -> Program:
-    """Targets of a script. The tool is that of the last set_tcp above; without one it is the calibration's."""
-    return _Reader(text, robot).program()
+def program(sources: Sequence[Source], robot: Robot) -> Program:
+    """The positions and motions of scripts that are run together."""
+    literals: list[Literal] = []
+    routines: list[Routine] = []
+    remarks: list[Remark] = []
+    notes: tuple[str, ...] = ()
+    names = _Names()
+    scripts = [_Script(k, source, robot, names, literals) for k, source in enumerate(sources)]
+    for script in scripts:
+        script.declare()
+    for script in scripts:
+        routines += script.routines()
+        script.others()
+        remarks += script.remarks
+        if script.without_tool:
+            notes = ("no set_tcp above: poses are taken as those of the calibration's tool",)
+    return Program(
+        tuple(sources),
+        tuple(literals),
+        tuple(routines),
+        {_TCP: FLANGE},
+        tuple(remarks),
+        notes,
+        unused="no motion that is known goes there",
+    )
 
 
-class _Reader:
-    """The tool in force while the text is read from top to bottom, and what was found."""
+@dataclass(frozen=True, slots=True)
+class _Function:
+    """A function: its unique name, the one around it, where it is defined, and its parameters."""
 
-    def __init__(self, text: str, robot: Robot) -> None:
-        self.text, self.robot, self.lines = text, robot, Lines(text)
-        self.code = comments_blanked(text, r"#[^\r\n]*")
-        self.words = Counter(re.findall(r"\b[A-Za-z_]\w*\b", self.code))
-        self.moved = Counter(re.findall(r"\b(?:movej|movel|movep|servoj)\s*\(\s*(\w+)\b(?!\s*[\[(])", self.code))
-        self.assigned: dict[str, list[re.Match[str]]] = {}
-        for match in re.finditer(r"\b([A-Za-z_]\w*)\s*=(?!=)\s*", self.code):
-            self.assigned.setdefault(match[1], []).append(match)
-        self.tool: str | None = ""
-        self.tools: dict[str, Array] = {}
-        self.targets: dict[int, Target] = {}  # by position: a variable may be used by several moves
+    key: str
+    parent: str
+    position: int
+    parameters: tuple[str, ...]
+
+
+@dataclass(eq=False)
+class _Names:
+    """Names of all scripts, by text and name, and those that may be meant by a name from another text."""
+
+    functions: dict[tuple[int, str], _Function] = field(default_factory=dict)
+    variables: set[tuple[int, str]] = field(default_factory=set)
+    elements: dict[str, list[str]] = field(default_factory=dict)  # of lists, by the list's variable
+    texts: int = 0
+
+    def function(self, text: int, name: str) -> _Function | None:
+        """The function that a name means in a text."""
+        places = [text, *range(self.texts)]
+        return next((f for k in places if (f := self.functions.get((k, name)))), None)
+
+    def variable(self, text: int, name: str) -> str:
+        """The variable that a name means in a text."""
+        places = [k for k in (text, *range(self.texts)) if (k, name) in self.variables]
+        return f"{places[0] if places else text}|{name}"
+
+
+class _Script:
+    """A text and what is found in it."""
+
+    def __init__(
+        self, number: int, source: Source, robot: Robot, names: _Names, literals: list[Literal]
+    ) -> None:
+        self.number, self.text, self.robot = number, source.text, robot
+        self.names, self.literals = names, literals
+        self.code = comments_blanked(source.text, r"#[^\r\n]*", r'"[^"\n]*"|\'[^\'\n]*\'')
+        self.lines = Lines(source.text)
         self.remarks: list[Remark] = []
+        self.taken: set[int] = set()  # where literals begin
+        self.changed: set[str] = set()  # names of lists of which an element is assigned
+        self.with_tool = self.without_tool = False
+        self.function = _Function("", "", 0, ())  # around the statement that is read
 
-    def program(self) -> Program:
-        for call in _CALL.finditer(self.code):
-            end = closing(self.code, call.end())
-            if end is None:
-                self._remark(call.start(), call[1], "a bracket is not closed", bad=True)
-                continue
-            spans = split(self.code, call.end() + 1, end)
-            if call[1] == "set_tcp":
-                self._set_tcp(spans[0], self.lines(call.start()))
-                continue
-            for span in spans[: 2 if call[1] == "movec" else 1]:
-                self._point(span, call[1])
-        poses = [target for target in self.targets.values() if target.kind == "pose"]
-        notes = ("no set_tcp above: poses are taken as those of the calibration's tool",)
-        return Program(
-            self.text,
-            by_position(self.targets.values()),
-            tuple(self.remarks),
-            tools=self.tools,
-            notes=notes if any(target.tool == "" for target in poses) else (),
-        )
+    def declare(self) -> None:
+        """Take in the names of functions and variables."""
+        self.names.texts = max(self.names.texts, self.number + 1)
+        around: list[str] = []
+        for statement in statements(self.code):
+            if statement.word == "def":
+                words = re.findall(r"([A-Za-z_]\w*)(?=\s*[,)=])", self._text(statement))
+                key, parent = (
+                    f"{self.number}|{statement.name}()",
+                    next((name for name in reversed(around) if name), f"{self.number}"),
+                )
+                self.names.functions[self.number, statement.name] = _Function(
+                    key, parent, statement.position, tuple(words)
+                )
+                around.append(key)
+            elif statement.word in _BLOCKS:
+                around.append("")
+            elif statement.word == "end" and around:
+                around.pop()
+            elif statement.word == "assign":
+                self.names.variables.add((self.number, statement.name))
+                if statement.index:
+                    self.changed.add(statement.name)
 
-    def _remark(self, position: int, name: str, why: str, bad: bool = False) -> None:
-        self.remarks.append(Remark(self.lines(position), name, why, bad))
+    def _text(self, statement: Statement) -> str:
+        return self.code[statement.start : statement.end]
 
-    def _set_tcp(self, span: tuple[int, int], line: int) -> None:
-        numbers = self._literal(*span)
-        self.tool = None
-        if isinstance(numbers, list) and self._is_pose(*span):
-            self.tool = f"set_tcp of line {line}"
-            self.tools[self.tool] = pose([number.value for number in numbers], "rotation vector")
+    # --- routines ------------------------------------------------------------------------------
 
-    def _is_pose(self, start: int, end: int) -> bool:
-        return self.code[start:end].strip().startswith("p[")
+    def routines(self) -> Iterator[Routine]:
+        """The functions and threads, and what stands outside of them."""
+        outside = _Function(f"{self.number}", "", 0, ())
+        open_: list[tuple[_Function, list[Step]]] = [(outside, [])]
+        blocks: list[str] = []
+        loops: list[str] = []
+        first_case = False
+        for statement in statements(self.code):
+            self.function, steps = open_[-1]
+            word = statement.word
+            if word == "def":
+                blocks.append(word)
+                open_.append((self.names.functions[self.number, statement.name], []))
+            elif word in _BLOCKS:
+                blocks.append(word)
+                steps += self._calls(statement)
+                first_case = word == "switch"
+                if word in _LOOPS:
+                    loops.append(f"loop at {statement.position}")
+                    steps.append(Label(loops[-1]))
+                steps.append(Begin(loop=word in _LOOPS))
+            elif word in ("elif", "elseif", "else", "case", "default"):
+                if not first_case:
+                    steps.append(Else(last=word in ("else", "default")))
+                first_case = False
+            elif word == "end":
+                ended = blocks.pop() if blocks else ""
+                if ended == "def":
+                    function, steps = open_.pop()
+                    yield Routine(function.key, tuple(steps), self.number)
+                elif ended:
+                    if ended in _LOOPS:
+                        loops.pop()
+                    steps.append(End())
+            elif word in ("break", "continue"):
+                steps += [Break()] if word == "break" else [Jump(loops[-1])] if loops else []
+            else:
+                steps += self._calls(statement)
+                if word == "assign":
+                    steps += self._assignment(statement)
+                elif word in ("return", "halt"):
+                    steps.append(Return())
+        for function, steps in reversed(open_):
+            yield Routine(function.key, tuple(steps), self.number)
 
-    def _literal(self, start: int, end: int, joint_units: list[str] | None = None) -> list[Number] | str | None:
-        """Numbers of `[…]` or `p[…]`; the word that is no number; None for anything else than a list."""
-        if not re.match(r"\s*p?\[", self.code[start:end]):
-            return None
-        first = self.code.index("[", start)
-        if closing(self.code, first) != start + len(self.code[start:end].rstrip()) - 1:
-            return None
-        parts = item(self.code, first, end).parts or ()
-        units = _UNITS if self._is_pose(start, end) else joint_units or ["rad"] * len(parts)
+    def _calls(self, statement: Statement) -> Iterator[Step]:
+        """Motions, tools and calls of functions in a statement, in the order of the text."""
+        for call in CALL.finditer(self.code, statement.start, statement.end):
+            name, line = call[1], self.lines(call.start())
+            known = name in _MOTIONS or name == "set_tcp"
+            if known and closing(self.code, call.end()) is None:
+                self._bad(call.start(), name, "a bracket is not closed")
+            elif name in _MOTIONS:
+                yield Move(line, name, tuple(self._aims(call)))
+            elif name == "set_tcp":
+                self.with_tool = True
+                given = arguments(self.code, call.end())
+                yield Assign(line, _TCP, self._tool(*given[0][1:]) if given else FLANGE)
+            elif function := self.names.function(self.number, name):
+                if self.function.key == function.parent and call.start() < function.position:
+                    place = self.lines(function.position)
+                    self._bad(call.start(), name, f"is called before it exists (line {place})")
+                yield self._call(function, call.end(), line)
+
+    def _call(self, function: _Function, opening: int, line: int) -> Call:
+        given = arguments(self.code, opening)
+        named = {word: (start, end) for word, start, end in given if word}
+        plain = [(start, end) for word, start, end in given if not word]
+        passed: list[tuple[str, Value]] = []
+        for parameter in function.parameters:
+            span = named.get(parameter) or (plain.pop(0) if plain else None)
+            nothing = Unknown("an argument that is not given")
+            value = nothing if span is None else self._value(*span, parameter)
+            passed.append((f"{function.key}|{parameter}", value))
+        return Call(line, function.key, tuple(passed))
+
+    def _assignment(self, statement: Statement) -> Iterator[Step]:
+        key, line = self._key(statement.name), self.lines(statement.position)
+        start, end, name = statement.start, statement.end, statement.name
+        if statement.index:
+            why = f"a component of it is assigned (line {line})"
+            elements = self.names.elements.get(key)
+            if not elements:
+                yield Assign(line, key, Edited(key, (), "rotation vector", line, why))
+            value = self._value(start, end, f"{name}[{statement.index}]")
+            for number, element in enumerate(elements or ()):
+                if statement.index == f"{number}":
+                    yield Assign(line, element, value)
+                elif not statement.index.isdecimal():
+                    yield Assign(line, element, Either((element, value)))
+            return
+        if self.code[start] == "[" and closing(self.code, start) == end - 1:
+            parts = _parts(self.code, start, end)
+            if parts and all(re.match(r"p?\[", self.code[slice(*part)]) for part in parts):
+                self.names.elements[key] = [f"{key}[{k}]" for k in range(len(parts))]
+                for k, part in enumerate(parts):
+                    yield Assign(line, f"{key}[{k}]", self._value(*part, f"{name}[{k}]"))
+                return
+        yield Assign(line, key, self._value(start, end, name))
+
+    # --- positions -----------------------------------------------------------------------------
+
+    def _aims(self, call: re.Match[str]) -> Iterator[Aim]:
+        name, given = call[1], arguments(self.code, call.end())
+        named = {word: (start, end) for word, start, end in given if word}
+        plain = [(start, end) for word, start, end in given if not word]
+        for parameter in _MOTIONS[name]:
+            others = ("q", "pose") if len(_MOTIONS[name]) == 1 else (parameter,)
+            spans = [named[word] for word in others if word in named]
+            span = spans[0] if spans else plain.pop(0) if plain else None
+            if span is not None:
+                yield self._aim(*span, name)
+
+    def _aim(self, start: int, end: int, name: str) -> Aim:
+        word = self.code[start:end]
+        solved = re.match(r"get_inverse_kin\s*(?=\()", word)
+        tool: Value = _TCP
+        near = None
+        if solved and closing(self.code, start + solved.end()) == end - 1:
+            given = arguments(self.code, start + solved.end())
+            names = dict(zip(_INVERSE, [(a, b) for word, a, b in given if not word], strict=False))
+            names |= {word: (a, b) for word, a, b in given if word}
+            if "tcp" in names:
+                tool = self._tool(*names["tcp"])
+            if "qnear" in names:
+                near = self._value(*names["qnear"], "qnear")
+            start, end = names.get("x", (start, start))
+        value = self._value(start, end, name, told=True)
+        if isinstance(value, int) and self.literals[value].kind == POSE:
+            self.without_tool |= tool == _TCP and not self.with_tool
+        return Aim(value, BASE, tool, near=near)
+
+    def _tool(self, start: int, end: int) -> Value:
+        """A tool from a pose, or from a variable that holds one."""
+        if self.code[start:end].startswith("p["):
+            self.taken.add(start)
+            numbers = self._numbers(start + 1, end, _UNITS)
+            if isinstance(numbers, str):
+                return Unknown(f"an expression ({numbers[:30]})")
+            T = pose([number.value for number in numbers], "rotation vector")
+            return frame_of(TOOL, None, T, self.lines(start))
+        value = self._value(start, end, "tool")
+        return value if isinstance(value, Unknown) else Product(TOOL, (value,))
+
+    def _key(self, name: str) -> str:
+        if name in self.function.parameters:
+            return f"{self.function.key}|{name}"
+        return self.names.variable(self.number, name)
+
+    def _value(self, start: int, end: int, name: str, told: bool = False) -> Value:
+        """What an expression is: a position that is written, a variable, or unknown. told: in a motion."""
+        word, line = self.code[start:end], self.lines(start)
+        opening = re.match(r"p?(?=\[)", word)
+        if opening and closing(self.code, start + opening.end()) == end - 1:
+            if told or opening[0] or self._is_joints(start, end):
+                return self._literal(start, end, name, told)
+            return Unknown(f"is no position (line {line})")
+        variable = re.fullmatch(r"([A-Za-z_]\w*)\s*(?:\[([^\[\]]*)\])?", word)
+        function = re.match(r"(\w+)\s*\(", word)
+        if variable and variable[1] not in ("True", "False"):
+            key = self._key(variable[1])
+            if variable[2] is None:
+                return key
+            elements = self.names.elements.get(key, [])
+            if variable[2].strip().isdecimal():
+                return f"{key}[{int(variable[2])}]"
+            return Either(tuple(elements)) if elements else Unknown(f"an expression ({word[:40]})")
+        if function and (function[1] in _RELATIVE or _READ.match(function[1])):
+            return Unknown(f"a relative motion ({function[1]})")
+        if told:
+            return Unknown(f"an expression ({self.text[start:end][:40]})")
+        return Unknown(f"is computed (line {line})")
+
+    def _is_joints(self, start: int, end: int) -> bool:
+        """Whether a list is one of as many numbers as the robot has joints."""
+        return not isinstance(self._numbers(start, end, self.robot.joint_units), str)
+
+    def _literal(self, start: int, end: int, name: str, told: bool) -> int:
+        kind = POSE if self.code[start] == "p" else JOINT
+        units = _UNITS if kind == POSE else self.robot.joint_units
+        opening = start + 1 if kind == POSE else start
+        self.taken.add(start)
+        read = self._numbers(opening, end, units)
+        left, bad = "", False
+        if isinstance(read, str):
+            count = len(_parts(self.code, opening, end))
+            left = f"an expression ({read[:30]})"
+            if count != len(units):
+                which = "6" if kind == POSE else f"{self.robot.n} ({self.robot.name})"
+                left, bad = f"holds {count} values; expected {which}", told
+            elif is_not_finite(read):
+                left, bad = f"'{read}'; expected a number", True
+        numbers = () if isinstance(read, str) else tuple(read)
+        line = self.lines(start)
+        turn = "rotation vector" if kind == POSE else ""
+        found = Literal(kind, numbers, line, name, turn, source=self.number, left=left, bad=bad)
+        self.literals.append(found)
+        return len(self.literals) - 1
+
+    def _numbers(self, start: int, end: int, units: Sequence[str]) -> list[Number] | str:
+        """The numbers of a list in brackets, or what is none."""
+        parts = _parts(self.code, start, end)
         if len(parts) != len(units):
             return f"{len(parts)} values"
-        numbers = []
-        for part, unit in zip(parts, units, strict=True):
-            number = number_at(self.text, part.start, part.end, unit)
+        found = []
+        for (first, last), unit in zip(parts, units, strict=True):
+            number = number_at(self.text, first, last, unit)
+            degrees = _DEGREES.fullmatch(self.code, first, last) if unit == "rad" else None
+            if number is None and degrees:
+                number = number_at(self.text, *degrees.span(1), "deg")
             if number is None:
-                return self.text[part.start : part.end]
-            numbers.append(number)
-        return numbers
+                word = self.text[first:last]
+                value = constant(word)
+                if value is None or abs(value) >= LARGEST:
+                    return word
+                number = Number(first, last, unit, value)
+            found.append(number)
+        return found
 
-    def _point(self, span: tuple[int, int], name: str) -> None:
-        word = self.code[slice(*span)].strip()
-        start = self.code.index(word, span[0]) if word else span[0]
-        if _RELATIVE.search(word):
-            self._remark(start, name, "a relative motion")
-        elif inner := re.match(r"get_inverse_kin\s*(?=\()", word):
-            first = start + inner.end()
-            spans = split(self.code, first + 1, closing(self.code, first) or span[1])
-            self._position(spans[0], name, self._near(spans[1:]))
-        elif re.fullmatch(r"[A-Za-z_]\w*", word):
-            self._variable(word, start)
-        else:
-            self._position(span, name)
+    def others(self) -> None:
+        """Poses that stand in something else than assignments and motions that are known."""
+        for found in _SHAPE.finditer(self.code):
+            if found.start() not in self.taken:
+                before = self.code[max(0, found.start() - _LOOK_BACK) : found.start()]
+                calls = CALL.findall(re.split(r"[\r\n]", before)[-1])
+                where = f"an argument of {calls[-1]}" if calls else "an expression"
+                why = f"{where}, which is no motion that is known"
+                line = self.lines(found.start())
+                self.literals.append(
+                    Literal(
+                        POSE, (), line, calls[-1] if calls else "", source=self.number, left=why
+                    )
+                )
 
-    def _near(self, spans: list[tuple[int, int]]) -> tuple[Number, ...]:
-        """Joint values beside a pose, `get_inverse_kin(p[…], qnear=[…])`."""
-        for start, end in spans[:1]:
-            after = re.compile(r"\s*(?:qnear\s*=)?").match(self.code, start, end)
-            numbers = self._literal(after.end() if after else start, end, ["rad"] * self.robot.n)
-            return tuple(numbers) if isinstance(numbers, list) else ()
-        return ()
+    def _bad(self, position: int, name: str, why: str) -> None:
+        self.remarks.append(Remark(self.lines(position), name, why, True, self.number))
 
-    def _position(self, span: tuple[int, int], name: str, near: tuple[Number, ...] = ()) -> None:
-        start = span[0] + len(self.code[slice(*span)]) - len(self.code[slice(*span)].lstrip())
-        numbers = self._literal(*span, ["rad"] * self.robot.n)
-        if numbers is None:
-            self._remark(start, name, f"an expression ({self.text[start : span[1]].strip()[:40]})")
-        elif isinstance(numbers, str):
-            if is_not_finite(numbers):
-                self._remark(start, name, f"'{numbers}'; expected a number", bad=True)
-            elif re.fullmatch(r"\d+ values", numbers):
-                joints = "6" if self._is_pose(*span) else f"{self.robot.n} ({self.robot.name})"
-                self._remark(start, name, f"holds {numbers}; expected {joints}", bad=True)
-            else:
-                self._remark(start, name, f"an expression ({numbers})")
-        elif self._is_pose(*span):
-            line = self.lines(start)
-            self.targets[start] = Target(
-                "pose", tuple(numbers), line, name, "rotation vector", "", self.tool, joints=near
-            )
-        else:
-            self.targets[start] = Target("joint", tuple(numbers), self.lines(start), name)
 
-    def _variable(self, name: str, position: int) -> None:
-        """A variable is followed only where it is assigned one literal and used by moves alone."""
-        assigned, moved = self.assigned.get(name, []), self.moved[name]
-        used = self.words[name] - len(assigned)
-        opening = re.compile(r"p?\[").match(self.code, assigned[0].end()) if len(assigned) == 1 else None
-        end = closing(self.code, opening.end() - 1) if opening else None
-        if end is None or used != moved:
-            self._remark(position, name, "a variable")
-        elif assigned[0].end() not in self.targets:
-            self._position((assigned[0].end(), end + 1), name)
-        else:
-            known = self.targets[assigned[0].end()]
-            if known.kind == "pose" and known.tool != self.tool:
-                del self.targets[assigned[0].end()]
-                self._remark(position, name, "used with several tools")
+def _parts(code: str, start: int, end: int) -> list[tuple[int, int]]:
+    """The elements of a list in brackets, without blanks."""
+    found = []
+    for first, last in split(code, start + 1, end - 1):
+        inner = code[first:last]
+        if inner.strip():
+            first = last - len(inner.lstrip())
+            found.append((first, first + len(inner.strip())))
+    return found

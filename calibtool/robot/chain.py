@@ -89,9 +89,17 @@ def build_chain(source: Source) -> SerialChain:
         joints=tuple(joint_name(reduced, j) for j in joints),
         tool=kinematics.tool_frame,
         inertias=tuple(reduced.inertias[j].copy() for j in joints),
-        gravity=readonly(base.rotation.T @ reduced.gravity.linear),
+        gravity=readonly(_gravity(source.description.mounting.gravity, base.rotation.T @ reduced.gravity.linear)),
     )
     return SerialChain(bodies, readonly(placements), readonly(twists), readonly(lower), readonly(upper), limited_by)
+
+
+def _gravity(direction: tuple[float, float, float] | None, urdf: Array) -> Array:
+    """Gravity (3,) in K_0, m/s²: in the direction that the description names, or as in the URDF."""
+    if direction is None:
+        return urdf
+    turned: Array = np.array(direction) / np.linalg.norm(direction) * np.linalg.norm(urdf)
+    return turned
 
 
 def joints_to(model: pin.Model, last: int, name: str) -> list[int]:

@@ -97,6 +97,20 @@ class Coupling(_Strict):
         return self
 
 
+class Mounting(_Strict):
+    """How the robot stands and what it carries: `gravity`, its direction in K_0 (that of the URDF's world unless given, any
+    length), and the mass at the tool where a row does not say otherwise."""
+
+    gravity: tuple[float, float, float] | None = None
+    payload_kg: Annotated[float, Field(ge=0, le=1e5)] = 0.0
+
+    @model_validator(mode="after")
+    def _has_a_direction(self) -> "Mounting":
+        if self.gravity is not None and not any(self.gravity):
+            raise ValueError("gravity has no direction: it is [0, 0, 0]")
+        return self
+
+
 class ControllerTable(_Strict):
     """What is known of this robot's controllers: that they compute poses with a calibration of each
     arm, made in the factory.
@@ -121,6 +135,7 @@ class Description(_Strict):
     workspaces: dict[str, Workspace] = {}  # the first one is the default; `full` always exists
     equivalent: Equivalent | None = None
     tolerances: ToleranceTable = ToleranceTable()
+    mounting: Mounting = Mounting()
     coupling: Coupling | None = None  # the controller's joint values are those of the serial chain
     controller: ControllerTable | None = None  # controllers compute poses with the nominal robot
 

@@ -1,6 +1,7 @@
 """A serial chain as a Pinocchio model, nominal or with errors: its poses, Jacobians and frames, row by row."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -48,7 +49,8 @@ class Mechanism:
     Pinocchio computes every row; a row's answer does not depend on the rows beside it.
 
     model       the chain as a Pinocchio model; `configuration` turns joint positions into its coordinates
-    placements  (n+1, 4, 4) M_j, the last one the tool's
+    placements  (n+1, 4, 4) M_j, the last one the tool's; (N, n+1, 4, 4) where they change from row to row: such a
+                mechanism answers for its N rows only
     offsets     (n,) δq_j in rad or m
     screws      (n) the joints of the model
     """
@@ -80,9 +82,9 @@ class Mechanism:
     def forward(self, q: Array) -> Array:
         """T_base_tool for q (N, n) in rad or m: (N, 4, 4). Pinocchio's `framesForwardKinematics`."""
         columns = np.empty((len(q), 4, 3))
-        model, data = self.model, self.model.createData()
+        model, data, rows = self._moving(q)
         tool, move = _columns_of(data.oMf[model.nframes - 1]), pin.framesForwardKinematics
-        for k, row in enumerate(self.configuration(q)):
+        for k, row in enumerate(rows):
             move(model, data, row)
             columns[k] = tool
         return _poses(columns)
@@ -93,10 +95,10 @@ class Mechanism:
         Pinocchio's `computeJointJacobians` and `updateFramePlacements`.
         """
         columns, jacobians = np.empty((len(q), 4, 3)), np.empty((len(q), self.model.nv, 6))
-        model, data = self.model, self.model.createData()
+        model, data, rows = self._moving(q)
         tool, jacobian = _columns_of(data.oMf[model.nframes - 1]), data.J.T
         move, place = pin.computeJointJacobians, pin.updateFramePlacements
-        for k, row in enumerate(self.configuration(q)):
+        for k, row in enumerate(rows):
             move(model, data, row)
             place(model, data)
             columns[k] = tool
@@ -107,9 +109,9 @@ class Mechanism:
         """Every frame of the chain for q (N, n) in rad or m, from Pinocchio's `framesForwardKinematics`."""
         n = len(self.screws)
         columns = np.empty((len(q), n + 1, 4, 3))
-        model, data = self.model, self.model.createData()
+        model, data, rows = self._moving(q)
         live = [_columns_of(data.oMi[j + 1]) for j in range(n)] + [_columns_of(data.oMf[model.nframes - 1])]
-        for row, moved in zip(self.configuration(q), columns, strict=True):
+        for row, moved in zip(rows, columns, strict=True):
             pin.framesForwardKinematics(model, data, row)
             for j, frame in enumerate(live):
                 moved[j] = frame
@@ -119,8 +121,8 @@ class Mechanism:
             if screw.shift.any():
                 after[:, j, :3, 3] -= after[:, j, :3, :3] @ screw.shift
         before = np.empty_like(after)
-        before[:, 0] = self.placements[0]
-        before[:, 1:] = after[:, :-1] @ self.placements[1:-1]
+        before[:, 0] = self.placements[..., 0, :, :]
+        before[:, 1:] = after[:, :-1] @ self.placements[..., 1:-1, :, :]
         return Frames(before, after, tool)
 
     def configuration(self, q: Array) -> Array:
@@ -130,6 +132,32 @@ class Mechanism:
             return moved * self._rates
         parts = [screw.coordinates(moved[:, j]) for j, screw in enumerate(self.screws)]
         return np.concatenate(parts, axis=-1)
+
+    def at_row(self, row: int) -> Self:
+        """The mechanism of one row, for any joint positions."""
+        model = self.model.copy()
+        _place(model, self._in_model()[row])
+        return replace(self, model=model, placements=readonly(self.placements[row]))
+
+    def _moving(self, q: Array) -> tuple[pin.Model, pin.Data, Iterable[Array]]:
+        """A model, its data, and its coordinates row by row; placements that change are set before each row."""
+        if self.placements.ndim == 3:
+            return self.model, self.model.createData(), self.configuration(q)
+        model = self.model.copy()
+        return model, model.createData(), self._placed_rows(model, q)
+
+    def _placed_rows(self, model: pin.Model, q: Array) -> Iterator[Array]:
+        for row, there in zip(self.configuration(q), self._in_model(), strict=True):
+            _place(model, there)
+            yield row
+
+    def _in_model(self) -> Array:
+        """M_j as placements of the model's frames, which stand beside the chain's by the shifts of the screws."""
+        shifts = np.array([np.zeros(3), *(screw.shift for screw in self.screws)])
+        there = self.placements.copy()
+        there[..., :3, 3] -= shifts
+        there[..., :-1, :3, 3] += (self.placements[..., :-1, :3, :3] @ shifts[1:, :, None])[..., 0]
+        return there
 
     def as_model(self, lower: Array, upper: Array) -> pin.Model:
         """A copy of the Pinocchio model with joint limits (n,) in rad or m, to go on with elsewhere."""
@@ -154,6 +182,13 @@ class Mechanism:
         if any(len(screw.rates) > 1 for screw in self.screws):
             return None
         return readonly(np.concatenate([screw.rates for screw in self.screws]))
+
+
+def _place(model: pin.Model, placements: Array) -> None:
+    """Give a model other placements (n+1, 4, 4) of its joints and its tool."""
+    for j, placement in enumerate(placements[:-1]):
+        model.jointPlacements[j + 1] = pin.SE3(placement)
+    model.frames[model.nframes - 1].placement = pin.SE3(placements[-1])
 
 
 def _columns_of(frame: pin.SE3) -> Array:

@@ -110,6 +110,11 @@ def inverse(pose: Array) -> Array:
     return result
 
 
+def relative_error(actual: Array, nominal: Array) -> Array:
+    """Pose error δy = log6(T_actual · T_nominal⁻¹), a spatial twist in K_0 (Eqs. 9, 10): (…, 4, 4) → (…, 6)."""
+    return log6(actual @ inverse(nominal))
+
+
 def check_poses(pose: Array, place: str) -> None:
     """InputError unless these are finite rigid motions (N, 4, 4), rotations to the six digits that people write."""
     if pose.ndim != 3 or pose.shape[1:] != (4, 4):

@@ -8,26 +8,29 @@ import numpy as np
 from calibtool.calibration.frame import FRAMES, ChosenFrame
 from calibtool.calibration.model import Calibration, CrossValidation
 from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
-from calibtool.equivalent.network import Network
 from calibtool.equivalent.optimisers import History
+from calibtool.equivalent.regressor import Regressor
+from calibtool.equivalent.regressors import REGRESSORS
 from calibtool.equivalent.training import TrainingReport
+from calibtool.errormodel.families import FAMILIES
 from calibtool.identification.model import Flagged, Identification, Posterior
-from calibtool.identification.parameters import Parameters
+from calibtool.identification.parameters import Parameters, Part
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion
-from calibtool.robot.se3 import check_poses, readonly
+from calibtool.robot.se3 import check_poses
 from calibtool.storage.parts import (
     get,
     get_indices,
     get_with_gaps,
     put,
-    read_geometry,
+    read_conditions,
+    read_errors,
     read_number,
     read_provenance,
     read_robot,
     read_setup,
-    write_geometry,
+    write_conditions,
+    write_errors,
     write_setup,
 )
 from calibtool.storage.texts import put_string, put_text, string, texts
@@ -38,6 +41,7 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
     robot, base = calibration.robot, calibration.base
     model = file.create_group("model")
     put_string(model, "name", base.model)
+    model.attrs["simulated"] = calibration.simulated
     model.attrs["noise_position_m"] = calibration.noise_position
     model.attrs["noise_orientation_rad"] = calibration.noise_orientation
     model.attrs["rank"] = base.rank
@@ -49,10 +53,8 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
     put_text(model, "unobservable", list(base.unobservable), "parameters or directions that were not determined")
     units = ", ".join(robot.joint_units)
     put(model, "joint_positions", calibration.q, units, "configurations used", "joint", "configuration", "joint")
-    write_geometry(model, base.geometry)
-    put(model, "harmonics", base.motion.harmonics, "rad", "sin q, cos q, sin 2q … of δq", "joint", "joint", "term")
-    put(model, "compliance", base.motion.compliance, "rad/(N m)", "wind-up per gravity torque", "joint", "joint")
-    put(model, "backlash", base.motion.backlash, "rad or m", "half width", "joint", "joint")
+    write_errors(model.create_group("errors"), base.errors)
+    write_conditions(model.create_group("conditions"), calibration.conditions)
     put(
         model,
         "singular_values",
@@ -92,10 +94,10 @@ def _write_frame(group: h5py.Group, frame: ChosenFrame) -> None:
 
 def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
     parameters = posterior.parameters
-    group.attrs["twists"] = parameters.twists
-    group.attrs["harmonics"] = parameters.harmonics
-    group.attrs["gravity"] = np.array(parameters.gravity, dtype=int)
-    group.attrs["backlash"] = np.array(parameters.backlash, dtype=int)
+    for part in parameters.parts:
+        group.attrs[f"order_{part.family.id}"] = part.family.order(part.shape)
+        elements = "elements of its value that are parameters, from 0"
+        put(group, f"elements_{part.family.id}", part.elements, "1", elements, "", "parameter")
     for name in ("noise_factor", "effective", "log_evidence"):
         group.attrs[name] = getattr(posterior, name)
     put_text(group, "names", parameters.names, "parameter names")
@@ -111,14 +113,12 @@ def _write_flagged(group: h5py.Group, flagged: Flagged) -> None:
     put(group, "position", flagged.position, "m", "residual over the target points", "base", "row")
 
 
-def _write_network(group: h5py.Group, network: Network, units: str) -> None:
-    put(group, "input_centre", network.input_centre, units, "middle of the training range", "joint", "joint")
-    put(group, "input_scale", network.input_scale, units, "half of the training range", "joint", "joint")
-    put(group, "hidden_weights", network.hidden_weights, "1", "W1", "", "hidden", "joint")
-    put(group, "hidden_bias", network.hidden_bias, "1", "b1", "", "hidden")
-    put(group, "output_weights", network.output_weights, "1", "W2", "", "motion", "hidden")
-    put(group, "output_bias", network.output_bias, "1", "b2", "", "motion")
-    put(group, "output_scale", network.output_scale, "rad or m", "unit of each joint motion error", "joint", "motion")
+def _write_network(group: h5py.Group, network: Regressor, units: str) -> None:
+    put_string(group, "kind", network.id)
+    for name, (unit, words, dimensions) in network.fields.items():
+        unit = {"q": units, "rho": "rad or m"}.get(unit, unit)
+        frame = "joint" if set(dimensions) <= {"joint", "motion"} else ""
+        put(group, name, getattr(network, name), unit, words, frame, *dimensions)
 
 
 def _write_training(group: h5py.Group, training: TrainingReport) -> None:
@@ -162,12 +162,7 @@ def build_calibration(file: h5py.File) -> Calibration:
     orientation = model.attrs.get("residual_rms_orientation_rad")
     base = Identification(
         model=string(model, "name"),
-        geometry=read_geometry(model, robot.n),
-        motion=JointMotion(
-            get(model, "harmonics", robot.n, -1),
-            get(model, "compliance", robot.n),
-            get(model, "backlash", robot.n) if "backlash" in model else readonly(np.zeros(robot.n)),
-        ),
+        errors=read_errors(model["errors"], robot),
         setup=setup,
         singular_values=get(model, "singular_values", -1),
         rank=int(model.attrs["rank"]),
@@ -200,7 +195,9 @@ def build_calibration(file: h5py.File) -> Calibration:
         noise_position=read_number(model, "noise_position_m"),
         noise_orientation=read_number(model, "noise_orientation_rad"),
         q=get(model, "joint_positions", -1, robot.n),
+        conditions=read_conditions(model["conditions"], robot.n),
         provenance=read_provenance(file),
+        simulated=bool(model.attrs.get("simulated", False)),
         frame=_frame(file["frame"]) if "frame" in file else None,
     )
 
@@ -215,12 +212,17 @@ def _frame(group: h5py.Group) -> ChosenFrame:
 
 
 def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
-    gravity, backlash = (tuple(int(j) for j in group.attrs.get(name, ())) for name in ("gravity", "backlash"))
-    parameters = replace(
-        Parameters.of(robot, setup, bool(group.attrs["twists"]), int(group.attrs["harmonics"]), gravity=False),
-        gravity=gravity,
-        backlash=backlash,
-    )
+    parts = []
+    for family in FAMILIES:
+        if f"order_{family.id}" in group.attrs:
+            shape = family.shape(robot.n, int(group.attrs[f"order_{family.id}"]))
+            elements = get_indices(group, f"elements_{family.id}")
+            if not np.array_equal(np.unique(elements), elements) or not (
+                0 <= elements.min() <= elements.max() < np.prod(shape)
+            ):
+                raise ValueError(f"{group.name}: elements_{family.id} are not those of a value of shape {shape}")
+            parts.append(Part(family, shape, elements))
+    parameters = replace(Parameters.of(robot, setup), parts=tuple(parts))
     p = parameters.count
     return Posterior(
         parameters=parameters,
@@ -242,17 +244,11 @@ def _flagged(group: h5py.Group) -> Flagged:
     )
 
 
-def _network(group: h5py.Group, n: int, p: int) -> Network:
-    hidden = len(group["hidden_bias"])
-    return Network(
-        input_centre=get(group, "input_centre", n),
-        input_scale=get(group, "input_scale", n),
-        hidden_weights=get(group, "hidden_weights", hidden, n),
-        hidden_bias=get(group, "hidden_bias", hidden),
-        output_weights=get(group, "output_weights", p, hidden),
-        output_bias=get(group, "output_bias", p),
-        output_scale=get(group, "output_scale", p),
-    )
+def _network(group: h5py.Group, n: int, p: int) -> Regressor:
+    kind = REGRESSORS[string(group, "kind")]
+    sizes = {"joint": n, "motion": p, "hidden": group["output_weights"].shape[1]}
+    shapes = {name: [sizes[dimension] for dimension in dimensions] for name, (_, _, dimensions) in kind.fields.items()}
+    return kind(**{name: get(group, name, *shape) for name, shape in shapes.items()})
 
 
 def _training(group: h5py.Group) -> TrainingReport:

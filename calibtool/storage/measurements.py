@@ -1,20 +1,21 @@
 """Measurements as HDF5 groups."""
 
 import h5py
-import numpy as np
 
+from calibtool.errormodel.actual import ActualRobot
 from calibtool.measurement.measurements import Measurements, Truth
-from calibtool.robot.actual import ActualRobot
 from calibtool.storage.parts import (
     get,
     get_with_gaps,
     put,
-    read_geometry,
+    read_conditions,
+    read_errors,
     read_number,
     read_provenance,
     read_robot,
     read_setup,
-    write_geometry,
+    write_conditions,
+    write_errors,
     write_setup,
 )
 from calibtool.storage.texts import put_string
@@ -29,18 +30,7 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
     group.attrs["noise_orientation_rad"] = measurements.noise_orientation
     units = ", ".join(robot.joint_units)
     put(group, "joint_positions", measurements.q, units, "commanded joint positions", "joint", "configuration", "joint")
-    if measurements.direction is not None:
-        long_name = "sign of each joint's last motion"
-        put(
-            group,
-            "directions",
-            measurements.direction.astype(np.int8),
-            "1",
-            long_name,
-            "joint",
-            "configuration",
-            "joint",
-        )
+    write_conditions(group, measurements.conditions)
     if measurements.commanded is not None:
         labels = ("configuration", "row", "column")
         long_name = "tool poses asked for, where the joints are corrected for them"
@@ -50,24 +40,15 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
     if measurements.rotations is not None:
         labels = ("configuration", "row", "column")
         put(group, "rotations", measurements.rotations, "1", "measured sensor orientations", "instrument", *labels)
+    if measurements.deviations is not None:
+        words = "standard deviations along the instrument's axes"
+        put(group, "deviations", measurements.deviations, "m, rad", words, "instrument", "configuration", "coordinate")
     write_setup(file.create_group("registration"), measurements.setup)
     if measurements.truth is not None:
         actual = measurements.truth.actual
         truth = file.create_group("truth")
-        write_geometry(truth, actual.geometry)
-        put(
-            truth,
-            "gear",
-            actual.gear,
-            "rad",
-            "sin q, cos q, sin 2q, cos 2q on the joint motion",
-            "joint",
-            "joint",
-            "term",
-        )
-        put(truth, "compliance", actual.compliance, "rad/(N m)", "wind-up per gravity torque", "joint", "joint")
-        put(truth, "backlash", actual.backlash, "rad or m", "half width", "joint", "joint")
-        truth.attrs["expansion"] = actual.expansion
+        write_errors(truth.create_group("errors"), actual.errors)
+        truth.attrs["temperature_c"] = actual.temperature_c
         write_setup(truth.create_group("registration"), measurements.truth.setup)
 
 
@@ -79,14 +60,7 @@ def build_measurements(file: h5py.File) -> Measurements:
     truth = None
     if "truth" in file:
         stored = file["truth"]
-        actual = ActualRobot(
-            robot=robot,
-            geometry=read_geometry(stored, robot.n),
-            gear=get(stored, "gear", robot.n, 4),
-            compliance=get(stored, "compliance", robot.n),
-            backlash=get(stored, "backlash", robot.n),
-            expansion=read_number(stored, "expansion"),
-        )
+        actual = ActualRobot(read_errors(stored["errors"], robot), read_number(stored, "temperature_c"))
         truth = Truth(actual, read_setup(stored["registration"]))
     return Measurements(
         robot=robot,
@@ -97,7 +71,8 @@ def build_measurements(file: h5py.File) -> Measurements:
         noise_position=read_number(group, "noise_position_m"),
         noise_orientation=read_number(group, "noise_orientation_rad"),
         truth=truth,
-        direction=get(group, "directions", -1, robot.n) if "directions" in group else None,
+        conditions=read_conditions(group, robot.n),
+        deviations=get(group, "deviations", -1, -1) if "deviations" in group else None,
         provenance=read_provenance(file),
         commanded=get(group, "commanded_poses", -1, 4, 4) if "commanded_poses" in group else None,
     )

@@ -1,13 +1,16 @@
-"""The parts that both kinds of file share: self-describing datasets, the robot, the set-up, geometric errors."""
+"""The parts that both kinds of file share: self-describing datasets, the robot, its errors, conditions, the set-up."""
 
 from typing import Any
 
 import h5py
 import numpy as np
 
+from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.families import FAMILIES
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.measurement.kinds import KINDS
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.description import parse_source
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 from calibtool.storage.texts import put_string, put_text, string, text
@@ -84,8 +87,9 @@ def write_setup(group: h5py.Group, setup: Setup) -> None:
         "column",
     )
     put(group, "targets", setup.targets, "m", "target points on the tool", "tool", "target", "axis")
-    if setup.R_tool_sensor is not None:
-        put(group, "R_tool_sensor", setup.R_tool_sensor, "1", "orientation of the 6-D sensor", "tool", "row", "column")
+    put_string(group, "kind", setup.kind.id)
+    for name, (_, unit, words) in setup.kind.arrays.items():
+        put(group, name, setup.arrays[name], unit, words, "tool", "row", "column")
 
 
 def read_setup(group: h5py.Group) -> Setup:
@@ -93,35 +97,43 @@ def read_setup(group: h5py.Group) -> Setup:
     return Setup(
         T_instrument_base=get(group, "T_instrument_base", 4, 4),
         targets=get(group, "targets", -1, 3),
-        R_tool_sensor=get(group, "R_tool_sensor", 3, 3) if "R_tool_sensor" in group else None,
+        **{name: get(group, name, *shape) for name, (shape, _, _) in KINDS[string(group, "kind")].arrays.items()},
         frame_known=bool(group.attrs["frame_known"]),
         targets_known=bool(group.attrs["targets_known"]),
     )
 
 
-def write_geometry(group: h5py.Group, geometry: GeometricErrors) -> None:
-    """Geometric errors."""
-    put(group, "placement_errors", geometry.placements, "m, rad", "δζ of M_j exp6(δζ_j)", "joint", "joint", "twist")
-    put(
-        group,
-        "twist_errors",
-        geometry.twists,
-        "per rad or m",
-        "δξ of exp6((ξ_j + δξ_j) q_j)",
-        "joint",
-        "joint",
-        "twist",
-    )
-    put(group, "offset_errors", geometry.offsets, "rad or m", "δq added to the joint position", "joint", "joint")
+def write_errors(group: h5py.Group, errors: RobotErrors) -> None:
+    """The errors of a robot, a dataset for each family."""
+    for family in FAMILIES:
+        value = errors[family.id]
+        labels = ("joint", "term")[: value.ndim]
+        put(group, family.id, value, family.unit, f"{family.words}: {family.meaning}", "joint", *labels)
 
 
-def read_geometry(group: h5py.Group, n: int) -> GeometricErrors:
+def read_errors(group: h5py.Group, robot: Robot) -> RobotErrors:
+    """The same back. KeyError or ValueError for a damaged file."""
+    shapes = {family.id: [-1] * len(family.shape(robot.n)) for family in FAMILIES}
+    return RobotErrors.of(robot, **{name: get(group, name, *shape) for name, shape in shapes.items()})
+
+
+def write_conditions(group: h5py.Group, conditions: Conditions) -> None:
+    """What is known of the conditions of the rows."""
+    if conditions.direction is not None:
+        signs = conditions.direction.astype(np.int8)
+        put(group, "direction", signs, "1", "sign of each joint's last motion", "joint", "configuration", "joint")
+    for name, unit, words in (("payload_kg", "kg", "mass at the tool"), ("temperature_c", "°C", "of the links")):
+        values = getattr(conditions, name)
+        if values is not None:
+            put(group, name, values, unit, words, "", *["configuration"][: np.ndim(values)])
+
+
+def read_conditions(group: h5py.Group, n: int) -> Conditions:
     """The same back, for n joints."""
-    return GeometricErrors(
-        placements=get(group, "placement_errors", n + 1, 6),
-        twists=get(group, "twist_errors", n, 6),
-        offsets=get(group, "offset_errors", n),
-    )
+    known = {
+        name: get(group, name, *[-1] * group[name].ndim) for name in ("payload_kg", "temperature_c") if name in group
+    }
+    return Conditions(direction=get(group, "direction", -1, n) if "direction" in group else None, **known)
 
 
 def read_provenance(file: h5py.File) -> dict[str, str]:

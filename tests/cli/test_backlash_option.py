@@ -12,8 +12,8 @@ JOINTS = ["j1_deg", "j2_deg", "j3_deg"]
 def test_half_widths_are_shown_and_taken_up_along_the_rows() -> None:
     run("simulate", "planar-3r", "-n", 40, "--errors", "geometric,backlash", "--backlash-mrad", 0.3, "-o", "m.h5")
     assert "mrad half width" in run("identify", "m.h5", "-o", "c.h5").stderr
-    assert answer("identify", "m.h5")["base"]["backlash_joints"] == [1, 2, 3]
-    assert answer("identify", "m.h5", "--no-backlash")["base"]["backlash_joints"] == []
+    assert answer("identify", "m.h5")["base"]["families"]["backlash"] == 1
+    assert "backlash" not in answer("identify", "m.h5", "--no-backlash")["base"]["families"]
     write_table("t.csv", JOINTS, [[10, 20, 30], [15, 20, 10], [-5, 10, 10]])
     path, plain = run("compensate", "c.h5", "t.csv"), run("compensate", "c.h5", "t.csv", "--no-backlash")
     assert "in their order" in path.stderr
@@ -29,7 +29,7 @@ def test_backlash_is_refused_where_the_directions_are_unknown() -> None:
     run("simulate", "planar-3r", "-n", 20, "-o", "m.h5")
     assert answer("info", "m.h5")["directions"] == "known"
     with h5py.File("m.h5", "r+") as file:
-        del file["measurements/directions"]
+        del file["measurements/direction"]
     assert answer("info", "m.h5")["directions"] == "unknown"
     assert "from which side the joints came" in refused(3, "identify", "m.h5", "--backlash", "-o", "c.h5")
     assert "backlash" in refused(2, "identify", "m.h5", "--model", "local-poe", "--backlash", "-o", "c.h5")

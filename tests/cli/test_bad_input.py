@@ -255,7 +255,7 @@ def edited(files: Files, name: str, path: str, value: object) -> str:
         ("network", "networks/0/hidden_weights", np.zeros((4, 5))),
         ("network", "networks/0/output_bias", None),
         ("network", "networks/0/hidden_bias", np.full(4, np.inf)),
-        ("network", "model/placement_errors", np.zeros((9, 6))),
+        ("network", "model/errors/placements", np.zeros((9, 6))),
         ("network", "registration", None),
         ("network", "equivalent/virtual_joints", None),
     ],

@@ -198,7 +198,7 @@ def test_an_unreachable_pose(files: Files) -> None:
     lines = result.stderr.splitlines()
     assert len(lines) == 3
     assert lines[0].startswith("poses.csv:3: ")
-    assert lines[1].startswith("joints change by at most ")
+    assert lines[1].startswith("limit of the change of a joint: ")
     assert lines[2].startswith("poses.csv: 1 of 3 rows")
     assert result.stdout_bytes == b""
 

@@ -23,20 +23,21 @@ def calibration(files: Files) -> str:
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_files_and_pipes_give_the_same_bytes(calibration: str, name: str) -> None:
     data = (SAMPLES / name).read_bytes()
-    result = run("compensate", calibration, SAMPLES / name, "-o", "corrected")
+    result = run("compensate", calibration, SAMPLES / name, "--partial", "-o", "corrected")
     assert result.stdout_bytes == b""
     assert f"{name}: " in result.stderr.splitlines()[0]
     corrected = Path("corrected").read_bytes()
     assert corrected != data
     for target in ([], ["-"]):
-        piped = run("compensate", calibration, *target, stdin=data)
+        piped = run("compensate", calibration, *target, "--partial", stdin=data)
         assert piped.stdout_bytes == corrected
         assert piped.stderr.splitlines()[0].startswith("stdin: ")
     assert (SAMPLES / name).read_bytes() == data
 
 
 def test_in_a_real_pipe(calibration: str, tmp_path: Path) -> None:
-    done = shell(f"cat {SAMPLES}/weld.ls | calibtool compensate {calibration} 2>said | tee out.ls | wc -l", tmp_path)
+    command = f"calibtool compensate {calibration} --partial 2>said"
+    done = shell(f"cat {SAMPLES}/weld.ls | {command} | tee out.ls | wc -l", tmp_path)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) == (SAMPLES / "weld.ls").read_bytes().count(b"\n")
     assert b"5 targets changed" in (tmp_path / "said").read_bytes()
@@ -44,8 +45,9 @@ def test_in_a_real_pipe(calibration: str, tmp_path: Path) -> None:
 
 def test_the_format_can_be_given(calibration: str) -> None:
     data = (SAMPLES / "drill.src").read_bytes()
-    seen = run("compensate", calibration, stdin=data).stdout_bytes
-    assert run("compensate", calibration, "--format", "kuka-krl", stdin=data).stdout_bytes == seen
+    seen = run("compensate", calibration, "--partial", stdin=data).stdout_bytes
+    given = run("compensate", calibration, "--format", "kuka-krl", "--partial", stdin=data)
+    assert given.stdout_bytes == seen
     other = run("compensate", calibration, "--format", "fanuc-ls", stdin=data)
     assert other.stdout_bytes == data
     assert "say so with --format" in other.stderr
@@ -114,13 +116,127 @@ def test_frames_from_a_file(calibration: str) -> None:
     assert "5 of 5 targets changed" in with_frames.stderr
     Path("frames.toml").write_text("[frames.3]\nx = 1900\n")
     message = refused(3, "compensate", calibration, SAMPLES / "weld.ls", "--frames", "frames.toml", "-o", "c.ls")
-    assert message.startswith("frames.toml: frames.3.x: ")
+    assert message.startswith("frames.toml: frames.3: unknown 'x'; did you mean ")
 
 
 def test_joint_values(calibration: str) -> None:
     weld = SAMPLES / "weld.ls"
     default, controller, serial = (
-        run("compensate", calibration, weld, *more).stdout
+        run("compensate", calibration, weld, "--partial", *more).stdout
         for more in ([], ["--joint-values", "controller"], ["--joint-values", "serial"])
     )
     assert default == controller != serial
+
+
+# --- programs of several files, and those that are corrected in part ------------------------------------------------
+
+TOOLS = """MODULE Cell
+  PERS tooldata tGun:=[TRUE,[[0,0,150],[1,0,0,0]],[4,[0,0,60],[1,0,0,0],0,0,0]];
+  PERS wobjdata wFix:=[FALSE,TRUE,"",[[600,100,-200],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
+ENDMODULE
+"""
+TARGET = f"[[1715.243,322.580,658.584],[0.033110,-0.258144,0.963310,-0.065566],[0,0,0,0],{REST}]"
+PART = f"MODULE Part\n  PROC main()\n    MoveL {TARGET},v100,fine,tGun\\WObj:=wFix;\n  ENDPROC\nENDMODULE\n"
+FLANGE = f"[[2300.597,438.964,606.965],[0.033110,-0.258144,0.963310,-0.065566],[0,0,0,0],{REST}]"
+BESIDE = PART.replace("  ENDPROC", f"    MoveL {FLANGE},v100,fine,tool0;\n  ENDPROC")
+
+
+def test_frames_and_tools_of_another_file(calibration: str) -> None:
+    Path("part.mod").write_text(PART)
+    Path("cell.sys").write_text(TOOLS)
+    alone = run("compensate", calibration, "part.mod")
+    assert alone.stdout == PART
+    assert "frame 'wfix' is not known; give it with --frames, [frames.wfix]" in alone.stderr
+    together = run("compensate", calibration, "part.mod", "--with", "cell.sys")
+    assert together.stdout != PART
+    assert together.stdout.count("\n") == PART.count("\n")
+    Path("all.mod").write_text(TOOLS + PART)
+    whole = run("compensate", calibration, "all.mod").stdout
+    assert whole == TOOLS + together.stdout
+    assert Path("cell.sys").read_text() == TOOLS
+
+
+def test_files_that_contradict_each_other(calibration: str) -> None:
+    Path("part.mod").write_text(PART)
+    Path("cell.sys").write_text(TOOLS)
+    Path("other.sys").write_text(TOOLS.replace("0,0,150", "0,0,151").replace("MODULE Cell", "MODULE Other"))
+    message = refused(
+        3, "compensate", calibration, "part.mod", "--with", "cell.sys", "--with", "other.sys", "-o", "b.mod"
+    )
+    assert message.startswith("other.sys:2: tGun: differs from cell.sys:2")
+    assert not Path("b.mod").exists()
+    Path("other.sys").write_text(TOOLS.replace("MODULE Cell", "MODULE Other"))
+    run("compensate", calibration, "part.mod", "--with", "cell.sys", "--with", "other.sys", "-o", "b.mod")
+
+
+def test_a_program_corrected_in_part(calibration: str) -> None:
+    Path("beside.mod").write_text(BESIDE)
+    result = run("compensate", calibration, "beside.mod", "-o", "b.mod", code=4)
+    assert result.stderr.splitlines()[-1].startswith("beside.mod: 1 pose is left while others")
+    partial = run("compensate", calibration, "beside.mod", "-o", "c.mod", "--partial")
+    assert Path("b.mod").read_bytes() == Path("c.mod").read_bytes()
+    assert partial.stderr.splitlines() == result.stderr.splitlines()[:-1]
+    Path("joints.mod").write_text(PART.replace("  ENDPROC", f"    {GOOD}  ENDPROC"))
+    run("compensate", calibration, "joints.mod", "-o", "d.mod")  # no pose is corrected beside the one that is left
+
+
+def test_a_report_of_every_position(calibration: str) -> None:
+    Path("beside.mod").write_text(BESIDE.replace("  ENDPROC", f"    MoveL Offs(p,1,2,3),v100,fine,tool0;\n{GOOD}  ENDPROC"))
+    run("compensate", calibration, "beside.mod", "-o", "b.mod", "--partial", "--report", "r.csv")
+    header, *rows = Path("r.csv").read_text().splitlines()
+    assert header == "file,line,name,kind,fate,why"
+    assert [row.split(",")[1:5] for row in rows] == [
+        ["3", "MoveL […]", "pose", "left"],
+        ["4", "MoveL […]", "pose", "corrected"],
+        ["5", "MoveL", "", "left"],
+        ["6", "MoveAbsJ […]", "joint", "corrected"],
+    ]
+    again = refused(2, "compensate", calibration, "beside.mod", "-o", "c.mod", "--report", "r.csv")
+    assert "r.csv: exists already" in again
+    assert not Path("c.mod").exists()
+
+
+def test_the_programs_of_a_folder(calibration: str) -> None:
+    folder = Path("programs")
+    (folder / "sub").mkdir(parents=True)
+    (folder / "part.mod").write_text(PART)
+    (folder / "sub" / "cell.sys").write_text(TOOLS)
+    (folder / "weld.src").write_bytes((SAMPLES / "drill.src").read_bytes())
+    (folder / "notes.txt").write_text("nothing\n")
+    result = run("compensate", calibration, "programs", "-o", "corrected", "--partial", "--report", "r.csv")
+    written = sorted(str(path) for path in Path("corrected").rglob("*") if path.is_file())
+    assert written == ["corrected/part.mod", "corrected/sub/cell.sys", "corrected/weld.src"]
+    assert Path("corrected/sub/cell.sys").read_text() == TOOLS
+    assert Path("corrected/part.mod").read_text() != PART
+    assert any(line.startswith("programs (abb-rapid): 1 of 1 targets changed") for line in result.stderr.splitlines())
+    assert {row.split(",")[0] for row in Path("r.csv").read_text().splitlines()[1:]} == {
+        "programs/part.mod",
+        "programs/weld.src",
+    }
+    assert "exists already" in refused(2, "compensate", calibration, "programs", "-o", "corrected", "--partial")
+    (folder / "part.mod").write_text(PART.replace("658.584", "nan"))
+    assert refused(3, "compensate", calibration, "programs", "-o", "new").startswith("programs/part.mod:3: ")
+    assert not Path("new").exists()
+    assert "-o" in refused(2, "compensate", calibration, "programs")
+    Path("empty").mkdir()
+    assert "holds no programs" in refused(3, "compensate", calibration, "empty", "-o", "new")
+
+
+def test_external_axes_beside_a_pose(calibration: str) -> None:
+    text = f"MoveL {FLANGE.replace('[9E9,', '[120.5,')},v100,fine,tool0;\n"
+    left = run("compensate", calibration, stdin=text)
+    assert left.stdout == text
+    assert "external axes beside a pose" in left.stderr
+    ignored = run("compensate", calibration, "--external", "ignore", stdin=text).stdout
+    assert "[120.5,9E9" in ignored
+    plain = run("compensate", calibration, stdin=text.replace("[120.5,", "[9E9,")).stdout
+    assert ignored == plain.replace("[9E9,9E9", "[120.5,9E9", 1)
+    zero = run("compensate", calibration, stdin=text.replace("[120.5,", "[0,")).stdout
+    assert zero == plain.replace("[9E9,9E9", "[0,9E9", 1)
+
+
+def test_the_message_says_how_many_and_which(calibration: str) -> None:
+    bad = FAR.replace("[1,0,0,0]", "[1,1,0,0]")
+    Path("a.mod").write_text(GOOD + bad + bad + GOOD.replace("10", "x", 1) + bad.replace("9000", "nan"))
+    message = refused(3, "compensate", calibration, "a.mod", "-o", "b.mod")
+    assert message.startswith("a.mod:2: MoveL […]: quaternion of length 1.414; expected 1; and 2 more (1 × ")

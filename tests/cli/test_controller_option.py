@@ -1,9 +1,12 @@
 """calibtool compensate --controller: poses of programs for the controller's own model."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from commandline import Files, refused, run, write_table
+
+import calibtool as ct
 
 SHARED = Path(__file__).parent.parent / "controllers"
 POSES = "def a():\n  set_tcp(p[0, 0, 0, 0, 0, 0])\n  movel(p[-0.482478, -0.221476, 0.362441, 2.2, -2.1, 0.1])\nend\n"
@@ -12,9 +15,10 @@ JOINTS = "movej([0.1, -1.4, 1.7, -1.9, -1.6, 0.2])\n"
 
 @pytest.fixture(scope="session")
 def ten(files: Files) -> str:
-    """A calibration of a ur10."""
+    """A calibration of a ur10, as if its measurements were real."""
     path = str(files.folder / "ten-local-poe.h5")
     run("identify", files.ten, "--model", "local-poe", "-o", path)
+    ct.write(replace(ct.read(path), simulated=False), path, force=True)
     return path
 
 
@@ -33,6 +37,13 @@ def test_a_program_with_poses_is_refused_until_it_is_said(ten: str) -> None:
     assert not Path("out.script").exists()
     assert refused(2, "compensate", ten, "--format", "ur-script", stdin=POSES).startswith("stdin: ")
     run("compensate", ten, "joints.script", "-o", "joints_out.script")
+
+
+def test_the_controller_of_a_simulated_robot_is_nominal(files: Files) -> None:
+    run("identify", files.ten, "--model", "local-poe", "-o", "simulated.h5")
+    plain = run("compensate", "simulated.h5", "work.script")
+    nominal = run("compensate", "simulated.h5", "work.script", "--controller", "nominal")
+    assert plain.stdout == nominal.stdout != POSES
 
 
 def test_nominal_and_a_factory_calibration_give_other_poses(ten: str) -> None:

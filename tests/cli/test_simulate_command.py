@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from calibtool.robot.catalogue import load_robot, shipped
 
 EXACT = ("--length-error-mm", 0, "--angle-error-mrad", 0, "--noise-mm", 0)
-KINDS = ["geometric", "gear", "gravity", "backlash", "thermal"]
+KINDS = ["geometric", "gear", "gravity", "backlash", "payload", "thermal"]
 
 
 def truth_of(path: str) -> dict[str, np.ndarray | float]:
@@ -27,7 +27,7 @@ def truth_of(path: str) -> dict[str, np.ndarray | float]:
         file["truth"].visititems(
             lambda name, item: found.__setitem__(name, item[()]) if isinstance(item, h5py.Dataset) else None
         )
-        found["expansion"] = float(file["truth"].attrs["expansion"])
+        found["temperature_c"] = float(file["truth"].attrs["temperature_c"])
     return found
 
 
@@ -85,7 +85,7 @@ def test_noise_has_the_size_that_was_asked_for() -> None:
 
 def test_geometric_errors_have_the_sizes_that_were_asked_for() -> None:
     run("simulate", "panda", "-n", 4, "--length-error-mm", 2, "--angle-error-mrad", 0, "-o", "m.h5")
-    placements = stored("m.h5", "truth/placement_errors")
+    placements = stored("m.h5", "truth/errors/placements")
     assert placements[:, :3].std() == pytest.approx(2e-3, rel=0.4)
     assert not placements[:, 3:].any()
 
@@ -127,7 +127,7 @@ def test_geometric_errors_are_the_default() -> None:
 def test_one_more_kind_leaves_the_others_as_they_were() -> None:
     run("simulate", "fanuc-m1000ia", "-n", 4, "-o", "one.h5")
     run("simulate", "fanuc-m1000ia", "-n", 4, "--errors", "all", "-o", "all.h5")
-    for name in ("placement_errors", "twist_errors", "offset_errors"):
+    for name in ("errors/placements", "errors/twists", "errors/offsets"):
         assert np.array_equal(stored("one.h5", f"truth/{name}"), stored("all.h5", f"truth/{name}"))
     joints = "measurements/joint_positions"
     assert np.array_equal(stored("one.h5", joints), stored("all.h5", joints))
@@ -344,3 +344,33 @@ def test_binary_is_never_written_to_a_terminal() -> None:
     finally:
         os.close(main)
         os.close(terminal)
+
+
+# --- payload and temperature ----------------------------------------------------------------------------------------
+
+
+def test_payload_and_temperature_from_simulation_to_corrected_joints_and_code() -> None:
+    kinds = ("--errors", "geometric,payload,thermal", "--payload-mrad", 2)
+    loads = (*kinds, "--payload-kg", "0,10", "--temperature-c", "20,60")
+    run("simulate", "ur5", "-n", 80, *loads, "-o", "m.h5")
+    assert np.ptp(stored("m.h5", "measurements/payload_kg")) > 5
+    assert stored("m.h5", "measurements/temperature_c")[[0, -1]].tolist() == [20, 60]
+    families = answer("identify", "m.h5", "-o", "c.h5")["base"]["families"]
+    assert {"payload", "temperature"} <= set(families)
+    Path("t.csv").write_text("j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\n10,-60,50,-40,30,20\n")
+    joints = []
+    for load in ((), ("--payload-kg", 10), ("--payload-kg", 10, "--temperature-c", 60)):
+        run("compensate", "c.h5", "t.csv", *load, "-o", "out.csv", "--force")
+        joints.append([float(cell) for cell in Path("out.csv").read_text().splitlines()[1].split(",")[:6]])
+    assert np.abs(np.diff(joints, axis=0)).max(axis=1).min() > 1e-4
+    run("export", "c.h5", "--format", "c", "--payload-kg", 10, "--temperature-c", 60, "-o", "arm.c")
+    assert "10 kg at the tool, links at 60 C" in Path("arm.h").read_text()
+
+
+def test_a_payload_is_refused_where_nobody_knows_what_it_does() -> None:
+    run("simulate", "planar-3r", "-n", 20, "-o", "m.h5")
+    run("identify", "m.h5", "-o", "c.h5")
+    Path("t.csv").write_text("j1_deg,j2_deg,j3_deg\n10,20,30\n")
+    assert "payload_kg" in refused(2, "compensate", "c.h5", "t.csv", "--payload-kg", 5, "-o", "out.csv")
+    for bad in ("1,2,3", "-1", "x"):
+        assert "--payload-kg" in refused(2, "simulate", "ur5", f"--payload-kg={bad}", "-o", "n.h5")

@@ -297,7 +297,7 @@ def _program(program_format: str) -> Callable[[bytes], object]:
     def read(data: bytes) -> None:
         text = data.decode("latin-1")
         detected(text, "program")
-        for target in reader(program_format)(text, six()).targets:
+        for target in reader(program_format)(text, six()).literals:
             assert np.isfinite(target.values).all()
             rewritten(text, target.numbers, target.values)
 

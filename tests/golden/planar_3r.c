@@ -202,8 +202,21 @@ static void nominal_chain(const real q[N], chain *out)
     }
 }
 
-/* Base model (Eq. 8): placements M_j exp6(dzeta_j), and what they are ahead of M_j; joint twists xi_j + dxi_j, and
- * joint offsets dq_j in rad or m */
+/* Joint twists xi_j + dxi_j of the base model */
+static const real base_twists[N][6] = {
+    {0.0, 0.0, 0.0009765625, 0.0, 0.0, 1.0},
+    {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
+    {0.0, 0.0, 0.0, 0.0, 0.001953125, 1.0},
+};
+
+/* Virtual joints x, ry, rz: elementary twists fixed in the tool frame (Eq. 14) */
+static const real virtual_twists[P - N][6] = {
+    {1.0, 0.0, 0.0, 0.0, 0.0, 0.0},
+    {0.0, 0.0, 0.0, 0.0, 1.0, 0.0},
+    {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
+};
+
+/* Base model (Eq. 8): placements M_j exp6(dzeta_j), and what they are ahead of M_j, and joint offsets dq_j in rad or m */
 static const pose base_placements[N + 1] = {
     {{{1.0, 0.0, 0.0},
       {0.0, 1.0, 0.0},
@@ -240,11 +253,6 @@ static const pose placement_changes[N + 1] = {
       {0.0, 0.0, 0.0}},
      {0.0029296875, 0.0, 0.0}},
 };
-static const real base_twists[N][6] = {
-    {0.0, 0.0, 0.0009765625, 0.0, 0.0, 1.0},
-    {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
-    {0.0, 0.0, 0.0, 0.0, 0.001953125, 1.0},
-};
 static const real base_offsets[N] = {0.0, 0.00048828125, -0.0009765625};
 
 /* Joints that turn: rad per rad of the joint beyond 1, axis, its difference to the nominal one, and the way of the
@@ -274,13 +282,6 @@ static const real crossings[N][3] = {
     {0.0, 0.0, 0.0},
     {0.0, 0.0, 0.0},
     {0.0, 0.0, 0.0},
-};
-
-/* Virtual joints x, ry, rz: elementary twists fixed in the tool frame (Eq. 14) */
-static const real virtual_twists[P - N][6] = {
-    {1.0, 0.0, 0.0, 0.0, 0.0, 0.0},
-    {0.0, 0.0, 0.0, 0.0, 1.0, 0.0},
-    {0.0, 0.0, 0.0, 0.0, 0.0, 1.0},
 };
 
 /* A chain at F goes on by A - dA, another one that is ahead of it by D goes on by A:

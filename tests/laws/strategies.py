@@ -9,14 +9,15 @@ from hypothesis import strategies as st
 from plain import PlainChain, read_urdf
 
 from calibtool.calibration import Calibration, identify
-from calibtool.equivalent.network import Network, initial_network
+from calibtool.equivalent.network import Network
+from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
+from calibtool.errormodel.families import ERROR_KINDS
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.measurements import Measurements, Setup, Truth
-from calibtool.robot.actual import ERROR_KINDS, ActualRobot, ErrorScales, random_actual
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.geometry import GeometricErrors
+from calibtool.robot.gravity import load_carrying
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion, load_carrying
 from calibtool.robot.se3 import Array, exp6, readonly, transform_points
 
 seeds = st.integers(0, 2**32 - 1)
@@ -79,23 +80,24 @@ def configurations(robot: Robot, count: int, rng: np.random.Generator) -> Array:
     return robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
 
 
-def geometric(robot: Robot, rng: np.random.Generator, size: float = 1e-3) -> GeometricErrors:
+def geometric(robot: Robot, rng: np.random.Generator, size: float = 1e-3) -> RobotErrors:
     """Errors in every element: δξ makes revolute joints helical, and slides slightly turning."""
-    n = robot.n
-    return GeometricErrors(*(readonly(size * rng.normal(size=shape)) for shape in ((n + 1, 6), (n, 6), (n,))))
+    shapes = {"placements": (robot.n + 1, 6), "twists": (robot.n, 6), "offsets": (robot.n,)}
+    return RobotErrors.of(robot, **{name: size * rng.normal(size=shape) for name, shape in shapes.items()})
 
 
-def motion(robot: Robot, rng: np.random.Generator, orders: int = 2) -> JointMotion:
-    """Harmonics of the turning joints and wind-up of those that carry load."""
+def with_motion_errors(errors: RobotErrors, rng: np.random.Generator, orders: int = 2) -> RobotErrors:
+    """Harmonics of the turning joints and wind-up of those that carry load, added."""
+    robot = errors.robot
     turning = ~np.array(robot.prismatic)
     compliance = np.where(load_carrying(robot), 1e-6 * rng.normal(size=robot.n), 0.0)
     harmonics = 3e-4 * rng.normal(size=(robot.n, 2 * orders)) * turning[:, None]
-    return JointMotion(readonly(harmonics), readonly(compliance), readonly(np.zeros(len(compliance))))
+    return errors.having(harmonics=harmonics, gravity=compliance)
 
 
 def network(robot: Robot, outputs: int, q: Array, rng: np.random.Generator) -> Network:
     """Random weights, corrections of a tenth of a milliradian or millimetre."""
-    return initial_network(q, np.full(outputs, 1e-4), int(rng.integers(1, 6)), rng)
+    return Network.initial(q, np.full(outputs, 1e-4), int(rng.integers(1, 6)), rng)
 
 
 def assume_regular(robot: Robot) -> None:
@@ -106,8 +108,7 @@ def assume_regular(robot: Robot) -> None:
 
 def perfect(robot: Robot) -> ActualRobot:
     """An actual robot without any error."""
-    n = robot.n
-    return ActualRobot(robot, GeometricErrors.none(n), np.zeros((n, 4)), np.zeros(n), np.zeros(n), 0.0)
+    return ActualRobot(RobotErrors.of(robot))
 
 
 def measured(
@@ -158,11 +159,7 @@ def calibrated(
     assume_regular(robot)
     q = configurations(robot, 20, rng)
     plain = identify(measured(robot, q, perfect(robot), rng), "nominal")
-    base = replace(
-        plain.base,
-        model="complete",
-        geometry=geometric(robot, rng, size),
-        motion=motion(robot, rng) if with_motion else JointMotion.none(robot.n),
-    )
+    errors = geometric(robot, rng, size)
+    base = replace(plain.base, model="complete", errors=with_motion_errors(errors, rng) if with_motion else errors)
     networks = (network(robot, plain.equivalent.p, q, rng),) if with_network else ()
     return replace(plain, base=base, networks=networks)

@@ -29,13 +29,12 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import one_step
 from calibtool.compensation.solve import compensate_joints, compensate_poses
 from calibtool.compensation.status import NEAR_SINGULAR, OK, UNCORRECTED
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion
 
 
 def compared(robot: Robot, a: Array, b: Array) -> Array:
@@ -101,8 +100,7 @@ def task_errors(calibration: Calibration, pose: Array, aim: Array) -> Array:
 def test_a_calibration_without_errors_corrects_nothing(robot: Robot, seed: int, method: str) -> None:
     rng = np.random.default_rng(seed)
     made = calibrated(robot, rng, with_network=False)
-    n = robot.n
-    base = replace(made.base, geometry=GeometricErrors.none(n), motion=JointMotion.none(n))
+    base = replace(made.base, errors=RobotErrors.of(robot))
     q = configurations(robot, 20, rng)
     result = compensate_joints(replace(made, base=base), q, method)  # type: ignore[arg-type]
     assert np.abs(result.q - q).max() < 1e-9

@@ -99,11 +99,11 @@ def test_calibrations_are_read_as_they_were_written(
     made = calibrated(robot, rng)
     base = replace(made.base, setup=replace(made.base.setup, frame_known=known, targets_known=known))
     if posterior:
-        parameters = Parameters.of(robot, base.setup, twists=known, harmonics=members, gravity=not known)
+        parameters = Parameters.of(robot, base.setup, twists=int(known), harmonics=members, gravity=int(not known))
         p = parameters.count
         base = replace(
             base,
-            motion=replace(base.motion, harmonics=readonly(rng.normal(size=(robot.n, 2 * members)))),
+            errors=base.errors.having(harmonics=rng.normal(size=(robot.n, 2 * members))),
             posterior=Posterior(parameters, rng.random(p), rng.normal(size=(p, p)), 1.1, 3.3, -1e3),
             unobservable=tuple(parameters.names[:members]),
         )

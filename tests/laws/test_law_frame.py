@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from strategies import configurations, geometric, measured, motion, network, perfect
+from strategies import configurations, geometric, measured, network, perfect, with_motion_errors
 
 from calibtool.calibration import Calibration, identify
+from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import JointMotion
 from calibtool.robot.se3 import Array, exp6, readonly
 
 FREE = [(False, False), (False, True), (True, False)]  # frame known, targets known
@@ -26,8 +25,8 @@ def made(robot: Robot, rng: np.random.Generator, with_network: bool) -> Calibrat
     """Made-up errors of 5 mm and 5 mrad, in every element."""
     q = configurations(robot, 20, rng)
     plain = identify(measured(robot, q, perfect(robot), rng), "nominal")
-    errors, motions = geometric(robot, rng, 5e-3), motion(robot, rng)
-    base = replace(plain.base, model="complete", geometry=errors, motion=motions)
+    errors = with_motion_errors(geometric(robot, rng, 5e-3), rng)
+    base = replace(plain.base, model="complete", errors=errors)
     networks = (network(robot, plain.equivalent.p, q, rng),) if with_network else ()
     return replace(plain, base=base, networks=networks)
 
@@ -96,8 +95,7 @@ def test_what_is_nothing_but_another_frame_is_taken_back_whole(
         placements[0] = [3e-3, -5e-3, 2e-3, 4e-3, -3e-3, 6e-3]
     if not known[1]:
         placements[-1] = [1e-3, 2e-3, -3e-3, 5e-3, 1e-3, -2e-3]
-    geometry = replace(GeometricErrors.none(n), placements=readonly(placements))
-    base = replace(calibration.base, geometry=geometry, motion=JointMotion.none(n))
+    base = replace(calibration.base, errors=RobotErrors.of(robot, placements=placements))
     alone = replace(calibration, base=base, networks=())
     nominal = robot.mechanism.forward(alone.q)
     assert np.abs(alone.forward(alone.q) - nominal).max() > 1e-3

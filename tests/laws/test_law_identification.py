@@ -22,19 +22,20 @@ from strategies import (
 
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
+from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
+from calibtool.errormodel.tolerances import Tolerances
 from calibtool.identification.complete import CompleteOptions, identify_complete
 from calibtool.identification.local_poe import identify_local_poe
-from calibtool.identification.parameters import ErrorState, Tolerances
+from calibtool.identification.parameters import State
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
-from calibtool.robot.actual import ActualRobot, ErrorScales, random_actual
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
 GEOMETRIC = ErrorScales()
 # Nothing is chosen by evidence, so that a rounding error cannot tip a choice.
-PLAIN = BaseOptions("complete", CompleteOptions(harmonics=1, gravity=False, twists=True))
+PLAIN = BaseOptions("complete", CompleteOptions(orders={"harmonics": 1, "gravity": 0, "twists": 1}))
 MODELS = st.sampled_from([BaseOptions("local-poe"), PLAIN, BaseOptions("nominal")])
 
 
@@ -115,7 +116,12 @@ def test_zero_errors_are_found_as_zero(robot: Robot, seed: int, model: str, pose
     rng = np.random.default_rng(seed)
     data = measured(robot, configurations(robot, 20, rng), perfect(robot), rng, pose=pose)
     found = identified(data, BaseOptions(model)).base
-    for errors in (found.geometry.placements, found.geometry.twists, found.geometry.offsets, found.motion.harmonics):
+    for errors in (
+        found.errors["placements"],
+        found.errors["twists"],
+        found.errors["offsets"],
+        found.errors["harmonics"],
+    ):
         assert np.abs(errors).max(initial=0.0) < 1e-9
 
 
@@ -136,8 +142,7 @@ def test_errors_without_noise_are_found_where_they_can_be_seen(robot: Robot, see
 
 
 def without_twists(actual: ActualRobot) -> ActualRobot:
-    geometry = replace(actual.geometry, twists=np.zeros_like(actual.geometry.twists))
-    return replace(actual, geometry=geometry)
+    return replace(actual, errors=actual.errors.without("twists"))
 
 
 # --- how sure it may be ----------------------------------------------------------------------------------------------
@@ -149,7 +154,7 @@ ROBOTS = 100
 def test_errors_are_recovered_within_their_covariance() -> None:
     """(θ̂ − θ)ᵀ C⁻¹ (θ̂ − θ) is χ² with one degree of freedom per parameter, if θ is drawn from the prior."""
     tolerances = Tolerances(length=0.3e-3, angle=0.3e-3)
-    options = CompleteOptions(tolerances, harmonics=0, gravity=False, twists=True, estimate_priors=False)
+    options = CompleteOptions(tolerances, {"harmonics": 0, "gravity": 0, "twists": 1}, estimate_priors=False)
     robot = load_robot("scara")
     distances, scores, parameters = [], [], 0
     for seed in range(ROBOTS):
@@ -159,7 +164,7 @@ def test_errors_are_recovered_within_their_covariance() -> None:
         posterior = (found := identify_complete(data, options)).posterior
         assert posterior is not None
         parameters = posterior.parameters.count
-        true = ErrorState(actual.geometry, found.motion, found.setup).vector(posterior.parameters)
+        true = State(actual.errors, found.setup).vector(posterior.parameters)
         off = found.state.vector(posterior.parameters) - true
         distances.append(off @ np.linalg.solve(posterior.covariance, off))
         scores.append(off / posterior.std)
@@ -181,10 +186,10 @@ def test_what_local_poe_leaves_over_is_noise(name: str) -> None:
     for seed in range(ROBOTS):
         rng = np.random.default_rng(seed)
         actual = without_twists(random_actual(robot, ErrorScales(length=0.1e-3, angle=0.1e-3), rng))
-        actual = replace(actual, geometry=replace(actual.geometry, offsets=np.zeros(robot.n)))
+        actual = replace(actual, errors=actual.errors.without("offsets"))
         data = measured(robot, configurations(robot, 12, rng), actual, rng, noise=0.05e-3)
         found = identify_local_poe(data)
-        left = residuals(data, data.setup, found.geometry.frames(robot.chain, data.q).tool) * weights(data)
+        left = residuals(data, data.setup, found.errors.frames(data.q).tool) * weights(data)
         squares += float((left**2).sum())
         freedom += data.equations - found.rank
     low, high = chi2.ppf([FALSE_ALARM, 1 - FALSE_ALARM], freedom)

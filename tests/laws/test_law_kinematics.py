@@ -15,22 +15,24 @@ from strategies import (
     drawn_chains,
     geometric,
     measured,
-    motion,
     network,
     perfect,
     plain_chain,
     robots,
     seeds,
+    with_motion_errors,
 )
 
 from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
 from calibtool.equivalent.loss import task_loss
-from calibtool.identification.columns import offset_columns, placement_columns, twist_columns
-from calibtool.identification.parameters import ErrorState, Parameters
+from calibtool.errormodel.family import offset_columns
+from calibtool.errormodel.placements import placement_columns
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.errormodel.twists import twist_columns
+from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.observation import observation_matrix, target_columns
-from calibtool.robot.geometry import GeometricErrors, mechanism, relative_error
 from calibtool.robot.model import Robot
-from calibtool.robot.se3 import Array, exp6, readonly, transform_points
+from calibtool.robot.se3 import Array, exp6, readonly, relative_error, transform_points
 
 
 def assert_slope(function: Callable[[Array], Array], derivative: Array, rng: np.random.Generator) -> None:
@@ -46,7 +48,7 @@ def test_forward_kinematics_is_the_plain_product_of_exponentials(robot: Robot, s
     chain = plain_chain(robot)
     expected = np.array([chain.forward(row) for row in q])
     np.testing.assert_allclose(robot.mechanism.forward(q), expected, atol=1e-12)
-    np.testing.assert_allclose(GeometricErrors.none(robot.n).frames(robot.chain, q).tool, expected, atol=1e-12)
+    np.testing.assert_allclose(RobotErrors.of(robot).frames(q).tool, expected, atol=1e-12)
 
 
 @examples(40)
@@ -54,10 +56,10 @@ def test_forward_kinematics_is_the_plain_product_of_exponentials(robot: Robot, s
 def test_a_robot_with_errors_is_the_plain_product_of_changed_exponentials(robot: Robot, seed: int, size: float) -> None:
     rng = np.random.default_rng(seed)
     errors, q = geometric(robot, rng, size), configurations(robot, 3, rng)
-    chain = plain_chain(robot).with_errors(errors.placements, errors.twists)
-    expected = np.array([chain.forward(row + errors.offsets) for row in q])
-    np.testing.assert_allclose(errors.frames(robot.chain, q).tool, expected, atol=1e-11)
-    np.testing.assert_allclose(mechanism(robot.chain, errors).forward(q), expected, atol=1e-11)
+    chain = plain_chain(robot).with_errors(errors["placements"], errors["twists"])
+    expected = np.array([chain.forward(row + errors["offsets"]) for row in q])
+    np.testing.assert_allclose(errors.frames(q).tool, expected, atol=1e-11)
+    np.testing.assert_allclose(errors.mechanism.forward(q), expected, atol=1e-11)
 
 
 @examples(20)
@@ -65,7 +67,7 @@ def test_a_robot_with_errors_is_the_plain_product_of_changed_exponentials(robot:
 def test_jacobians_are_derivatives(robot: Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
     errors, q = geometric(robot, rng), configurations(robot, 1, rng)
-    built = mechanism(robot.chain, errors)
+    built = errors.mechanism
     pose, jacobian = built.forward_and_jacobian(q)
 
     def moved(x: Array) -> Array:
@@ -84,15 +86,14 @@ def test_jacobians_are_derivatives(robot: Robot, seed: int) -> None:
 def test_error_columns_are_derivatives(robot: Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
     errors, q = geometric(robot, rng), configurations(robot, 1, rng)
-    frames = errors.frames(robot.chain, q)
+    frames = errors.frames(q)
     n = robot.n
 
     def change(placements: Array, twists: Array, offsets: Array) -> Array:
-        stepped = errors.moved_placements(placements.reshape(n + 1, 6))
-        stepped = GeometricErrors(stepped.placements, errors.twists + twists.reshape(n, 6), errors.offsets + offsets)
-        return relative_error(stepped.frames(robot.chain, q).tool, frames.tool)[0]
+        stepped = errors.moved(placements=placements.reshape(n + 1, 6), twists=twists.reshape(n, 6), offsets=offsets)
+        return relative_error(stepped.frames(q).tool, frames.tool)[0]
 
-    twists, driven = robot.chain.twists + errors.twists, q + errors.offsets
+    twists, driven = robot.chain.twists + errors["twists"], q + errors["offsets"]
     none = np.zeros((n + 1, 6)), np.zeros((n, 6)), np.zeros(n)
     assert_slope(lambda x: change(x, *none[1:]), placement_columns(frames)[0], rng)
     assert_slope(lambda x: change(none[0], x, none[2]), twist_columns(frames, twists, driven)[0], rng)
@@ -109,16 +110,17 @@ def test_columns_of_the_complete_model_are_derivatives_of_what_is_seen(robot: Ro
     setup = replace(
         measured(robot, q, perfect(robot), rng, pose=pose, frame=frame).setup, frame_known=False, targets_known=False
     )
-    parameters = Parameters.of(robot, setup, twists=True, harmonics=2, gravity=True)
-    state = ErrorState(geometric(robot, rng), motion(robot, rng), setup)
-    frames = state.frames(robot, q)
-    columns = observation_matrix(setup, frames.tool) @ parameters.pose_columns(robot, state, frames, q)
+    parameters = Parameters.of(robot, setup, twists=1, harmonics=2, gravity=1)
+    state = State(with_motion_errors(geometric(robot, rng), rng), setup)
+    context = state.errors.context(q)
+    frames = context.frames
+    columns = observation_matrix(setup, frames.tool) @ parameters.pose_columns(context)
     columns = np.concatenate([columns, target_columns(setup, frames.tool)], axis=-1)
 
-    def seen(moved: ErrorState) -> Array:
+    def seen(moved: State) -> Array:
         """In the instrument's frame, brought to K_0 with the frame of `state`."""
         back = np.linalg.inv(setup.T_instrument_base) @ moved.setup.T_instrument_base
-        tool = back @ moved.frames(robot, q).tool
+        tool = back @ moved.frames(q).tool
         points = transform_points(tool, moved.setup.targets).ravel()
         if moved.setup.R_tool_sensor is None:
             return points

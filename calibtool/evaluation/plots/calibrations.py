@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from calibtool.calibration import Calibration
+from calibtool.errormodel.harmonics import harmonic_functions
 from calibtool.errors import InputError
 from calibtool.evaluation.plots.style import (
     COLOURS,
@@ -22,9 +23,8 @@ from calibtool.evaluation.plots.style import (
     panels,
 )
 from calibtool.identification.local_poe import RANK_TOLERANCE
-from calibtool.identification.report import ParameterRow, parameter_rows
+from calibtool.identification.report import parameter_rows
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import harmonic_functions
 from calibtool.robot.se3 import Array
 
 Named = Sequence[tuple[str, Calibration]]
@@ -60,7 +60,7 @@ def training(calibrations: Named, width_mm: float) -> Figure:
 
 def joint_motions(calibration: Calibration, q: Array) -> Array:
     """δρ of the actuated joints (N, n) at q (N, n), rad or m: joint-motion functions and network, no constant offsets."""
-    motion = calibration.base.motion.errors(calibration.robot, q)
+    motion = calibration.base.errors.motion(q, calibration.conditions)
     return motion if calibration.network is None else motion + calibration.network(q)[:, : calibration.robot.n]
 
 
@@ -90,7 +90,7 @@ def motions(calibrations: Named, width_mm: float) -> Figure:
                 rasterized=len(rows) * len(moving) > MANY,
                 **mark(i),
             )
-            harmonics = calibration.base.motion.harmonics
+            harmonics = calibration.base.errors["harmonics"]
             if harmonics[j].any():
                 along = np.linspace(q[:, j].min(), q[:, j].max(), 300)
                 curve = harmonic_functions(along[:, None], harmonics.shape[1] // 2)[:, 0] @ harmonics[j]
@@ -103,22 +103,20 @@ def motions(calibrations: Named, width_mm: float) -> Figure:
 
 
 def _moves(calibration: Calibration) -> bool:
-    return calibration.network is not None or not calibration.base.motion.is_none
+    return calibration.network is not None or bool(calibration.base.errors.beyond_geometry)
 
 
 def parameters(calibrations: Named, width_mm: float) -> Figure:
     """Identified parameters ± 2 standard deviations, by family. InputError where no calibration has a posterior."""
-    known = [(i, name, parameter_rows(c.robot, c.base)) for i, (name, c) in enumerate(calibrations, 1)]
+    known = [(i, name, parameter_rows(c.base)) for i, (name, c) in enumerate(calibrations, 1)]
     known = [(i, name, rows) for i, name, rows in known if rows]
     if not known:
         raise InputError("only a complete model knows the uncertainty of its parameters")
     families: dict[tuple[str, str], list[str]] = {}
-    for _, _, rows in known:
-        for row in rows:
-            names = families.setdefault((_family(row), row.unit), [])
-            if row.name not in names:
-                names.append(row.name)
-    families = {key: names for key, names in families.items() if key[0] != "set-up"}
+    for row in (row for _, _, rows in known for row in rows if row.family is not None):
+        names = families.setdefault((str(row.family), row.unit), [])
+        if row.name not in names:
+            names.append(row.name)
     figure, axes = panels(width_mm, len(families), (max(80.0, width_mm * 0.45), 40.0))
     for panel, ((family, unit), names) in zip(axes, families.items(), strict=True):
         place = {name: k for k, name in enumerate(names)}
@@ -146,19 +144,6 @@ def parameters(calibrations: Named, width_mm: float) -> Figure:
             panel.set_xlabel(f"{len(names)} parameters, {names[0]} … {names[-1]}")
     legend(figure, axes[0])
     return figure
-
-
-def _family(row: ParameterRow) -> str:
-    """Which errors a parameter belongs to, as the axis says it."""
-    head, dot, _ = row.name.partition(".")
-    if head.startswith(("base", "target")):
-        return "set-up"
-    if dot:
-        return "δζ" if head.startswith("ζ") else "δξ"
-    for start, family in (("gravity", "wind-up"), ("backlash", "backlash"), ("q", "δq")):
-        if head.startswith(start):
-            return family
-    return "harmonics"
 
 
 def observability(calibrations: Named, width_mm: float) -> Figure:

@@ -2,9 +2,9 @@
 
 from calibtool.calibration import Calibration
 from calibtool.calibration.frame_report import frame_report
+from calibtool.errormodel.family import COMPONENTS
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Drawing, Section, Table, number
-from calibtool.identification.parameters import COMPONENTS
 from calibtool.identification.report import parameter_rows, strongest_correlations
 from calibtool.measurement.measurements import Measurements
 
@@ -61,7 +61,7 @@ def parameters_section(subject: Subject) -> Section:
         base, frame = calibration.base, frame_report(calibration)
         lines += [] if frame is None else [f"{name}: {line}." for line in frame.lines()]
         if base.posterior is not None:
-            rows = parameter_rows(calibration.robot, base)
+            rows = parameter_rows(base)
             lines.append(
                 f"{name}: {base.posterior.effective:.1f} of {base.observable_rank} directions determined "
                 f"({len(rows)} parameters); strongest correlations "
@@ -84,9 +84,8 @@ def parameters_section(subject: Subject) -> Section:
 
 
 def _placements(name: str, calibration: Calibration) -> Table:
-    rows = [
-        [f"ζ{j + 1}", *(f"{v * 1e3:.4f}" for v in row)] for j, row in enumerate(calibration.base.geometry.placements)
-    ]
+    errors = calibration.base.errors["placements"]
+    rows = [[f"ζ{j + 1}", *(f"{v * 1e3:.4f}" for v in row)] for j, row in enumerate(errors)]
     header = ["error", *(f"{c} {'mrad' if c.startswith('r') else 'mm'}" for c in COMPONENTS)]
     return Table(f"Placement errors of {name} (least norm, no uncertainty)", header, rows, folded=True)
 

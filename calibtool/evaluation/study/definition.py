@@ -11,8 +11,9 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from calibtool import __version__
+from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errors import CalibtoolError, InputError, UsageError, near_names
-from calibtool.robot.actual import ERROR_KINDS, ErrorScales
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_toml, validation_message
 
@@ -65,6 +66,7 @@ class Definition(BaseModel):
     gear_mrad: Size = 0.2
     gravity_mrad: Size = 0.5
     backlash_mrad: Size = 0.1
+    payload_mrad: Size = 0.5
     thermal_k: Size = 10.0
 
     @field_validator("methods")
@@ -87,10 +89,8 @@ class Definition(BaseModel):
             kinds=tuple(kinds.split(",")),
             length=self.length_error_mm * mm,
             angle=self.angle_error_mrad * mrad,
-            gear=self.gear_mrad * mrad,
-            gravity=self.gravity_mrad * mrad,
-            backlash=self.backlash_mrad * mrad,
-            temperature=self.thermal_k * factor,
+            sizes={kind: getattr(self, f"{kind}_mrad") * mrad for kind in ("gear", "gravity", "backlash", "payload")},
+            warmth=self.thermal_k * factor,
         )
 
     def changed(self, changes: Mapping[str, object]) -> "Definition":

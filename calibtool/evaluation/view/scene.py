@@ -7,7 +7,6 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import measured_in_base
-from calibtool.robot.geometry import GeometricErrors
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly, transform_points
 
@@ -83,6 +82,6 @@ def scene_of(contents: Measurements | Calibration) -> Scene:
 
 def _arm(robot: Robot, q: Array) -> Array:
     """Origins of base, joints before and after their motion, and tool (N, 2n+2, 3)."""
-    frames = GeometricErrors.none(robot.n).frames(robot.chain, q)
+    frames = robot.mechanism.frames(q)
     joints = np.stack([frames.before, frames.after], axis=2)[..., :3, 3].reshape(len(q), 2 * robot.n, 3)
     return np.concatenate([np.zeros((len(q), 1, 3)), joints, frames.tool[:, None, :3, 3]], axis=1)

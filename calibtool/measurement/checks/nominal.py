@@ -35,10 +35,9 @@ class Fit:
 
 def nominal_fit(measurements: Measurements, *, free: bool) -> Fit:
     """The nominal robot registered to the points (orientations left aside); free: given parts of the set-up too."""
-    setup = replace(measurements.setup, R_tool_sensor=None)
-    if free:
-        setup = replace(setup, frame_known=False, targets_known=False)
-    points = replace(measurements, rotations=None, setup=setup, truth=None)
+    points = measurements.points_alone()
+    setup = replace(points.setup, frame_known=False, targets_known=False) if free else points.setup
+    points = replace(points, setup=setup)
     try:
         setup = register(points)
     except NoSolutionError:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calibtool.errormodel.conditions import Conditions, directions
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.measurement.companions import Companions
 from calibtool.measurement.importing.column_map import ColumnMap, Frame
@@ -17,15 +18,20 @@ from calibtool.measurement.importing.commanded import (
 from calibtool.measurement.importing.header import Stated, complete_map
 from calibtool.measurement.importing.joining import JOIN_TOLERANCE, Join, join_rows
 from calibtool.measurement.importing.known import known_setup
-from calibtool.measurement.importing.readings import read_companions, read_joints, read_points, read_rotations
+from calibtool.measurement.importing.readings import (
+    read_companions,
+    read_joints,
+    read_payload,
+    read_points,
+    read_rotations,
+)
 from calibtool.measurement.importing.rows import choose_rows, line_ranges
 from calibtool.measurement.importing.sources import Source, read_source
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.model import Robot
-from calibtool.robot.motion import directions
-from calibtool.robot.se3 import readonly
+from calibtool.robot.se3 import Array, readonly
 from calibtool.tables import Table
 
 REGISTRATION_ROWS = 20_000  # evenly spaced ones of a longer table; the set-up has at most some twenty unknowns
@@ -146,9 +152,7 @@ def read_table(
     joint_table = source.table
     if joints is not None:
         joint_table = read_source(joints.data, joints.name).table
-        table, joint_table, unmatched = join_rows(
-            source.table, joint_table, joints.join, by, joints.tolerance_s
-        )
+        table, joint_table, unmatched = join_rows(source.table, joint_table, joints.join, by, joints.tolerance_s)
         if targets is not None:
             targets = of_kept_rows(targets, source.table, table)
         source, warnings = replace(source, table=table), warnings + unmatched
@@ -169,6 +173,7 @@ def read_table(
         place = table.place(int(np.argmin(seen.any(axis=-1))))
         raise InputError(f"{place}: no target was measured in this row")
     rotations = None if complete.pose is None else readonly(read_rotations(table, complete.pose))
+    companions = read_companions(table, joint_table, robot, complete, q)
     measurements = Measurements(
         robot=robot,
         q=readonly(q),
@@ -177,12 +182,13 @@ def read_table(
         setup=known_setup(complete, robot, points, frame or complete.instrument.frame, robot_targets, name),
         noise_position=complete.noise.position_mm * 1e-3,
         noise_orientation=complete.noise.orientation_mrad * 1e-3,
-        direction=readonly(directions(q)),
-        commanded=None
-        if targets is None
-        else commanded_poses(targets, robot, joint_values),
+        conditions=Conditions(
+            direction=readonly(directions(q)),
+            payload_kg=None if complete.payload is None else readonly(read_payload(table, complete.payload)),
+            temperature_c=companions.temperature_c if _whole(companions.temperature_c) else None,
+        ),
+        commanded=None if targets is None else commanded_poses(targets, robot, joint_values),
     )
-    companions = read_companions(table, joint_table, robot, complete, q)
     warnings += _lacking(table, complete, seen) + _outside(joint_table, robot, measurements)
     understood = Understood(
         source=replace(source, table=replace(table, rows=[], lines=[])),
@@ -207,6 +213,11 @@ def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
     ]
 
 
+def _whole(values: Array | None) -> bool:
+    """Whether there is a number in every row."""
+    return values is not None and bool(np.isfinite(values).all())
+
+
 def _rows(chosen: np.ndarray) -> list[int]:
     return [int(row) for row in np.flatnonzero(chosen)]
 
@@ -224,7 +235,7 @@ def _ignored(source: Source, joints: Table, columns: ColumnMap) -> dict[str, lis
     of_joints = {column for part in (columns.joints, columns.joints_read) if part for column in part.columns}
     of_table = {column for target in columns.targets for column in target.columns}
     of_table |= {column for reference in columns.references for column in reference.measured}
-    of_table |= {part.column for part in (columns.time, columns.temperature) if part}
+    of_table |= {part.column for part in (columns.time, columns.temperature, columns.payload) if part}
     if columns.pose is not None:
         of_table |= {*columns.pose.position, *columns.pose.orientation}
     keys = {columns.join.measured, columns.join.joints} if columns.join else {"name", "time_s", "time_ms", "time_iso"}

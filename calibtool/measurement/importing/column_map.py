@@ -102,6 +102,13 @@ class TemperatureColumn(_Strict):
     unit: Literal["C", "K"]
 
 
+class PayloadColumn(_Strict):
+    """The mass at the tool in kg or g."""
+
+    column: str
+    unit: Literal["kg", "g"]
+
+
 class JoinColumns(_Strict):
     """Which columns bring a row of the table and a row of the joint file together: names, or time stamps with a unit."""
 
@@ -135,6 +142,7 @@ class ColumnMap(_Strict):
     references: list[ReferenceColumns] = []
     time: TimeColumn | None = None
     temperature: TemperatureColumn | None = None
+    payload: PayloadColumn | None = None
     join: JoinColumns | None = None
     instrument: Instrument = Instrument()
     noise: Noise = Noise()

@@ -12,6 +12,7 @@ from calibtool.measurement.importing.column_map import (
     ColumnMap,
     JointColumns,
     LengthUnit,
+    PayloadColumn,
     PoseColumns,
     ReferenceColumns,
     TargetColumns,
@@ -56,6 +57,7 @@ def complete_map(source: Source, joints: Table, robot: Robot, given: ColumnMap |
         "joints_read": given.joints_read or _joints_read(joints, robot),
         "time": given.time or time_column(table),
         "temperature": given.temperature or _temperature(table),
+        "payload": given.payload or _payload(table),
         "references": given.references or _references(table, stated),
     }
     if not given.targets and given.pose is None:
@@ -85,6 +87,10 @@ def _temperature(table: Table) -> TemperatureColumn | None:
     if "temperature_c" in table.header:
         return TemperatureColumn(column="temperature_c", unit="C")
     return TemperatureColumn(column="temperature_k", unit="K") if "temperature_k" in table.header else None
+
+
+def _payload(table: Table) -> PayloadColumn | None:
+    return PayloadColumn(column="payload_kg", unit="kg") if "payload_kg" in table.header else None
 
 
 def _joints(table: Table, robot: Robot, source: Source, stated: Stated) -> JointColumns:

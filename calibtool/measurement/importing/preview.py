@@ -90,6 +90,8 @@ def _beside(imported: Imported) -> list[str]:
     result = []
     if columns.time is not None:
         result.append(f"time stamps {columns.time.column} [{columns.time.unit}]")
+    if columns.payload is not None:
+        result.append(f"payload {columns.payload.column} [{columns.payload.unit}]")
     if columns.temperature is not None:
         result.append(f"temperature {columns.temperature.column} [{columns.temperature.unit}]")
     if companions.reference_points is not None:

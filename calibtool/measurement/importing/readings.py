@@ -5,7 +5,13 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError
 from calibtool.measurement.companions import Companions
-from calibtool.measurement.importing.column_map import ColumnMap, JointColumns, PoseColumns, TargetColumns
+from calibtool.measurement.importing.column_map import (
+    ColumnMap,
+    JointColumns,
+    PayloadColumn,
+    PoseColumns,
+    TargetColumns,
+)
 from calibtool.measurement.importing.joining import times
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
@@ -69,6 +75,14 @@ def read_rotations(table: Table, pose: PoseColumns) -> Array:
 def _matrices(rotations: Rotation) -> Array:
     matrices: Array = rotations.as_matrix()
     return matrices
+
+
+def read_payload(table: Table, payload: PayloadColumn) -> Array:
+    """Mass at the tool (N,), kg. InputError for a negative one."""
+    values = table.numbers([payload.column])[:, 0] * (1e-3 if payload.unit == "g" else 1.0)
+    if (values < 0).any():
+        raise InputError(f"{table.place(int(np.argmax(values < 0)))}: column '{payload.column}' holds a negative mass")
+    return values
 
 
 def read_companions(table: Table, joints_table: Table, robot: Robot, columns: ColumnMap, q: Array) -> Companions:

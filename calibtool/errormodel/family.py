@@ -1,0 +1,234 @@
+"""What a family of errors is: the questions that simulation, identification, files and pages ask of it."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from calibtool.errormodel.conditions import REFERENCE_C, Conditions
+from calibtool.errormodel.tolerances import Tolerances
+from calibtool.robot.gravity import gravity_torque
+from calibtool.robot.mechanism import Frames
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array, adjoint, readonly
+
+COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Commanded rows: joint positions q (N, n) in rad or m, and their conditions; what the nominal robot does there."""
+
+    robot: Robot
+    q: Array
+    conditions: Conditions
+
+    @cached_property
+    def torque(self) -> Array:
+        """Gravity torques of the links (N, n), N m."""
+        return gravity_torque(self.robot, self.q)
+
+    @cached_property
+    def nominal(self) -> Frames:
+        """Frames of the nominal robot."""
+        return self.robot.mechanism.frames(self.q)
+
+    @property
+    def payload(self) -> Array:
+        """Mass at the tool, kg: (N,) or ()."""
+        given = self.conditions.payload_kg
+        return np.array(self.robot.source.description.mounting.payload_kg) if given is None else given
+
+    @property
+    def warmth(self) -> Array:
+        """Temperature above the reference, K: (N,) or ()."""
+        given = self.conditions.temperature_c
+        return np.zeros(()) if given is None else given - REFERENCE_C
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """Where columns are taken: commanded rows and the state's frames there.
+
+    frames  of the robot with its errors
+    moved   (N, n) joint positions after all joint motions and offsets, rad or m
+    twists  (n, 6) ξ_j + δξ_j
+    """
+
+    rows: Rows
+    frames: Frames
+    moved: Array
+    twists: Array
+
+    @cached_property
+    def offset_columns(self) -> Array:
+        """Ad(F_j) ξ_j, what a motion of joint j does to the pose: (N, 6, n)."""
+        return offset_columns(self.frames, self.twists)
+
+
+def offset_columns(frames: Frames, twists: Array) -> Array:
+    """δq_j, j = 1…n: Ad(F_j) ξ_j, which is also the spatial Jacobian. (N, 6, n)"""
+    return np.moveaxis((adjoint(frames.after) @ twists[:, :, None])[..., 0], 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Sizes:
+    """Sizes of simulated errors, SI: lengths and angles of the geometry, and the size of any other kind."""
+
+    length: float
+    angle: float
+    size: float
+
+
+class Family(ABC):
+    """A family of errors. Its value is one array; what is said of its elements has the value's shape.
+
+    id      its key in states, files and JSON
+    symbol  what names of its parameters begin with; `ascii` the same without Greek
+    kind    the kind of simulated errors that it belongs to
+    words   what it is, for people
+    meaning its formula, for whoever reads a file
+    unit    of the stored value, SI
+    size    of simulated errors unless told otherwise, SI
+    orders  sizes of model from which evidence chooses; 0: none of its parameters
+    always  identified unless told otherwise
+    needs   what rows must tell for it to be known, for people
+    by_row  whether it changes placements from row to row
+    grows   whether evidence may also enlarge its tolerances: what has a physical scale only gets smaller
+    """
+
+    id: ClassVar[str]
+    symbol: ClassVar[str]
+    ascii: ClassVar[str]
+    kind: ClassVar[str]
+    words: ClassVar[str]
+    meaning: ClassVar[str]
+    unit: ClassVar[str]
+    size: ClassVar[float] = 0.0
+    orders: ClassVar[tuple[int, ...]] = (0, 1)
+    always: ClassVar[bool] = False
+    needs: ClassVar[str] = "joint positions"
+    by_row: ClassVar[bool] = False
+    grows: ClassVar[bool] = True
+
+    # --- its parameters ---
+
+    @abstractmethod
+    def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
+        """Shape of the value for n joints."""
+
+    def value(self, n: int, given: Array | None = None) -> Array:
+        """A read-only value for n joints, zero unless given. ValueError for another shape."""
+        if given is None:
+            return readonly(np.zeros(self.shape(n, 0)))
+        order = self.order(np.shape(given)) if np.ndim(given) == len(self.shape(n)) else 1
+        return readonly(given, self.shape(n, order))
+
+    def order(self, shape: tuple[int, ...]) -> int:
+        """The order of a value of this shape."""
+        return 1
+
+    def free(self, robot: Robot, shape: tuple[int, ...]) -> np.ndarray:
+        """Which elements are parameters, (*shape) bool."""
+        return np.ones(shape, dtype=bool)
+
+    @abstractmethod
+    def names(self, shape: tuple[int, ...], symbol: str) -> list[str]:
+        """One name per element, flat."""
+
+    @abstractmethod
+    def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
+        """Prior standard deviations (*shape), SI."""
+
+    def groups(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Elements with the same number have tolerances of one scale, which evidence may change: (*shape) int."""
+        return np.zeros(shape, dtype=int)
+
+    def known(self, rows: Rows) -> bool:
+        """Whether these rows can show the family: what it depends on was recorded."""
+        return True
+
+    # --- for people ---
+
+    def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
+        """What an element is multiplied by for people (*shape), and its unit then, flat."""
+        per_joint = ["mm" if prismatic else "mrad" for prismatic in robot.prismatic]
+        return np.full(shape, 1e3), per_joint
+
+    def told(self, robot: Robot, value: Array, free: np.ndarray) -> str:
+        """The family in a sentence about a model that has it; free (*shape) bool: its parameters."""
+        return self.words
+
+    # --- the robot ---
+
+    def placed(self, value: Array, placements: Array, rows: Rows | None) -> Array:
+        """Joint placements M_j (n+1, 4, 4), or (N, n+1, 4, 4) where the family changes them from row to row."""
+        return placements
+
+    def twisted(self, value: Array, twists: Array) -> Array:
+        """Joint twists (n, 6)."""
+        return twists
+
+    def offset(self, value: Array) -> Array | float:
+        """What is added to every joint position (n,), rad or m."""
+        return 0.0
+
+    def motion(self, value: Array, rows: Rows) -> Array | float:
+        """What is added to the joint positions of a row (N, n), rad or m."""
+        return 0.0
+
+    @abstractmethod
+    def columns(self, shape: tuple[int, ...], context: Context) -> Array:
+        """∂δy/∂value (N, 6, size), δy the spatial twist of `relative_error`."""
+
+    def moved(self, value: Array, step: Array) -> Array:
+        """The value after a step of the parameters (*shape)."""
+        return value + step
+
+    def resized(self, value: Array, shape: tuple[int, ...]) -> Array:
+        """The same errors as a value of another order."""
+        return value
+
+    # --- simulation ---
+
+    @abstractmethod
+    def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:
+        """A value of a simulated robot."""
+
+
+class JointFunctions(Family):
+    """δq_j = Σ_k value_jk f_jk(row): the columns are those of the joint's offset times the functions."""
+
+    def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
+        return (n,)
+
+    def names(self, shape: tuple[int, ...], symbol: str) -> list[str]:
+        return [f"{symbol}{j + 1}" for j in range(shape[0])]
+
+    @abstractmethod
+    def functions(self, shape: tuple[int, ...], rows: Rows) -> Array:
+        """f (N, n, k)."""
+
+    def motion(self, value: Array, rows: Rows) -> Array | float:
+        if not value.any():
+            return 0.0
+        if value.ndim == 1:
+            result: Array = value * self.functions(value.shape, rows)[..., 0]
+            return result
+        return np.asarray((self.functions(value.shape, rows) * value).sum(axis=-1))
+
+    def columns(self, shape: tuple[int, ...], context: Context) -> Array:
+        products = context.offset_columns[..., None] * self.functions(shape, context.rows)[:, None]
+        return products.reshape(*products.shape[:2], -1)
+
+
+def joint_list(free: np.ndarray) -> str:
+    """Joints that have a parameter, for people: `2, 3`."""
+    return ", ".join(str(j + 1) for j in np.flatnonzero(free.reshape(len(free), -1).any(axis=-1)))
+
+
+def names_of_twists(count: int, symbol: str) -> list[str]:
+    """ζ1.x … of `count` twists."""
+    return [f"{symbol}{j + 1}.{c}" for j in range(count) for c in COMPONENTS]

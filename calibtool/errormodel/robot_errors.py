@@ -1,0 +1,129 @@
+"""The errors of a robot, {family: value}, and the robot that has them: exact for finite motions, nothing is linearised."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.families import BY_ID, FAMILIES
+from calibtool.errormodel.family import Context, Family, Rows
+from calibtool.robot.mechanism import Frames, Mechanism
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array
+
+
+@dataclass(frozen=True, eq=False)
+class RobotErrors:
+    """One value per family (`Family.shape`), zero where the robot has no such error.
+
+    Joint positions q (N, n) are commanded ones, in rad or m; poses are in K_0.
+    """
+
+    robot: Robot
+    values: Mapping[str, Array]
+
+    @classmethod
+    def of(cls, robot: Robot, **values: Array) -> Self:
+        """Errors of some families by id, none of the others. ValueError for a value of another shape."""
+        if unknown := set(values) - set(BY_ID):
+            raise ValueError(f"unknown families of errors: {', '.join(sorted(unknown))}")
+        return cls(robot, {family.id: family.value(robot.n, values.get(family.id)) for family in FAMILIES})
+
+    def __getitem__(self, family: str) -> Array:
+        return self.values[family]
+
+    def having(self, **values: Array) -> Self:
+        """The same errors but for these families."""
+        return type(self).of(self.robot, **{**self.values, **values})
+
+    def without(self, *families: str) -> Self:
+        """The same errors but none of these families."""
+        return type(self).of(self.robot, **{name: value for name, value in self.values.items() if name not in families})
+
+    def moved(self, **steps: Array) -> Self:
+        """The errors after steps (`Family.moved`) of some families; a step may be of another order than the value."""
+        values = {}
+        for name, step in steps.items():
+            family = BY_ID[name]
+            values[name] = family.moved(family.resized(self.values[name], step.shape), step)
+        return self.having(**values)
+
+    @cached_property
+    def present(self) -> list[Family]:
+        """Families whose value is not zero."""
+        return [family for family in FAMILIES if self.values[family.id].any()]
+
+    @cached_property
+    def beyond_geometry(self) -> list[Family]:
+        """Those of the present families that `mechanism` does not hold."""
+        return [family for family in self.present if family.kind != "geometric"]
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The kinematics without what changes from row to row: joint motions, payload and temperature."""
+        twists, offset = self.twists, np.zeros(self.robot.n)
+        for family in FAMILIES:
+            offset = offset + family.offset(self.values[family.id])
+        return Mechanism.of(self.robot.chain.bodies, self._placements(None), twists, offset)
+
+    def standing(self, conditions: Conditions) -> Mechanism:
+        """The kinematics at a temperature (a number), without joint motions and payload."""
+        mechanism, _ = self.without("payload").at(np.zeros((1, self.robot.n)), conditions)
+        return mechanism if mechanism.placements.ndim == 3 else mechanism.at_row(0)
+
+    @property
+    def twists(self) -> Array:
+        """ξ_j with their errors (n, 6), per rad or m."""
+        twists = self.robot.chain.twists
+        for family in FAMILIES:
+            twists = family.twisted(self.values[family.id], twists)
+        return twists
+
+    def motion(self, q: Array, conditions: Conditions | None = None) -> Array:
+        """Joint motion errors δq(q) beyond the constant offsets (N, n), rad or m."""
+        return self._motion(Rows(self.robot, q, conditions or Conditions()))
+
+    def at(self, q: Array, conditions: Conditions | None = None) -> tuple[Mechanism, Array]:
+        """The kinematics at these rows, and the joint positions (N, n) to which its joints are driven."""
+        return self._at(Rows(self.robot, q, conditions or Conditions()))
+
+    def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
+        """T_base_tool (N, 4, 4)."""
+        mechanism, driven = self.at(q, conditions)
+        return mechanism.forward(driven)
+
+    def frames(self, q: Array, conditions: Conditions | None = None) -> Frames:
+        """Every frame of the chain."""
+        mechanism, driven = self.at(q, conditions)
+        return mechanism.frames(driven)
+
+    def context(self, q: Array, conditions: Conditions | None = None) -> Context:
+        """Frames and positions from which columns are built."""
+        rows = Rows(self.robot, q, conditions or Conditions())
+        mechanism, driven = self._at(rows)
+        return Context(rows, mechanism.frames(driven), driven + mechanism.offsets, self.twists)
+
+    def _at(self, rows: Rows) -> tuple[Mechanism, Array]:
+        if not self.beyond_geometry:
+            return self.mechanism, rows.q
+        driven = rows.q + self._motion(rows)
+        if not any(family.by_row for family in self.present):
+            return self.mechanism, driven
+        placements = self._placements(rows)
+        return self.mechanism if placements.ndim == 3 else replace(self.mechanism, placements=placements), driven
+
+    def _motion(self, rows: Rows) -> Array:
+        motion = np.zeros(rows.q.shape)
+        for family in self.beyond_geometry:
+            motion += family.motion(self.values[family.id], rows)
+        return motion
+
+    def _placements(self, rows: Rows | None) -> Array:
+        """M_j with their errors (n+1, 4, 4), or (N, n+1, 4, 4) where they change from row to row."""
+        placements = self.robot.chain.placements
+        for family in reversed(FAMILIES):
+            placements = family.placed(self.values[family.id], placements, rows)
+        return placements

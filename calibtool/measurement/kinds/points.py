@@ -1,0 +1,51 @@
+"""Target points on the tool, of which a row may have seen some (Eqs. 18, 19)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibtool.measurement.kinds.kind import Kind, Readings
+from calibtool.robot.se3 import Array, readonly, skew, transform_points
+
+if TYPE_CHECKING:
+    from calibtool.measurement.measurements import Setup
+
+
+class TargetPoints(Kind):
+    """d = 3 m: x, y, z of each point."""
+
+    id, words = "points", "{m} target points"
+
+    def names(self, points: int) -> tuple[str, ...]:
+        return tuple(f"target{i + 1}.{c}" for i in range(points) for c in "xyz")
+
+    def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
+        left = (readings.points - transform_points(T_base_tool, setup.targets)).reshape(len(T_base_tool), -1)
+        left[~readings.seen.repeat(3, axis=-1)] = 0.0
+        return left
+
+    def matrix(self, setup: Setup, T_base_tool: Array) -> Array:
+        """P of Eq. 18, with rows [I, −[p_i]×]."""
+        points = transform_points(T_base_tool, setup.targets)
+        count, m = points.shape[:2]
+        identity = np.broadcast_to(np.eye(3), (count, m, 3, 3))
+        return np.concatenate([identity, -skew(points)], axis=-1).reshape(count, 3 * m, 6)
+
+    def moved(self, setup: Setup, step: Array) -> Setup:
+        return replace(setup, targets=readonly(setup.targets + step.reshape(-1, 3)))
+
+    def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
+        seen: Array = readings.seen.repeat(3, axis=-1) / noise_position
+        return seen
+
+    def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
+        return readings.points, setup.targets
+
+    def from_points(self, setup: Setup, targets: Array) -> Setup:
+        return replace(setup, targets=readonly(targets))
+
+    def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
+        return replace(setup, targets=readonly(transform_points(T_new_tool, setup.targets)))

@@ -1,0 +1,86 @@
+"""What all uses of a position agree on: its frame and tool, or why it is left as it is."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from calibtool.programs.flow import Flow, Use
+from calibtool.programs.motions import FRAME, JOINT, Frame, Program, Unknown
+
+SEED = "only a start of the controller's inverse kinematics"
+AS_FRAME = "a frame or tool of others"
+_LINES = 5  # lines named in one reason
+
+
+@dataclass(frozen=True, eq=False)
+class Position:
+    """A literal that can be corrected: its number in the program, its uses, and of a pose its frame and tool."""
+
+    literal: int
+    uses: tuple[int, ...]
+    frame: Frame | None = None
+    tool: Frame | None = None
+
+
+def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, str]]:
+    """Positions in the order of the literals, and why the other literals are left, by their numbers."""
+    uses: list[list[int]] = [[] for _ in program.literals]
+    for number, use in enumerate(flow.uses):
+        uses[use.literal].append(number)
+    found: list[Position] = []
+    left: dict[int, str] = {}
+    for number, literal in enumerate(program.literals):
+        here = [flow.uses[k] for k in uses[number]]
+        if literal.left:
+            left[number] = literal.left
+        elif number in flow.spoiled:
+            left[number] = flow.spoiled[number]
+        elif number in flow.frames:
+            left[number] = AS_FRAME
+        elif not here:
+            left[number] = SEED if number in flow.seeds else program.unused
+        elif literal.kind == JOINT:
+            found.append(Position(number, tuple(uses[number])))
+        else:
+            frame, tool = (agreed(which, here) for which in ("frame", "tool"))
+            if isinstance(frame, Frame) and isinstance(tool, Frame):
+                found.append(Position(number, tuple(uses[number]), frame, tool))
+            else:
+                left[number] = next(why for why in (frame, tool) if isinstance(why, str))
+    return found, left
+
+
+def agreed(which: str, uses: Iterable[Use]) -> Frame | str:
+    """The frame or tool of all uses, or why there is not one."""
+    uses = list(uses)
+    values: set[tuple[float, ...]] = set()
+    set_anew: set[int] = set()
+    result: Frame | None = None
+    for use in uses:
+        for atom in sorted(use.frames if which == FRAME else use.tools, key=str):
+            if isinstance(atom, Unknown):
+                return f"its {which}: {atom.why}"
+            if atom.values is None:
+                return _not_given(atom)
+            values.add(atom.values)
+            set_anew.add(atom.line)
+            result = atom
+    if len(values) > 1:
+        anew = f"; set in {_places(set_anew - {0})}" if set_anew - {0} else ""
+        return f"used with several {which}s ({_places({use.line for use in uses})}{anew})"
+    assert result is not None
+    return result
+
+
+def _places(lines: set[int]) -> str:
+    where = sorted(lines)
+    more = " …" if len(where) > _LINES else ""
+    return f"line{'s' if len(where) > 1 else ''} {', '.join(map(str, where[:_LINES]))}{more}"
+
+
+def _not_given(frame: Frame) -> str:
+    kind, name = frame.kind, frame.name
+    if name is None:
+        what, key = f"the program does not say its {kind}", "default"
+    else:
+        what, key = f"{kind} '{name}' is not known", name
+    return f"{what}; give it with --frames, [{kind}s.{key}]"

@@ -1,0 +1,235 @@
+"""KRL's aggregates: positions and frames as they are written."""
+
+import re
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from calibtool.programs.configurations import Digit, Kuka
+from calibtool.programs.frames import pose
+from calibtool.programs.krl import Statement, statements
+from calibtool.programs.motions import JOINT, POSE, Aim, Literal, Unknown, Value
+from calibtool.programs.targets import (
+    Lines,
+    Number,
+    comments_blanked,
+    is_not_finite,
+    number_at,
+)
+from calibtool.robot.model import Robot
+from calibtool.robot.se3 import Array
+from calibtool.units import LARGEST
+
+_MAYBE = Unknown("the motion that goes there is not known")
+UNUSED = 9e9  # an external axis that does not exist
+_JOINTS = tuple(f"A{k}" for k in range(1, 7))
+_POSE = ("X", "Y", "Z", "A", "B", "C")
+_EXTERNAL = tuple(f"E{k}" for k in range(1, 7))
+_KNOWN = frozenset((*_JOINTS, *_POSE, *_EXTERNAL, "S", "T"))
+_UNITS = ("mm", "mm", "mm", "deg", "deg", "deg")
+_TYPE = re.compile(r"\s*[A-Za-z]\w*\s*:")
+_ITEM = re.compile(r"\s*(?:([A-Za-z]\w*)(?:\[\s*\])?)?\s*([^,]*),?")
+_INTEGER = re.compile(r"(-?\d{1,9})|'B([01]{1,32})'|'H([0-9A-Fa-f]{1,8})'")
+_GROUP = re.compile(r"\{[^{}]*\}")
+_MEMBER = (
+    re.compile(  # of structures: accelerations, centre of mass and the like, which are no positions
+        r"\b(?:AX|CM|J|ROOT|OFFSET)\s*=?\s*$", re.IGNORECASE
+    )
+)
+
+Spans = dict[str, tuple[int, int]]
+
+
+@dataclass(eq=False)
+class Text:
+    """A text, its code, where comments and strings are blank, and the positions found so far.
+
+    module  what its names belong to where they are not global
+    taken   where aggregates begin that are read
+    """
+
+    number: int
+    name: str
+    text: str
+    robot: Robot
+    literals: list[Literal]
+    module: str = ""
+    taken: set[int] = field(default_factory=set)
+
+    @cached_property
+    def code(self) -> str:
+        """The text without comments and strings."""
+        return comments_blanked(self.text, r";[^\r\n]*|^[^\S\r\n]*&[^\r\n]*", r'"[^"\r\n]*"')
+
+    @cached_property
+    def lines(self) -> Lines:
+        """Line numbers of positions in the text."""
+        return Lines(self.text)
+
+    @cached_property
+    def statements(self) -> tuple[Statement, ...]:
+        """The statements of the text."""
+        return tuple(statements(self.code))
+
+    @cached_property
+    def scoped(self) -> list[tuple[Statement, tuple[str, ...]]]:
+        """The statements, each with the routine, if it stands in one, and the module."""
+        found: list[tuple[Statement, tuple[str, ...]]] = []
+        scopes: tuple[str, ...] = (self.module,)
+        for statement in self.statements:
+            if statement.word == "routine":
+                scopes = (f"{self.module}|{statement.name.lower()}", self.module)
+            found.append((statement, scopes))
+            if statement.word in ("end", "endfct"):
+                scopes = (self.module,)
+        return found
+
+    def items(self, start: int, end: int) -> Spans:
+        """Component → span of its value in an aggregate; a type in front (`E6POS:`) is skipped."""
+        first, last = start + 1, end - 1
+        prefix = _TYPE.match(self.code, first, last)
+        position = prefix.end() if prefix else first
+        found: Spans = {}
+        while position < last and (item := _ITEM.match(self.code, position, last)):
+            key = item[1].upper() if item[1] else item[2].strip()
+            if key:
+                found[key] = item.span(2)
+            position = max(item.end(), position + 1)
+        return found
+
+    def complete(self, start: int, end: int) -> bool:
+        """Whether an aggregate holds all axes or all of a pose."""
+        keys = self.items(start, end).keys()
+        return keys >= set(_POSE) or keys >= set(_JOINTS[: self.robot.n])
+
+    def frame(self, start: int, end: int) -> Array | None:
+        """T (4, 4) of the aggregate in code[start:end]; None if it is no frame with six numbers."""
+        self.taken.add(start)
+        spans = self.items(start, end)
+        if not spans.keys() >= set(_POSE):
+            return None
+        numbers = [number_at(self.text, *spans[k], u) for k, u in zip(_POSE, _UNITS, strict=True)]
+        values = [number.value for number in numbers if number is not None]
+        return pose(values, "abc") if len(values) == len(_POSE) else None
+
+    def position(
+        self,
+        start: int,
+        end: int,
+        name: str,
+        left: str = "",
+        frames: tuple[Value, Value] | None = None,
+    ) -> int:
+        """The number of the literal in code[start:end].
+
+        left: why it is no position to correct, whatever its numbers; frames: its base and tool where
+        no motion goes there, None if they are not known.
+        """
+        self.taken.add(start)
+        literal = self._literal(start, end, name, frames)
+        if left and not literal.bad and not literal.left:
+            literal = self._left(literal.kind, start, name, left)
+        self.literals.append(literal)
+        return len(self.literals) - 1
+
+    def others(self) -> None:
+        """Note positions in what is not followed: structures, arguments of unknown routines."""
+        for group in _GROUP.finditer(self.code):
+            start = group.start()
+            if start in self.taken or _MEMBER.search(self.code, max(0, start - 20), start):
+                continue
+            if self.complete(start, group.end()):
+                why = "stands in something that is not followed"
+                kind = POSE if "X" in self.items(start, group.end()) else JOINT
+                self.literals.append(self._left(kind, start, "{…}", why))
+
+    def _left(self, kind: str, start: int, name: str, why: str, bad: bool = False) -> Literal:
+        return Literal(kind, (), self.lines(start), name, source=self.number, left=why, bad=bad)
+
+    def _literal(
+        self, start: int, end: int, name: str, frames: tuple[Value, Value] | None
+    ) -> Literal:
+        spans, robot = self.items(start, end), self.robot
+        joint = any(key in spans for key in _JOINTS)
+        kind = JOINT if joint else POSE
+        unknown = [key for key in spans if key not in _KNOWN]
+        if unknown:
+            why = f"'{unknown[0][:30]}' is not known in a position"
+            return self._left(kind, start, name, why, bad=True)
+        if joint and any(key in spans for key in (*_POSE, "S", "T")):
+            return self._left(kind, start, name, "axes and a pose in one position", bad=True)
+        keys = _JOINTS if joint else _POSE
+        missing = [key for key in keys if key not in spans]
+        if missing and not (joint and tuple(missing) == _JOINTS[robot.n :]):
+            why = f"a position without {', '.join(missing)}: the rest is where the robot stands"
+            return self._left(kind, start, name, why)
+        if joint and 6 - len(missing) != robot.n:
+            why = f"holds {6 - len(missing)} axes, but {robot.name} has {robot.n} joints"
+            return self._left(kind, start, name, why, bad=True)
+        keys = keys[: robot.n] if joint else keys
+        units = ["mm" if prismatic else "deg" for prismatic in robot.prismatic] if joint else _UNITS
+        numbers: list[Number] = []
+        for key, unit in zip(keys, units, strict=True):
+            number = number_at(self.text, *spans[key], unit)
+            if number is None:
+                return self._no_number(kind, start, name, key, spans[key])
+            numbers.append(number)
+        place = self.lines(start)
+        blank = not any(number.value for number in numbers)
+        number_here = len(self.literals)
+        if joint:
+            alone = Aim(number_here) if frames is not None else None
+            return Literal(
+                JOINT, tuple(numbers), place, name, source=self.number, blank=blank, alone=alone
+            )
+        digits = {key: self._integer(*spans[key]) for key in ("S", "T") if key in spans}
+        if None in digits.values():
+            return self._left(kind, start, name, "S or T is not an integer", bad=True)
+        status, turn = digits.get("S"), digits.get("T")
+        return Literal(
+            POSE,
+            tuple(numbers),
+            place,
+            name,
+            "abc",
+            Kuka(None if status is None else status.value, turn) if digits else None,
+            self.number,
+            self._external(spans),
+            blank=blank,
+            alone=None if frames is None else Aim(number_here, *frames, obeyed=_MAYBE),
+        )
+
+    def _no_number(
+        self, kind: str, start: int, name: str, key: str, span: tuple[int, int]
+    ) -> Literal:
+        word = self.text[slice(*span)].strip()
+        large = number_at(self.text, *span, "") is None and re.fullmatch(r"[-+\d.eE]+", word)
+        if is_not_finite(word) or (large and _too_large(word)):
+            why = f"{key} is '{word[:30]}'; expected a number"
+            return self._left(kind, start, name, why, bad=True)
+        why = f"a variable or an expression ({key} is '{word[:30]}')"
+        return self._left(kind, start, name, why)
+
+    def _external(self, spans: Spans) -> str:
+        """Why the external axes beside a pose keep it from being corrected."""
+        for key in _EXTERNAL:
+            if key in spans:
+                number = number_at(self.text, *spans[key], "")
+                if number is None or 0 != abs(number.value) < UNUSED:
+                    return f"external axes beside a pose ({key})"
+        return ""
+
+    def _integer(self, start: int, end: int) -> Digit | None:
+        inner = self.text[start:end]
+        first = start + len(inner) - len(inner.lstrip())
+        match = _INTEGER.fullmatch(inner.strip())
+        if match is None:
+            return None
+        value = int(match[1]) if match[1] else int(match[2], 2) if match[2] else int(match[3], 16)
+        return Digit(first, first + len(inner.strip()), value)
+
+
+def _too_large(word: str) -> bool:
+    try:
+        return abs(float(word)) >= LARGEST
+    except ValueError:
+        return False

@@ -1,0 +1,250 @@
+"""Names of KRL texts: which variable or routine a name means, and what is done with it."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import PurePath
+
+from calibtool.programs.krl import Statement, arguments, declared, product, reference
+from calibtool.programs.krl_data import Text
+
+POSITIONS = ("POS", "E3POS", "E6POS", "AXIS", "E3AXIS", "E6AXIS", "FRAME")
+CALLED = re.compile(r"(?<![\w$#.])([A-Za-z_]\w*)\s*(?=\()")
+COMPONENTS = frozenset(
+    ("x", "y", "z", "a", "b", "c", "s", "t", *(f"{c}{k}" for c in "ae" for k in range(1, 7)))
+)
+FORM_PARTS = ("base", "tool", "mode")
+FORM_NAMES = ("base_no", "tool_no", "ipo_frame")
+_FRAMES = re.compile(r"\$(?:TOOL|BASE)|(?:TOOL|BASE)_DATA", re.IGNORECASE)
+_NAMES = re.compile(r"(?<![\w$#.'])(\$?[A-Za-z_]\w*)(?![\w$]*\s*\()")
+_ITEMS = re.compile(r"\{[^{}]*\}")
+_CONFIG = "$config"
+
+
+@dataclass(frozen=True, slots=True)
+class Procedure:
+    """A routine: its unique name, its parameters, and those that it gets by value (`:IN`)."""
+
+    key: str
+    parameters: tuple[str, ...]
+    copied: frozenset[str] = frozenset()
+
+
+@dataclass(eq=False)
+class Names:
+    """Variables and routines of the texts of one program, names in lower case.
+
+    inside    types of variables, by their routine or module, "" for global ones, and by name
+    valued    variables that are given a value somewhere
+    elements  names of an array's elements that are given a value, by the array's name
+    driven    names of variables that motions go to; framed: that are used as frames, and the line
+    leading   FRAMEs to the left in products that motions go to, and the line
+    used      names that stand in other expressions
+    changed   routines and names that they assign to; rewritten: those names alone
+    """
+
+    inside: dict[str, dict[str, str]] = field(default_factory=dict)
+    routines: dict[str, Procedure] = field(default_factory=dict)
+    constants: dict[str, str] = field(default_factory=dict)
+    valued: set[str] = field(default_factory=set)
+    elements: dict[str, list[str]] = field(default_factory=dict)
+    driven: set[str] = field(default_factory=set)
+    framed: dict[str, int] = field(default_factory=dict)
+    leading: dict[str, int] = field(default_factory=dict)
+    used: set[str] = field(default_factory=set)
+    changed: set[tuple[str, str]] = field(default_factory=set)
+    rewritten: set[str] = field(default_factory=set)
+
+    def key(self, name: str, scopes: Sequence[str]) -> str:
+        """The name of a variable in motions, where these scopes, the innermost first, are in force."""
+        for scope in (*scopes, ""):
+            if name in self.inside.get(scope, ()):
+                return f"{scope}|{name}" if scope else name
+        return f"{scopes[-1]}|{name}"
+
+    def type(self, name: str, scopes: Sequence[str]) -> str:
+        """Its type in upper case, "" if no text declares it."""
+        return next((t for s in (*scopes, "") if (t := self.inside.get(s, {}).get(name))), "")
+
+    def routine(self, name: str, module: str) -> Procedure | None:
+        """The routine that a name means in a module."""
+        return self.routines.get(f"{module}|{name.lower()}") or self.routines.get(name.lower())
+
+    def value(self, name: str, index: str, scopes: Sequence[str]) -> str:
+        """Note that a variable is given a value; its name in motions."""
+        key = self.key(name, scopes)
+        if index:
+            element = f"{key}[{index}]"
+            if element not in self.valued:
+                self.elements.setdefault(key, []).append(element)
+            key = element
+        self.valued.add(key)
+        return key
+
+    def read(self, texts: Sequence[Text]) -> None:
+        """Take in all texts: first what they declare, then what is done with it."""
+        _modules(texts)
+        for text in texts:
+            for statement, scopes in text.scoped:
+                self._declare(text, statement, scopes)
+        for text in texts:
+            for statement, scopes in text.scoped:
+                self._use(text, statement, scopes)
+        self._spread(texts)
+
+    def _declare(self, text: Text, statement: Statement, scopes: tuple[str, ...]) -> None:
+        code = text.code
+        if statement.word == "routine":
+            name = statement.name.lower()
+            head = code[statement.position : statement.start].upper()
+            inner = code[statement.start : statement.end].strip().removeprefix("(")
+            parts = inner.partition(")")[0].split(",")
+            found = [
+                m
+                for part in parts
+                if (m := re.match(r"\s*(\w+)[^:]*(:\s*IN\b)?", part, re.IGNORECASE))
+            ]
+            parameters = tuple(match[1].lower() for match in found)
+            copied = frozenset(match[1].lower() for match in found if match[2])
+            procedure = Procedure(scopes[0], parameters, copied)
+            self.routines[f"{text.module}|{name}"] = procedure
+            space = self.inside.setdefault(scopes[0], {})
+            space.update(dict.fromkeys(parameters, ""))
+            self.valued |= {f"{scopes[0]}|{parameter}" for parameter in parameters}
+            first = not any(
+                p.key.startswith(f"{text.module}|") for p in list(self.routines.values())[:-1]
+            )
+            if first or head.startswith("GLOBAL"):
+                self.routines[name] = procedure
+        elif statement.word == "decl":
+            everywhere = "GLOBAL" in statement.more or text.module == _CONFIG
+            scope = "" if everywhere else scopes[0]
+            for item in declared(code, statement.start, statement.end):
+                name = item.name.lower()
+                self.inside.setdefault(scope, {})[name] = statement.name
+                if "CONST" in statement.more and item.start >= 0:
+                    self.constants[name] = code[item.start : item.end].strip()
+
+    def _use(self, text: Text, statement: Statement, scopes: tuple[str, ...]) -> None:
+        code, start, end = text.code, statement.start, statement.end
+        if statement.word == "decl":
+            for item in declared(code, start, end):
+                if item.start >= 0:
+                    index = re.sub(r"[\s\[\]]", "", item.index).lower()
+                    key = self.value(item.name.lower(), index, scopes)
+                    if statement.name == "FDAT":
+                        self.valued |= {f"{key}.{which}" for which in FORM_PARTS}
+        elif statement.word == "assign":
+            self._assigned(text, statement, scopes)
+        elif statement.word == "move":
+            self._moved(text, statement, scopes)
+        elif (
+            statement.word in ("if", "while", "other", "return", "aside") and "(" in code[start:end]
+        ):
+            self.used |= _words(code, start, end)
+
+    def _assigned(self, text: Text, statement: Statement, scopes: tuple[str, ...]) -> None:
+        code, start, end = text.code, statement.start, statement.end
+        name = statement.name.lower()
+        index = re.sub(r"[\s\[\]]", "", statement.more[0]).lower()
+        part = statement.more[1].lower().strip(".")
+        if name == "fdat_act" or "_NO" in code[start:end].upper() or part in FORM_NAMES:
+            key = name if name == "fdat_act" else self.value(name, index, scopes)
+            self.valued |= {f"{key}.{which}" for which in FORM_PARTS}
+        elif not part or part in COMPONENTS:
+            self.value(name, index, scopes)
+        else:
+            self.value(f"{name}{f'[{index}]' if index else ''}.{part}", "", scopes)
+        if len(scopes) > 1:
+            self.changed.add((scopes[0], name))
+            self.rewritten.add(name)
+        factors, stop = product(code, start, end)
+        plain = len(factors) == 1 and stop == end and not factors[0].call
+        if _FRAMES.fullmatch(statement.name):
+            line = text.lines(start)
+            for word in _words(code, start, end):
+                self.framed.setdefault(word, line)
+        elif not plain or part:
+            self.used |= _words(code, start, end)
+            for factor in factors[1:]:
+                self.framed.setdefault(_first(factor.word), text.lines(start))
+
+    def _moved(self, text: Text, statement: Statement, scopes: tuple[str, ...]) -> None:
+        code, position = text.code, statement.start
+        while position < statement.end:
+            factors, stop = product(code, position, statement.end)
+            if not factors:
+                break
+            first = _first(factors[0].word)
+            if len(factors) > 1 and self.type(first, scopes) == "FRAME":
+                self.leading.setdefault(first, text.lines(position))
+            else:
+                self.driven.add(first)
+            for factor in factors[1:]:
+                self.framed.setdefault(_first(factor.word), text.lines(position))
+            position = stop + 1
+            if code[stop : stop + 1] != ",":
+                break
+
+    def _spread(self, texts: Sequence[Text]) -> None:
+        """What is copied to a variable that is used as a frame, or as a target, is so too."""
+        copies: dict[str, set[str]] = {}
+        for text in texts:
+            for statement in text.statements:
+                if statement.word == "assign" and not _FRAMES.fullmatch(statement.name):
+                    found, _ = product(text.code, statement.start, statement.end)
+                    words = {_first(factor.word) for factor in found if factor.word}
+                    copies.setdefault(statement.name.lower(), set()).update(words)
+        for name, line in self.leading.items():
+            if name not in self.driven:
+                self.framed.setdefault(name, line)
+        waiting = [*self.framed, *self.driven]
+        while waiting:
+            name = waiting.pop()
+            for word in copies.get(name, ()):
+                if name in self.framed and word not in self.framed:
+                    self.framed[word] = self.framed[name]
+                    waiting.append(word)
+                if name in self.driven and word not in self.driven:
+                    self.driven.add(word)
+                    waiting.append(word)
+
+
+def call_arguments(text: Text, start: int, end: int) -> list[tuple[int, int]]:
+    """Spans of the arguments of a call whose parenthesis opens at or behind start."""
+    open_ = text.code.find("(", start, end)
+    depth = 0
+    for mark in re.compile(r"[()]").finditer(text.code, open_, end):
+        depth += 1 if mark[0] == "(" else -1
+        if not depth:
+            return arguments(text.code, open_ + 1, mark.start())
+    return []
+
+
+def _words(code: str, start: int, end: int) -> set[str]:
+    """Names of variables in an expression, without those of components in aggregates."""
+    return {name.lower() for name in _NAMES.findall(_ITEMS.sub("", code[start:end]))}
+
+
+def _first(word: str) -> str:
+    found = reference(word)
+    return found[0] if found else ""
+
+
+def _modules(texts: Sequence[Text]) -> None:
+    """Give every text its module: a data list and the program of the same name are one."""
+    lists: dict[str, str] = {}
+    for text in texts:
+        name = next((s.name.lower() for s in text.statements if s.word == "data"), "")
+        if name and name not in lists:
+            text.module = lists[name] = name
+        else:
+            text.module = f"{text.number}"
+    taken: set[str] = set()
+    for text in texts:
+        names = [s.name.lower() for s in text.statements if s.word == "routine"][:1]
+        stem = PurePath(text.name).stem.lower()
+        match = next((n for n in (stem, *names) if n in lists and n not in taken), None)
+        if names and match is not None and text.module.isdecimal():
+            text.module = match
+            taken.add(match)

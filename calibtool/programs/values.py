@@ -1,0 +1,162 @@
+"""What variables of a program can hold: sets of values, and what is computed from them."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+
+from calibtool.programs.frames import Frames, pose, pose_values
+from calibtool.programs.motions import (
+    FRAME,
+    POSE,
+    Edited,
+    Either,
+    Entry,
+    Frame,
+    Literal,
+    Product,
+    Setting,
+    Unknown,
+    Value,
+    frame_of,
+)
+
+_DIFFERENT = 8  # computed values of one place: more are as good as unknown
+
+
+Atom = int | Frame | Unknown | Setting | Entry | Product | Edited  # the last two hold an Entry
+Atoms = frozenset[Atom]
+MANY = Unknown("takes too many different values")
+
+
+def joined(one: Atoms, other: Atoms) -> Atoms:
+    """Values of either set."""
+    if one is other or not other:
+        return one
+    if not one:
+        return other
+    both = one | other
+    return one if len(both) == len(one) else _few(both)
+
+
+def _few(atoms: Atoms) -> Atoms:
+    """The set, with MANY in place of values that are no literals if there are too many of those."""
+    if len(atoms) > _DIFFERENT or MANY in atoms:
+        literals = frozenset(atom for atom in atoms if isinstance(atom, int))
+        if MANY in atoms or len(atoms) - len(literals) > _DIFFERENT:
+            return literals | {MANY}
+    return atoms
+
+
+@dataclass(eq=False)
+class Evaluation:
+    """Values of variables and of what is made of them.
+
+    literals  positions by their numbers; frames: those that are used as frames or tools
+    given    frames and tools by name, which win over those that the program declares
+    owners   of each literal the variables that it is assigned to
+    spoiled  literals that are no constants, because a component of such a variable is assigned, and why
+    """
+
+    literals: Sequence[Literal]
+    given: Frames
+    owners: Mapping[int, set[str]]
+    spoiled: dict[int, str] = field(default_factory=dict)
+    frames: set[int] = field(default_factory=set)
+    _constants: dict[Value, Atoms] = field(default_factory=dict)
+    _pending: dict[Atoms, bool] = field(default_factory=dict)
+    _products: dict[tuple[str, str | None, tuple[Atom, ...]], Atom] = field(default_factory=dict)
+
+    def atoms(self, value: Value, variable: Callable[[str], Atoms]) -> Atoms:
+        """What a value can be; variable: what one can hold."""
+        if isinstance(value, str):
+            return variable(value)
+        if isinstance(value, Entry):
+            return variable(value.name)
+        if isinstance(value, Frame | Setting | int):
+            if value not in self._constants:
+                known = self._known(value) if isinstance(value, Frame) else value
+                self._constants[value] = frozenset([known])
+            return self._constants[value]
+        if isinstance(value, Either):
+            return _few(frozenset().union(*(self.atoms(p, variable) for p in value.parts)))
+        if isinstance(value, Product):
+            parts = [self.atoms(part, variable) for part in value.parts]
+            if math.prod(map(len, parts)) > _DIFFERENT**2:
+                return frozenset([MANY])
+            found = (self._product(value, combination) for combination in product(*parts))
+        elif isinstance(value, Edited):
+            found = (self._edited(value, atom) for atom in self.atoms(value.base, variable))
+        else:
+            return frozenset([value])
+        return _few(frozenset(found))
+
+    def entered(self, atoms: Atoms, variable: Callable[[str], Atoms]) -> Atoms:
+        """The values with those of the routine's beginning put in."""
+        if atoms not in self._pending:
+            self._pending[atoms] = any(isinstance(a, Entry | Product | Edited) for a in atoms)
+        if not self._pending[atoms]:
+            return atoms
+        result: Atoms = frozenset()
+        for atom in atoms:
+            pending = isinstance(atom, Entry | Product | Edited)
+            result = joined(result, self.atoms(atom, variable) if pending else frozenset([atom]))
+        return result
+
+    def _known(self, frame: Frame) -> Frame:
+        """A frame with the pose that is given for it, if one is and the program has not set it since."""
+        given = self.given.frames if frame.kind == FRAME else self.given.tools
+        if frame.values is not None and (frame.line or frame.name not in given):
+            return frame
+        if frame.name == "":
+            return frame_of(frame.kind, "", given.get("0", np.eye(4)))
+        T = given.get("default" if frame.name is None else frame.name)
+        return frame if T is None else frame_of(frame.kind, frame.name, T)
+
+    def _product(self, value: Product, parts: tuple[Atom, ...]) -> Atom:
+        key = value.kind, value.name, parts
+        if key not in self._products:
+            self._products[key] = self._multiplied(value, parts)
+        return self._products[key]
+
+    def _multiplied(self, value: Product, parts: tuple[Atom, ...]) -> Atom:
+        if any(isinstance(part, Entry | Product | Edited) for part in parts):
+            return replace(value, parts=parts)
+        T, line = np.eye(4), 0
+        for part in parts:
+            if isinstance(part, int):
+                self.frames.add(part)
+                literal = self.literals[part]
+                if literal.kind != POSE or not literal.numbers:
+                    return Unknown(f"'{literal.name}' is no frame (line {literal.line})")
+                T = T @ pose(literal.values, literal.orientation)
+                continue
+            if not isinstance(part, Frame):
+                return (
+                    part
+                    if isinstance(part, Unknown)
+                    else Unknown("a product of what are no frames")
+                )
+            if part.values is None:
+                return part
+            T, line = T @ part.T, max(line, part.line)
+        return self._known(frame_of(value.kind, value.name, T, line))
+
+    def _edited(self, value: Edited, base: Atom) -> Atom:
+        if isinstance(base, int):
+            name = value.base.name if isinstance(value.base, Entry) else value.base
+            own = name in self.owners.get(base, ())  # otherwise a copy of it is changed
+            if own:
+                self.spoiled.setdefault(base, value.why)
+            return Unknown(value.why, quiet=own)
+        if isinstance(base, Entry | Product | Edited):
+            return replace(value, base=base)
+        if not isinstance(base, Frame) or base.values is None or not value.components:
+            return Unknown(value.why, quiet=isinstance(base, Unknown) and base.quiet)
+        turn = 4 if value.orientation == "quaternion" else 3
+        numbers = pose_values(base.T, value.orientation, [0.0] * (3 + turn))
+        for index, number in value.components:
+            numbers[index] = number
+        return frame_of(base.kind, base.name, pose(numbers, value.orientation), value.line)

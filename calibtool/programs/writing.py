@@ -1,0 +1,131 @@
+"""New numbers put where the old ones stand, text by text."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibtool.compensation.status import MEANING, OK
+from calibtool.programs.agreement import Position
+from calibtool.programs.branches import Controller
+from calibtool.programs.configurations import Digit
+from calibtool.programs.frames import poses_values
+from calibtool.programs.motions import POSE, Literal, Program
+from calibtool.programs.nominal import placed
+from calibtool.programs.targets import Remark, rewritten, spliced
+from calibtool.robot.se3 import Array
+
+_NO_CHANGE = 1e-9  # rad or m: below, a target's text stays as it is
+_GUESSED = "its branch is a guess: the program does not say from where the robot comes"
+_TURNED = "a joint passes into another turn: its configuration data are changed too"
+
+
+@dataclass(frozen=True, eq=False)
+class NewPositions:
+    """What positions become.
+
+    found       (N) the positions, with their frames and tools
+    q, q_new    (N, n) nominal and corrected joint positions of the chain, rad or m
+    T           (N, 4, 4) T_base_tool by which the controller reaches the corrected joints, m
+    T_nominal   (N, 4, 4) T_base_tool of the nominal robot at q, m
+    status      (N,) of the compensation
+    guessed     (N,) whether nothing tells the branch
+    """
+
+    found: list[Position]
+    q: Array
+    q_new: Array
+    T: Array
+    T_nominal: Array
+    status: np.ndarray
+    guessed: np.ndarray
+
+
+class Writing:
+    """The corrected texts, and what is found while they are written.
+
+    changed    numbers of the literals that have other numbers now
+    largest_m, largest_rad   the largest change: of the nominal tool's place, and of a joint
+    looks      corrected positions that need a look
+    """
+
+    def __init__(self, program: Program, controller: Controller, new: NewPositions) -> None:
+        self.program, self.controller, self.new = program, controller, new
+        self.changed: set[int] = set()
+        self.largest_m = self.largest_rad = 0.0
+        self.looks: list[Remark] = []
+
+    def texts(self) -> Iterator[bytes]:
+        """The bytes of each source."""
+        literals = self.program.literals
+        numbers = self._numbers()
+        rows: list[list[tuple[int, int]]] = [[] for _ in self.program.sources]
+        for row, position in enumerate(self.new.found):
+            literal = literals[position.literal]
+            rows[literal.source].append((literal.numbers[0].start, row))
+        for source, here in zip(self.program.sources, rows, strict=True):
+            if not source.edited:
+                yield source.text.encode("latin-1")
+                continue
+            edits = (
+                edit for _, row in sorted(here) for edit in self._edits(row, numbers, source.text)
+            )
+            yield spliced(source.text, edits).encode("latin-1")
+
+    def _numbers(self) -> Array:
+        """What to write: joints as the controller shows them, or poses in their frames, (N, 7) with zeros behind."""
+        literals = [self.program.literals[position.literal] for position in self.new.found]
+        joints = self.controller.to_controller(self.new.q_new)
+        result = np.zeros((len(literals), max(7, joints.shape[1])))
+        result[:, : joints.shape[1]] = joints
+        groups: dict[str, list[int]] = {}
+        for k, literal in enumerate(literals):
+            if literal.kind == POSE:
+                groups.setdefault(literal.orientation, []).append(k)
+        for orientation, rows in groups.items():
+            near = np.array([literals[k].values for k in rows])
+            here = placed(self.new.T[rows], [self.new.found[k] for k in rows], back=True)
+            result[rows, : near.shape[1]] = poses_values(here, orientation, near)
+        return result
+
+    def _edits(self, row: int, numbers: Array, text: str) -> list[tuple[int, int, str]]:
+        """What changes in the text of one position, in order."""
+        number = self.new.found[row].literal
+        literal = self.program.literals[number]
+        turned = np.abs(self.new.q_new[row] - self.new.q[row])
+        self._look(literal, row)
+        moved = np.abs(self.new.T[row] - self.new.T_nominal[row]).max()
+        if turned.max() < _NO_CHANGE and (literal.kind != POSE or moved < _NO_CHANGE):
+            return []
+        values = numbers[row, : len(literal.numbers)].tolist()
+        edits = rewritten(text, literal.numbers, values)
+        digits = self._digits(literal, row)
+        if digits:
+            self.looks.append(remark_of(literal, _TURNED))
+        edits += [(digit.start, digit.end, str(value)) for digit, value in digits]
+        if edits:
+            revolute = ~np.array(self.controller.robot.prismatic)
+            self.changed.add(number)
+            shift = self.new.T[row, :3, 3] - self.new.T_nominal[row, :3, 3]
+            self.largest_m = max(self.largest_m, float(np.linalg.norm(shift)))
+            self.largest_rad = max(self.largest_rad, float(turned[revolute].max(initial=0.0)))
+        return sorted(edits)
+
+    def _digits(self, literal: Literal, row: int) -> list[tuple[Digit, int]]:
+        """Configuration data to change: those that were right and are not for the corrected joints."""
+        data = literal.configuration
+        if data is None or not data.turns(self.controller.to_controller(self.new.q[row])):
+            return []
+        return data.digits(self.controller.to_controller(self.new.q_new[row]))
+
+    def _look(self, literal: Literal, row: int) -> None:
+        status = str(self.new.status[row])
+        if status != OK:
+            self.looks.append(remark_of(literal, MEANING[status]))
+        if self.new.guessed[row]:
+            self.looks.append(remark_of(literal, _GUESSED))
+
+
+def remark_of(literal: Literal, why: str) -> Remark:
+    """A remark on a literal."""
+    return Remark(literal.line, literal.name, why, source=literal.source)

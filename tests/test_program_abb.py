@@ -1,0 +1,141 @@
+"""RAPID: what is found in modules, where it is used, what is left alone, and what is refused, by line."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibtool.programs.agreement import Position, positions
+from calibtool.programs.flow import Flow, follow
+from calibtool.programs.formats import reader
+from calibtool.programs.frames import Frames
+from calibtool.programs.motions import Program
+from calibtool.robot.catalogue import load_robot
+from calibtool.robot.model import Robot
+
+FOLDER = Path(__file__).parent / "programs"
+EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+GOOD = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]"
+
+
+@cache
+def robot(name: str = "fanuc-m1000ia") -> Robot:
+    return load_robot(name)
+
+
+def read(text: str, name: str = "fanuc-m1000ia") -> Program:
+    return reader("abb-rapid")(text, robot(name))
+
+
+def followed(text: str) -> tuple[Program, Flow, list[Position], dict[int, str]]:
+    """The program, its uses, positions that can be corrected, and why others are left, by line."""
+    program = read(text)
+    flow = follow(program, Frames())
+    found, left = positions(program, flow)
+    whys = {program.literals[number].line: why for number, why in left.items()}
+    return program, flow, found, whys
+
+
+def whys(text: str) -> dict[int, str]:
+    """Why something is left, by line."""
+    program, flow, _, left = followed(text)
+    return left | {r.line: r.why for r in (*program.remarks, *flow.remarks)}
+
+
+def bad(text: str, name: str = "fanuc-m1000ia") -> dict[int, str]:
+    """Errors by line."""
+    program = read(text, name)
+    return {r.line: r.why for r in program.remarks if r.bad} | {
+        literal.line: literal.left for literal in program.literals if literal.bad
+    }
+
+
+def procedure(*lines: str, before: str = "") -> str:
+    return "\n".join(["MODULE A", before, "PROC main()", *lines, "ENDPROC", "ENDMODULE", ""])
+
+
+def test_a_module() -> None:
+    text = (FOLDER / "pick.mod").read_text(encoding="utf-8")
+    program, _, found, left = followed(text)
+    assert {program.literals[p.literal].line: program.literals[p.literal].name for p in found} == {
+        5: "home",
+        6: "p10",
+        7: "p20",
+        15: "MoveAbsJ […]",
+        16: "MoveL […]",
+    }
+    assert left == {
+        8: "no instruction of the program moves there: its tool and work object are not known",
+        17: "frame 'vise' is not known; give it with --frames, [frames.vise]",
+    }
+    assert whys(text) == left | {
+        12: "a relative motion; the point it starts from is treated by itself",
+        14: "'pTaught' is a variable that no file gives a position",
+    }
+    framed = next(p for p in found if program.literals[p.literal].name == "p20")
+    assert framed.frame is not None
+    assert framed.tool is not None
+    np.testing.assert_allclose(framed.frame.T[:3, 3], [1, 0, 0])
+    np.testing.assert_allclose(framed.tool.T[:3, 3], [0, 0, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("target", "why"),
+    [
+        (f"[[1,2,3],[1,0.1,0,0],[0,0,0,0],{EXTERNAL}]", "quaternion of length 1.005"),
+        (f"[[1,2,nan],[1,0,0,0],[0,0,0,0],{EXTERNAL}]", "'nan'"),
+        (f"[[1,2,3],[1,0,0,0],[0,0,0],{EXTERNAL}]", "is no robtarget"),
+        ("[[1,2,3],[1,0,0,0],[0,0,0,0]]", "is no robtarget"),
+    ],
+)
+def test_errors(target: str, why: str) -> None:
+    assert why in bad(f"MODULE A\nPROC m()\n MoveL {target},v10,fine,tool0;\nENDPROC\n")[3]
+
+
+def test_positions_left_alone() -> None:
+    def why(target: str, before: str = "") -> str:
+        (found,) = whys(
+            f"MODULE A\nPROC m()\n{before}\n MoveL {target},v10,fine,tool0;\nENDPROC\n"
+        ).values()
+        return found
+
+    assert "external axes" in why("[[1,2,3],[1,0,0,0],[0,0,0,0],[100,9E9,9E9,9E9,9E9,9E9]]")
+    assert "expression (x+1)" in why(f"[[x+1,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]")
+    assert "displacement (line 3)" in why(GOOD, before="PDispOn p1,tool0;")
+    both = f"CONST robtarget p:={GOOD};"
+    assert (
+        "several tools (lines 4, 5)"
+        in whys(procedure("MoveL p,v1,fine,tool0;", "MoveL p,v1,fine,grip;", before=both + grip))[2]
+    )
+
+
+grip = "PERS tooldata grip:=[TRUE,[[0,0,9],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];"
+
+
+def test_joints_that_a_robot_does_not_have() -> None:
+    text = f"MODULE A\nCONST jointtarget a:=[[1,2,3,4,9E9,9E9],{EXTERNAL}];\n"
+    (literal,) = read(text, "scara").literals
+    assert len(literal.values) == 4
+    assert "has 6" in bad(text)[2]
+
+
+def test_arrays_and_switched_off_configurations() -> None:
+    text = procedure(
+        "MoveL p{1},v1,fine,tool0;", before=f"CONST robtarget p{{2}}:=[{GOOD},{GOOD}];"
+    )
+    program, flow, _, left = followed(text)
+    assert [literal.name for literal in program.literals] == ["p{1}", "p{2}"]
+    assert [(use.literal, use.obeyed) for use in flow.uses] == [(0, True)]
+    assert left == {2: program.unused}
+    (use,) = followed(text.replace("PROC main()", "PROC main()\nConfL\\Off;"))[1].uses
+    assert use.obeyed is False
+
+
+def test_an_instruction_that_does_not_end_or_close_is_said() -> None:
+    def said(move: str) -> set[str]:
+        return set(whys(f"MODULE A\nPROC m()\n {move}\nENDPROC\nENDMODULE\n").values())
+
+    assert "no ; at its end" in said("MoveL p10,v10,fine,tool0")
+    assert "a bracket is not closed" in said("MoveL [[1,2,3],v10,fine,tool0;")
+    assert said("MoveExtJ p10,v10,fine;") == set()
