@@ -139,3 +139,245 @@ def test_an_instruction_that_does_not_end_or_close_is_said() -> None:
     assert "no ; at its end" in said("MoveL p10,v10,fine,tool0")
     assert "a bracket is not closed" in said("MoveL [[1,2,3],v10,fine,tool0;")
     assert said("MoveExtJ p10,v10,fine;") == set()
+
+
+# --- kinds of programs ----------------------------------------------------------------------------
+
+A, B = GOOD, GOOD.replace("[1,2,3]", "[4,5,6]")
+GUN = "PERS tooldata gun:=[TRUE,[[0,0,150],[1,0,0,0]],[4,[0,0,60],[1,0,0,0],0,0,0]];"
+FIX = 'PERS wobjdata fix:=[FALSE,TRUE,"",[[600,0,0],[1,0,0,0]],[[0,50,0],[1,0,0,0]]];'
+ONE = f"{GUN} {FIX} CONST robtarget p:={A};"
+CELL = f"{ONE} CONST robtarget r:={B};"
+
+
+def uses(*lines: str, before: str = CELL) -> list[tuple[int, str, list[float], list[float]]]:
+    """Line and name of each use in order, and where frame and tool are, in m."""
+    program, flow, _, _ = followed(procedure(*lines, before=before))
+    found = []
+    for use in flow.uses:
+        (frame,), (tool,) = use.frames, use.tools
+        name = program.literals[use.literal].name
+        found.append((use.line, name, [*frame.T[:3, 3]], [*tool.T[:3, 3]]))
+    return sorted(found)
+
+
+HERE, THERE, FLANGE = [0.0, 0.0, 0.0], [0.6, 0.05, 0.0], [0.0, 0.0, 0.15]
+
+
+@pytest.mark.parametrize(
+    "instruction",
+    [
+        "MoveL p,v1,fine,gun\\WObj:=fix;",
+        "MoveL\\Conc,p,v1,fine,gun,\\WObj:=fix;",
+        "MoveL \\Conc, p, v1\\T:=2, z10\\Inpos:=inpos50, gun \\WObj:=fix \\TLoad:=load1;",
+        "movej p \\ID:=10, v1, z10, gun \\WObj:=fix;",
+        "MoveJDO p,v1,fine,gun\\WObj:=fix,do1,1;",
+        'MoveLSync p,v1,z10,gun\\WObj:=fix,"proc";',
+        "MoveJAO p,v1,z10,gun\\WObj:=fix,ao1,5.5;",
+        "TriggL p,v1,trigg1\\T2:=trigg2,z10,gun\\WObj:=fix;",
+        "TriggJIOs p,v1\\TriggData1:=trigg1,z10,gun\\WObj:=fix;",
+        "ArcL p,v1,seam1,weld1\\Weave:=weave1,z10,gun\\WObj:=fix;",
+        "SpotJ p,v1,spot1,gun1,gun\\WObj:=fix;",
+        "PaintL p,v1,z10,gun\\WObj:=fix;",
+        "SearchL\\PStop,di1,found,p,v1,gun\\WObj:=fix;",
+        "NutL p,v1,nut1,z10,gun\\WObj:=fix;",
+        "MyOwnWeld p,v1,3,gun,TRUE\\WObj:=fix;",
+    ],
+)
+def test_tool_and_work_object_are_those_that_are_named(instruction: str) -> None:
+    assert uses(instruction, before=CELL + "VAR robtarget found;") == [(4, "p", THERE, FLANGE)]
+
+
+@pytest.mark.parametrize(
+    "instruction",
+    [
+        "MoveC p,r,v1,fine,tool0;",
+        "movec p, r, v1, fine, tool0;",
+        "MoveCDO p,r,v1,fine,tool0,do1,1;",
+        'MoveCSync p,r,v1,fine,tool0,"proc";',
+        "ArcCEnd p,r,v1,seam1,weld1,fine,tool0;",
+        "TriggC p,r,v1,trigg1,fine,tool0;",
+        "SearchC\\Stop,di1,found,p,r,v1,tool0;",
+        "CapC p,r,v1,cap1,mv1,z10,tool0;",
+    ],
+)
+def test_both_points_of_a_circle(instruction: str) -> None:
+    found = uses(instruction, before=CELL + "VAR robtarget found;")
+    assert [name for _, name, _, _ in found] == ["p", "r"]
+
+
+@pytest.mark.parametrize(
+    ("instruction", "why"),
+    [
+        (f"Gripper {A},1;", "its tool: Gripper is no instruction whose tool is known"),
+        (f"rPick {A};", "its tool: rPick is no instruction whose tool is known"),
+        (f"MoveL {A},v1,fine,tools{{i}};", "its tool: an expression"),
+        (f"MoveL {A},v1,fine,gripper;", "tool 'gripper' is not known; give it with --frames, [tools.gripper]"),
+        (f"MoveL {A},v1,fine,tool0\\WObj:=table;", "frame 'table' is not known; give it with"),
+        (f"list.start := {A};", "stands in something that is not followed"),
+    ],
+)
+def test_no_position_is_passed_over(instruction: str, why: str) -> None:
+    assert whys(procedure(instruction))[4].startswith(why)
+
+
+def test_a_position_found_by_a_search_is_no_constant() -> None:
+    text = procedure("SearchL di1,s,p,v1,tool0;", "MoveL s,v1,fine,tool0;", before=CELL + "VAR robtarget s;")
+    assert whys(text)[5] == "is found by SearchL (line 4)"
+
+
+def test_assignments_are_followed() -> None:
+    before = f"{GUN} VAR robtarget v:={A}; CONST robtarget r:={B};"
+    program, flow, _, left = followed(
+        procedure("IF di1=1 v:=r;", "MoveL v,v1,fine,tool0;", "v:=CRobT();", "MoveL v,v1,fine,tool0;", before=before)
+    )
+    assert sorted((use.line, program.literals[use.literal].name) for use in flow.uses) == [(5, "r"), (5, "v")]
+    assert left == {}
+    assert {r.line: r.why for r in flow.remarks} == {
+        5: "is computed (line 6)",  # in the next cycle
+        7: "is computed (line 6)",
+    }
+
+
+@pytest.mark.parametrize(
+    ("change", "left"),
+    [
+        ("v.trans.x:=v.trans.x+1;", True),
+        ("v.rot:=[1,0,0,0];", True),
+        ("v.robconf.cf1:=1;", True),
+        ("change v;", True),
+        ("w:=v; w.trans.z:=7;", False),
+    ],
+)
+def test_a_component_that_is_assigned(change: str, left: bool) -> None:
+    text = procedure(change, "MoveL v,v1,fine,tool0;", before=f"VAR robtarget v:={A}; VAR robtarget w;")
+    text = text.replace("ENDMODULE", "PROC change(INOUT robtarget v)\nv.trans.x:=1;\nENDPROC\nENDMODULE")
+    assert ("(line 4)" in whys(text).get(2, "")) == left
+
+
+@pytest.mark.parametrize(
+    ("change", "after"),
+    [
+        ("fix.uframe.trans:=[700,0,0];", [0.7, 0.05, 0.0]),
+        ("fix.oframe.trans.y:=-20;", [0.6, -0.02, 0.0]),
+        ("fix.uframe:=[[0,0,300],[1,0,0,0]];", [0.0, 0.05, 0.3]),
+        ('fix:=[FALSE,TRUE,"",[[1,2,3],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];', [0.001, 0.002, 0.003]),
+        ("other:=fix; fix:=other;", THERE),
+        ("place;", [0.9, 0.05, 0.0]),
+    ],
+)
+def test_a_work_object_is_the_one_in_force(change: str, after: list[float]) -> None:
+    text = procedure(change, "MoveL p,v1,fine,tool0\\WObj:=fix;", before=CELL + "VAR wobjdata other;")
+    if "place" in change:
+        text = text.replace("ENDMODULE", "PROC place()\nfix.uframe.trans:=[900,0,0];\nENDPROC\nENDMODULE")
+    found = next(position for position in followed(text)[2] if position.frame is not None)
+    np.testing.assert_allclose(found.frame.T[:3, 3], after, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("lines", "why"),
+    [
+        (["IF di1=1 fix.uframe.trans:=[700,0,0];"], "several frames"),
+        (["FOR i FROM 1 TO 3 DO", "fix.oframe.trans.x:=i*100;", "ENDFOR"], "a component of it is assigned (line 5)"),
+        (["fix:=measured();"], "is computed (line 4)"),
+        (["gun.tframe.trans.z:=160;", "IF a gun:=other;"], "its tool: "),
+        (["TEST part", "CASE 1:", "gun:=long;", "DEFAULT:", "gun:=short;", "ENDTEST"], "several tools"),
+        (["PDispOn p,tool0;"], "a program displacement (line 4)"),
+    ],
+)
+def test_a_frame_that_is_not_known_at_a_motion(lines: list[str], why: str) -> None:
+    short = GUN.replace("gun", "short").replace("150", "120")
+    before = ONE + short + short.replace("short", "long").replace("120", "180")
+    text = procedure(*lines, "MoveL p,v1,fine,gun\\WObj:=fix;", before=before)
+    assert why in whys(text)[2]
+
+
+def test_a_displacement_by_a_constant_is_taken_in() -> None:
+    lines = ["PDispSet [[10,0,0],[1,0,0,0]];", "MoveL p,v1,fine,tool0;", "PDispOff;", "MoveL r,v1,fine,tool0;"]
+    assert uses(*lines) == [(5, "p", [0.01, 0, 0], HERE), (7, "r", HERE, HERE)]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "PERS tooldata nail:=[FALSE,[[1,2,3],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];",
+        'PERS wobjdata held:=[TRUE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];',
+    ],
+)
+def test_a_work_piece_in_the_robots_hand(data: str) -> None:
+    tool, frame = ("nail", "wobj0") if "nail" in data else ("tool0", "held")
+    text = procedure(f"MoveL p,v1,fine,{tool}\\WObj:={frame};", before=ONE + data)
+    assert "the robot holds the work piece" in whys(text)[2]
+    assert "--frames" not in whys(text)[2]
+
+
+@pytest.mark.parametrize(
+    ("target", "why"),
+    [
+        ("[[0,0,0],[0,0,0,0],[0,0,0,0],[0,0,0,0,0,0]]", "not taught"),
+        (f"[[x,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]", "a variable or an expression (x)"),
+        (f"[spot,[1,0,0,0],[0,0,0,0],{EXTERNAL}]", "a variable or an expression (spot)"),
+        (f"[[1,2,3],OrientZYX(0,0,0),[0,0,0,0],{EXTERNAL}]", "a variable or an expression (OrientZYX(0,0,0))"),
+        ("[[1,2,3],[1,0,0,0],[0,0,0,0],[0,350.5,9E9,9E9,9E9,9E9]]", "external axes beside a pose"),
+    ],
+)
+def test_a_position_that_is_none_does_not_stop_the_others(target: str, why: str) -> None:
+    text = procedure(f"MoveL {target},v1,fine,tool0;", f"MoveL {B},v1,fine,tool0;")
+    _, _, found, left = followed(text)
+    assert len(found) == 1
+    assert why in left[4]
+    assert bad(text) == {}
+
+
+@pytest.mark.parametrize("external", ["[9E9,9E9,9E9,9E9,9E9,9E9]", "[0,0,0,0,0,0]", "[0.0,9E+09,1E10,0,9e9,0]"])
+def test_values_of_no_external_axis(external: str) -> None:
+    assert whys(procedure(f"MoveL {A.replace(EXTERNAL, external)},v1,fine,tool0;")) == {}
+
+
+def test_names_of_modules_and_routines_hide_others() -> None:
+    text = (
+        f"MODULE A\nCONST robtarget p:={A};\nPROC one()\nVAR robtarget p:={B};\nMoveL p,v1,fine,tool0;\nENDPROC\n"
+        f"PROC two()\nMoveL p,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
+        f"MODULE B\nLOCAL CONST robtarget p:={B};\nPROC three()\nMoveL p,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
+    )
+    program, flow, _, left = followed(text)
+    assert left == {}
+    assert sorted((use.line, program.literals[use.literal].line) for use in flow.uses) == [(5, 4), (8, 2), (14, 12)]
+
+
+def test_arguments_of_routines() -> None:
+    text = procedure("weld p,gun\\w:=fix;", "weld r,gun;", before=CELL).replace(
+        "ENDMODULE",
+        "PROC weld(robtarget at,PERS tooldata t\\PERS wobjdata w)\nMoveL at,v1,fine,t\\WObj?w;\nENDPROC\nENDMODULE",
+    )
+    program, flow, _, _ = followed(text)
+    assert sorted(program.literals[use.literal].name for use in flow.uses) == ["p", "r"]
+    assert {use.line for use in flow.uses} == {8}
+    assert all(len(use.frames) > 1 for use in flow.uses)  # with and without a work object
+
+
+def test_uses_follow_the_order_of_execution() -> None:
+    text = procedure("near;", "MoveL p,v1,fine,tool0;", "WHILE TRUE DO", "MoveL r,v1,fine,tool0;", "ENDWHILE", before=CELL)
+    text = text.replace("PROC main", f"PROC near()\nMoveAbsJ [[1,2,3,4,5,6],{EXTERNAL}],v1,fine,tool0;\nENDPROC\nPROC main")
+    _, flow, _, _ = followed(text)
+    line = {number: use.line for number, use in enumerate(flow.uses)}
+    came = {use.line: sorted(line[number] for number in use.before) for use in flow.uses}
+    assert came == {4: [], 8: [4], 10: [8, 10]}
+    assert all(use.sure for use in flow.uses if use.line > 4)
+
+
+@pytest.mark.parametrize("end", ["\r\n", "\r", "\n"])
+def test_line_ends(end: str) -> None:
+    text = procedure("! a comment [", "MoveL p,v1,fine,tool0;", before=CELL)
+    _, flow, _, left = followed(text.replace("\n", end))
+    assert [use.line for use in flow.uses] == [5]
+    assert list(left) == [2]
+
+
+def test_recursion_is_followed_and_refused_without_end() -> None:
+    menu = procedure("MoveL p,v1,fine,tool0;", "IF a THEN", "main;", "ENDIF", "MoveL r,v1,fine,tool0;", before=CELL)
+    _, flow, _, _ = followed(menu)
+    came = {use.line: {flow.uses[k].line for k in use.before} for use in flow.uses}
+    assert came[8] == {4, 8}
+    assert bad(menu) == {}
+    assert "calls itself without end" in whys(procedure("MoveL p,v1,fine,tool0;", "main;", before=CELL))[5]

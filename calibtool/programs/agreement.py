@@ -8,6 +8,7 @@ from calibtool.programs.motions import FRAME, JOINT, Frame, Program, Unknown
 
 SEED = "only a start of the controller's inverse kinematics"
 AS_FRAME = "a frame or tool of others"
+_ROUNDING = 1e-9  # m: frames that are computed in two ways are the same
 _LINES = 5  # lines named in one reason
 
 
@@ -52,7 +53,7 @@ def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, s
 def agreed(which: str, uses: Iterable[Use]) -> Frame | str:
     """The frame or tool of all uses, or why there is not one."""
     uses = list(uses)
-    values: set[tuple[float, ...]] = set()
+    several = False
     set_anew: set[int] = set()
     result: Frame | None = None
     for use in uses:
@@ -61,14 +62,20 @@ def agreed(which: str, uses: Iterable[Use]) -> Frame | str:
                 return f"its {which}: {atom.why}"
             if atom.values is None:
                 return _not_given(atom)
-            values.add(atom.values)
             set_anew.add(atom.line)
-            result = atom
-    if len(values) > 1:
+            result = result or atom
+            several = several or not same_values(result, atom)
+    if several:
         anew = f"; set in {_places(set_anew - {0})}" if set_anew - {0} else ""
         return f"used with several {which}s ({_places({use.line for use in uses})}{anew})"
     assert result is not None
     return result
+
+
+def same_values(one: Frame, other: Frame) -> bool:
+    """Whether two frames are one, but for rounding."""
+    pairs = zip(one.values or (), other.values or (), strict=True)
+    return one.values == other.values or all(abs(a - b) < _ROUNDING for a, b in pairs)
 
 
 def _places(lines: set[int]) -> str:

@@ -2,16 +2,12 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 
-from calibtool.programs.frames import pose
-from calibtool.programs.lists import closing, split
+from calibtool.programs.lists import closing
 from calibtool.programs.motions import (
     BASE,
     FLANGE,
-    JOINT,
     POSE,
-    TOOL,
     Aim,
     Assign,
     Begin,
@@ -25,27 +21,18 @@ from calibtool.programs.motions import (
     Label,
     Literal,
     Move,
-    Product,
     Program,
     Return,
     Routine,
     Source,
     Unknown,
     Value,
-    frame_of,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.targets import (
-    Lines,
-    Number,
-    Remark,
-    comments_blanked,
-    is_not_finite,
-    number_at,
-)
-from calibtool.programs.urscript import CALL, Statement, arguments, constant, statements
+from calibtool.programs.targets import Remark
+from calibtool.programs.ur_positions import Function, Names, Positions, elements_of
+from calibtool.programs.urscript import CALL, Statement, arguments, statements
 from calibtool.robot.model import Robot
-from calibtool.units import LARGEST
 
 NAME = "ur-script"
 SUFFIXES = (".script", ".urscript")
@@ -63,17 +50,11 @@ _MOTIONS = {
     "mc_add_linear": ("pose",),
     "mc_add_circular": ("pose_via", "pose_to"),
 }
-_RELATIVE = ("pose_trans", "pose_add", "pose_sub", "interpolate_pose")
-_READ = re.compile(r"get_(?:actual|target)_\w+|get_forward_kin")
 _MOTION_CALL = re.compile(rf"\b(?:{'|'.join(_MOTIONS)})\s*\(")
-_SHAPE = re.compile(r"\bp\[(?=[^\[\]]*(?:,[^\[\]]*){5}\])")
 _TCP = "set_tcp"  # the variable that holds the tool
 _INVERSE = ("x", "qnear", "maxPositionError", "maxOrientationError", "tcp")  # get_inverse_kin
 _LOOPS = ("while", "for")
 _BLOCKS = ("if", "switch", *_LOOPS)
-_UNITS = ("m", "m", "m", "rad", "rad", "rad")
-_LOOK_BACK = 300  # characters in which the function is looked for that a pose is given to
-_DEGREES = re.compile(r"d2r\s*\(\s*([^()]*?)\s*\)")
 
 
 def matches(text: str) -> bool:
@@ -87,7 +68,7 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     routines: list[Routine] = []
     remarks: list[Remark] = []
     notes: tuple[str, ...] = ()
-    names = _Names()
+    names = Names()
     scripts = [_Script(k, source, robot, names, literals) for k, source in enumerate(sources)]
     for script in scripts:
         script.declare()
@@ -108,51 +89,15 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Function:
-    """A function: its unique name, the one around it, where it is defined, and its parameters."""
-
-    key: str
-    parent: str
-    position: int
-    parameters: tuple[str, ...]
-
-
-@dataclass(eq=False)
-class _Names:
-    """Names of all scripts, by text and name, and those that may be meant by a name from another text."""
-
-    functions: dict[tuple[int, str], _Function] = field(default_factory=dict)
-    variables: set[tuple[int, str]] = field(default_factory=set)
-    elements: dict[str, list[str]] = field(default_factory=dict)  # of lists, by the list's variable
-    texts: int = 0
-
-    def function(self, text: int, name: str) -> _Function | None:
-        """The function that a name means in a text."""
-        places = [text, *range(self.texts)]
-        return next((f for k in places if (f := self.functions.get((k, name)))), None)
-
-    def variable(self, text: int, name: str) -> str:
-        """The variable that a name means in a text."""
-        places = [k for k in (text, *range(self.texts)) if (k, name) in self.variables]
-        return f"{places[0] if places else text}|{name}"
-
-
-class _Script:
-    """A text and what is found in it."""
+class _Script(Positions):
+    """A text, its routines and what is said of it."""
 
     def __init__(
-        self, number: int, source: Source, robot: Robot, names: _Names, literals: list[Literal]
+        self, number: int, source: Source, robot: Robot, names: Names, literals: list[Literal]
     ) -> None:
-        self.number, self.text, self.robot = number, source.text, robot
-        self.names, self.literals = names, literals
-        self.code = comments_blanked(source.text, r"#[^\r\n]*", r'"[^"\n]*"|\'[^\'\n]*\'')
-        self.lines = Lines(source.text)
+        super().__init__(number, source, robot, names, literals)
         self.remarks: list[Remark] = []
-        self.taken: set[int] = set()  # where literals begin
-        self.changed: set[str] = set()  # names of lists of which an element is assigned
         self.with_tool = self.without_tool = False
-        self.function = _Function("", "", 0, ())  # around the statement that is read
 
     def declare(self) -> None:
         """Take in the names of functions and variables."""
@@ -165,7 +110,7 @@ class _Script:
                     f"{self.number}|{statement.name}()",
                     next((name for name in reversed(around) if name), f"{self.number}"),
                 )
-                self.names.functions[self.number, statement.name] = _Function(
+                self.names.functions[self.number, statement.name] = Function(
                     key, parent, statement.position, tuple(words)
                 )
                 around.append(key)
@@ -175,8 +120,6 @@ class _Script:
                 around.pop()
             elif statement.word == "assign":
                 self.names.variables.add((self.number, statement.name))
-                if statement.index:
-                    self.changed.add(statement.name)
 
     def _text(self, statement: Statement) -> str:
         return self.code[statement.start : statement.end]
@@ -185,8 +128,8 @@ class _Script:
 
     def routines(self) -> Iterator[Routine]:
         """The functions and threads, and what stands outside of them."""
-        outside = _Function(f"{self.number}", "", 0, ())
-        open_: list[tuple[_Function, list[Step]]] = [(outside, [])]
+        outside = Function(f"{self.number}", "", 0, ())
+        open_: list[tuple[Function, list[Step]]] = [(outside, [])]
         blocks: list[str] = []
         loops: list[str] = []
         first_case = False
@@ -240,14 +183,14 @@ class _Script:
             elif name == "set_tcp":
                 self.with_tool = True
                 given = arguments(self.code, call.end())
-                yield Assign(line, _TCP, self._tool(*given[0][1:]) if given else FLANGE)
+                yield Assign(line, _TCP, self.tool(*given[0][1:]) if given else FLANGE)
             elif function := self.names.function(self.number, name):
                 if self.function.key == function.parent and call.start() < function.position:
                     place = self.lines(function.position)
                     self._bad(call.start(), name, f"is called before it exists (line {place})")
                 yield self._call(function, call.end(), line)
 
-    def _call(self, function: _Function, opening: int, line: int) -> Call:
+    def _call(self, function: Function, opening: int, line: int) -> Call:
         given = arguments(self.code, opening)
         named = {word: (start, end) for word, start, end in given if word}
         plain = [(start, end) for word, start, end in given if not word]
@@ -255,19 +198,19 @@ class _Script:
         for parameter in function.parameters:
             span = named.get(parameter) or (plain.pop(0) if plain else None)
             nothing = Unknown("an argument that is not given")
-            value = nothing if span is None else self._value(*span, parameter)
+            value = nothing if span is None else self.value(*span, parameter)
             passed.append((f"{function.key}|{parameter}", value))
         return Call(line, function.key, tuple(passed))
 
     def _assignment(self, statement: Statement) -> Iterator[Step]:
-        key, line = self._key(statement.name), self.lines(statement.position)
+        key, line = self.key(statement.name), self.lines(statement.position)
         start, end, name = statement.start, statement.end, statement.name
         if statement.index:
             why = f"a component of it is assigned (line {line})"
             elements = self.names.elements.get(key)
             if not elements:
                 yield Assign(line, key, Edited(key, (), "rotation vector", line, why))
-            value = self._value(start, end, f"{name}[{statement.index}]")
+            value = self.value(start, end, f"{name}[{statement.index}]")
             for number, element in enumerate(elements or ()):
                 if statement.index == f"{number}":
                     yield Assign(line, element, value)
@@ -275,13 +218,13 @@ class _Script:
                     yield Assign(line, element, Either((element, value)))
             return
         if self.code[start] == "[" and closing(self.code, start) == end - 1:
-            parts = _parts(self.code, start, end)
+            parts = elements_of(self.code, start, end)
             if parts and all(re.match(r"p?\[", self.code[slice(*part)]) for part in parts):
                 self.names.elements[key] = [f"{key}[{k}]" for k in range(len(parts))]
                 for k, part in enumerate(parts):
-                    yield Assign(line, f"{key}[{k}]", self._value(*part, f"{name}[{k}]"))
+                    yield Assign(line, f"{key}[{k}]", self.value(*part, f"{name}[{k}]"))
                 return
-        yield Assign(line, key, self._value(start, end, name))
+        yield Assign(line, key, self.value(start, end, name))
 
     # --- positions -----------------------------------------------------------------------------
 
@@ -306,127 +249,14 @@ class _Script:
             names = dict(zip(_INVERSE, [(a, b) for word, a, b in given if not word], strict=False))
             names |= {word: (a, b) for word, a, b in given if word}
             if "tcp" in names:
-                tool = self._tool(*names["tcp"])
+                tool = self.tool(*names["tcp"])
             if "qnear" in names:
-                near = self._value(*names["qnear"], "qnear")
+                near = self.value(*names["qnear"], "qnear")
             start, end = names.get("x", (start, start))
-        value = self._value(start, end, name, told=True)
+        value = self.value(start, end, name, told=True)
         if isinstance(value, int) and self.literals[value].kind == POSE:
             self.without_tool |= tool == _TCP and not self.with_tool
         return Aim(value, BASE, tool, near=near)
 
-    def _tool(self, start: int, end: int) -> Value:
-        """A tool from a pose, or from a variable that holds one."""
-        if self.code[start:end].startswith("p["):
-            self.taken.add(start)
-            numbers = self._numbers(start + 1, end, _UNITS)
-            if isinstance(numbers, str):
-                return Unknown(f"an expression ({numbers[:30]})")
-            T = pose([number.value for number in numbers], "rotation vector")
-            return frame_of(TOOL, None, T, self.lines(start))
-        value = self._value(start, end, "tool")
-        return value if isinstance(value, Unknown) else Product(TOOL, (value,))
-
-    def _key(self, name: str) -> str:
-        if name in self.function.parameters:
-            return f"{self.function.key}|{name}"
-        return self.names.variable(self.number, name)
-
-    def _value(self, start: int, end: int, name: str, told: bool = False) -> Value:
-        """What an expression is: a position that is written, a variable, or unknown. told: in a motion."""
-        word, line = self.code[start:end], self.lines(start)
-        opening = re.match(r"p?(?=\[)", word)
-        if opening and closing(self.code, start + opening.end()) == end - 1:
-            if told or opening[0] or self._is_joints(start, end):
-                return self._literal(start, end, name, told)
-            return Unknown(f"is no position (line {line})")
-        variable = re.fullmatch(r"([A-Za-z_]\w*)\s*(?:\[([^\[\]]*)\])?", word)
-        function = re.match(r"(\w+)\s*\(", word)
-        if variable and variable[1] not in ("True", "False"):
-            key = self._key(variable[1])
-            if variable[2] is None:
-                return key
-            elements = self.names.elements.get(key, [])
-            if variable[2].strip().isdecimal():
-                return f"{key}[{int(variable[2])}]"
-            return Either(tuple(elements)) if elements else Unknown(f"an expression ({word[:40]})")
-        if function and (function[1] in _RELATIVE or _READ.match(function[1])):
-            return Unknown(f"a relative motion ({function[1]})")
-        if told:
-            return Unknown(f"an expression ({self.text[start:end][:40]})")
-        return Unknown(f"is computed (line {line})")
-
-    def _is_joints(self, start: int, end: int) -> bool:
-        """Whether a list is one of as many numbers as the robot has joints."""
-        return not isinstance(self._numbers(start, end, self.robot.joint_units), str)
-
-    def _literal(self, start: int, end: int, name: str, told: bool) -> int:
-        kind = POSE if self.code[start] == "p" else JOINT
-        units = _UNITS if kind == POSE else self.robot.joint_units
-        opening = start + 1 if kind == POSE else start
-        self.taken.add(start)
-        read = self._numbers(opening, end, units)
-        left, bad = "", False
-        if isinstance(read, str):
-            count = len(_parts(self.code, opening, end))
-            left = f"an expression ({read[:30]})"
-            if count != len(units):
-                which = "6" if kind == POSE else f"{self.robot.n} ({self.robot.name})"
-                left, bad = f"holds {count} values; expected {which}", told
-            elif is_not_finite(read):
-                left, bad = f"'{read}'; expected a number", True
-        numbers = () if isinstance(read, str) else tuple(read)
-        line = self.lines(start)
-        turn = "rotation vector" if kind == POSE else ""
-        found = Literal(kind, numbers, line, name, turn, source=self.number, left=left, bad=bad)
-        self.literals.append(found)
-        return len(self.literals) - 1
-
-    def _numbers(self, start: int, end: int, units: Sequence[str]) -> list[Number] | str:
-        """The numbers of a list in brackets, or what is none."""
-        parts = _parts(self.code, start, end)
-        if len(parts) != len(units):
-            return f"{len(parts)} values"
-        found = []
-        for (first, last), unit in zip(parts, units, strict=True):
-            number = number_at(self.text, first, last, unit)
-            degrees = _DEGREES.fullmatch(self.code, first, last) if unit == "rad" else None
-            if number is None and degrees:
-                number = number_at(self.text, *degrees.span(1), "deg")
-            if number is None:
-                word = self.text[first:last]
-                value = constant(word)
-                if value is None or abs(value) >= LARGEST:
-                    return word
-                number = Number(first, last, unit, value)
-            found.append(number)
-        return found
-
-    def others(self) -> None:
-        """Poses that stand in something else than assignments and motions that are known."""
-        for found in _SHAPE.finditer(self.code):
-            if found.start() not in self.taken:
-                before = self.code[max(0, found.start() - _LOOK_BACK) : found.start()]
-                calls = CALL.findall(re.split(r"[\r\n]", before)[-1])
-                where = f"an argument of {calls[-1]}" if calls else "an expression"
-                why = f"{where}, which is no motion that is known"
-                line = self.lines(found.start())
-                self.literals.append(
-                    Literal(
-                        POSE, (), line, calls[-1] if calls else "", source=self.number, left=why
-                    )
-                )
-
     def _bad(self, position: int, name: str, why: str) -> None:
         self.remarks.append(Remark(self.lines(position), name, why, True, self.number))
-
-
-def _parts(code: str, start: int, end: int) -> list[tuple[int, int]]:
-    """The elements of a list in brackets, without blanks."""
-    found = []
-    for first, last in split(code, start + 1, end - 1):
-        inner = code[first:last]
-        if inner.strip():
-            first = last - len(inner.lstrip())
-            found.append((first, first + len(inner.strip())))
-    return found

@@ -1,0 +1,198 @@
+"""Positions, tools and variables of a URScript text as values of motions."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from calibtool.programs.frames import pose
+from calibtool.programs.lists import closing, split
+from calibtool.programs.motions import (
+    JOINT,
+    POSE,
+    TOOL,
+    Either,
+    Literal,
+    Product,
+    Source,
+    Unknown,
+    Value,
+    frame_of,
+)
+from calibtool.programs.targets import (
+    Lines,
+    Number,
+    comments_blanked,
+    is_not_finite,
+    number_at,
+)
+from calibtool.programs.urscript import CALL, constant
+from calibtool.robot.model import Robot
+from calibtool.units import LARGEST
+
+_RELATIVE = ("pose_trans", "pose_add", "pose_sub", "interpolate_pose")
+_READ = re.compile(r"get_(?:actual|target)_\w+|get_forward_kin")
+_SHAPE = re.compile(r"\bp\[(?=[^\[\]]*(?:,[^\[\]]*){5}\])")
+_UNITS = ("m", "m", "m", "rad", "rad", "rad")
+_LOOK_BACK = 300  # characters in which the function is looked for that a pose is given to
+_DEGREES = re.compile(r"d2r\s*\(\s*([^()]*?)\s*\)")
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """A function: its unique name, the one around it, where it is defined, and its parameters."""
+
+    key: str
+    parent: str
+    position: int
+    parameters: tuple[str, ...]
+
+
+@dataclass(eq=False)
+class Names:
+    """Names of all scripts, by text and name, and those that may be meant by a name from another text."""
+
+    functions: dict[tuple[int, str], Function] = field(default_factory=dict)
+    variables: set[tuple[int, str]] = field(default_factory=set)
+    elements: dict[str, list[str]] = field(default_factory=dict)  # of lists, by the list's variable
+    texts: int = 0
+
+    def function(self, text: int, name: str) -> Function | None:
+        """The function that a name means in a text."""
+        places = [text, *range(self.texts)]
+        return next((f for k in places if (f := self.functions.get((k, name)))), None)
+
+    def variable(self, text: int, name: str) -> str:
+        """The variable that a name means in a text."""
+        places = [k for k in (text, *range(self.texts)) if (k, name) in self.variables]
+        return f"{places[0] if places else text}|{name}"
+
+
+class Positions:
+    """A text and the positions found in it.
+
+    number    of the text; literals: of the whole program
+    function  around the statement that is read
+    """
+
+    def __init__(
+        self, number: int, source: Source, robot: Robot, names: Names, literals: list[Literal]
+    ) -> None:
+        self.number, self.text, self.robot = number, source.text, robot
+        self.names, self.literals = names, literals
+        self.code = comments_blanked(source.text, r"#[^\r\n]*", r'"[^"\n]*"|\'[^\'\n]*\'')
+        self.lines = Lines(source.text)
+        self.function = Function("", "", 0, ())
+        self._taken: set[int] = set()  # where literals begin
+
+    def tool(self, start: int, end: int) -> Value:
+        """A tool from a pose, or from a variable that holds one."""
+        if self.code[start:end].startswith("p["):
+            self._taken.add(start)
+            numbers = self._numbers(start + 1, end, _UNITS)
+            if isinstance(numbers, str):
+                return Unknown(f"an expression ({numbers[:30]})")
+            T = pose([number.value for number in numbers], "rotation vector")
+            return frame_of(TOOL, None, T, self.lines(start))
+        value = self.value(start, end, "tool")
+        return value if isinstance(value, Unknown) else Product(TOOL, (value,))
+
+    def key(self, name: str) -> str:
+        if name in self.function.parameters:
+            return f"{self.function.key}|{name}"
+        return self.names.variable(self.number, name)
+
+    def value(self, start: int, end: int, name: str, told: bool = False) -> Value:
+        """What an expression is: a position that is written, a variable, or unknown. told: in a motion."""
+        word, line = self.code[start:end], self.lines(start)
+        opening = re.match(r"p?(?=\[)", word)
+        if opening and closing(self.code, start + opening.end()) == end - 1:
+            if told or opening[0] or self._is_joints(start, end):
+                return self._literal(start, end, name, told)
+            return Unknown(f"is no position (line {line})")
+        variable = re.fullmatch(r"([A-Za-z_]\w*)\s*(?:\[([^\[\]]*)\])?", word)
+        function = re.match(r"(\w+)\s*\(", word)
+        if variable and variable[1] not in ("True", "False"):
+            key = self.key(variable[1])
+            if variable[2] is None:
+                return key
+            elements = self.names.elements.get(key, [])
+            if variable[2].strip().isdecimal():
+                return f"{key}[{int(variable[2])}]"
+            return Either(tuple(elements)) if elements else Unknown(f"an expression ({word[:40]})")
+        if function and (function[1] in _RELATIVE or _READ.match(function[1])):
+            return Unknown(f"a relative motion ({function[1]})")
+        if told:
+            return Unknown(f"an expression ({self.text[start:end][:40]})")
+        return Unknown(f"is computed (line {line})")
+
+    def _is_joints(self, start: int, end: int) -> bool:
+        """Whether a list is one of as many numbers as the robot has joints."""
+        return not isinstance(self._numbers(start, end, self.robot.joint_units), str)
+
+    def _literal(self, start: int, end: int, name: str, told: bool) -> int:
+        kind = POSE if self.code[start] == "p" else JOINT
+        units = _UNITS if kind == POSE else self.robot.joint_units
+        opening = start + 1 if kind == POSE else start
+        self._taken.add(start)
+        read = self._numbers(opening, end, units)
+        left, bad = "", False
+        if isinstance(read, str):
+            count = len(elements_of(self.code, opening, end))
+            left = f"an expression ({read[:30]})"
+            if count != len(units):
+                which = "6" if kind == POSE else f"{self.robot.n} ({self.robot.name})"
+                left, bad = f"holds {count} values; expected {which}", told
+            elif is_not_finite(read):
+                left, bad = f"'{read}'; expected a number", True
+        numbers = () if isinstance(read, str) else tuple(read)
+        line = self.lines(start)
+        turn = "rotation vector" if kind == POSE else ""
+        found = Literal(kind, numbers, line, name, turn, source=self.number, left=left, bad=bad)
+        self.literals.append(found)
+        return len(self.literals) - 1
+
+    def _numbers(self, start: int, end: int, units: Sequence[str]) -> list[Number] | str:
+        """The numbers of a list in brackets, or what is none."""
+        parts = elements_of(self.code, start, end)
+        if len(parts) != len(units):
+            return f"{len(parts)} values"
+        found = []
+        for (first, last), unit in zip(parts, units, strict=True):
+            number = number_at(self.text, first, last, unit)
+            degrees = _DEGREES.fullmatch(self.code, first, last) if unit == "rad" else None
+            if number is None and degrees:
+                number = number_at(self.text, *degrees.span(1), "deg")
+            if number is None:
+                word = self.text[first:last]
+                value = constant(word)
+                if value is None or abs(value) >= LARGEST:
+                    return word
+                number = Number(first, last, unit, value)
+            found.append(number)
+        return found
+
+    def others(self) -> None:
+        """Poses that stand in something else than assignments and motions that are known."""
+        for found in _SHAPE.finditer(self.code):
+            if found.start() not in self._taken:
+                before = self.code[max(0, found.start() - _LOOK_BACK) : found.start()]
+                calls = CALL.findall(re.split(r"[\r\n]", before)[-1])
+                where = f"an argument of {calls[-1]}" if calls else "an expression"
+                why = f"{where}, which is no motion that is known"
+                line = self.lines(found.start())
+                self.literals.append(
+                    Literal(
+                        POSE, (), line, calls[-1] if calls else "", source=self.number, left=why
+                    )
+                )
+
+
+def elements_of(code: str, start: int, end: int) -> list[tuple[int, int]]:
+    """The elements of a list in brackets, without blanks."""
+    found = []
+    for first, last in split(code, start + 1, end - 1):
+        inner = code[first:last]
+        if inner.strip():
+            first = last - len(inner.lstrip())
+            found.append((first, first + len(inner.strip())))
+    return found

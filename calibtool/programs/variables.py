@@ -1,0 +1,104 @@
+"""The variables of a program: what is assigned to them somewhere, and what they hold where it begins."""
+
+from collections.abc import Iterable
+
+from calibtool.programs.control import Block
+from calibtool.programs.frames import Frames
+from calibtool.programs.motions import Assign, Call, Either, Program, Unknown, Value
+from calibtool.programs.values import MANY, Atoms, Evaluation, joined
+
+STANDS = ""  # the variable that holds at which uses the robot stands
+NOWHERE = -1  # among them: or somewhere that nobody knows
+BEFORE = 8  # uses from which the branch of a position is looked for
+_POSITIONS = 1000  # literals that a variable can hold: more are as good as unknown
+_WORK = 5_000_000  # blocks times variables: beyond it a variable holds all its values everywhere
+_EMPTY: Atoms = frozenset([Unknown("a variable that no file gives a value")])
+
+State = dict[str, Atoms]
+
+
+class Variables:
+    """Variables of a program whose routines have these blocks.
+
+    kept      what variables may hold at the beginning beside what is declared
+    assigned  what is assigned to variables somewhere, without those that hold one literal all the time
+    """
+
+    def __init__(
+        self, program: Program, graphs: Iterable[list[Block]], given: Frames, kept: State
+    ) -> None:
+        self.program, self.kept = program, kept
+        self.assigned = self._assigned(graphs)
+        self.evaluation = Evaluation(program.literals, given, self.owners)
+        self._beginning: dict[str, Atoms | None] = {}
+
+    def _assigned(self, graphs: Iterable[list[Block]]) -> dict[str, list[Value]]:
+        """What is assigned to variables somewhere, without those that hold one literal all the time."""
+        found: dict[str, list[Value]] = {}
+        parameters: set[str] = set()
+        self.owners: dict[int, set[str]] = {}
+        for name, value in self.program.declared.items():
+            _own(self.owners, name, value)
+        size = 0
+        for graph in graphs:
+            size += len(graph)
+            for action in (action for block in graph for action in block.actions):
+                if isinstance(action, Assign):
+                    found.setdefault(action.name, []).append(action.value)
+                    _own(self.owners, action.name, action.value)
+                elif isinstance(action, Call):
+                    parameters |= {name for name, _ in action.arguments}
+                    for name, value in action.arguments:
+                        found.setdefault(name, []).append(value)
+        once = {
+            name: values[0]
+            for name, values in found.items()
+            if len(values) == 1 and name not in self.program.declared and name not in parameters
+        }
+        self.fixed: dict[str, list[Value]] = {
+            name: [value] for name, value in once.items() if isinstance(value, int)
+        }
+        found = {name: values for name, values in found.items() if name not in self.fixed}
+        if size * len(found) > _WORK:
+            self.fixed |= {name: values + self._declared(name) for name, values in found.items()}
+            found = {}
+        return found
+
+    def _declared(self, name: str) -> list[Value]:
+        return [self.program.declared[name]] if name in self.program.declared else []
+
+    def begin(self, name: str) -> Atoms:
+        """What a variable holds where the program begins, all the time if nothing is assigned to it."""
+        known = self._beginning.get(name, frozenset())
+        if known:
+            return known
+        if name == STANDS:
+            return frozenset([NOWHERE])
+        if known is None:
+            return frozenset([Unknown("is made of itself")])
+        self._beginning[name] = None
+        result = self.kept.get(name, frozenset())
+        for value in self.fixed.get(name) or self._declared(name):
+            result = joined(result, self.evaluation.atoms(value, self.begin))
+        self._beginning[name] = result = result or _EMPTY
+        return result
+
+    def joined(self, name: str, one: Atoms, other: Atoms) -> Atoms:
+        """What a variable can hold if it is either; literals of a variable with very many are no constants."""
+        both = joined(one, other)
+        if len(both) <= BEFORE or (name != STANDS and len(both) <= _POSITIONS):
+            return both
+        literals = [atom for atom in both if isinstance(atom, int)]
+        if name == STANDS:  # the lowest, and perhaps others
+            first = sorted(number for number in literals if number != NOWHERE)[:BEFORE]
+            return both.difference(literals) | {*first, NOWHERE}
+        for number in literals:
+            self.evaluation.spoiled.setdefault(number, "its variable takes too many positions")
+        return frozenset([MANY])
+
+
+def _own(owners: dict[int, set[str]], name: str, value: Value) -> None:
+    """Note that a variable holds literals themselves."""
+    for part in value.parts if isinstance(value, Either) else (value,):
+        if isinstance(part, int):
+            owners.setdefault(part, set()).add(name)
