@@ -474,6 +474,27 @@ def written(T: Array, base: Array, tool: Array) -> str:
     return "{" + ", ".join(f"{k} {v:.7f}" for k, v in zip("XYZABC", numbers, strict=True)) + "}"
 
 
+@pytest.mark.parametrize("word", ["PTP", "SPTP"])
+def test_the_mastering_position_stays(word: str) -> None:
+    """All joints 0, in a motion and in a data list."""
+    zero = "{A1 0,A2 0.0,A3 0,A4 0,A5 0,A6 0}"
+    why = "a mastering position: all joints are zero"
+    assert whys(routine(HOME, f"{word} {zero}")) == {5: why}
+    assert whys(routine(f"{word} XH"), f"DEFDAT a\nDECL E6AXIS XH={zero}\nENDDAT\n") == {2: why}
+
+
+@pytest.mark.parametrize("edit", ["XP2.Z=650", "XP2.X=XP2.X+5"])
+def test_a_copy_that_is_edited_leaves_its_source(edit: str) -> None:
+    """One literal cannot serve both places; it can where nothing goes to the copy."""
+    lines = ["DECL E6POS XP1,XP2", f"XP1={FIRST}", "XP2=XP1", edit, "LIN XP1"]
+    why = "a component of it is assigned (line 7)"
+    assert whys(routine(*lines, "LIN XP2")) == {
+        5: f"serves two places: of a copy, {why}",
+        9: why,
+    }
+    assert whys(routine(*lines)) == {}
+
+
 @st.composite
 def programs(draw: st.DrawFn) -> tuple[str, list[int]]:
     """A program with bases, tools, arrays, circles and branches, and the configuration of each literal in order."""

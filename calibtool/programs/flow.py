@@ -292,9 +292,10 @@ class _Analysis:
         for atom in self.evaluation.atoms(aim.value, variable):
             if not isinstance(atom, int | Entry | Edited):
                 unknown = True
-                if not (isinstance(atom, Unknown) and atom.quiet):
-                    why = atom.why if isinstance(atom, Unknown) else "is no position"
-                    self._remark(move.line, move.name, why, routine)
+                if isinstance(atom, Unknown):
+                    self._nowhere(atom, move, routine)
+                else:
+                    self._remark(move.line, move.name, "is no position", routine)
                 continue
             number = self.numbers.setdefault((id(aim), atom), len(self.nodes))
             if number == len(self.nodes):
@@ -310,6 +311,14 @@ class _Analysis:
         if aim.relative:
             self._remark(move.line, move.name, aim.relative, routine)
         return frozenset(reached | before | {_NOWHERE}) if unknown else frozenset(reached)
+
+    def _nowhere(self, unknown: Unknown, move: Move, routine: Routine) -> None:
+        """Note a motion to what is not known; what is a copy of it with other components is no constant."""
+        if not unknown.quiet:
+            self._remark(move.line, move.name, unknown.why, routine)
+        if unknown.edited is not None:
+            why = f"serves two places: of a copy, {unknown.why}"
+            self.evaluation.spoiled.setdefault(unknown.edited, why)
 
     def _remark(self, line: int, name: str, why: str, routine: Routine, bad: bool = False) -> None:
         remark = Remark(line, name, why, bad, routine.source)
@@ -338,8 +347,8 @@ class _Analysis:
                     found_at[-1].append(len(result))
                     result.append(self._use(node, atom, at_entry))
                     came.append(self.evaluation.entered(node.before, at_entry))
-                elif isinstance(atom, Unknown) and not atom.quiet:
-                    self._remark(node.move.line, node.move.name, atom.why, node.routine)
+                elif isinstance(atom, Unknown):
+                    self._nowhere(atom, node.move, node.routine)
         self.nodes.clear()
         for k, use in enumerate(result):
             before, sure = _before(came[k], found_at)

@@ -176,11 +176,11 @@ class Text:
         place = self.lines(start)
         blank = not any(number.value for number in numbers)
         number_here = len(self.literals)
+        if joint and blank:
+            return self._left(kind, start, name, "a mastering position: all joints are zero")
         if joint:
             alone = Aim(number_here) if frames is not None else None
-            return Literal(
-                JOINT, tuple(numbers), place, name, source=self.number, blank=blank, alone=alone
-            )
+            return Literal(JOINT, tuple(numbers), place, name, source=self.number, alone=alone)
         digits = {key: self._integer(*spans[key]) for key in ("S", "T") if key in spans}
         if None in digits.values():
             return self._left(kind, start, name, "S or T is not an integer", bad=True)
