@@ -474,6 +474,48 @@ def written(T: Array, base: Array, tool: Array) -> str:
     return "{" + ", ".join(f"{k} {v:.7f}" for k, v in zip("XYZABC", numbers, strict=True)) + "}"
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        "DEF in(q:OUT)\nE6POS q\nq.X=5\nEND\n",
+        "DEF in(q:OUT)\nE6POS q\nin2(q)\nEND\nDEF in2(r:OUT)\nr={X 1,Y 0,Z 0,A 0,B 0,C 0}\nEND\n",
+        "DEF in(q:OUT)\nE6POS q\nelsewhere(q)\nEND\n",
+    ],
+)
+def test_a_position_that_inner_routines_change(more: str) -> None:
+    """By reference through several routines; a copy on the way (`:IN`) ends it."""
+    text = routine(f"XP1={FIRST}", "out(XP1)", "LIN XP1")
+    outer = "DEF out(p{kind})\nE6POS p\nin(p)\nEND\n"
+    assert whys(text + outer.format(kind=":OUT") + more)[4] == "is changed by a routine (line 5)"
+    assert 4 not in whys(text + outer.format(kind=":IN") + more)
+
+
+@pytest.mark.parametrize(
+    "call",
+    ["ext1(XP1)", 'SREAD(S[],ST,OF,"%f,",XP1.X)', 'RET=EKI_GetFrame("a,","b",XP1)', "CREAD(H,XP1)"],
+)
+def test_a_position_that_a_routine_elsewhere_may_change(call: str) -> None:
+    """Its argument is passed by reference unless its declaration says `:IN`; an expression is none."""
+    lines = [f"XP1={FIRST}", call, "LIN XP1"]
+    assert whys(routine(*lines))[4].endswith(" (line 5)")
+    name = call.removeprefix("RET=").partition("(")[0]
+    kinds = ",".join(["E6POS :IN"] * 6)
+    assert whys(f"EXT {name}({kinds})\n" + routine(*lines)) == {}
+    assert whys(routine(*lines).replace("XP1)", "1+XP1.X)").replace("XP1.X)", "1)")) == {}
+
+
+@pytest.mark.parametrize(
+    "change",
+    ['RET=EKI_GetFrame("a","b",$BASE)', 'SREAD(S[],ST,OF,"%r",$BASE)', "ANIN ON $BASE.Z = 1.0*$ANIN[1]"],
+)
+def test_a_base_that_is_read_from_outside(change: str) -> None:
+    program, _, _, left = followed(routine(f"LIN {SECOND}", change, f"LIN {FIRST}"))
+    assert list(left) == [6]
+    assert left[6].startswith("its frame: ")
+    assert left[6].endswith("(line 5)")
+    assert not program.notes
+
+
 @pytest.mark.parametrize("word", ["PTP", "SPTP"])
 def test_the_mastering_position_stays(word: str) -> None:
     """All joints 0, in a motion and in a data list."""
