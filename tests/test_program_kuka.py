@@ -516,6 +516,37 @@ def test_a_base_that_is_read_from_outside(change: str) -> None:
     assert not program.notes
 
 
+ASIDE = [
+    ("INTERRUPT DECL 3 WHEN $IN[1] DO sub(XP1)", "INTERRUPT ON 3"),
+    ("GLOBAL INTERRUPT DECL N WHEN $IN[1]==TRUE DO sub(XP1)", "INTERRUPT ON"),
+    ("", "TRIGGER WHEN PATH=0 DELAY=0 DO sub(XP1) PRIO=-1"),
+]
+
+
+@pytest.mark.parametrize(("declares", "starts"), ASIDE)
+@pytest.mark.parametrize("change", ["$BASE", "$TOOL"])
+def test_what_changes_beside_the_motions(declares: str, starts: str, change: str) -> None:
+    """Base and tool that an interrupt or trigger sets are uncertain from there on, also once set anew."""
+    lines = [declares, f"LIN {SECOND}", starts, f"LIN {FIRST}", f"{change}=$NULLFRAME", f"LIN {THIRD}"]
+    sub = f"DEF sub(p:IN)\ninner()\nEND\nDEF inner()\n{change}={SHIFT}\nEND\n"
+    found = whys(routine(*lines) + sub)
+    kind = "frame" if change == "$BASE" else "tool"
+    why = f"its {kind}: may be changed at any time ({starts.partition(' WHEN')[0].removesuffix(' 3')} in line 6)"
+    assert found == {7: why, 9: why}
+    assert whys(routine(*lines).replace(starts, "") + sub) == {}
+    assert whys(routine("LOOP", *lines, "ENDLOOP") + sub).keys() == {6, 8, 10}
+
+
+@pytest.mark.parametrize(("declares", "starts"), ASIDE)
+def test_positions_that_change_beside_the_motions(declares: str, starts: str) -> None:
+    text = routine(f"XP1={FIRST}", declares, starts, "LIN XP1", f"LIN {SECOND}")
+    sub = "DEF sub(p:OUT)\nE6POS p\np.X=5\nEND\n"
+    found = whys(text + sub)
+    assert found.keys() == {4}
+    assert "line " in found[4]
+    assert whys(text + "DEF sub(p:OUT)\nE6POS p\nEND\n") == {}
+
+
 @pytest.mark.parametrize("word", ["PTP", "SPTP"])
 def test_the_mastering_position_stays(word: str) -> None:
     """All joints 0, in a motion and in a data list."""

@@ -4,7 +4,8 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from calibtool.programs.krl import Declared, Statement, declared
+from calibtool.programs.krl import Declared, Statement, declared, statement_at
+from calibtool.programs.krl_asynchronous import Started, uncertain
 from calibtool.programs.krl_data import Text
 from calibtool.programs.krl_motions import Motions
 from calibtool.programs.krl_names import CALLED, Names, Procedure, call_arguments
@@ -44,6 +45,10 @@ _NUMBERED = re.compile(
     r"(BASE|TOOL)(?:_DATA\s*\[|_NO\s|\s*,)\s*(\d+)", re.IGNORECASE
 )  # BASE_DATA[1], BASE_NO 1, BAS(#BASE,1)
 _CYCLIC = re.compile(r"ANIN\s+ON\s+([^=]*?)\s*=", re.IGNORECASE)
+_ASIDE = re.compile(
+    r"(?:GLOBAL\s+)?(TRIGGER|INTERRUPT\s+(?:DECL|ON))\b\s*(\w+)?", re.IGNORECASE
+)
+_DO = re.compile(r"\bDO\s+(.*?)\s*(?:\bPRIO\s*=.*)?$", re.IGNORECASE | re.MULTILINE)
 _LISTED = 5  # routines named in a note
 
 
@@ -68,6 +73,7 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     for reader in readers:
         reader.declare()
     routines = [routine for reader in readers for routine in reader.routines()]
+    routines = uncertain(routines, [start for reader in readers for start in reader.started])
     for text in texts:
         text.others()
     called = {step.routine for r in routines for step in r.body if isinstance(step, Call)}
@@ -100,6 +106,7 @@ class _Reader(Motions):
     def __init__(self, text: Text, names: Names, values: dict[str, Value], held: bool) -> None:
         super().__init__(text, names, values, held)
         self.missing: set[str] = set()
+        self.started: list[Started] = []
 
     def declare(self) -> None:
         """What the text's data lists say, and declarations outside of routines."""
@@ -154,6 +161,8 @@ class _Reader(Motions):
             elif statement.word in ("end", "endfct"):
                 yield Routine(name, tuple(steps), self.text.number)
                 steps = None
+            elif statement.word == "aside":
+                self._aside(statement, name, len(steps))
             else:
                 steps += self._steps(statement, cases)
         if steps is not None:
@@ -161,7 +170,7 @@ class _Reader(Motions):
 
     def _steps(self, statement: Statement, cases: list[bool]) -> Iterator[Step]:
         word, line = statement.word, self.text.lines(statement.position)
-        if word not in ("decl", "aside") and "(" in self.code[statement.start : statement.end]:
+        if word != "decl" and "(" in self.code[statement.start : statement.end]:
             yield from self._calls(statement, line)
         if word in ("if", "switch", "for", "while", "repeat", "loop"):
             yield Begin(loop=word not in ("if", "switch"), once=word in ("repeat", "loop"))
@@ -194,6 +203,18 @@ class _Reader(Motions):
             self.block = self.settings(statement.start, statement.end, line)
         elif word in ("move", "relative"):
             yield from self.motion(statement, line)
+
+    def _aside(self, statement: Statement, routine: str, place: int) -> None:
+        """Note what an interrupt or a trigger does beside the motions."""
+        line, end = self.text.lines(statement.position), statement.end
+        found = _ASIDE.match(self.code, statement.position, end)
+        if found is None:
+            return
+        words, number = " ".join(found[1].upper().split()), (found[2] or "").lower()
+        steps: tuple[Step, ...] = ()
+        if done := _DO.search(self.code, statement.start, end):
+            steps = tuple(self._steps(statement_at(self.code, *done.span(1)), []))
+        self.started.append(Started(routine, place, line, words, number, steps))
 
     def _calls(self, statement: Statement, line: int) -> Iterator[Step]:
         """Calls of routines in a statement, with what their parameters hold; BAS sets base and tool."""
