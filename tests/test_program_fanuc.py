@@ -192,6 +192,23 @@ def test_a_position_that_is_written_twice() -> None:
     assert left(twice) == {"P[1]": "is written more than once"}
 
 
+@pytest.mark.parametrize("condition", ["", "IF R[1]=1,", "IF (DI[1] AND R[2,1]>3),", "WENN DI[1]=ON,"])
+@pytest.mark.parametrize("value", ["P[1]=LPOS", "P[1:there]=PR[2]", "P[1,3]=10"])
+def test_positions_that_are_assigned_also_behind_a_condition(condition: str, value: str) -> None:
+    text = written("L P[2] 100mm/sec FINE", condition + value, "L P[1] 100mm/sec FINE", P1=pose(), P2=pose())
+    assert left(text) == {"P[1]": "it is assigned (line 5)"}
+
+
+@pytest.mark.parametrize("target", ["P[R[3]]", "P[AR[1]]", "P[R[3:which]]"])
+@pytest.mark.parametrize("condition", ["", "IF R[1]=1,"])
+def test_an_assignment_to_some_position(condition: str, target: str) -> None:
+    """Which one is not known: the line is listed, and positions that no motion names are left."""
+    text = written(f"{condition}{target}=LPOS", "L P[1] 100mm/sec FINE", P1=pose(), P2=pose())
+    assert said(text) == {4: "which position is assigned, a register tells"}
+    assert left(text) == {"P[2]": f"may be assigned ({target}, line 4)"}
+    assert corrected(text) == ["P[1]"]
+
+
 def test_positions_that_no_motion_goes_to_are_corrected_in_their_own_frame() -> None:
     _, _, found, whys = followed(written(P1=pose(uf="2", ut="1"), P2=pose(uf="F"), P3=JOINTS.format(more="")))
     assert [p.frame.name if p.frame else None for p in found] == ["2", None]

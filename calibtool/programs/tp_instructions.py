@@ -22,7 +22,7 @@ from calibtool.programs.motions import (
     Unknown,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.targets import Lines
+from calibtool.programs.targets import Lines, Remark
 from calibtool.programs.tp import Motion, Point, Section, motion, parts, statements
 from calibtool.programs.tp_frames import Selection
 from calibtool.programs.tp_positions import HELD, Positions, Taught
@@ -31,7 +31,7 @@ _INC = frozenset({"INC", "INK", "INKR"})
 _OFFSETS = frozenset({"OFFSET", "TOOL_OFFSET", "VOFFSET", "WKZ_OFFSET"})
 _SELECT = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)_NUM\s*(?:\[([^\]]*)\])?\s*=\s*(.+)", re.IGNORECASE)
 _SET = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)\s*\[\s*(?:GP(\d)\s*:)?\s*([^=]*)\]\s*=", re.IGNORECASE)
-_WRITTEN = re.compile(r"P\s*\[\s*(\d{1,9})[^\]]*\]\s*=")
+_WRITTEN = re.compile(r"P\s*\[\s*(?:(\d{1,9})\b[^\]]*|.*)\]\s*=(?!=)")
 _CALL = re.compile(r"(?:CALL|AUFRUF)\s+([\w-]+)", re.IGNORECASE)
 _JUMP = re.compile(r"(?:JMP|SPRUNG)\s+(?:LBL|LABEL)\s*\[\s*([^\]:]*)", re.IGNORECASE)
 _LABEL = re.compile(r"(?:LBL|LABEL)\s*\[\s*(\d+)", re.IGNORECASE)
@@ -58,6 +58,11 @@ class Instructions:
         self.motions = {k: one for k, one in found if one is not None}
         self.labels = [m[1] for one in self.statements if (m := _LABEL.match(one.text))]
         relative = self._relative()
+        self.written = list(self._written())
+        for line, position, which in self.written:
+            if which is None:
+                why = "which position is assigned, a register tells"
+                reader.remarks.append(Remark(line, position, why, source=reader.source))
         self.taught = reader.read(section.positions, self._left(relative), relative)
 
     def changed(self) -> Iterator[tuple[tuple[str, str], str]]:
@@ -82,21 +87,30 @@ class Instructions:
             if found.options & _INC and point.kind == "P" and point.number is not None
         }
 
+    def _written(self) -> Iterator[tuple[int, str, int | None]]:
+        """Assignments of positions, also behind a condition: the line, the position, its number if it is known."""
+        for one in self.statements:
+            for part in parts(one.text) if "=" in one.text else ():
+                if match := _WRITTEN.match(part):
+                    position = match[0].rstrip("= ")[:30]
+                    yield one.line, position, int(match[1]) if match[1] else None
+
     def _left(self, relative: dict[int, int]) -> Callable[[int], str]:
         """Why positions of this program are none to correct, by their numbers."""
         left = {number: f"a relative motion (INC in line {line})" for number, line in relative.items()}
-        for one in self.statements:
-            if match := _WRITTEN.match(one.text):
-                left[int(match[1])] = f"it is assigned (line {one.line})"
+        for line, _, number in self.written:
+            if number is not None:
+                left[number] = f"it is assigned (line {line})"
         points = [(found, point) for found in self.motions.values() for point in found.points]
         moved_to = {point.number for _, point in points if point.kind == "P"}
+        assigned = [f"may be assigned ({p}, line {line})" for line, p, which in self.written if which is None]
         somewhere = next(
             (
                 f"may be used by a relative motion ({point.text[:30]} with INC in line {found.line})"
                 for found, point in points
                 if found.options & _INC and point.kind == "P" and point.number is None
             ),
-            "",
+            next(iter(assigned), ""),
         )
         return lambda number: left.get(number, "" if number in moved_to else somewhere)
 
