@@ -28,7 +28,8 @@ from calibtool.programs.tp_frames import Selection
 from calibtool.programs.tp_positions import HELD, Positions, Taught
 
 _INC = frozenset({"INC", "INK", "INKR"})
-_OFFSETS = frozenset({"OFFSET", "TOOL_OFFSET", "VOFFSET", "WKZ_OFFSET"})
+_OFFSETS = frozenset({"OFFSET", "TOOL_OFFSET", "VOFFSET", "WKZ_OFFSET", "SEARCH"})
+_SHIFTED = re.compile(r"(?:TOUCH\s+OFFSET|TRACK|DPM|MPOFFSET)\s+(END\b)?", re.IGNORECASE)  # the motions behind it
 _SELECT = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)_NUM\s*(?:\[([^\]]*)\])?\s*=\s*(.+)", re.IGNORECASE)
 _SET = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)\s*\[\s*(?:GP(\d)\s*:)?\s*([^=]*)\]\s*=", re.IGNORECASE)
 _WRITTEN = re.compile(r"P\s*\[\s*(?:(\d{1,9})\b[^\]]*|.*)\]\s*=(?!=)")
@@ -147,6 +148,8 @@ class Instructions:
     def _point(self, point: Point, found: Motion) -> Aim:
         if point.kind == "PR":
             return Aim(Unknown("a register: its value is not in the program"))
+        if point.kind != "P":
+            return Aim(Unknown(f"a position of a pallet: its value is not in the program ({point.text[:30]})"))
         if point.number is None:
             which = f"which position it is, a register tells ({point.text[:30]})"
             relative = "a relative motion (INC): " if found.options & _INC else ""
@@ -196,12 +199,22 @@ class Instructions:
         elif match := _TIMEOUT.search(text):
             yield Jump(match[1], always=False)
 
+    def _offset(self) -> Iterator[Motion]:
+        """Motions with an offset of their own, or while a sensor or a touch shifts all."""
+        shifted = False
+        for k, one in enumerate(self.statements):
+            found = self.motions.get(k)
+            if match := _SHIFTED.match(one.text):
+                shifted = match[1] is None
+            elif found is not None and (shifted or found.options & _OFFSETS):
+                yield found
+
     def notes(self) -> Iterator[str]:
         """What a reader of the summary has to know: motions whose offsets are not in the program."""
         places = [
             (one.line, point)
-            for one in self.motions.values()
-            if one.options & _OFFSETS and not one.options & _INC
+            for one in self._offset()
+            if not one.options & _INC
             for point in one.points
             if point.kind == "P" and point.number in self.taught
         ]
