@@ -547,6 +547,17 @@ def test_positions_that_change_beside_the_motions(declares: str, starts: str) ->
     assert whys(text + "DEF sub(p:OUT)\nE6POS p\nEND\n") == {}
 
 
+@pytest.mark.parametrize("change", ["XP1.Z=600", "outside(XP1)", "XP2=XP1\nXP2.Z=600\nLIN XP2"])
+def test_a_pose_that_is_left_beside_corrected_ones(change: str) -> None:
+    """The path has a step there; joint targets are corrected beside it without one."""
+    lines = [HOME, f"XP1={FIRST}", change, "LIN XP1"]
+    for more, steps in (("", 0), (f"LIN {SECOND}", 1)):
+        text = routine(*lines, more)
+        result = compensate_program(calibration(), text.encode(), "a", "kuka-krl")
+        assert result.changed == 1 + steps
+        assert result.inconsistent == steps
+
+
 @pytest.mark.parametrize("word", ["PTP", "SPTP"])
 def test_the_mastering_position_stays(word: str) -> None:
     """All joints 0, in a motion and in a data list."""

@@ -70,6 +70,7 @@ class Flow:
 
     uses     in the order in which routines are followed: callees before those that call them
     spoiled  literals that are no constants, and why
+    edited   literals to which motions go with other components
     seeds    literals that choose the branch of others
     frames   literals that are frames or tools
     remarks  motions that go to nothing written
@@ -77,6 +78,7 @@ class Flow:
 
     uses: tuple[Use, ...]
     spoiled: dict[int, str]
+    edited: frozenset[int]
     seeds: frozenset[int]
     frames: frozenset[int]
     remarks: tuple[Remark, ...]
@@ -136,6 +138,7 @@ class _Analysis:
         self.nodes: list[_Node] = []
         self.numbers: dict[tuple[int, int | Entry | Edited], int] = {}
         self.remarks: dict[tuple[int, str], Remark] = {}
+        self.edited: set[int] = set()
         self.summaries: dict[str, _Summary] = {}
         self.order = _callees_first(self.graphs)
         self.recursive: dict[str, int] = {}  # routines that call one that is not ended, and where
@@ -313,10 +316,11 @@ class _Analysis:
         return frozenset(reached | before | {_NOWHERE}) if unknown else frozenset(reached)
 
     def _nowhere(self, unknown: Unknown, move: Move, routine: Routine) -> None:
-        """Note a motion to what is not known; what is a copy of it with other components is no constant."""
+        """Note a motion to what is not known; where it is a copy with other components, the literal is no constant."""
         if not unknown.quiet:
             self._remark(move.line, move.name, unknown.why, routine)
         if unknown.edited is not None:
+            self.edited.add(unknown.edited)
             why = f"serves two places: of a copy, {unknown.why}"
             self.evaluation.spoiled.setdefault(unknown.edited, why)
 
@@ -357,9 +361,9 @@ class _Analysis:
         frames = frozenset(self.evaluation.frames)
         used = {use.literal for use in result} | seeds | frames
         result += self._alone(used, len(result))
-        return Flow(
-            tuple(result), self.evaluation.spoiled, seeds, frames, tuple(self.remarks.values())
-        )
+        remarks = tuple(self.remarks.values())
+        spoiled, edited = self.evaluation.spoiled, frozenset(self.edited)
+        return Flow(tuple(result), spoiled, edited, seeds, frames, remarks)
 
     def _entered(self, entry: _State) -> Callable[[str], Atoms]:
         return lambda name: entry.get(name) or self.begin(name)

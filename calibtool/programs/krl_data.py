@@ -1,7 +1,7 @@
 """KRL's aggregates: positions and frames as they are written."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from calibtool.programs.configurations import Digit, Kuka
@@ -127,7 +127,7 @@ class Text:
         self.taken.add(start)
         literal = self._literal(start, end, name, frames)
         if left and not literal.bad and not literal.left:
-            literal = self._left(literal.kind, start, name, left)
+            literal = replace(literal, left=left, alone=None)
         self.literals.append(literal)
         return len(self.literals) - 1
 

@@ -61,7 +61,7 @@ class Unknown:
     """What the text does not tell, and why, with the line: `read from the robot (line 7)`.
 
     quiet   the motion to it need not be listed, because what is wrong is listed at its literal
-    edited  the literal of which it is a copy with other components
+    edited  the literal of which it is the value, or a copy, with other components
     """
 
     why: str
