@@ -134,7 +134,7 @@ class _Correction:
                 self.failures.append((remark, InputError))
             elif program.sources[remark.source].edited:
                 self.left.append(remark)
-        moved_to = {use.literal for use in flow.uses if use.line and not use.relative}
+        moved_to = {use.literal for use in flow.uses if use.line and not use.relative} | flow.edited
         found, left = positions(program, flow)
         for number, why in left.items():
             self._leave(number, why, InputError if program.literals[number].bad else None)

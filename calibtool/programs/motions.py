@@ -60,11 +60,13 @@ class Frame:
 class Unknown:
     """What the text does not tell, and why, with the line: `read from the robot (line 7)`.
 
-    quiet  the motion to it need not be listed, because what is wrong is listed at its literal
+    quiet   the motion to it need not be listed, because what is wrong is listed at its literal
+    edited  the literal of which it is the value, or a copy, with other components
     """
 
     why: str
     quiet: bool = False
+    edited: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

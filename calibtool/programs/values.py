@@ -150,7 +150,7 @@ class Evaluation:
             own = name in self.owners.get(base, ())  # otherwise a copy of it is changed
             if own:
                 self.spoiled.setdefault(base, value.why)
-            return Unknown(value.why, quiet=own)
+            return Unknown(value.why, quiet=own, edited=base)
         if isinstance(base, Entry | Product | Edited):
             return replace(value, base=base)
         if not isinstance(base, Frame) or base.values is None or not value.components:

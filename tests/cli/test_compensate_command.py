@@ -239,11 +239,11 @@ def test_rows_outside_the_limits_are_marked(files: Files) -> None:
 def test_the_largest_change_is_told_and_kept(files: Files) -> None:
     write_table("t.csv", SIX, ANGLES)
     free = run("compensate", files.six_network, "t.csv")
-    told = [line for line in free.stderr.splitlines() if line.startswith("joints change by at most ")]
+    told = [line for line in free.stderr.splitlines() if line.startswith("limit of the change of a joint: ")]
     assert len(told) == 1
     assert float(told[0].split()[5]) > 0.1
     bounded = run("compensate", files.six_network, "t.csv", "--largest-change-deg", "0.003")
-    assert "joints change by at most 0.003 deg (--largest-change-deg)" in bounded.stderr
+    assert "limit of the change of a joint: 0.003 deg (--largest-change-deg)" in bounded.stderr
     change = np.abs(joints_of(bounded.stdout, SIX) - ANGLES)
     assert change.max() == pytest.approx(0.003, abs=1e-9)
     assert {row["status"] for row in rows_of(bounded.stdout)} == {"limited"}
