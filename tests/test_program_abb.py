@@ -95,9 +95,7 @@ def test_errors(target: str, why: str) -> None:
 
 def test_positions_left_alone() -> None:
     def why(target: str, before: str = "") -> str:
-        (found,) = whys(
-            f"MODULE A\nPROC m()\n{before}\n MoveL {target},v10,fine,tool0;\nENDPROC\n"
-        ).values()
+        (found,) = whys(f"MODULE A\nPROC m()\n{before}\n MoveL {target},v10,fine,tool0;\nENDPROC\n").values()
         return found
 
     assert "external axes" in why("[[1,2,3],[1,0,0,0],[0,0,0,0],[100,9E9,9E9,9E9,9E9,9E9]]")
@@ -121,9 +119,7 @@ def test_joints_that_a_robot_does_not_have() -> None:
 
 
 def test_arrays_and_switched_off_configurations() -> None:
-    text = procedure(
-        "MoveL p{1},v1,fine,tool0;", before=f"CONST robtarget p{{2}}:=[{GOOD},{GOOD}];"
-    )
+    text = procedure("MoveL p{1},v1,fine,tool0;", before=f"CONST robtarget p{{2}}:=[{GOOD},{GOOD}];")
     program, flow, _, left = followed(text)
     assert [literal.name for literal in program.literals] == ["p{1}", "p{2}"]
     assert [(use.literal, use.obeyed) for use in flow.uses] == [(0, True)]
@@ -139,3 +135,88 @@ def test_an_instruction_that_does_not_end_or_close_is_said() -> None:
     assert "no ; at its end" in said("MoveL p10,v10,fine,tool0")
     assert "a bracket is not closed" in said("MoveL [[1,2,3],v10,fine,tool0;")
     assert said("MoveExtJ p10,v10,fine;") == set()
+
+
+FIX = (
+    'PERS wobjdata fix:=[FALSE,TRUE,"",[[600,100,-200],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+    f"CONST robtarget p:={GOOD};\n"
+    f"VAR robtarget v:={GOOD};\n"
+) + grip
+FIXED = "MoveL p,v1,fine,grip\\WObj:=fix;"
+
+
+@pytest.mark.parametrize(
+    ("instruction", "move", "line"),
+    [
+        ("Add v.trans.z,25;", "MoveL v,v1,fine,tool0;", 4),
+        ("ok:=StrToVal(word,v);", "MoveL v,v1,fine,tool0;", 4),
+        ("IF StrToVal(word,v.trans.x) Stop;", "MoveL v,v1,fine,tool0;", 4),
+        ('SetDataVal "v",other;', "MoveL v,v1,fine,tool0;", 4),
+        ("SetDataVal name,other;", "MoveL v,v1,fine,tool0;", 4),
+        ("Clear fix.oframe.trans.x;", FIXED, 3),
+        ("MyOwnCalibration a,grip;", FIXED, 3),
+    ],
+)
+def test_what_an_instruction_may_change_is_no_constant(instruction: str, move: str, line: int) -> None:
+    left = followed(procedure(instruction, move, before=FIX))[3]
+    names = ("Add", "StrToVal", "SetDataVal", "Clear", "MyOwnCalibration")
+    (name,) = (name for name in names if name in instruction)
+    assert f"{name} may change it (line 7)" in left[line]
+
+
+@pytest.mark.parametrize(
+    "instruction",
+    [
+        "WaitTime 1;",
+        "TPWrite text\\Num:=v.trans.x;",
+        "n:=Distance(p.trans,v.trans);",
+        "GripMove v,grip,v100,fine,grip\\WObj:=fix;",
+        "Add grip.tload.mass,1;",
+        "Add n,1;",
+    ],
+)
+def test_what_only_reads_leaves_its_arguments_constant(instruction: str) -> None:
+    _, _, found, _ = followed(procedure(instruction, FIXED, "MoveL v,v1,fine,grip\\WObj:=fix;", before=FIX))
+    assert len(found) == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "routine"),
+    [
+        ("n:=setw();", "FUNC num setw()\nfix.uframe.trans.x:=700;\nRETURN 1;\nENDFUNC"),
+        ("WaitTime setw();", "FUNC num setw()\nfix.uframe.trans.x:=700;\nRETURN 1;\nENDFUNC"),
+        ('%"setw"%;', "PROC setw()\nfix.uframe.trans.x:=700;\nENDPROC"),
+        ("%name%;", "PROC setw()\nfix.uframe.trans.x:=700;\nENDPROC"),
+        ('CallByVar "set",n;', "PROC set3()\nfix.uframe.trans.x:=700;\nENDPROC"),
+        ("CONNECT i WITH t;", "TRAP t\nfix.uframe.trans.x:=700;\nENDTRAP"),
+        ("CONNECT i WITH t;", "TRAP t\nsetw;\nENDTRAP\nPROC setw()\nfix.uframe.trans.x:=7;\nENDPROC"),
+    ],
+)
+def test_frames_that_routines_change_at_times_that_are_not_followed(call: str, routine: str) -> None:
+    first = "fix.uframe:=[[600,100,-200],[1,0,0,0]];"
+    text = procedure(first, call, FIXED, before=FIX) + "MODULE B\n" + routine + "\nENDMODULE\n"
+    line = text[: text.index("trans.x:=7")].count("\n") + 1
+    why = followed(text)[3][3]
+    assert why.startswith("its frame: ")
+    assert why.endswith(f"changes it, and when is not known (line {line})")
+
+
+def test_frames_that_an_error_handler_changes() -> None:
+    first = "fix.uframe:=[[600,100,-200],[1,0,0,0]];"
+    for handler in ("fix.uframe.trans.x:=700;", "fix.oframe:=[[1,2,3],[1,0,0,0]];"):
+        why = followed(procedure(first, FIXED, "ERROR", handler, "RETRY;", before=FIX))[3][3]
+        assert "main's error handler changes it" in why
+        assert "(line 10)" in why
+
+
+@pytest.mark.parametrize("change", ["q.trans.x:=5;", "Incr q.trans.x;"])
+@pytest.mark.parametrize("mode", ["INOUT ", ""])
+def test_arguments_that_a_routine_of_a_routine_changes(change: str, mode: str) -> None:
+    text = procedure("one v;", "MoveL v,v1,fine,tool0;", before=FIX)
+    text += "MODULE B\nPROC one(INOUT robtarget w)\ntwo w;\nENDPROC\n"
+    text += f"PROC two({mode}robtarget q)\n{change}\nENDPROC\nENDMODULE\n"
+    left = followed(text)[3]
+    if mode:
+        assert "a routine changes it (line 7)" in left[4]
+    else:  # a copy is changed
+        assert 4 not in left

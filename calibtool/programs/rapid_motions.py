@@ -23,9 +23,7 @@ from calibtool.programs.rapid_values import Values
 
 DISPLACEMENT, CONFJ, CONFL = "displacement", "confj", "confl"  # what instructions switch
 _FAMILIES = "Move|Trigg|Search|Arc|Paint|Spot|Disp|Cap"
-MOTION = re.compile(
-    rf"(?:{_FAMILIES})(?P<way>AbsJ|[JLC])(?![a-z])(?i:\w*)|(?i:(?:{_FAMILIES})(?:AbsJ|[JLC]))"
-)
+MOTION = re.compile(rf"(?:{_FAMILIES})(?P<way>AbsJ|[JLC])(?![a-z])(?i:\w*)|(?i:(?:{_FAMILIES})(?:AbsJ|[JLC]))")
 _TOOL_AFTER = {"move": 3, "search": 2}  # arguments from the last point to the tool
 _ZONE = re.compile(r"fine|z\d+", re.IGNORECASE)
 _FUNCTION = re.compile(r"(\w+)\s*+(?=\()")
@@ -36,6 +34,11 @@ _RELATIVE = "a relative motion; the point it starts from is treated by itself"
 def motion(values: Values, name: str, given: Sequence[Argument], line: int) -> Iterator[Statement]:
     """The motion of an instruction, known or not, if a position is among its arguments."""
     yield from _Instruction(values, name, given, line).steps()
+
+
+def is_motion(values: Values, name: str, given: Sequence[Argument]) -> bool:
+    """Whether an instruction moves the robot, by its name or a zone among its arguments: it only reads them then."""
+    return MOTION.fullmatch(name) is not None or _Instruction(values, name, given, 0).zoned()
 
 
 class _Instruction:
@@ -124,9 +127,7 @@ class _Instruction:
         later = [k for k in self.plain if k > last]
         work_object = next((a for a in self.given if a.option == "wobj"), None)
         family = re.match(r"Move|Search", self.name, re.IGNORECASE) if self.known else None
-        place = next(
-            (k for k in later if self.values.reference(self.word(k), "tooldata") is not None), None
-        )
+        place = next((k for k in later if self.values.reference(self.word(k), "tooldata") is not None), None)
         if place is None and work_object is not None and work_object.after > last:
             place = work_object.after
         if place is None and family:
@@ -147,6 +148,10 @@ class _Instruction:
         if DISPLACEMENT in self.values.declared:
             frame = Product(FRAME, (frame, DISPLACEMENT))
         return frame
+
+    def zoned(self) -> bool:
+        """Whether a zone is among the arguments."""
+        return any(self._is_zone(k) for k in self.plain)
 
     def _is_zone(self, number: int) -> bool:
         word = self.word(number)
