@@ -160,6 +160,9 @@ class Text:
         for k, prismatic in zip(used, robot.prismatic, strict=True):
             unit = "mm" if prismatic else "deg"
             numbers.append(self._number(found, k + 1, unit))
+        if not any(number.value for number in numbers):
+            why = "a mastering position: all joints are zero"
+            return self._literal(JOINT, found.start(), name, why)
         number, line = len(self.literals), self.lines(found.start())
         return Literal(JOINT, tuple(numbers), line, name, source=self.number, alone=Aim(number))
 
