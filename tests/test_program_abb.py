@@ -220,3 +220,21 @@ def test_arguments_that_a_routine_of_a_routine_changes(change: str, mode: str) -
         assert "a routine changes it (line 7)" in left[4]
     else:  # a copy is changed
         assert 4 not in left
+
+
+@pytest.mark.parametrize("change", ["v.trans.z:=500;", "Add v.trans.z,25;"])
+def test_a_position_whose_changed_copy_is_moved_to_serves_two_places(change: str) -> None:
+    moves = ("v:=p;", change, "MoveL p,v1,fine,tool0;")
+    left = whys(procedure(*moves, "MoveL v,v1,fine,tool0;", before=FIX))
+    assert "changed copy of it" in left[3]
+    assert "(line 8)" in left[3]
+    assert 3 not in followed(procedure(*moves, before=FIX))[3]  # nothing moves to it
+
+
+@pytest.mark.parametrize("zeros", ["0,0,0,0,0,0", "0.0,-0,0,0.00,0,0"])
+def test_a_mastering_position_is_left(zeros: str) -> None:
+    text = procedure(f"MoveAbsJ [[{zeros}],{EXTERNAL}],v1,fine,tool0;", "MoveAbsJ home,v1,fine,tool0;",
+                     before=f"CONST jointtarget home:=[[{zeros}],{EXTERNAL}];")  # fmt: skip
+    assert followed(text)[3] == dict.fromkeys((2, 4), "a mastering position: all joints are zero")
+    assert not bad(text)
+    assert len(followed(text.replace("[[0", "[[1"))[2]) == 2

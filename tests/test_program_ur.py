@@ -212,3 +212,11 @@ def test_a_pose_given_to_what_is_not_known_is_listed() -> None:
         2: "an argument of my_weld, which is no motion that is known",
         3: "an argument of force_mode, which is no motion that is known",
     }
+
+
+@pytest.mark.parametrize("change", ["c[0]=0.1", "c[2]=c[2]+0.1"])
+def test_a_position_whose_changed_copy_is_moved_to_serves_two_places(change: str) -> None:
+    text = f"def a():\n b={POSE}\n c=b\n {change}\n movel(b)\n"
+    left = whys(f"{text} movel(c)\nend\n")
+    assert "changed copy of it: a component of it is assigned (line 4)" in left[2]
+    assert corrected(f"{text}end\n") == {2: "pose"}

@@ -292,6 +292,7 @@ class _Analysis:
         for atom in self.evaluation.atoms(aim.value, variable):
             if not isinstance(atom, int | Entry | Edited):
                 unknown = True
+                self.evaluation.copy_moved_to(atom)
                 if not (isinstance(atom, Unknown) and atom.quiet):
                     why = atom.why if isinstance(atom, Unknown) else "is no position"
                     self._remark(move.line, move.name, why, routine)
@@ -339,6 +340,7 @@ class _Analysis:
                     result.append(self._use(node, atom, at_entry))
                     came.append(self.evaluation.entered(node.before, at_entry))
                 elif isinstance(atom, Unknown) and not atom.quiet:
+                    self.evaluation.copy_moved_to(atom)
                     self._remark(node.move.line, node.move.name, atom.why, node.routine)
         self.nodes.clear()
         for k, use in enumerate(result):

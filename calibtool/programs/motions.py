@@ -60,11 +60,13 @@ class Frame:
 class Unknown:
     """What the text does not tell, and why, with the line: `read from the robot (line 7)`.
 
-    quiet  the motion to it need not be listed, because what is wrong is listed at its literal
+    quiet   the motion to it need not be listed, because what is wrong is listed at its literal
+    copied  the number of the literal of which this is a changed copy: one text then serves two places
     """
 
     why: str
     quiet: bool = False
+    copied: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,7 +54,7 @@ class Evaluation:
     literals  positions by their numbers; frames: those that are used as frames or tools
     given    frames and tools by name, which win over those that the program declares
     owners   of each literal the variables that it is assigned to
-    spoiled  literals that are no constants, because a component of such a variable is assigned, and why
+    spoiled  literals that are no constants, because a component of such a variable, or of a copy, is assigned, and why
     """
 
     literals: Sequence[Literal]
@@ -92,6 +92,12 @@ class Evaluation:
         else:
             return frozenset([value])
         return _few(found)
+
+    def copy_moved_to(self, atom: Atom) -> None:
+        """A motion goes there: if it is a changed copy of a literal, this is no constant."""
+        if isinstance(atom, Unknown) and atom.copied is not None:
+            why = f"the program moves to a changed copy of it: {atom.why}"
+            self.spoiled.setdefault(atom.copied, why)
 
     def entered(self, atoms: Atoms, variable: Callable[[str], Atoms]) -> Atoms:
         """The values with those of the routine's beginning put in."""
@@ -150,11 +156,12 @@ class Evaluation:
             own = name in self.owners.get(base, ())  # otherwise a copy of it is changed
             if own:
                 self.spoiled.setdefault(base, value.why)
-            return Unknown(value.why, quiet=own)
+            return Unknown(value.why, quiet=own, copied=None if own else base)
         if isinstance(base, Entry | Product | Edited):
             return replace(value, base=base)
         if not isinstance(base, Frame) or base.values is None or not value.components:
-            return Unknown(value.why, quiet=isinstance(base, Unknown) and base.quiet)
+            known = base if isinstance(base, Unknown) else Unknown("")
+            return replace(known, why=value.why)
         turn = 4 if value.orientation == "quaternion" else 3
         numbers = pose_values(base.T, value.orientation, [0.0] * (3 + turn))
         for index, number in value.components:
