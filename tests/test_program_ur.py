@@ -220,3 +220,16 @@ def test_a_position_whose_changed_copy_is_moved_to_serves_two_places(change: str
     left = whys(f"{text} movel(c)\nend\n")
     assert "changed copy of it: a component of it is assigned (line 4)" in left[2]
     assert corrected(f"{text}end\n") == {2: "pose"}
+
+
+@pytest.mark.parametrize("inner", ["set_tcp(p[0,0,0.1,0,0,0])", "sleep(1)\n tool()"])
+def test_the_tool_is_not_known_once_a_thread_that_sets_it_runs(inner: str) -> None:
+    tool = "def tool():\n set_tcp(p[0,0,0.1,0,0,0])\nend\n"
+    text = f"{tool}thread t():\n {inner}\nend\ndef a():\n set_tcp(p[0,0,0,0,0,0])\n movel({POSE})\n"
+    text += f" h = run t()\n movel({POSE})\n set_tcp(p[0,0,0,0,0,0])\n movel({POSE})\nend\n"
+    start = text[: text.index("run")].count("\n") + 1
+    why = f"its tool: thread t sets it too, and when is not known (line {start})"
+    assert followed(text)[3] == dict.fromkeys((start + 1, start + 3), why)
+    assert corrected(text) == {start - 1: "pose"}
+    without = text.replace(inner, "sleep(1)")
+    assert len(corrected(without)) == 3

@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from calibtool.programs.frames import pose
 from calibtool.programs.lists import closing, split
 from calibtool.programs.motions import (
@@ -68,11 +70,13 @@ _READ = re.compile(r"get_(?:actual|target)_\w+|get_forward_kin")
 _MOTION_CALL = re.compile(rf"\b(?:{'|'.join(_MOTIONS)})\s*\(")
 _SHAPE = re.compile(r"\bp\[(?=[^\[\]]*(?:,[^\[\]]*){5}\])")
 _TCP = "set_tcp"  # the variable that holds the tool
+_THREADS = "threads"  # no displacement of it, until a thread is started that sets the tool
 _INVERSE = ("x", "qnear", "maxPositionError", "maxOrientationError", "tcp")  # get_inverse_kin
 _LOOPS = ("while", "for")
 _BLOCKS = ("if", "switch", *_LOOPS)
 _UNITS = ("m", "m", "m", "rad", "rad", "rad")
 _LOOK_BACK = 300  # characters in which the function is looked for that a pose is given to
+_RUN = re.compile(r"\brun[^\S\n\r]+\Z")  # a thread is started
 _DEGREES = re.compile(r"d2r\s*\(\s*([^()]*?)\s*\)")
 
 
@@ -101,7 +105,7 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
         tuple(sources),
         tuple(literals),
         tuple(routines),
-        {_TCP: FLANGE},
+        {_TCP: FLANGE, _THREADS: frame_of(TOOL, None, np.eye(4))},
         tuple(remarks),
         notes,
         unused="no motion that is known goes there",
@@ -120,17 +124,34 @@ class _Function:
 
 @dataclass(eq=False)
 class _Names:
-    """Names of all scripts, by text and name, and those that may be meant by a name from another text."""
+    """Names of all scripts, by text and name, and those that may be meant by a name from another text.
+
+    elements  of lists, by the list's variable
+    called    names that are called in a function, by its unique name
+    """
 
     functions: dict[tuple[int, str], _Function] = field(default_factory=dict)
     variables: set[tuple[int, str]] = field(default_factory=set)
-    elements: dict[str, list[str]] = field(default_factory=dict)  # of lists, by the list's variable
+    elements: dict[str, list[str]] = field(default_factory=dict)
+    called: dict[str, set[str]] = field(default_factory=dict)
     texts: int = 0
 
     def function(self, text: int, name: str) -> _Function | None:
         """The function that a name means in a text."""
         places = [text, *range(self.texts)]
         return next((f for k in places if (f := self.functions.get((k, name)))), None)
+
+    def sets_tool(self, text: int, function: _Function) -> bool:
+        """Whether a function, or one that it calls, sets the tool."""
+        seen, waiting = {function.key}, [function]
+        while waiting:
+            called = self.called.get(waiting.pop().key, set())
+            if _TCP in called:
+                return True
+            found = [f for name in sorted(called) if (f := self.function(text, name))]
+            waiting += [f for f in found if f.key not in seen]
+            seen |= {f.key for f in found}
+        return False
 
     def variable(self, text: int, name: str) -> str:
         """The variable that a name means in a text."""
@@ -159,6 +180,10 @@ class _Script:
         self.names.texts = max(self.names.texts, self.number + 1)
         around: list[str] = []
         for statement in statements(self.code):
+            if statement.word != "def":
+                inside = next((name for name in reversed(around) if name), f"{self.number}")
+                called = CALL.findall(self.code, statement.start, statement.end)
+                self.names.called.setdefault(inside, set()).update(called)
             if statement.word == "def":
                 words = re.findall(r"([A-Za-z_]\w*)(?=\s*[,)=])", self._text(statement))
                 key, parent = (
@@ -245,7 +270,14 @@ class _Script:
                 if self.function.key == function.parent and call.start() < function.position:
                     place = self.lines(function.position)
                     self._bad(call.start(), name, f"is called before it exists (line {place})")
-                yield self._call(function, call.end(), line)
+                step = self._call(function, call.end(), line)
+                if not _RUN.search(self.code, max(0, call.start() - _LOOK_BACK), call.start()):
+                    yield step
+                    continue
+                yield from (Begin(), step, End())  # what it has done by then is not known
+                if self.names.sets_tool(self.number, function):
+                    why = Unknown(f"thread {name} sets it too, and when is not known (line {line})")
+                    yield Assign(line, _THREADS, why)
 
     def _call(self, function: _Function, opening: int, line: int) -> Call:
         given = arguments(self.code, opening)
@@ -313,7 +345,7 @@ class _Script:
         value = self._value(start, end, name, told=True)
         if isinstance(value, int) and self.literals[value].kind == POSE:
             self.without_tool |= tool == _TCP and not self.with_tool
-        return Aim(value, BASE, tool, near=near)
+        return Aim(value, BASE, Product(TOOL, (tool, _THREADS)), near=near)
 
     def _tool(self, start: int, end: int) -> Value:
         """A tool from a pose, or from a variable that holds one."""
