@@ -233,3 +233,17 @@ def test_the_tool_is_not_known_once_a_thread_that_sets_it_runs(inner: str) -> No
     assert corrected(text) == {start - 1: "pose"}
     without = text.replace(inner, "sleep(1)")
     assert len(corrected(without)) == 3
+
+
+def test_joints_that_are_solved_into_a_variable_are_treated_as_the_pose() -> None:
+    tool = "p[0,0,0.1,0,0,0]"
+    for given in ("", f", qnear={HOME}, tcp={tool}"):
+        text = f"def a():\n set_tcp({tool})\n q=get_inverse_kin({POSE}{given})\n"
+        moved = f"{text} set_tcp(p[0,0,0,0,0,0])\n movej(q, a=1)\nend\n"
+        assert corrected(moved) == {3: "pose"}
+        assert tools(moved) == [[0, 0, 0.1]]  # of the place where it is solved
+    changed = moved.replace("movej(q", "q[0]=q[0]+1\n movej(q")
+    assert corrected(changed) == {}
+    assert "an argument of get_inverse_kin" in whys(changed)[3]
+    elsewhere = text.replace(given, "") + f" movej({HOME})\n movej(q)\nend\n"
+    assert corrected(elsewhere) == {4: "joint"}  # solved from where the robot stands before that motion

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -45,6 +44,7 @@ from calibtool.programs.targets import (
     is_not_finite,
     number_at,
 )
+from calibtool.programs.ur_names import TCP, Function, Names
 from calibtool.programs.urscript import CALL, Statement, arguments, constant, statements
 from calibtool.robot.model import Robot
 from calibtool.units import LARGEST
@@ -69,9 +69,9 @@ _RELATIVE = ("pose_trans", "pose_add", "pose_sub", "interpolate_pose")
 _READ = re.compile(r"get_(?:actual|target)_\w+|get_forward_kin")
 _MOTION_CALL = re.compile(rf"\b(?:{'|'.join(_MOTIONS)})\s*\(")
 _SHAPE = re.compile(r"\bp\[(?=[^\[\]]*(?:,[^\[\]]*){5}\])")
-_TCP = "set_tcp"  # the variable that holds the tool
 _THREADS = "threads"  # no displacement of it, until a thread is started that sets the tool
 _INVERSE = ("x", "qnear", "maxPositionError", "maxOrientationError", "tcp")  # get_inverse_kin
+_IK = re.compile(r"get_inverse_kin\s*(?=\()")
 _LOOPS = ("while", "for")
 _BLOCKS = ("if", "switch", *_LOOPS)
 _UNITS = ("m", "m", "m", "rad", "rad", "rad")
@@ -91,10 +91,13 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     routines: list[Routine] = []
     remarks: list[Remark] = []
     notes: tuple[str, ...] = ()
-    names = _Names()
+    names = Names()
     scripts = [_Script(k, source, robot, names, literals) for k, source in enumerate(sources)]
     for script in scripts:
         script.declare()
+    for script in scripts:
+        script.declare_solved()
+    names.solved -= names.computed
     for script in scripts:
         routines += script.routines()
         script.others()
@@ -105,65 +108,18 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
         tuple(sources),
         tuple(literals),
         tuple(routines),
-        {_TCP: FLANGE, _THREADS: frame_of(TOOL, None, np.eye(4))},
+        {TCP: FLANGE, _THREADS: frame_of(TOOL, None, np.eye(4))},
         tuple(remarks),
         notes,
         unused="no motion that is known goes there",
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Function:
-    """A function: its unique name, the one around it, where it is defined, and its parameters."""
-
-    key: str
-    parent: str
-    position: int
-    parameters: tuple[str, ...]
-
-
-@dataclass(eq=False)
-class _Names:
-    """Names of all scripts, by text and name, and those that may be meant by a name from another text.
-
-    elements  of lists, by the list's variable
-    called    names that are called in a function, by its unique name
-    """
-
-    functions: dict[tuple[int, str], _Function] = field(default_factory=dict)
-    variables: set[tuple[int, str]] = field(default_factory=set)
-    elements: dict[str, list[str]] = field(default_factory=dict)
-    called: dict[str, set[str]] = field(default_factory=dict)
-    texts: int = 0
-
-    def function(self, text: int, name: str) -> _Function | None:
-        """The function that a name means in a text."""
-        places = [text, *range(self.texts)]
-        return next((f for k in places if (f := self.functions.get((k, name)))), None)
-
-    def sets_tool(self, text: int, function: _Function) -> bool:
-        """Whether a function, or one that it calls, sets the tool."""
-        seen, waiting = {function.key}, [function]
-        while waiting:
-            called = self.called.get(waiting.pop().key, set())
-            if _TCP in called:
-                return True
-            found = [f for name in sorted(called) if (f := self.function(text, name))]
-            waiting += [f for f in found if f.key not in seen]
-            seen |= {f.key for f in found}
-        return False
-
-    def variable(self, text: int, name: str) -> str:
-        """The variable that a name means in a text."""
-        places = [k for k in (text, *range(self.texts)) if (k, name) in self.variables]
-        return f"{places[0] if places else text}|{name}"
-
-
 class _Script:
     """A text and what is found in it."""
 
     def __init__(
-        self, number: int, source: Source, robot: Robot, names: _Names, literals: list[Literal]
+        self, number: int, source: Source, robot: Robot, names: Names, literals: list[Literal]
     ) -> None:
         self.number, self.text, self.robot = number, source.text, robot
         self.names, self.literals = names, literals
@@ -173,7 +129,7 @@ class _Script:
         self.taken: set[int] = set()  # where literals begin
         self.changed: set[str] = set()  # names of lists of which an element is assigned
         self.with_tool = self.without_tool = False
-        self.function = _Function("", "", 0, ())  # around the statement that is read
+        self.function = Function("", "", 0, ())  # around the statement that is read
 
     def declare(self) -> None:
         """Take in the names of functions and variables."""
@@ -190,7 +146,7 @@ class _Script:
                     f"{self.number}|{statement.name}()",
                     next((name for name in reversed(around) if name), f"{self.number}"),
                 )
-                self.names.functions[self.number, statement.name] = _Function(
+                self.names.functions[self.number, statement.name] = Function(
                     key, parent, statement.position, tuple(words)
                 )
                 around.append(key)
@@ -203,6 +159,14 @@ class _Script:
                 if statement.index:
                     self.changed.add(statement.name)
 
+    def declare_solved(self) -> None:
+        """Take in the variables that hold joints by get_inverse_kin."""
+        for statement in statements(self.code):
+            if statement.word == "assign":
+                key = self.names.variable(self.number, statement.name)
+                moved_to = self._is_moved_to(statement)
+                (self.names.solved if moved_to else self.names.computed).add(key)
+
     def _text(self, statement: Statement) -> str:
         return self.code[statement.start : statement.end]
 
@@ -210,8 +174,8 @@ class _Script:
 
     def routines(self) -> Iterator[Routine]:
         """The functions and threads, and what stands outside of them."""
-        outside = _Function(f"{self.number}", "", 0, ())
-        open_: list[tuple[_Function, list[Step]]] = [(outside, [])]
+        outside = Function(f"{self.number}", "", 0, ())
+        open_: list[tuple[Function, list[Step]]] = [(outside, [])]
         blocks: list[str] = []
         loops: list[str] = []
         first_case = False
@@ -265,7 +229,7 @@ class _Script:
             elif name == "set_tcp":
                 self.with_tool = True
                 given = arguments(self.code, call.end())
-                yield Assign(line, _TCP, self._tool(*given[0][1:]) if given else FLANGE)
+                yield Assign(line, TCP, self._tool(*given[0][1:]) if given else FLANGE)
             elif function := self.names.function(self.number, name):
                 if self.function.key == function.parent and call.start() < function.position:
                     place = self.lines(function.position)
@@ -279,7 +243,7 @@ class _Script:
                     why = Unknown(f"thread {name} sets it too, and when is not known (line {line})")
                     yield Assign(line, _THREADS, why)
 
-    def _call(self, function: _Function, opening: int, line: int) -> Call:
+    def _call(self, function: Function, opening: int, line: int) -> Call:
         given = arguments(self.code, opening)
         named = {word: (start, end) for word, start, end in given if word}
         plain = [(start, end) for word, start, end in given if not word]
@@ -313,6 +277,10 @@ class _Script:
                 for k, part in enumerate(parts):
                     yield Assign(line, f"{key}[{k}]", self._value(*part, f"{name}[{k}]"))
                 return
+        if key in self.names.solved:
+            start, end, tool, near = self._solved(start, end)
+            yield Assign(line, f"{key} tool", tool)
+            yield Assign(line, f"{key} near", near or Unknown("where the robot stands"))
         yield Assign(line, key, self._value(start, end, name))
 
     # --- positions -----------------------------------------------------------------------------
@@ -329,12 +297,21 @@ class _Script:
                 yield self._aim(*span, name)
 
     def _aim(self, start: int, end: int, name: str) -> Aim:
-        word = self.code[start:end]
-        solved = re.match(r"get_inverse_kin\s*(?=\()", word)
-        tool: Value = _TCP
+        start, end, tool, near = self._solved(start, end)
+        value = self._value(start, end, name, told=True)
+        if isinstance(value, str) and value in self.names.solved:
+            tool, near = f"{value} tool", f"{value} near"
+        if isinstance(value, int) and self.literals[value].kind == POSE:
+            self.without_tool |= tool == TCP and not self.with_tool
+        return Aim(value, BASE, Product(TOOL, (tool, _THREADS)), near=near)
+
+    def _solved(self, start: int, end: int) -> tuple[int, int, Value, Value | None]:
+        """The span of the pose, the tool and `near` of get_inverse_kin; of anything else its own span, the tool in force."""
+        opening = self._inverse(start, end)
+        tool: Value = TCP
         near = None
-        if solved and closing(self.code, start + solved.end()) == end - 1:
-            given = arguments(self.code, start + solved.end())
+        if opening is not None:
+            given = arguments(self.code, opening)
             names = dict(zip(_INVERSE, [(a, b) for word, a, b in given if not word], strict=False))
             names |= {word: (a, b) for word, a, b in given if word}
             if "tcp" in names:
@@ -342,10 +319,24 @@ class _Script:
             if "qnear" in names:
                 near = self._value(*names["qnear"], "qnear")
             start, end = names.get("x", (start, start))
-        value = self._value(start, end, name, told=True)
-        if isinstance(value, int) and self.literals[value].kind == POSE:
-            self.without_tool |= tool == _TCP and not self.with_tool
-        return Aim(value, BASE, Product(TOOL, (tool, _THREADS)), near=near)
+        return start, end, tool, near
+
+    def _inverse(self, start: int, end: int) -> int | None:
+        """Where the parenthesis opens of a call of get_inverse_kin that is the whole expression."""
+        found = _IK.match(self.code, start, end)
+        return found.end() if found and closing(self.code, found.end()) == end - 1 else None
+
+    def _is_moved_to(self, statement: Statement) -> bool:
+        """Whether joints that are solved here start at qnear, or are where the next motion goes: the robot stands there."""
+        opening = self._inverse(statement.start, statement.end)
+        if opening is None or statement.index:
+            return False
+        words = [word for word, _, _ in arguments(self.code, opening)]
+        if words.count("") > 1 or "qnear" in words:
+            return True
+        following = _MOTION_CALL.search(self.code, statement.end)
+        aims = arguments(self.code, following.end() - 1) if following else []
+        return bool(aims) and self.code[slice(*aims[0][1:])] == statement.name
 
     def _tool(self, start: int, end: int) -> Value:
         """A tool from a pose, or from a variable that holds one."""
