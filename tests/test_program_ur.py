@@ -247,3 +247,20 @@ def test_joints_that_are_solved_into_a_variable_are_treated_as_the_pose() -> Non
     assert "an argument of get_inverse_kin" in whys(changed)[3]
     elsewhere = text.replace(given, "") + f" movej({HOME})\n movej(q)\nend\n"
     assert corrected(elsewhere) == {4: "joint"}  # solved from where the robot stands before that motion
+
+
+@pytest.mark.parametrize(
+    ("lines", "places"),
+    [
+        (f"movel(pose_trans(feature, {POSE}))", 1),
+        (f"b=pose_trans(feature, {POSE})\n movel(b)", 1),
+        (f"b=pose_trans(feature, {POSE})", 0),
+        (f"q=get_inverse_kin({POSE})\n movej({HOME})\n movej(q)", 1),
+        (f"movel(pose_add({POSE}, p[0,0,0.1,0,0,0]))", 1),
+        ("movel(pose_trans(get_actual_tcp_pose(), p[0,0,0.1,0,0,0]))", 0),
+        (f"b={POSE}\n movel(b)\n movel(pose_trans(b, p[0,0,0.1,0,0,0]))", 0),
+    ],
+)
+def test_places_of_motions_that_are_not_followed(lines: str, places: int) -> None:
+    program = read(f"def a():\n {lines}\nend\n")
+    assert sum(literal.moved_to for literal in program.literals) == places

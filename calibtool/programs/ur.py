@@ -1,7 +1,7 @@
 """Universal Robots programs (URScript): the motions of a script, and variables that hold positions."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 
 import numpy as np
 
@@ -71,6 +71,8 @@ _MOTION_CALL = re.compile(rf"\b(?:{'|'.join(_MOTIONS)})\s*\(")
 _SHAPE = re.compile(r"\bp\[(?=[^\[\]]*(?:,[^\[\]]*){5}\])")
 _THREADS = "threads"  # no displacement of it, until a thread is started that sets the tool
 _INVERSE = ("x", "qnear", "maxPositionError", "maxOrientationError", "tcp")  # get_inverse_kin
+_MOVED_TO = re.compile(rf"\b(?:{'|'.join(_MOTIONS)})\s*\(\s*(?:\w+\s*=\s*)?(\w+)\s*[,)]")
+_LAST_CALL = re.compile(r"(\w+)\s*\(([^()]*)\Z")
 _IK = re.compile(r"get_inverse_kin\s*(?=\()")
 _LOOPS = ("while", "for")
 _BLOCKS = ("if", "switch", *_LOOPS)
@@ -427,6 +429,7 @@ class _Script:
 
     def others(self) -> None:
         """Poses that stand in something else than assignments and motions that are known."""
+        aims = {found[1] for found in _MOVED_TO.finditer(self.code)}
         for found in _SHAPE.finditer(self.code):
             if found.start() not in self.taken:
                 before = self.code[max(0, found.start() - _LOOK_BACK) : found.start()]
@@ -436,12 +439,28 @@ class _Script:
                 line = self.lines(found.start())
                 self.literals.append(
                     Literal(
-                        POSE, (), line, calls[-1] if calls else "", source=self.number, left=why
+                        POSE, (), line, calls[-1] if calls else "", source=self.number, left=why,
+                        moved_to=_is_place(re.split(r"[\r\n]", before)[-1], aims),
                     )
                 )
 
     def _bad(self, position: int, name: str, why: str) -> None:
         self.remarks.append(Remark(self.lines(position), name, why, True, self.number))
+
+
+def _is_place(before: str, aims: Container[str]) -> bool:
+    """Whether a motion goes to a pose, not by it as an offset. before: the line up to it; aims: words in motions.
+
+    An offset is what is added to a pose that is read, written or moved to itself; in any other variable, a feature, the
+    pose is a place.
+    """
+    call = _LAST_CALL.search(before)
+    assigned = re.match(r"\s*(?:global\s+|local\s+)?(\w+)\s*=(?!=)", before)
+    moves = _MOTION_CALL.search(before) or (assigned and assigned[1] in aims)
+    if call is None or not moves or call[1] not in (*_RELATIVE, "get_inverse_kin"):
+        return False
+    first = call[2].strip().rstrip(",").strip()
+    return not first or (re.fullmatch(r"[A-Za-z_]\w*", first) is not None and first not in aims)
 
 
 def _parts(code: str, start: int, end: int) -> list[tuple[int, int]]:
