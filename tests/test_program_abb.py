@@ -238,3 +238,22 @@ def test_a_mastering_position_is_left(zeros: str) -> None:
     assert followed(text)[3] == dict.fromkeys((2, 4), "a mastering position: all joints are zero")
     assert not bad(text)
     assert len(followed(text.replace("[[0", "[[1"))[2]) == 2
+
+
+@pytest.mark.parametrize("point", ["p", GOOD])
+def test_joints_of_a_position_are_treated_as_the_position(point: str) -> None:
+    move = f"MoveAbsJ CalcJointT({point},grip\\WObj:=fix),v1,fine,tool0;"
+    program, _, found, _ = followed(procedure(move, before=FIX))
+    (one,) = found
+    assert program.literals[one.literal].kind == "pose"
+    assert one.frame is not None
+    assert one.tool is not None
+    np.testing.assert_allclose(one.frame.T[:3, 3], [0.6, 0.1, -0.2])
+    np.testing.assert_allclose(one.tool.T[:3, 3], [0, 0, 0.009])
+
+
+@pytest.mark.parametrize(("move", "moved_to"), [("MoveAbsJ jt,v1,fine,grip;", 1), ("Stop;", 0)])
+def test_joints_of_a_position_in_a_variable(move: str, moved_to: int) -> None:
+    solved = f"jt:=CalcJointT({GOOD},grip);"
+    program = read(procedure("VAR jointtarget jt;", solved, move, before=FIX))
+    assert sum(literal.moved_to for literal in program.literals) == moved_to
