@@ -336,7 +336,8 @@ class _Script:
         words = [word for word, _, _ in arguments(self.code, opening)]
         if words.count("") > 1 or "qnear" in words:
             return True
-        following = _MOTION_CALL.search(self.code, statement.end)
+        near = statement.end + _LOOK_BACK  # further on it does not matter, and takes long
+        following = _MOTION_CALL.search(self.code, statement.end, near)
         aims = arguments(self.code, following.end() - 1) if following else []
         return bool(aims) and self.code[slice(*aims[0][1:])] == statement.name
 
