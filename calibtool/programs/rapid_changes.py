@@ -158,6 +158,8 @@ class Changes:
 
     def functions(self, values: Values, start: int, end: int) -> Iterator[Assign]:
         """What the functions that are called in an expression may change of their arguments."""
+        if values.code.find("(", start, end) < 0:
+            return
         for call in _CALL.finditer(values.code, start, end):
             close = closing(values.code, call.end())
             if close is not None:
