@@ -424,6 +424,7 @@ def test_what_an_instruction_may_change_is_no_constant(instruction: str, move: s
         "OwnMove v,vmax,grip\\WObj:=fix;",
         "Add grip.tload.mass,1;",
         "Add n,1;",
+        "here:=CRobT(\\Tool:=grip\\WObj:=fix);",
     ],
 )
 def test_what_only_reads_leaves_its_arguments_constant(instruction: str) -> None:

@@ -212,3 +212,55 @@ def test_a_pose_given_to_what_is_not_known_is_listed() -> None:
         2: "an argument of my_weld, which is no motion that is known",
         3: "an argument of force_mode, which is no motion that is known",
     }
+
+
+@pytest.mark.parametrize("change", ["c[0]=0.1", "c[2]=c[2]+0.1"])
+def test_a_position_whose_changed_copy_is_moved_to_serves_two_places(change: str) -> None:
+    text = f"def a():\n b={POSE}\n c=b\n {change}\n movel(b)\n"
+    left = whys(f"{text} movel(c)\nend\n")
+    assert "serves two places: of a copy, a component of it is assigned (line 4)" in left[2]
+    assert corrected(f"{text}end\n") == {2: "pose"}
+
+
+@pytest.mark.parametrize("inner", ["set_tcp(p[0,0,0.1,0,0,0])", "sleep(1)\n tool()"])
+def test_the_tool_is_not_known_once_a_thread_that_sets_it_runs(inner: str) -> None:
+    tool = "def tool():\n set_tcp(p[0,0,0.1,0,0,0])\nend\n"
+    text = f"{tool}thread t():\n {inner}\nend\ndef a():\n set_tcp(p[0,0,0,0,0,0])\n movel({POSE})\n"
+    text += f" h = run t()\n movel({POSE})\n set_tcp(p[0,0,0,0,0,0])\n movel({POSE})\nend\n"
+    start = text[: text.index("run")].count("\n") + 1
+    why = f"its tool: thread t sets it too, and when is not known (line {start})"
+    assert followed(text)[3] == dict.fromkeys((start + 1, start + 3), why)
+    assert corrected(text) == {start - 1: "pose"}
+    without = text.replace(inner, "sleep(1)")
+    assert len(corrected(without)) == 3
+
+
+def test_joints_that_are_solved_into_a_variable_are_treated_as_the_pose() -> None:
+    tool = "p[0,0,0.1,0,0,0]"
+    for given in ("", f", qnear={HOME}, tcp={tool}"):
+        text = f"def a():\n set_tcp({tool})\n q=get_inverse_kin({POSE}{given})\n"
+        moved = f"{text} set_tcp(p[0,0,0,0,0,0])\n movej(q, a=1)\nend\n"
+        assert corrected(moved) == {3: "pose"}
+        assert tools(moved) == [[0, 0, 0.1]]  # of the place where it is solved
+    changed = moved.replace("movej(q", "q[0]=q[0]+1\n movej(q")
+    assert corrected(changed) == {}
+    assert "an argument of get_inverse_kin" in whys(changed)[3]
+    elsewhere = text.replace(given, "") + f" movej({HOME})\n movej(q)\nend\n"
+    assert corrected(elsewhere) == {4: "joint"}  # solved from where the robot stands before that motion
+
+
+@pytest.mark.parametrize(
+    ("lines", "places"),
+    [
+        (f"movel(pose_trans(feature, {POSE}))", 1),
+        (f"b=pose_trans(feature, {POSE})\n movel(b)", 1),
+        (f"b=pose_trans(feature, {POSE})", 0),
+        (f"q=get_inverse_kin({POSE})\n movej({HOME})\n movej(q)", 1),
+        (f"movel(pose_add({POSE}, p[0,0,0.1,0,0,0]))", 1),
+        ("movel(pose_trans(get_actual_tcp_pose(), p[0,0,0.1,0,0,0]))", 0),
+        (f"b={POSE}\n movel(b)\n movel(pose_trans(b, p[0,0,0.1,0,0,0]))", 0),
+    ],
+)
+def test_places_of_motions_that_are_not_followed(lines: str, places: int) -> None:
+    program = read(f"def a():\n {lines}\nend\n")
+    assert sum(literal.moved_to for literal in program.literals) == places

@@ -27,8 +27,11 @@ TYPES = (*SHAPES, *FRAMES)
 _REFERENCE = re.compile(r"(\w+\s*+(?:\{[^{}]*\})?)\s*+((?:\.\s*+\w+\s*+(?:\{[^{}]*\}\s*+)?)*+)")
 # Instructions and functions whose arguments only give values; those of motions do so too.
 _READING = re.compile(
-    r"and|or|xor|not|div|mod|abs|acos|asin|atan2?|calcjointt|calcrobt|confl|confj|connect|corrwrite|cos|cpos|defaccframe"
+    r"and|or|xor|not|div|mod|abs|acos|asin|atan2?|calcjointt|calcrobt|confl|confj|connect"
+    r"|corrwrite|cos|cpos|defaccframe"
     r"|defdframe|defframe|dist\w*|dot\w*|eoffs\w*|errlog|errwrite|euler\w*|gripload|ipers|isvalid"
+    r"|argname|calcrotax\w+|cjointt|crobt|ctool|cwobj|dim|dnumtostr|egm\w+|exp|is\w+|max|min|pow"
+    r"|present|setsysdata|strlen"
     r"|mirpos|moveextj|numtostr|offs|orientzyx|orobt|packrawbytes|pdisp\w*|pose(?:inv|mult|vect)"
     r"|reltool|round|set[adg]o|sin|singarea|socketsend|sqrt|tan|tp(?:write|erase|show)|trunc"
     r"|type|valtostr|vectmagn|wait\w*|write\w*|wz\w+def",
@@ -155,6 +158,8 @@ class Changes:
 
     def functions(self, values: Values, start: int, end: int) -> Iterator[Assign]:
         """What the functions that are called in an expression may change of their arguments."""
+        if values.code.find("(", start, end) < 0:
+            return
         for call in _CALL.finditer(values.code, start, end):
             close = closing(values.code, call.end())
             if close is not None:

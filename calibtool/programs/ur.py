@@ -3,11 +3,14 @@
 import re
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from calibtool.programs.lists import closing
 from calibtool.programs.motions import (
     BASE,
     FLANGE,
     POSE,
+    TOOL,
     Aim,
     Assign,
     Begin,
@@ -21,45 +24,43 @@ from calibtool.programs.motions import (
     Label,
     Literal,
     Move,
+    Product,
     Program,
     Return,
     Routine,
     Source,
     Unknown,
     Value,
+    frame_of,
 )
 from calibtool.programs.motions import Statement as Step
 from calibtool.programs.targets import Remark
-from calibtool.programs.ur_positions import Function, Names, Positions, elements_of
-from calibtool.programs.urscript import CALL, Statement, arguments, statements
+from calibtool.programs.ur_names import TCP, Function, Names
+from calibtool.programs.ur_positions import Positions, elements_of
+from calibtool.programs.urscript import (
+    CALL,
+    MOTION_CALL,
+    MOTIONS,
+    Statement,
+    arguments,
+    statements,
+)
 from calibtool.robot.model import Robot
 
 NAME = "ur-script"
 SUFFIXES = (".script", ".urscript")
-# Motions and the parameters that say where they go.
-_MOTIONS = {
-    "movej": ("q",),
-    "movel": ("pose",),
-    "movep": ("pose",),
-    "movec": ("pose_via", "pose_to"),
-    "servoj": ("q",),
-    "servoc": ("pose",),
-    "servol": ("pose",),
-    "optimovej": ("q",),
-    "optimovel": ("pose",),
-    "mc_add_linear": ("pose",),
-    "mc_add_circular": ("pose_via", "pose_to"),
-}
-_MOTION_CALL = re.compile(rf"\b(?:{'|'.join(_MOTIONS)})\s*\(")
-_TCP = "set_tcp"  # the variable that holds the tool
+_THREADS = "threads"  # no displacement of the tool, until a thread is started that sets it
 _INVERSE = ("x", "qnear", "maxPositionError", "maxOrientationError", "tcp")  # get_inverse_kin
+_IK = re.compile(r"get_inverse_kin\s*(?=\()")
+_RUN = re.compile(r"\brun[^\S\n\r]+\Z")  # a thread is started
+_NEARBY = 300  # characters in which such a word, or the next motion, is looked for
 _LOOPS = ("while", "for")
 _BLOCKS = ("if", "switch", *_LOOPS)
 
 
 def matches(text: str) -> bool:
     """Whether this is a URScript program."""
-    return _MOTION_CALL.search(text) is not None
+    return MOTION_CALL.search(text) is not None
 
 
 def program(sources: Sequence[Source], robot: Robot) -> Program:
@@ -73,6 +74,9 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     for script in scripts:
         script.declare()
     for script in scripts:
+        script.declare_solved()
+    names.solved -= names.computed
+    for script in scripts:
         routines += script.routines()
         script.others()
         remarks += script.remarks
@@ -82,7 +86,7 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
         tuple(sources),
         tuple(literals),
         tuple(routines),
-        {_TCP: FLANGE},
+        {TCP: FLANGE, _THREADS: frame_of(TOOL, None, np.eye(4))},
         tuple(remarks),
         notes,
         unused="no motion that is known goes there",
@@ -104,6 +108,10 @@ class _Script(Positions):
         self.names.texts = max(self.names.texts, self.number + 1)
         around: list[str] = []
         for statement in statements(self.code):
+            if statement.word != "def":
+                inside = next((name for name in reversed(around) if name), f"{self.number}")
+                called = CALL.findall(self.code, statement.start, statement.end)
+                self.names.called.setdefault(inside, set()).update(called)
             if statement.word == "def":
                 words = re.findall(r"([A-Za-z_]\w*)(?=\s*[,)=])", self._text(statement))
                 key, parent = (
@@ -120,6 +128,14 @@ class _Script(Positions):
                 around.pop()
             elif statement.word == "assign":
                 self.names.variables.add((self.number, statement.name))
+
+    def declare_solved(self) -> None:
+        """Take in the variables that hold joints by get_inverse_kin."""
+        for statement in statements(self.code):
+            if statement.word == "assign":
+                key = self.names.variable(self.number, statement.name)
+                moved_to = self._is_moved_to(statement)
+                (self.names.solved if moved_to else self.names.computed).add(key)
 
     def _text(self, statement: Statement) -> str:
         return self.code[statement.start : statement.end]
@@ -175,20 +191,27 @@ class _Script(Positions):
         """Motions, tools and calls of functions in a statement, in the order of the text."""
         for call in CALL.finditer(self.code, statement.start, statement.end):
             name, line = call[1], self.lines(call.start())
-            known = name in _MOTIONS or name == "set_tcp"
+            known = name in MOTIONS or name == "set_tcp"
             if known and closing(self.code, call.end()) is None:
                 self._bad(call.start(), name, "a bracket is not closed")
-            elif name in _MOTIONS:
+            elif name in MOTIONS:
                 yield Move(line, name, tuple(self._aims(call)))
             elif name == "set_tcp":
                 self.with_tool = True
                 given = arguments(self.code, call.end())
-                yield Assign(line, _TCP, self.tool(*given[0][1:]) if given else FLANGE)
+                yield Assign(line, TCP, self.tool(*given[0][1:]) if given else FLANGE)
             elif function := self.names.function(self.number, name):
                 if self.function.key == function.parent and call.start() < function.position:
                     place = self.lines(function.position)
                     self._bad(call.start(), name, f"is called before it exists (line {place})")
-                yield self._call(function, call.end(), line)
+                step = self._call(function, call.end(), line)
+                if not _RUN.search(self.code, max(0, call.start() - _NEARBY), call.start()):
+                    yield step
+                    continue
+                yield from (Begin(), step, End())  # what it has done by then is not known
+                if self.names.sets_tool(self.number, function):
+                    why = Unknown(f"thread {name} sets it too, and when is not known (line {line})")
+                    yield Assign(line, _THREADS, why)
 
     def _call(self, function: Function, opening: int, line: int) -> Call:
         given = arguments(self.code, opening)
@@ -224,6 +247,10 @@ class _Script(Positions):
                 for k, part in enumerate(parts):
                     yield Assign(line, f"{key}[{k}]", self.value(*part, f"{name}[{k}]"))
                 return
+        if key in self.names.solved:
+            start, end, tool, near = self._solved(start, end)
+            yield Assign(line, f"{key} tool", tool)
+            yield Assign(line, f"{key} near", near or Unknown("where the robot stands"))
         yield Assign(line, key, self.value(start, end, name))
 
     # --- positions -----------------------------------------------------------------------------
@@ -232,20 +259,29 @@ class _Script(Positions):
         name, given = call[1], arguments(self.code, call.end())
         named = {word: (start, end) for word, start, end in given if word}
         plain = [(start, end) for word, start, end in given if not word]
-        for parameter in _MOTIONS[name]:
-            others = ("q", "pose") if len(_MOTIONS[name]) == 1 else (parameter,)
+        for parameter in MOTIONS[name]:
+            others = ("q", "pose") if len(MOTIONS[name]) == 1 else (parameter,)
             spans = [named[word] for word in others if word in named]
             span = spans[0] if spans else plain.pop(0) if plain else None
             if span is not None:
                 yield self._aim(*span, name)
 
     def _aim(self, start: int, end: int, name: str) -> Aim:
-        word = self.code[start:end]
-        solved = re.match(r"get_inverse_kin\s*(?=\()", word)
-        tool: Value = _TCP
+        start, end, tool, near = self._solved(start, end)
+        value = self.value(start, end, name, told=True)
+        if isinstance(value, str) and value in self.names.solved:
+            tool, near = f"{value} tool", f"{value} near"
+        if isinstance(value, int) and self.literals[value].kind == POSE:
+            self.without_tool |= tool == TCP and not self.with_tool
+        return Aim(value, BASE, Product(TOOL, (tool, _THREADS)), near=near)
+
+    def _solved(self, start: int, end: int) -> tuple[int, int, Value, Value | None]:
+        """The span of the pose, the tool and `near` of get_inverse_kin; of anything else its own span, the tool in force."""
+        opening = self._inverse(start, end)
+        tool: Value = TCP
         near = None
-        if solved and closing(self.code, start + solved.end()) == end - 1:
-            given = arguments(self.code, start + solved.end())
+        if opening is not None:
+            given = arguments(self.code, opening)
             names = dict(zip(_INVERSE, [(a, b) for word, a, b in given if not word], strict=False))
             names |= {word: (a, b) for word, a, b in given if word}
             if "tcp" in names:
@@ -253,10 +289,25 @@ class _Script(Positions):
             if "qnear" in names:
                 near = self.value(*names["qnear"], "qnear")
             start, end = names.get("x", (start, start))
-        value = self.value(start, end, name, told=True)
-        if isinstance(value, int) and self.literals[value].kind == POSE:
-            self.without_tool |= tool == _TCP and not self.with_tool
-        return Aim(value, BASE, tool, near=near)
+        return start, end, tool, near
+
+    def _inverse(self, start: int, end: int) -> int | None:
+        """Where the parenthesis opens of a call of get_inverse_kin that is the whole expression."""
+        found = _IK.match(self.code, start, end)
+        return found.end() if found and closing(self.code, found.end()) == end - 1 else None
+
+    def _is_moved_to(self, statement: Statement) -> bool:
+        """Whether joints that are solved here start at qnear, or are where the next motion goes: the robot stands there."""
+        opening = self._inverse(statement.start, statement.end)
+        if opening is None or statement.index:
+            return False
+        words = [word for word, _, _ in arguments(self.code, opening)]
+        if words.count("") > 1 or "qnear" in words:
+            return True
+        near = statement.end + _NEARBY  # further on it does not matter, and takes long
+        following = MOTION_CALL.search(self.code, statement.end, near)
+        aims = arguments(self.code, following.end() - 1) if following else []
+        return bool(aims) and self.code[slice(*aims[0][1:])] == statement.name
 
     def _bad(self, position: int, name: str, why: str) -> None:
         self.remarks.append(Remark(self.lines(position), name, why, True, self.number))

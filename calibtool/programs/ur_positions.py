@@ -1,8 +1,7 @@
 """Positions, tools and variables of a URScript text as values of motions."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Container, Sequence
 
 from calibtool.programs.frames import pose
 from calibtool.programs.lists import closing, split
@@ -25,7 +24,8 @@ from calibtool.programs.targets import (
     is_not_finite,
     number_at,
 )
-from calibtool.programs.urscript import CALL, constant
+from calibtool.programs.ur_names import Function, Names
+from calibtool.programs.urscript import CALL, MOTION_CALL, MOVED_TO, constant
 from calibtool.robot.model import Robot
 from calibtool.units import LARGEST
 
@@ -34,37 +34,8 @@ _READ = re.compile(r"get_(?:actual|target)_\w+|get_forward_kin")
 _SHAPE = re.compile(r"\bp\[(?=[^\[\]]*(?:,[^\[\]]*){5}\])")
 _UNITS = ("m", "m", "m", "rad", "rad", "rad")
 _LOOK_BACK = 300  # characters in which the function is looked for that a pose is given to
+_LAST_CALL = re.compile(r"(\w+)\s*\(([^()]*)\Z")
 _DEGREES = re.compile(r"d2r\s*\(\s*([^()]*?)\s*\)")
-
-
-@dataclass(frozen=True, slots=True)
-class Function:
-    """A function: its unique name, the one around it, where it is defined, and its parameters."""
-
-    key: str
-    parent: str
-    position: int
-    parameters: tuple[str, ...]
-
-
-@dataclass(eq=False)
-class Names:
-    """Names of all scripts, by text and name, and those that may be meant by a name from another text."""
-
-    functions: dict[tuple[int, str], Function] = field(default_factory=dict)
-    variables: set[tuple[int, str]] = field(default_factory=set)
-    elements: dict[str, list[str]] = field(default_factory=dict)  # of lists, by the list's variable
-    texts: int = 0
-
-    def function(self, text: int, name: str) -> Function | None:
-        """The function that a name means in a text."""
-        places = [text, *range(self.texts)]
-        return next((f for k in places if (f := self.functions.get((k, name)))), None)
-
-    def variable(self, text: int, name: str) -> str:
-        """The variable that a name means in a text."""
-        places = [k for k in (text, *range(self.texts)) if (k, name) in self.variables]
-        return f"{places[0] if places else text}|{name}"
 
 
 class Positions:
@@ -173,6 +144,7 @@ class Positions:
 
     def others(self) -> None:
         """Poses that stand in something else than assignments and motions that are known."""
+        aims = {found[1] for found in MOVED_TO.finditer(self.code)}
         for found in _SHAPE.finditer(self.code):
             if found.start() not in self._taken:
                 before = self.code[max(0, found.start() - _LOOK_BACK) : found.start()]
@@ -182,9 +154,25 @@ class Positions:
                 line = self.lines(found.start())
                 self.literals.append(
                     Literal(
-                        POSE, (), line, calls[-1] if calls else "", source=self.number, left=why
+                        POSE, (), line, calls[-1] if calls else "", source=self.number, left=why,
+                        moved_to=_is_place(re.split(r"[\r\n]", before)[-1], aims),
                     )
-                )
+                )  # fmt: skip
+
+
+def _is_place(before: str, aims: Container[str]) -> bool:
+    """Whether a motion goes to a pose, not by it as an offset. before: the line up to it; aims: words in motions.
+
+    An offset is what is added to a pose that is read, written or moved to itself; in any other variable, a feature, the
+    pose is a place.
+    """
+    call = _LAST_CALL.search(before)
+    assigned = re.match(r"\s*(?:global\s+|local\s+)?(\w+)\s*=(?!=)", before)
+    moves = MOTION_CALL.search(before) or (assigned and assigned[1] in aims)
+    if call is None or not moves or call[1] not in (*_RELATIVE, "get_inverse_kin"):
+        return False
+    first = call[2].strip().rstrip(",").strip()
+    return not first or (re.fullmatch(r"[A-Za-z_]\w*", first) is not None and first not in aims)
 
 
 def elements_of(code: str, start: int, end: int) -> list[tuple[int, int]]:

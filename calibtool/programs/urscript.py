@@ -1,4 +1,4 @@
-"""The syntax of URScript: statements, calls and their arguments, as spans of the text."""
+"""The syntax of URScript: motions, statements, calls and their arguments, as spans of the text."""
 
 import ast
 import math
@@ -8,6 +8,20 @@ from dataclasses import dataclass
 
 from calibtool.programs.lists import closing, split
 
+# Motions and the parameters that say where they go.
+MOTIONS = {
+    "movej": ("q",),
+    "movel": ("pose",),
+    "movep": ("pose",),
+    "movec": ("pose_via", "pose_to"),
+    "servoj": ("q",),
+    "servoc": ("pose",),
+    "servol": ("pose",),
+    "optimovej": ("q",),
+    "optimovel": ("pose",),
+    "mc_add_linear": ("pose",),
+    "mc_add_circular": ("pose_via", "pose_to"),
+}
 _STOP = re.compile(r"[\n\r]|[(\[{]")
 _HEADER = re.compile(
     r"[^\S\n\r]*+(?:(?P<routine>def|thread|sec)\s+(?P<name>\w+)\s*+(?=\()"
@@ -20,6 +34,8 @@ _ASSIGNED = re.compile(
 )
 _END = re.compile(r"\bend\b[^\S\n\r]*+$")
 CALL = re.compile(r"\b([A-Za-z_]\w*)\s*+(?=\()")
+MOTION_CALL = re.compile(rf"\b(?:{'|'.join(MOTIONS)})\s*\(")
+MOVED_TO = re.compile(rf"{MOTION_CALL.pattern}\s*(?:\w+\s*=\s*)?(\w+)\s*[,)]")
 _LONGEST = 200  # characters of a constant expression
 
 
