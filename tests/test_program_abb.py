@@ -170,6 +170,7 @@ def test_what_an_instruction_may_change_is_no_constant(instruction: str, move: s
         "WaitTime 1;",
         "TPWrite text\\Num:=v.trans.x;",
         "n:=Distance(p.trans,v.trans);",
+        "MyOwnWeld v,v1,3,grip,TRUE\\WObj:=fix;",
         "GripMove v,grip,v100,fine,grip\\WObj:=fix;",
         "Add grip.tload.mass,1;",
         "Add n,1;",

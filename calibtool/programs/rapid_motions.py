@@ -167,8 +167,9 @@ class _Instruction:
         return frame
 
     def zoned(self) -> bool:
-        """Whether a zone is among the arguments."""
-        return any(self._is_zone(k) for k in self.plain)
+        """Whether a zone, or a work object by its option, is among the arguments."""
+        work_object = any(argument.option == "wobj" for argument in self.given)
+        return work_object or any(self._is_zone(k) for k in self.plain)
 
     def _is_zone(self, number: int) -> bool:
         word = self.word(number)
