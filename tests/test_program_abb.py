@@ -419,9 +419,8 @@ def test_what_an_instruction_may_change_is_no_constant(instruction: str, move: s
         "WaitTime 1;",
         "TPWrite text\\Num:=v.trans.x;",
         "n:=Distance(p.trans,v.trans);",
+        "MyOwnWeld v,v1,3,grip,TRUE\\WObj:=fix;",
         "GripMove v,grip,v100,fine,grip\\WObj:=fix;",
-        "GripMove v,grip,v100,grip\\WObj:=fix;",
-        "OwnMove v,vmax,grip\\WObj:=fix;",
         "Add grip.tload.mass,1;",
         "Add n,1;",
         "here:=CRobT(\\Tool:=grip\\WObj:=fix);",
@@ -430,6 +429,12 @@ def test_what_an_instruction_may_change_is_no_constant(instruction: str, move: s
 def test_what_only_reads_leaves_its_arguments_constant(instruction: str) -> None:
     _, _, found, _ = followed(procedure(instruction, TO_FIX, "MoveL v,v1,fine,grip\\WObj:=fix;", before=CHANGING))
     assert len(found) == 2
+
+
+@pytest.mark.parametrize(("pace", "moves"), [("vmax", True), ("v200", True), ("z5", True), ("3", False)])
+def test_what_gets_a_speed_or_a_zone_is_a_motion_and_only_reads(pace: str, moves: bool) -> None:
+    text = procedure(f"OwnMove v,{pace},grip;", "MoveL v,v1,fine,grip;", before=CHANGING)
+    assert (len(followed(text)[2]) == 1) == moves
 
 
 @pytest.mark.parametrize(

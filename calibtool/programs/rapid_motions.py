@@ -41,7 +41,7 @@ def motion(values: Values, name: str, given: Sequence[Argument], line: int) -> I
 
 
 def is_motion(values: Values, name: str, given: Sequence[Argument]) -> bool:
-    """Whether an instruction moves the robot, by its name or a speed or zone that it gets: it only reads its arguments."""
+    """Whether an instruction moves the robot, by its name or what it gets: it only reads its arguments then."""
     return MOTION.fullmatch(name) is not None or _Instruction(values, name, given, 0).paced()
 
 
@@ -172,8 +172,10 @@ class _Instruction:
         return frame
 
     def paced(self) -> bool:
-        """Whether a speed or a zone is among the arguments."""
-        return any(self._is_zone(k) or _SPEED.fullmatch(self.word(k)) for k in self.plain)
+        """Whether a speed, a zone, or a work object by its option is among the arguments."""
+        work_object = any(argument.option == "wobj" for argument in self.given)
+        words = ((k, self.word(k)) for k in self.plain)
+        return work_object or any(self._is_zone(k) or _SPEED.fullmatch(word) for k, word in words)
 
     def _is_zone(self, number: int) -> bool:
         word = self.word(number)
