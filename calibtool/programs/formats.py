@@ -7,7 +7,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from calibtool.programs import abb, fanuc, kuka, ros2, ur
-from calibtool.programs.adapter import adapted
 from calibtool.programs.motions import Program, Source
 from calibtool.programs.targets import BYTE_ORDER_MARK
 from calibtool.robot.coupling import JointValues
@@ -43,11 +42,8 @@ _HEAD = 65536  # characters that tell a format
 
 def read_program(name: str, sources: Sequence[Source], robot: Robot) -> Program:
     """The positions and motions of a program in the language called `name`."""
-    module = _MODULES[name]
-    if hasattr(module, "program"):
-        program: Program = module.program(sources, robot)
-        return program
-    return adapted([module.read(source.text, robot) for source in sources], sources)
+    program: Program = _MODULES[name].program(sources, robot)
+    return program
 
 
 def reader(name: str) -> Callable[[str, Robot], Program]:

@@ -1,16 +1,14 @@
-"""Program targets: where their numbers stand in a controller program, what they mean, and how they are rewritten."""
+"""Numbers of programs: where they stand in a controller program, what they mean, and how they are rewritten."""
 
 import re
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from io import StringIO
 from struct import Struct
 from typing import overload
 
-from calibtool.programs.configurations import Configuration
-from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST, TO_SI
 
 # Decimals that keep 1e-6 deg and 1e-4 mm; a quaternion's components are as fine as 1e-6 deg.
@@ -87,37 +85,6 @@ def _shared(units: tuple[str, ...]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Target:
-    """A position that the program commands.
-
-    kind           `joint` or `pose`
-    numbers        joints in the robot's order; or x, y, z and the orientation
-    line           line of the first number, from 1
-    name           how the program calls it, for messages
-    orientation    of a pose: `wpr` (fixed x, y, z), `abc` (z, y', x''), `quaternion` (scalar first), `rotation vector`
-    frame, tool    of a pose: names of its frame and tool; "" is the robot's base and the tool of the calibration, None
-                   is not known
-    configuration  what the program says about the branch; None: near the target before
-    joints         joint numbers beside a pose: they choose the branch, and are corrected with it
-    """
-
-    kind: str
-    numbers: tuple[Number, ...]
-    line: int
-    name: str
-    orientation: str = ""
-    frame: str | None = ""
-    tool: str | None = ""
-    configuration: Configuration | None = None
-    joints: tuple[Number, ...] = ()
-
-    @property
-    def values(self) -> tuple[float, ...]:
-        """The numbers in SI units."""
-        return tuple(number.value for number in self.numbers)
-
-
-@dataclass(frozen=True)
 class Remark:
     """Something in the program that is not corrected: its line, its name and why; bad: it is an error of the program.
 
@@ -129,22 +96,6 @@ class Remark:
     why: str
     bad: bool = False
     source: int = 0
-
-
-@dataclass(frozen=True)
-class Program:
-    """A program's text (Latin-1, so that every byte is one character), its targets and what stays as it is.
-
-    frames, tools  T_base_frame and T_flange_tool that the program itself defines, (4, 4) in m
-    notes          what a reader of the summary has to know of this program
-    """
-
-    text: str
-    targets: tuple[Target, ...]
-    remarks: tuple[Remark, ...] = ()
-    frames: dict[str, Array] = field(default_factory=dict)
-    tools: dict[str, Array] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
 
 
 class Lines:
@@ -241,8 +192,3 @@ def written(old: str, value: float, unit: str) -> str:
     if re.match(r"[-+]?\.", old):
         new = re.sub(r"^([-+]?)0\.", r"\1.", new)
     return new
-
-
-def by_position(targets: Iterable[Target]) -> tuple[Target, ...]:
-    """Targets in the order of the text."""
-    return tuple(sorted(targets, key=lambda target: target.numbers[0].start))
