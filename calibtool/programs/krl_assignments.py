@@ -69,7 +69,9 @@ class Assignments(Values):
         if "data" in name:
             target = self.numbered(name, item.index, line)
             if isinstance(target, Unknown):
-                yield from self._any(name, f"may be changed (its number is a variable, line {line})", line)
+                yield from self._any(
+                    name, f"may be changed (its number is a variable, line {line})", line
+                )
                 return
         if not isinstance(target, str):
             return
