@@ -558,6 +558,12 @@ def test_a_pose_that_is_left_beside_corrected_ones(change: str) -> None:
         assert result.inconsistent == steps
 
 
+@pytest.mark.parametrize(("argument", "lines"), [("P[1]", {5}), ("P[]", {5, 6}), ("P[i].X", {5, 6})])
+def test_elements_that_a_routine_elsewhere_may_change(argument: str, lines: set[int]) -> None:
+    text = ["DECL E6POS P[2]", f"P[1]={FIRST}", f"P[2]={SECOND}", f"other({argument})"]
+    assert whys(routine(*text, "LIN P[1]", "LIN P[2]")).keys() == lines
+
+
 @pytest.mark.parametrize("what", ["$TOOL.Z", "BASE_DATA[2].X"])
 def test_cyclic_reading_goes_on(what: str) -> None:
     """What is assigned behind it is overwritten again."""

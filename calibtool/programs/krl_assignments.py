@@ -101,7 +101,7 @@ class Assignments(Values):
             elif isinstance(target, str):
                 yield Assign(line, target, Unknown(why))
         else:
-            for variable in self.variables(self.target(word)):
+            for variable in self.variables(self.target(word) or self.anywhere(name)):
                 for key in (variable, f"{variable}{AS_FRAME}"):
                     yield Assign(line, key, Edited(key, (), "abc", line, why))
 
