@@ -318,7 +318,8 @@ class _Correction:
             fates.append(Fate(*place, literal.kind, what, why))
             if literal.kind == POSE:
                 corrected += not left
-                alone += left and bool(literal.numbers) and number in moved_to
+                followed = bool(literal.numbers) and number in moved_to
+                alone += left and (followed or literal.moved_to)
         listed = program.literals or program.remarks or self.left
         return CompensatedProgram(
             names=tuple(source.name for source in program.sources),

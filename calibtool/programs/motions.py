@@ -140,6 +140,7 @@ class Literal:
     left           why it is no position to correct: not taught, an expression among its numbers, external axes; bad: this
                    is an error of the program
     blank          its numbers are those of a position that nobody taught; it is one if the robot cannot be there
+    moved_to       a motion goes there by an expression that is not followed
     alone          what is known where no motion goes to it, with the literal's own number as value; None: nothing
     """
 
@@ -153,6 +154,7 @@ class Literal:
     left: str = ""
     bad: bool = False
     blank: bool = False
+    moved_to: bool = False
     alone: "Aim | None" = None
 
     def __post_init__(self) -> None:
