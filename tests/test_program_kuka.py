@@ -512,7 +512,7 @@ def test_a_base_that_is_read_from_outside(change: str) -> None:
     program, _, _, left = followed(routine(f"LIN {SECOND}", change, f"LIN {FIRST}"))
     assert list(left) == [6]
     assert left[6].startswith("its frame: ")
-    assert left[6].endswith("(line 5)")
+    assert left[6].endswith("line 5)")
     assert not program.notes
 
 
@@ -556,6 +556,24 @@ def test_a_pose_that_is_left_beside_corrected_ones(change: str) -> None:
         result = compensate_program(calibration(), text.encode(), "a", "kuka-krl")
         assert result.changed == 1 + steps
         assert result.inconsistent == steps
+
+
+@pytest.mark.parametrize(("argument", "lines"), [("P[1]", {5}), ("P[]", {5, 6}), ("P[i].X", {5, 6})])
+def test_elements_that_a_routine_elsewhere_may_change(argument: str, lines: set[int]) -> None:
+    text = ["DECL E6POS P[2]", f"P[1]={FIRST}", f"P[2]={SECOND}", f"other({argument})"]
+    assert whys(routine(*text, "LIN P[1]", "LIN P[2]")).keys() == lines
+
+
+@pytest.mark.parametrize("what", ["$TOOL.Z", "BASE_DATA[2].X"])
+def test_cyclic_reading_goes_on(what: str) -> None:
+    """What is assigned behind it is overwritten again."""
+    name = what.partition(".")[0]
+    lines = ["$BASE=BASE_DATA[2]", f"LIN {SECOND}", f"ANIN ON {what} = 2*VOLT", f"{name}=$NULLFRAME", "$BASE=BASE_DATA[2]"]
+    text = routine("BASE_DATA[2]=$NULLFRAME", *lines, f"LIN {FIRST}")
+    found = whys(text)
+    assert list(found) == [10]
+    assert found[10].endswith("(ANIN ON in line 7)")
+    assert whys(text.replace("ANIN ON", "ANIN OFF")) == {}
 
 
 @pytest.mark.parametrize("word", ["PTP", "SPTP"])

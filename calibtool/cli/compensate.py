@@ -70,7 +70,7 @@ def compensate(
         str,
         typer.Argument(
             metavar="[TARGETS]",
-            help="CSV with joints (j1_deg …) or poses (x_mm … qw …); '-' is stdin.",
+            help="CSV with joints (j1_deg …) or poses (x_mm … qw …), a program, or a folder of programs; '-' is stdin.",
         ),
     ] = "-",
     output: Output = "-",

@@ -31,6 +31,7 @@ from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array
 
+LARGEST = 250_000  # positions of a program
 ON_ERROR = ("stop", "skip")
 _KINDS = 4  # of errors, told in one message
 _TOGETHER = 4096  # rows that are corrected at once
@@ -100,6 +101,11 @@ def compensate_texts(
     sources = [Source(name, data.decode("latin-1"), edited) for name, data, edited in texts]
     robot = calibration.robot
     program = read_program(program_format, sources, robot)
+    if len(program.literals) > LARGEST:
+        raise InputError(
+            f"{sources[0].name}: holds {len(program.literals):,} positions; at most {LARGEST:,} "
+            "are corrected together: give its parts one by one"
+        )
     if options.ignore_external:
         program = replace(program, literals=tuple(map(_alone, program.literals)))
     controller = Controller(robot, coupling_of(robot, program_format, options.joint_values))

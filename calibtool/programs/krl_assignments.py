@@ -69,7 +69,9 @@ class Assignments(Values):
         if "data" in name:
             target = self.numbered(name, item.index, line)
             if isinstance(target, Unknown):
-                yield from self._any(name, f"may be changed (its number is a variable, line {line})", line)
+                yield from self._any(
+                    name, f"may be changed (its number is a variable, line {line})", line
+                )
                 return
         if not isinstance(target, str):
             return
@@ -99,7 +101,7 @@ class Assignments(Values):
             elif isinstance(target, str):
                 yield Assign(line, target, Unknown(why))
         else:
-            for variable in self.variables(self.target(word)):
+            for variable in self.variables(self.target(word) or self.anywhere(name)):
                 for key in (variable, f"{variable}{AS_FRAME}"):
                     yield Assign(line, key, Edited(key, (), "abc", line, why))
 

@@ -1,4 +1,4 @@
-"""Routines of KRL that interrupts and triggers start beside the motions: what they assign is uncertain."""
+"""What interrupts, triggers and cyclic reading of KRL do beside the motions: what they assign is uncertain."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ class Started:
     """What an instruction lets happen at any time from there on.
 
     routine, place  where it stands: before this step of the routine
-    line, word      its line, and what it is: `TRIGGER`, `INTERRUPT ON`, or `INTERRUPT DECL`, which only declares
+    line, word      its line, and what it is: `TRIGGER`, `ANIN ON`, `INTERRUPT ON`, or `INTERRUPT DECL`, which only declares
     number          of the interrupt; "" for all
     steps           what happens; of `INTERRUPT ON` what is declared for the number
     """
@@ -46,7 +46,9 @@ def uncertain(routines: Sequence[Routine], starts: Sequence[Started]) -> list[Ro
         names = dict.fromkeys(_assigned(steps, bodies, inside))
         if names:
             why = f"may be changed at any time ({start.word} in line {start.line})"
-            changes = {n: Assign(start.line, n, Edited(n, (), "abc", start.line, why)) for n in names}
+            changes = {
+                n: Assign(start.line, n, Edited(n, (), "abc", start.line, why)) for n in names
+            }
             result = [
                 one if one.name in inside else replace(one, body=tuple(_body(one, start, changes)))
                 for one in result

@@ -46,7 +46,7 @@ _NUMBERED = re.compile(
 )  # BASE_DATA[1], BASE_NO 1, BAS(#BASE,1)
 _CYCLIC = re.compile(r"ANIN\s+ON\s+([^=]*?)\s*=", re.IGNORECASE)
 _ASIDE = re.compile(
-    r"(?:GLOBAL\s+)?(TRIGGER|INTERRUPT\s+(?:DECL|ON))\b\s*(\w+)?", re.IGNORECASE
+    r"(?:GLOBAL\s+)?(TRIGGER|ANIN\s+ON|INTERRUPT\s+(?:DECL|ON))\b\s*(\w+)?", re.IGNORECASE
 )
 _DO = re.compile(r"\bDO\s+(.*?)\s*(?:\bPRIO\s*=.*)?$", re.IGNORECASE | re.MULTILINE)
 _LISTED = 5  # routines named in a note
@@ -161,7 +161,7 @@ class _Reader(Motions):
             elif statement.word in ("end", "endfct"):
                 yield Routine(name, tuple(steps), self.text.number)
                 steps = None
-            elif statement.word == "aside":
+            elif statement.word == "aside" or _ASIDE.match(self.code, statement.position):
                 self._aside(statement, name, len(steps))
             else:
                 steps += self._steps(statement, cases)
@@ -197,22 +197,22 @@ class _Reader(Motions):
             yield Return()
         elif word in ("decl", "assign"):
             yield from self._data(statement, line)
-        elif word == "other" and (read := _CYCLIC.match(self.code, statement.start, statement.end)):
-            yield from self.changed(read[1], f"is changed by ANIN (line {line})", line)
         elif word in ("spline", "ptp_spline", "endspline"):
             self.block = self.settings(statement.start, statement.end, line)
         elif word in ("move", "relative"):
             yield from self.motion(statement, line)
 
     def _aside(self, statement: Statement, routine: str, place: int) -> None:
-        """Note what an interrupt or a trigger does beside the motions."""
+        """Note what an interrupt, a trigger or cyclic reading does beside the motions."""
         line, end = self.text.lines(statement.position), statement.end
         found = _ASIDE.match(self.code, statement.position, end)
         if found is None:
             return
         words, number = " ".join(found[1].upper().split()), (found[2] or "").lower()
         steps: tuple[Step, ...] = ()
-        if done := _DO.search(self.code, statement.start, end):
+        if read := _CYCLIC.match(self.code, statement.start, end):
+            number, steps = "", tuple(self.changed(read[1], "", line))
+        elif done := _DO.search(self.code, statement.start, end):
             steps = tuple(self._steps(statement_at(self.code, *done.span(1)), []))
         self.started.append(Started(routine, place, line, words, number, steps))
 

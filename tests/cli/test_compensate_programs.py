@@ -240,3 +240,10 @@ def test_the_message_says_how_many_and_which(calibration: str) -> None:
     Path("a.mod").write_text(GOOD + bad + bad + GOOD.replace("10", "x", 1) + bad.replace("9000", "nan"))
     message = refused(3, "compensate", calibration, "a.mod", "-o", "b.mod")
     assert message.startswith("a.mod:2: MoveL […]: quaternion of length 1.414; expected 1; and 2 more (1 × ")
+
+
+def test_a_program_of_very_many_positions(calibration: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("calibtool.programs.compensate.LARGEST", 2)
+    Path("a.mod").write_text(GOOD * 3)
+    message = refused(3, "compensate", calibration, "a.mod", "-o", "b.mod")
+    assert message.startswith("a.mod: holds 3 positions; at most 2 are corrected together")
