@@ -1,10 +1,10 @@
-"""The promise of corrections: never worse than none, inside the limits, and without jumps along paths.
+"""The promise of corrections: never worse than none, inside the limits, no jumps along paths.
 
 Run: python benchmarks/promise.py [--json] [--quick]
 
-Every calibration is made from 100 configurations over the whole joint range of a robot with every kind of error
-(`--errors all`): the complete model, and a network on the nominal robot. What is judged is what the calibrated model says
-at fresh rows of the whole range. docs/numerics.md shows the tables.
+Every calibration is made from 100 configurations over the whole joint range of a robot with every
+kind of error (`--errors all`): the complete model, and a network on the nominal robot. Judged is what
+the calibrated model says at fresh rows of the whole range. docs/numerics.md shows the tables.
 """
 
 import os
@@ -21,7 +21,7 @@ import numpy as np
 from calibtool.calibration import Calibration, identify, train
 from calibtool.compensation.jumps import CorrectionPath
 from calibtool.compensation.one_step import default_bounds
-from calibtool.compensation.solve import Compensation, compensate_joints
+from calibtool.compensation.solve import Compensation, Method, compensate_joints
 from calibtool.compensation.status import OK, OUT_OF_LIMITS, UNCORRECTED
 from calibtool.compensation.weighed import Task, weighted_error
 from calibtool.equivalent.training import TrainingOptions
@@ -34,7 +34,7 @@ from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 
 Table = list[list[str]]  # a header and rows
-METHODS = ("exact", "one-step")
+METHODS: tuple[Method, ...] = ("exact", "one-step")
 MANY = ("ur5", "panda", "fanuc-m1000ia")
 REDUNDANT = ("panda", "xarm7", "tiago-arm")
 # Joints that are moved through a singularity, on five robots.
@@ -54,22 +54,28 @@ def calibrated(name: str, base: str) -> Calibration:
     robot = load_robot(name)
     simulation = Simulation(seed=1, configurations=100, scales=ErrorScales(kinds=ERROR_KINDS))
     data = simulate(robot, simulation)
-    return identify(data, base) if base == "complete" else train(data, base, TrainingOptions(restarts=1))
+    return (
+        identify(data, base)
+        if base == "complete"
+        else train(data, base, TrainingOptions(restarts=1))
+    )
 
 
 def fresh(robot: Robot, count: int, seed: int = 7) -> Array:
-    return robot.lower + (robot.upper - robot.lower) * np.random.default_rng(seed).random((count, robot.n))
+    return robot.lower + (robot.upper - robot.lower) * np.random.default_rng(seed).random(
+        (count, robot.n)
+    )
 
 
 def errors(calibration: Calibration, q: Array, commanded: Array) -> tuple[Array, Array]:
-    """Weighted pose error of the calibrated robot at q: of the components that the joints can correct, of all six. (N,)"""
+    """Weighted pose errors at q: of the components that joints can correct, of all six. (N,)"""
     error = weighted_error(calibration.forward(q), commanded, calibration.robot.length)
     task = Task.of(calibration.equivalent).of_error(error, commanded)
     return np.linalg.norm(task, axis=-1), np.linalg.norm(error, axis=-1)
 
 
 def judged(calibration: Calibration, q: Array, result: Compensation) -> list[str]:
-    """Rows that are worse than uncorrected, `ok` rows that leave too much, and how many rows are what."""
+    """Rows worse than uncorrected, `ok` rows that leave too much, and how many rows are what."""
     robot = calibration.robot
     commanded = robot.mechanism.forward(q)
     before, after = errors(calibration, q, commanded), errors(calibration, result.q, commanded)
@@ -84,7 +90,15 @@ def judged(calibration: Calibration, q: Array, result: Compensation) -> list[str
     ]
 
 
-JUDGED = ["worse", "`ok`, leaves > 5 × median", "`ok`", "as commanded", "before", "left", "largest change deg"]
+JUDGED = [
+    "worse",
+    "`ok`, leaves > 5 × median",
+    "`ok`",
+    "as commanded",
+    "before",
+    "left",
+    "largest change deg",
+]
 
 
 def promise(count: int) -> Table:
@@ -94,7 +108,7 @@ def promise(count: int) -> Table:
             calibration = calibrated(name, base)
             q = fresh(calibration.robot, count)
             for method in METHODS:
-                result = compensate_joints(calibration, q, method)  # type: ignore[arg-type]
+                result = compensate_joints(calibration, q, method)
                 rows.append([name, base, method, *judged(calibration, q, result)])
     return rows
 
@@ -105,14 +119,16 @@ def many(count: int) -> Table:
         calibration = calibrated(name, "complete")
         q = fresh(calibration.robot, count, seed=8)
         for method in METHODS:
-            result = compensate_joints(calibration, q, method)  # type: ignore[arg-type]
+            result = compensate_joints(calibration, q, method)
             rows.append([name, method, f"{count:,}", *judged(calibration, q, result)])
     return rows
 
 
 def through_singularity(robot: Robot, joint: int, seed: int, count: int) -> Array:
-    """Rows STEP apart, in the middle of which the robot comes nearest to a singularity by moving one joint: (count, n)."""
-    start = robot.lower + (robot.upper - robot.lower) * (0.3 + 0.4 * np.random.default_rng(seed).random(robot.n))
+    """Rows STEP apart of one joint, nearest to a singularity in the middle: (count, n)."""
+    start = robot.lower + (robot.upper - robot.lower) * (
+        0.3 + 0.4 * np.random.default_rng(seed).random(robot.n)
+    )
     low, high = np.clip([robot.lower[joint], robot.upper[joint]], -np.pi, np.pi)
     angles = np.linspace(low, high, 4001)
     q = np.tile(start, (len(angles), 1))
@@ -125,8 +141,17 @@ def through_singularity(robot: Robot, joint: int, seed: int, count: int) -> Arra
 
 
 def paths(count: int) -> Table:
-    """Largest change of the correction between neighbours, over its median: of rows that nothing is said of, of all."""
-    header = ["robot", "through", "method", "nearest d", "median deg", "unreported", "all rows", "reported"]
+    """Largest change of the correction from row to row, over its median: unreported rows, all."""
+    header = [
+        "robot",
+        "through",
+        "method",
+        "nearest d",
+        "median deg",
+        "unreported",
+        "all rows",
+        "reported",
+    ]
     rows = [header]
     for name, singularities in PATHS.items():
         calibration = calibrated(name, "complete")
@@ -135,20 +160,29 @@ def paths(count: int) -> Table:
                 q = through_singularity(calibration.robot, joint, seed, count)
                 nearest = calibration.robot.singularity_distance(q).min()
                 for method in METHODS:
-                    result = compensate_joints(calibration, q, method)  # type: ignore[arg-type]
+                    result = compensate_joints(calibration, q, method)
                     said = result.status != OK
-                    said[[jump.row for jump in CorrectionPath(calibration.robot).jumps(q, result.q)]] = True
+                    said[
+                        [jump.row for jump in CorrectionPath(calibration.robot).jumps(q, result.q)]
+                    ] = True
                     change = np.linalg.norm(np.diff(result.q - q, axis=0), axis=-1)
                     median = float(np.median(change))
                     quiet = change[~said[1:]].max(initial=0.0) / median
-                    told = [f"{nearest:.4f}", f"{np.rad2deg(median):.1e}", f"{quiet:.1f}", f"{change.max() / median:.0f}"]
+                    told = [
+                        f"{nearest:.4f}",
+                        f"{np.rad2deg(median):.1e}",
+                        f"{quiet:.1f}",
+                        f"{change.max() / median:.0f}",
+                    ]
                     rows.append([name, place, method, *told, f"{100 * said.mean():.0f} %"])
     return rows
 
 
 def limits(count: int) -> Table:
-    """Rows inside the limits of redundant arms, for which a search inside the limits from the commanded joints arrives."""
-    rows = [["robot", "method", "rows", "answer exists", "answered inside", "else", "joints outside"]]
+    """Rows of redundant arms for which a search inside the limits arrives."""
+    rows = [
+        ["robot", "method", "rows", "answer exists", "answered inside", "else", "joints outside"]
+    ]
     total = {method: np.zeros(2, dtype=int) for method in METHODS}
     for name in REDUNDANT:
         calibration = calibrated(name, "complete")
@@ -162,16 +196,32 @@ def limits(count: int) -> Table:
         commanded = robot.mechanism.forward(q)
         bounds = robot.lower, robot.upper
         exists = solve_poses(
-            actuated, commanded, q, length=robot.length, lower=bounds[0], upper=bounds[1], max_iterations=300
+            actuated,
+            commanded,
+            q,
+            length=robot.length,
+            lower=bounds[0],
+            upper=bounds[1],
+            max_iterations=300,
         ).reached
         for method in METHODS:
-            result = compensate_joints(calibration, q, method)  # type: ignore[arg-type]
+            result = compensate_joints(calibration, q, method)
             inside = robot.within_limits(result.q)
             answered = exists & inside & (result.status != OUT_OF_LIMITS)
             total[method] += [exists.sum(), answered.sum()]
             share = f"{100 * answered.sum() / exists.sum():.2f} %"
             rest = int((exists & ~answered).sum())
-            rows.append([name, method, str(count), str(int(exists.sum())), share, str(rest), str(int((~inside).sum()))])
+            rows.append(
+                [
+                    name,
+                    method,
+                    str(count),
+                    str(int(exists.sum())),
+                    share,
+                    str(rest),
+                    str(int((~inside).sum())),
+                ]
+            )
     for method, (there, found) in total.items():
         share, rest = f"{100 * found / there:.2f} %", str(there - found)
         rows.append(["all", method, str(3 * count), str(there), share, rest, "0"])
@@ -179,7 +229,7 @@ def limits(count: int) -> Table:
 
 
 def mastering() -> Table:
-    """All joints at zero (inside the limits), where many wrists are singular: the largest change of a joint."""
+    """All joints at zero, where many wrists are singular: the largest change of a joint."""
     rows = [["robot", "d", *(f"{method} deg" for method in METHODS), "left of the error"]]
     for name in robot_names():
         calibration = calibrated(name, "complete")
@@ -187,11 +237,18 @@ def mastering() -> Table:
         q = np.clip(np.zeros((1, robot.n)), robot.lower, robot.upper)
         if any(robot.prismatic):
             continue
-        results = [compensate_joints(calibration, q, method) for method in METHODS]  # type: ignore[arg-type]
+        results = [compensate_joints(calibration, q, method) for method in METHODS]
         before = errors(calibration, q, robot.mechanism.forward(q))[0][0]
         after = errors(calibration, results[0].q, robot.mechanism.forward(q))[0][0]
         told = [f"{np.rad2deg(np.abs(result.q - q).max()):.2f}" for result in results]
-        rows.append([name, f"{robot.singularity_distance(q)[0]:.4f}", *told, f"{100 * after / before:.1f} %"])
+        rows.append(
+            [
+                name,
+                f"{robot.singularity_distance(q)[0]:.4f}",
+                *told,
+                f"{100 * after / before:.1f} %",
+            ]
+        )
     return rows
 
 

@@ -60,6 +60,7 @@ def parts(inputs: int, tries: int, seconds: int, thorough: bool) -> dict[str, Pa
     for name in GUIDED:
         found[f"guided {name}"] = Part(["guided.py", "--seconds", str(seconds), "--reader", name], seconds)
     found["numerics"] = Part(["numerics.py"], 1)
+    found["promise"] = Part(["promise.py"], 1)
     return found
 
 
@@ -82,7 +83,7 @@ def setting() -> list[str]:
 
 def kept(figures: Figures) -> None:
     """Write the figures, whole or not at all."""
-    order = ["setting", "missing", "laws", "numerics", *sorted(name for name in figures if " " in name)]
+    order = ["setting", "missing", "laws", "numerics", "promise", *sorted(name for name in figures if " " in name)]
     figures = {name: figures[name] for name in order if name in figures}
     part = FIGURES.with_suffix(".part")
     part.write_text(json.dumps(figures, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -129,6 +130,7 @@ def pages(figures: Figures) -> dict[Path, str]:
     found = {
         "setting": figures["setting"],
         "numerics": figures["numerics"]["rows"][0],
+        "promise": figures["promise"]["rows"][0],
         "laws": laws,
         "law_rows": [[subject, row["laws"], f"{row['cases']:,}", row["failures"]] for subject, row in laws.items()],
         "missing": figures["missing"],

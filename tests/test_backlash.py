@@ -61,6 +61,28 @@ def test_a_joint_that_stands_still_stays_on_its_side() -> None:
     assert directions(q, before=np.array([-1.0]))[:2, 0].tolist() == [-1, -1]
 
 
+@pytest.mark.parametrize("creep", [0.4e-6, 0.9e-6, 0.11e-6])
+def test_a_joint_that_creeps_back_is_on_the_other_side(creep: float) -> None:
+    """Steps that no row takes for motion add up: measured from where the joint last counted as moved."""
+    forth = np.linspace(0.0, 0.1, 5)
+    back = 0.1 - creep * np.arange(1, 60)
+    q = np.concatenate([forth, back])[:, None]
+    found = directions(q)[:, 0]
+    assert (found[1:6] == 1).all()
+    assert found[-1] == -1
+    turned = int(np.argmax(found == -1))
+    assert 1e-6 < 0.1 - q[turned, 0] < 1e-6 + 2 * creep
+    assert (found[turned:] == -1).all()
+    path = BacklashPath(np.array([1.0]))
+    parts = np.concatenate([path.taken_up(part) for part in np.array_split(q, 13)])
+    np.testing.assert_array_equal(parts[:, 0], found)
+
+
+def test_a_joint_that_trembles_stays_on_its_side(rng: np.random.Generator) -> None:
+    q = np.concatenate([[0.0, 0.1], 0.1 + 0.4e-6 * rng.uniform(-1, 1, 100)])[:, None]
+    assert (directions(q)[1:] == 1).all()
+
+
 def test_the_way_back_has_the_opposite_directions(rng: np.random.Generator) -> None:
     q = rng.normal(size=(20, 6))
     np.testing.assert_array_equal(directions(q)[1:], -directions(q[::-1])[1:][::-1])
@@ -75,6 +97,20 @@ def test_a_path_may_come_in_batches_and_skips_rows_that_are_not_driven_to(rng: n
     parts = np.concatenate([path.taken_up(np.concatenate([part, gap]))[:-1] for part in np.array_split(q, 7)])
     np.testing.assert_array_equal(parts, whole)
     assert not whole[0].any()
+
+
+def test_no_joint_is_taken_beyond_a_limit(rng: np.random.Generator) -> None:
+    q = np.clip(rng.normal(size=(50, 3)), -1.0, 1.0)
+    q[::7] += np.array([0.5, 0.0, 0.0])  # commanded outside: there nothing is added outwards
+    width = np.array([0.1, 0.2, 0.3])
+    free = BacklashPath(width).taken_up(q)
+    taken = BacklashPath(width, -np.ones(3), np.ones(3)).taken_up(q)
+    inside = np.abs(q) <= 1.0
+    assert (np.abs(q + taken)[inside] <= 1.0).all()
+    assert (np.abs(q + taken)[~inside] <= np.abs(q)[~inside]).all()
+    clear = np.abs(q) <= 0.7
+    np.testing.assert_array_equal(taken[clear], free[clear])
+    assert (taken != free).any()
 
 
 def test_rows_keep_their_directions() -> None:

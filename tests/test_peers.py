@@ -82,10 +82,12 @@ def test_the_urdf_is_the_mdh_robot(peer, tmp_path):
 
 def test_the_simulated_mdh_robot_has_mdh_parameters(peer):
     geometry = peer("geometry")
-    errors = geometry.geometric_errors("mdh", 6, np.random.default_rng(0))
+    from calibtool.robot.catalogue import load_robot
     from calibtool.robot.se3 import exp6
 
-    placements = geometry.mdh_placements(geometry.MDH) @ exp6(errors.placements[:6])
+    errors = geometry.geometric_errors("mdh", load_robot("ur10"), np.random.default_rng(0))
+
+    placements = geometry.mdh_placements(geometry.MDH) @ exp6(errors["placements"][:6])
     np.testing.assert_allclose(placements[:, 0, 2], 0.0, atol=1e-12)  # a turn about the common normal, then about z
-    assert not errors.twists.any()
-    assert not errors.offsets.any()
+    assert not errors["twists"].any()
+    assert not errors["offsets"].any()

@@ -381,3 +381,130 @@ def test_recursion_is_followed_and_refused_without_end() -> None:
     assert came[8] == {4, 8}
     assert bad(menu) == {}
     assert "calls itself without end" in whys(procedure("MoveL p,v1,fine,tool0;", "main;", before=CELL))[5]
+
+
+# --- data that are changed where no assignment says so --------------------------------------------
+
+
+CHANGING = (
+    'PERS wobjdata fix:=[FALSE,TRUE,"",[[600,100,-200],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+    f"CONST robtarget p:={GOOD};\n"
+    f"VAR robtarget v:={GOOD};\n"
+) + grip
+TO_FIX = "MoveL p,v1,fine,grip\\WObj:=fix;"
+
+
+@pytest.mark.parametrize(
+    ("instruction", "move", "line"),
+    [
+        ("Add v.trans.z,25;", "MoveL v,v1,fine,tool0;", 4),
+        ("ok:=StrToVal(word,v);", "MoveL v,v1,fine,tool0;", 4),
+        ("IF StrToVal(word,v.trans.x) Stop;", "MoveL v,v1,fine,tool0;", 4),
+        ('SetDataVal "v",other;', "MoveL v,v1,fine,tool0;", 4),
+        ("SetDataVal name,other;", "MoveL v,v1,fine,tool0;", 4),
+        ("Clear fix.oframe.trans.x;", TO_FIX, 3),
+        ("MyOwnCalibration a,grip;", TO_FIX, 3),
+    ],
+)
+def test_what_an_instruction_may_change_is_no_constant(instruction: str, move: str, line: int) -> None:
+    left = followed(procedure(instruction, move, before=CHANGING))[3]
+    names = ("Add", "StrToVal", "SetDataVal", "Clear", "MyOwnCalibration")
+    (name,) = (name for name in names if name in instruction)
+    assert f"{name} may change it (line 7)" in left[line]
+
+
+@pytest.mark.parametrize(
+    "instruction",
+    [
+        "WaitTime 1;",
+        "TPWrite text\\Num:=v.trans.x;",
+        "n:=Distance(p.trans,v.trans);",
+        "GripMove v,grip,v100,fine,grip\\WObj:=fix;",
+        "GripMove v,grip,v100,grip\\WObj:=fix;",
+        "OwnMove v,vmax,grip\\WObj:=fix;",
+        "Add grip.tload.mass,1;",
+        "Add n,1;",
+    ],
+)
+def test_what_only_reads_leaves_its_arguments_constant(instruction: str) -> None:
+    _, _, found, _ = followed(procedure(instruction, TO_FIX, "MoveL v,v1,fine,grip\\WObj:=fix;", before=CHANGING))
+    assert len(found) == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "routine"),
+    [
+        ("n:=setw();", "FUNC num setw()\nfix.uframe.trans.x:=700;\nRETURN 1;\nENDFUNC"),
+        ("WaitTime setw();", "FUNC num setw()\nfix.uframe.trans.x:=700;\nRETURN 1;\nENDFUNC"),
+        ('%"setw"%;', "PROC setw()\nfix.uframe.trans.x:=700;\nENDPROC"),
+        ("%name%;", "PROC setw()\nfix.uframe.trans.x:=700;\nENDPROC"),
+        ('CallByVar "set",n;', "PROC set3()\nfix.uframe.trans.x:=700;\nENDPROC"),
+        ("CONNECT i WITH t;", "TRAP t\nfix.uframe.trans.x:=700;\nENDTRAP"),
+        ("CONNECT i WITH t;", "TRAP t\nsetw;\nENDTRAP\nPROC setw()\nfix.uframe.trans.x:=7;\nENDPROC"),
+    ],
+)
+def test_frames_that_routines_change_at_times_that_are_not_followed(call: str, routine: str) -> None:
+    first = "fix.uframe:=[[600,100,-200],[1,0,0,0]];"
+    text = procedure(first, call, TO_FIX, before=CHANGING) + "MODULE B\n" + routine + "\nENDMODULE\n"
+    line = text[: text.index("trans.x:=7")].count("\n") + 1
+    why = followed(text)[3][3]
+    assert why.startswith("its frame: ")
+    assert why.endswith(f"changes it, and when is not known (line {line})")
+
+
+def test_frames_that_an_error_handler_changes() -> None:
+    first = "fix.uframe:=[[600,100,-200],[1,0,0,0]];"
+    for handler in ("fix.uframe.trans.x:=700;", "fix.oframe:=[[1,2,3],[1,0,0,0]];"):
+        why = followed(procedure(first, TO_FIX, "ERROR", handler, "RETRY;", before=CHANGING))[3][3]
+        assert "main's error handler changes it" in why
+        assert "(line 10)" in why
+
+
+@pytest.mark.parametrize("change", ["q.trans.x:=5;", "Incr q.trans.x;"])
+@pytest.mark.parametrize("mode", ["INOUT ", ""])
+def test_arguments_that_a_routine_of_a_routine_changes(change: str, mode: str) -> None:
+    text = procedure("one v;", "MoveL v,v1,fine,tool0;", before=CHANGING)
+    text += "MODULE B\nPROC one(INOUT robtarget w)\ntwo w;\nENDPROC\n"
+    text += f"PROC two({mode}robtarget q)\n{change}\nENDPROC\nENDMODULE\n"
+    left = followed(text)[3]
+    if mode:
+        assert "a routine changes it (line 7)" in left[4]
+    else:  # a copy is changed
+        assert 4 not in left
+
+
+@pytest.mark.parametrize("change", ["v.trans.z:=500;", "Add v.trans.z,25;"])
+def test_a_position_whose_changed_copy_is_moved_to_serves_two_places(change: str) -> None:
+    moves = ("v:=p;", change, "MoveL p,v1,fine,tool0;")
+    left = whys(procedure(*moves, "MoveL v,v1,fine,tool0;", before=CHANGING))
+    assert "serves two places" in left[3]
+    assert "(line 8)" in left[3]
+    assert 3 not in followed(procedure(*moves, before=CHANGING))[3]  # nothing moves to it
+
+
+@pytest.mark.parametrize("zeros", ["0,0,0,0,0,0", "0.0,-0,0,0.00,0,0"])
+def test_a_mastering_position_is_left(zeros: str) -> None:
+    text = procedure(f"MoveAbsJ [[{zeros}],{EXTERNAL}],v1,fine,tool0;", "MoveAbsJ home,v1,fine,tool0;",
+                     before=f"CONST jointtarget home:=[[{zeros}],{EXTERNAL}];")  # fmt: skip
+    assert followed(text)[3] == dict.fromkeys((2, 4), "a mastering position: all joints are zero")
+    assert not bad(text)
+    assert len(followed(text.replace("[[0", "[[1"))[2]) == 2
+
+
+@pytest.mark.parametrize("point", ["p", GOOD])
+def test_joints_of_a_position_are_treated_as_the_position(point: str) -> None:
+    move = f"MoveAbsJ CalcJointT({point},grip\\WObj:=fix),v1,fine,tool0;"
+    program, _, found, _ = followed(procedure(move, before=CHANGING))
+    (one,) = found
+    assert program.literals[one.literal].kind == "pose"
+    assert one.frame is not None
+    assert one.tool is not None
+    np.testing.assert_allclose(one.frame.T[:3, 3], [0.6, 0.1, -0.2])
+    np.testing.assert_allclose(one.tool.T[:3, 3], [0, 0, 0.009])
+
+
+@pytest.mark.parametrize(("move", "moved_to"), [("MoveAbsJ jt,v1,fine,grip;", 1), ("Stop;", 0)])
+def test_joints_of_a_position_in_a_variable(move: str, moved_to: int) -> None:
+    solved = f"jt:=CalcJointT({GOOD},grip);"
+    program = read(procedure("VAR jointtarget jt;", solved, move, before=CHANGING))
+    assert sum(literal.moved_to for literal in program.literals) == moved_to

@@ -299,6 +299,21 @@ def test_outside_of_the_training_is_refused_on_request() -> None:
         compensate_program(calibration, data, "a", "abb-rapid", ProgramOptions(outside="refuse"))
 
 
+@pytest.mark.parametrize("change", ["P[1]=LPOS", "IF R[1]=1,P[1,3]=R[2]"])
+def test_a_pose_that_is_left_beside_corrected_ones(change: str) -> None:
+    """The path has a step where FANUC's program assigns a position; beside joint targets alone there is none."""
+    calibration = calibrations("fanuc-m1000ia")[1]
+    head = "{\n GP1:\n UF : 0, UT : 0, CONFIG : 'N U T, 0, 0, 0',\n"
+    place = " X = {} mm, Y = 438.964 mm, Z = 606.965 mm,\n W = -171.751 deg, P = 1.716 deg, R = -149.873 deg\n}};\n"
+    joints = "{\n GP1:\n UF : 0, UT : 0,\n" + ", ".join(f"J{k + 1}= {5 - 10 * k} deg" for k in range(6)) + "\n};\n"
+    first, pose_there = (f"P[{k}]{head}{place.format(x)}" for k, x in ((1, 2300.597), (2, 2280.0)))
+    for second, steps in ((f"P[2]{joints}", 0), (pose_there, 1)):
+        code = f"/PROG A\n/MN\n1:J P[2] 20% FINE ;\n2:{change} ;\n3:L P[1] 100mm/sec FINE ;\n/POS\n{first}{second}/END\n"
+        result = compensate_program(calibration, code.encode(), "a", "fanuc-ls")
+        assert result.changed == 1
+        assert result.inconsistent == steps
+
+
 def test_a_program_for_another_number_of_axes() -> None:
     data, program_format = program_of("weld.ls")
     with pytest.raises(InputError, match=r"^weld\.ls:21: P\[1\]: holds J1, .* but scara has 4 joints"):

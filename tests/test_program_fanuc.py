@@ -192,6 +192,42 @@ def test_a_position_that_is_written_twice() -> None:
     assert left(twice) == {"P[1]": "is written more than once"}
 
 
+@pytest.mark.parametrize(
+    ("begin", "end"),
+    [("TOUCH OFFSET PR[1]", "TOUCH OFFSET END"), ("TRACK DPM[1]", "DPM END"), ("Track TAST[2:a]", "Track End")],
+)
+def test_motions_that_a_sensor_shifts(begin: str, end: str) -> None:
+    """They are corrected without the offset, which is noted; motions before and behind are not."""
+    motions = [f"L P[{k}] 100mm/sec FINE" for k in (1, 2, 3)]
+    text = written(motions[0], begin, motions[1], end, motions[2], P1=pose(), P2=pose(), P3=pose())
+    assert read(text).notes == ("line 6: P[2] is corrected without its offset",)
+    assert corrected(text) == ["P[1]", "P[2]", "P[3]"]
+
+
+@pytest.mark.parametrize("point", ["PAL_1[BTM]", "PAL_12[A_1]"])
+@pytest.mark.parametrize("letter", ["L", "J"])
+def test_pallets_are_said(letter: str, point: str) -> None:
+    text = written(f"{letter} {point} 100mm/sec FINE", "L P[1] 100mm/sec FINE", P1=pose())
+    assert said(text) == {4: f"a position of a pallet: its value is not in the program ({point})"}
+
+
+@pytest.mark.parametrize("condition", ["", "IF R[1]=1,", "IF (DI[1] AND R[2,1]>3),", "WENN DI[1]=ON,"])
+@pytest.mark.parametrize("value", ["P[1]=LPOS", "P[1:there]=PR[2]", "P[1,3]=10"])
+def test_positions_that_are_assigned_also_behind_a_condition(condition: str, value: str) -> None:
+    text = written("L P[2] 100mm/sec FINE", condition + value, "L P[1] 100mm/sec FINE", P1=pose(), P2=pose())
+    assert left(text) == {"P[1]": "it is assigned (line 5)"}
+
+
+@pytest.mark.parametrize("target", ["P[R[3]]", "P[AR[1]]", "P[R[3:which]]"])
+@pytest.mark.parametrize("condition", ["", "IF R[1]=1,"])
+def test_an_assignment_to_some_position(condition: str, target: str) -> None:
+    """Which one is not known: the line is listed, and positions that no motion names are left."""
+    text = written(f"{condition}{target}=LPOS", "L P[1] 100mm/sec FINE", P1=pose(), P2=pose())
+    assert said(text) == {4: "which position is assigned, a register tells"}
+    assert left(text) == {"P[2]": f"may be assigned ({target}, line 4)"}
+    assert corrected(text) == ["P[1]"]
+
+
 def test_positions_that_no_motion_goes_to_are_corrected_in_their_own_frame() -> None:
     _, _, found, whys = followed(written(P1=pose(uf="2", ut="1"), P2=pose(uf="F"), P3=JOINTS.format(more="")))
     assert [p.frame.name if p.frame else None for p in found] == ["2", None]
@@ -259,7 +295,7 @@ def test_registers_and_indirect_positions_are_said() -> None:
 
 
 @pytest.mark.parametrize(
-    "option", ["Offset,PR[1]", "Tool_Offset,PR[1]", "WKZ_Offset ,PR[1]", "OFFSET", "VOFFSET,VR[1]"]
+    "option", ["Offset,PR[1]", "Tool_Offset,PR[1]", "WKZ_Offset ,PR[1]", "OFFSET", "VOFFSET,VR[1]", "Search[X]"]
 )
 def test_offsets_are_noted(option: str) -> None:
     text = written(f"L P[1] 100mm/sek FEIN {option}", P1=pose())

@@ -474,6 +474,129 @@ def written(T: Array, base: Array, tool: Array) -> str:
     return "{" + ", ".join(f"{k} {v:.7f}" for k, v in zip("XYZABC", numbers, strict=True)) + "}"
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        "DEF in(q:OUT)\nE6POS q\nq.X=5\nEND\n",
+        "DEF in(q:OUT)\nE6POS q\nin2(q)\nEND\nDEF in2(r:OUT)\nr={X 1,Y 0,Z 0,A 0,B 0,C 0}\nEND\n",
+        "DEF in(q:OUT)\nE6POS q\nelsewhere(q)\nEND\n",
+    ],
+)
+def test_a_position_that_inner_routines_change(more: str) -> None:
+    """By reference through several routines; a copy on the way (`:IN`) ends it."""
+    text = routine(f"XP1={FIRST}", "out(XP1)", "LIN XP1")
+    outer = "DEF out(p{kind})\nE6POS p\nin(p)\nEND\n"
+    assert whys(text + outer.format(kind=":OUT") + more)[4] == "is changed by a routine (line 5)"
+    assert 4 not in whys(text + outer.format(kind=":IN") + more)
+
+
+@pytest.mark.parametrize(
+    "call",
+    ["ext1(XP1)", 'SREAD(S[],ST,OF,"%f,",XP1.X)', 'RET=EKI_GetFrame("a,","b",XP1)', "CREAD(H,XP1)"],
+)
+def test_a_position_that_a_routine_elsewhere_may_change(call: str) -> None:
+    """Its argument is passed by reference unless its declaration says `:IN`; an expression is none."""
+    lines = [f"XP1={FIRST}", call, "LIN XP1"]
+    assert whys(routine(*lines))[4].endswith(" (line 5)")
+    name = call.removeprefix("RET=").partition("(")[0]
+    kinds = ",".join(["E6POS :IN"] * 6)
+    assert whys(f"EXT {name}({kinds})\n" + routine(*lines)) == {}
+    assert whys(routine(*lines).replace("XP1)", "1+XP1.X)").replace("XP1.X)", "1)")) == {}
+
+
+@pytest.mark.parametrize(
+    "change",
+    ['RET=EKI_GetFrame("a","b",$BASE)', 'SREAD(S[],ST,OF,"%r",$BASE)', "ANIN ON $BASE.Z = 1.0*$ANIN[1]"],
+)
+def test_a_base_that_is_read_from_outside(change: str) -> None:
+    program, _, _, left = followed(routine(f"LIN {SECOND}", change, f"LIN {FIRST}"))
+    assert list(left) == [6]
+    assert left[6].startswith("its frame: ")
+    assert left[6].endswith("line 5)")
+    assert not program.notes
+
+
+ASIDE = [
+    ("INTERRUPT DECL 3 WHEN $IN[1] DO sub(XP1)", "INTERRUPT ON 3"),
+    ("GLOBAL INTERRUPT DECL N WHEN $IN[1]==TRUE DO sub(XP1)", "INTERRUPT ON"),
+    ("", "TRIGGER WHEN PATH=0 DELAY=0 DO sub(XP1) PRIO=-1"),
+]
+
+
+@pytest.mark.parametrize(("declares", "starts"), ASIDE)
+@pytest.mark.parametrize("change", ["$BASE", "$TOOL"])
+def test_what_changes_beside_the_motions(declares: str, starts: str, change: str) -> None:
+    """Base and tool that an interrupt or trigger sets are uncertain from there on, also once set anew."""
+    lines = [declares, f"LIN {SECOND}", starts, f"LIN {FIRST}", f"{change}=$NULLFRAME", f"LIN {THIRD}"]
+    sub = f"DEF sub(p:IN)\ninner()\nEND\nDEF inner()\n{change}={SHIFT}\nEND\n"
+    found = whys(routine(*lines) + sub)
+    kind = "frame" if change == "$BASE" else "tool"
+    why = f"its {kind}: may be changed at any time ({starts.partition(' WHEN')[0].removesuffix(' 3')} in line 6)"
+    assert found == {7: why, 9: why}
+    assert whys(routine(*lines).replace(starts, "") + sub) == {}
+    assert whys(routine("LOOP", *lines, "ENDLOOP") + sub).keys() == {6, 8, 10}
+
+
+@pytest.mark.parametrize(("declares", "starts"), ASIDE)
+def test_positions_that_change_beside_the_motions(declares: str, starts: str) -> None:
+    text = routine(f"XP1={FIRST}", declares, starts, "LIN XP1", f"LIN {SECOND}")
+    sub = "DEF sub(p:OUT)\nE6POS p\np.X=5\nEND\n"
+    found = whys(text + sub)
+    assert found.keys() == {4}
+    assert "line " in found[4]
+    assert whys(text + "DEF sub(p:OUT)\nE6POS p\nEND\n") == {}
+
+
+@pytest.mark.parametrize("change", ["XP1.Z=600", "outside(XP1)", "XP2=XP1\nXP2.Z=600\nLIN XP2"])
+def test_a_pose_that_is_left_beside_corrected_ones(change: str) -> None:
+    """The path has a step there; joint targets are corrected beside it without one."""
+    lines = [HOME, f"XP1={FIRST}", change, "LIN XP1"]
+    for more, steps in (("", 0), (f"LIN {SECOND}", 1)):
+        text = routine(*lines, more)
+        result = compensate_program(calibration(), text.encode(), "a", "kuka-krl")
+        assert result.changed == 1 + steps
+        assert result.inconsistent == steps
+
+
+@pytest.mark.parametrize(("argument", "lines"), [("P[1]", {5}), ("P[]", {5, 6}), ("P[i].X", {5, 6})])
+def test_elements_that_a_routine_elsewhere_may_change(argument: str, lines: set[int]) -> None:
+    text = ["DECL E6POS P[2]", f"P[1]={FIRST}", f"P[2]={SECOND}", f"other({argument})"]
+    assert whys(routine(*text, "LIN P[1]", "LIN P[2]")).keys() == lines
+
+
+@pytest.mark.parametrize("what", ["$TOOL.Z", "BASE_DATA[2].X"])
+def test_cyclic_reading_goes_on(what: str) -> None:
+    """What is assigned behind it is overwritten again."""
+    name = what.partition(".")[0]
+    lines = ["$BASE=BASE_DATA[2]", f"LIN {SECOND}", f"ANIN ON {what} = 2*VOLT", f"{name}=$NULLFRAME", "$BASE=BASE_DATA[2]"]
+    text = routine("BASE_DATA[2]=$NULLFRAME", *lines, f"LIN {FIRST}")
+    found = whys(text)
+    assert list(found) == [10]
+    assert found[10].endswith("(ANIN ON in line 7)")
+    assert whys(text.replace("ANIN ON", "ANIN OFF")) == {}
+
+
+@pytest.mark.parametrize("word", ["PTP", "SPTP"])
+def test_the_mastering_position_stays(word: str) -> None:
+    """All joints 0, in a motion and in a data list."""
+    zero = "{A1 0,A2 0.0,A3 0,A4 0,A5 0,A6 0}"
+    why = "a mastering position: all joints are zero"
+    assert whys(routine(HOME, f"{word} {zero}")) == {5: why}
+    assert whys(routine(f"{word} XH"), f"DEFDAT a\nDECL E6AXIS XH={zero}\nENDDAT\n") == {2: why}
+
+
+@pytest.mark.parametrize("edit", ["XP2.Z=650", "XP2.X=XP2.X+5"])
+def test_a_copy_that_is_edited_leaves_its_source(edit: str) -> None:
+    """One literal cannot serve both places; it can where nothing goes to the copy."""
+    lines = ["DECL E6POS XP1,XP2", f"XP1={FIRST}", "XP2=XP1", edit, "LIN XP1"]
+    why = "a component of it is assigned (line 7)"
+    assert whys(routine(*lines, "LIN XP2")) == {
+        5: f"serves two places: of a copy, {why}",
+        9: why,
+    }
+    assert whys(routine(*lines)) == {}
+
+
 @st.composite
 def programs(draw: st.DrawFn) -> tuple[str, list[int]]:
     """A program with bases, tools, arrays, circles and branches, and the configuration of each literal in order."""

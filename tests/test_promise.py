@@ -1,4 +1,4 @@
-"""A correction is never worse than none: bounded, inside the limits, without jumps, honest about what stays."""
+"""A correction is never worse than none: bounded, inside the limits, without jumps, honest."""
 
 from functools import cache
 
@@ -33,17 +33,25 @@ REDUNDANT = ("panda", "xarm7", "tiago-arm")
 def calibrated(name: str, base: str = "complete", workspace: str | None = "full") -> Calibration:
     robot = load_robot(name)
     chosen = robot.workspace(workspace)[1]
-    simulation = Simulation(seed=1, workspace=chosen, configurations=60, scales=ErrorScales(kinds=ERROR_KINDS))
+    simulation = Simulation(
+        seed=1, workspace=chosen, configurations=60, scales=ErrorScales(kinds=ERROR_KINDS)
+    )
     data = simulate(robot, simulation)
-    return identify(data, base) if base == "complete" else train(data, base, TrainingOptions(restarts=1))
+    return (
+        identify(data, base)
+        if base == "complete"
+        else train(data, base, TrainingOptions(restarts=1))
+    )
 
 
 def anywhere(robot: Robot, count: int, seed: int = 3) -> Array:
-    return robot.lower + (robot.upper - robot.lower) * np.random.default_rng(seed).random((count, robot.n))
+    return robot.lower + (robot.upper - robot.lower) * np.random.default_rng(seed).random(
+        (count, robot.n)
+    )
 
 
 def tool_errors(calibration: Calibration, q: Array, commanded: Array) -> Array:
-    """x, y, z over the characteristic length and the turn, along the axes of the commanded tool: (N, 6)."""
+    """x, y, z over the characteristic length and the turn, along the commanded tool: (N, 6)."""
     pose, R = calibration.forward(q), np.swapaxes(commanded[:, :3, :3], -1, -2)
     away = (R @ (pose - commanded)[:, :3, 3:])[..., 0] / calibration.robot.length
     turn = Rotation.from_matrix(pose[:, :3, :3] @ R).as_rotvec()
@@ -55,14 +63,16 @@ def correctable(calibration: Calibration) -> list[int]:
     return [i for i, name in enumerate(("x", "y", "z", "rx", "ry", "rz")) if name not in virtual]
 
 
-# --- never worse -----------------------------------------------------------------------------------------------------
+# --- never worse ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("base", ["complete", "nominal"])
 @pytest.mark.parametrize("workspace", [None, "full"])
 @pytest.mark.parametrize("name", ["ur3", "panda", "so100", "gantry"])
-def test_no_row_is_worse_than_the_command(name: str, workspace: str | None, base: str, method: Method) -> None:
+def test_no_row_is_worse_than_the_command(
+    name: str, workspace: str | None, base: str, method: Method
+) -> None:
     calibration = calibrated(name, base, workspace)
     robot = calibration.robot
     q = anywhere(robot, 400)
@@ -70,7 +80,9 @@ def test_no_row_is_worse_than_the_command(name: str, workspace: str | None, base
     commanded = robot.mechanism.forward(q)
     before, after = (tool_errors(calibration, joints, commanded) for joints in (q, result.q))
     for components in (range(6), correctable(calibration)):
-        worse = np.linalg.norm(after[:, components], axis=-1) > np.linalg.norm(before[:, components], axis=-1)
+        worse = np.linalg.norm(after[:, components], axis=-1) > np.linalg.norm(
+            before[:, components], axis=-1
+        )
         assert not worse.any()
     left = result.status == UNCORRECTED
     np.testing.assert_array_equal(result.q[left], q[left])
@@ -87,7 +99,10 @@ def test_poses_are_no_worse_either(name: str, method: Method) -> None:
     q = anywhere(robot, 60)
     poses = robot.mechanism.forward(q)
     result = compensate_poses(calibration, poses, q, method)
-    before, after = (np.linalg.norm(tool_errors(calibration, x, poses), axis=-1) for x in (result.commanded, result.q))
+    before, after = (
+        np.linalg.norm(tool_errors(calibration, x, poses), axis=-1)
+        for x in (result.commanded, result.q)
+    )
     assert (after <= before * (1 + 1e-6)).all()
 
 
@@ -97,7 +112,9 @@ def test_a_row_that_is_ok_leaves_no_more_than_the_others(name: str) -> None:
     q = anywhere(calibration.robot, 1000)
     for method in METHODS:
         result = compensate_joints(calibration, q, method)
-        left = tool_errors(calibration, result.q, calibration.robot.mechanism.forward(q))[:, correctable(calibration)]
+        left = tool_errors(calibration, result.q, calibration.robot.mechanism.forward(q))[
+            :, correctable(calibration)
+        ]
         left = np.linalg.norm(left, axis=-1)
         ok = result.status == OK
         assert ok.mean() > 0.3
@@ -111,13 +128,15 @@ def test_rows_that_are_corrected_in_part_are_counted_by_an_evaluation() -> None:
     assert evaluate([("c", calibration)], data).marked == [0, np.isin(status, DOUBTFUL).sum()]
 
 
-# --- bounded ---------------------------------------------------------------------------------------------------------
+# --- bounded --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["ur5", "tiago-arm"])
 @pytest.mark.parametrize("degrees", [0.01, 0.3, None])
-def test_no_joint_changes_by_more_than_it_may(name: str, method: Method, degrees: float | None) -> None:
+def test_no_joint_changes_by_more_than_it_may(
+    name: str, method: Method, degrees: float | None
+) -> None:
     calibration = calibrated(name)
     robot = calibration.robot
     bounds = default_bounds(calibration, None if degrees is None else np.deg2rad(degrees))
@@ -159,7 +178,7 @@ def test_joint_targets_at_the_mastering_position_do_not_swing(name: str, offset:
         assert np.linalg.norm(tool_errors(calibration, result.q, commanded), axis=-1) < before
 
 
-# --- the joint limits ------------------------------------------------------------------------------------------------
+# --- the joint limits -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", REDUNDANT)
@@ -176,12 +195,15 @@ def test_a_redundant_arm_stays_inside_by_its_freedom(name: str) -> None:
         result = compensate_joints(calibration, at_limit[regular])
         assert robot.within_limits(result.q).all()
         assert regular.sum() > 10
-        assert (result.status == OK).mean() > 0.9
+        assert (result.status == OK).mean() > 0.85  # the last of the others would cost too much
         assert result.position[result.status == OK].max() < 1e-8
+        assert np.median(result.position) < 1e-8
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_without_freedom_a_joint_stops_at_its_limit_and_the_rest_is_corrected(method: Method) -> None:
+def test_without_freedom_a_joint_stops_at_its_limit_and_the_rest_is_corrected(
+    method: Method,
+) -> None:
     calibration = calibrated("ur5")
     robot = calibration.robot
     q = anywhere(robot, 200, seed=6)
@@ -192,17 +214,23 @@ def test_without_freedom_a_joint_stops_at_its_limit_and_the_rest_is_corrected(me
     commanded = robot.mechanism.forward(q)
     held = result.status == "out-of-limits"
     assert held.mean() > 0.5
-    before, after = (np.linalg.norm(tool_errors(calibration, x, commanded), axis=-1) for x in (q, result.q))
+    before, after = (
+        np.linalg.norm(tool_errors(calibration, x, commanded), axis=-1) for x in (q, result.q)
+    )
     assert np.median((after / before)[held]) < 0.8
 
     def left(step: Array, k: int) -> Array:
         return tool_errors(calibration, (q[k] + step)[None], commanded[k : k + 1])[0]
 
-    if method == "exact":  # nothing inside comes nearer, but for a little where the others are damped
+    if (
+        method == "exact"
+    ):  # nothing inside comes nearer, but for a little where the others are damped
         for k in np.flatnonzero(held)[:5]:
             box = default_bounds(calibration).box(robot, q[k : k + 1])
             low, high = box[0][0], np.maximum(box[1][0], box[0][0] + 1e-9)
-            best = least_squares(left, np.clip(0.0, low, high), args=(k,), bounds=(low, high), xtol=1e-14, ftol=1e-14)
+            best = least_squares(
+                left, np.clip(0.0, low, high), args=(k,), bounds=(low, high), xtol=1e-14, ftol=1e-14
+            )
             assert after[k] <= 1.2 * np.sqrt(2 * best.cost) + 1e-6
 
 
@@ -217,10 +245,12 @@ def test_a_joint_that_is_commanded_outside_its_limits_is_corrected_as_if_it_had_
     assert np.abs(tool_errors(calibration, there.q, commanded)[regular]).max() < 1e-8
 
 
-# --- fewer than six joints -------------------------------------------------------------------------------------------
+# --- fewer than six joints ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "least"), [("scara", 0.85), ("planar-3r", 0.85), ("gantry", 0.25), ("so100", 0.25)])
+@pytest.mark.parametrize(
+    ("name", "least"), [("scara", 0.85), ("planar-3r", 0.85), ("gantry", 0.25), ("so100", 0.25)]
+)
 def test_the_components_that_joints_can_correct_vanish(name: str, least: float) -> None:
     calibration = calibrated(name)
     q = anywhere(calibration.robot, 300)
@@ -228,15 +258,23 @@ def test_the_components_that_joints_can_correct_vanish(name: str, least: float) 
     commanded = calibration.robot.mechanism.forward(q)
     ok = result.status == OK
     assert ok.mean() > least
-    assert np.abs(tool_errors(calibration, result.q, commanded)[ok][:, correctable(calibration)]).max() < 1e-9
+    assert (
+        np.abs(tool_errors(calibration, result.q, commanded)[ok][:, correctable(calibration)]).max()
+        < 1e-9
+    )
     assert result.orientation[ok].max() > 1e-5  # the rest stays, and is told
     one = compensate_joints(calibration, q, "one-step")
     both = ok & (one.status == OK)
-    before, after = (tool_errors(calibration, x, commanded)[both][:, correctable(calibration)] for x in (q, one.q))
+    before, after = (
+        tool_errors(calibration, x, commanded)[both][:, correctable(calibration)]
+        for x in (q, one.q)
+    )
     assert np.linalg.norm(after, axis=-1).max() < 0.1 * np.median(np.linalg.norm(before, axis=-1))
 
 
-@pytest.mark.parametrize("weights", [(1, 1, 1, 1, 1, 1), (1, 1, 1, 0.1, 0.1, 1), (0.5, 1, 1, 0, 0, 2)])
+@pytest.mark.parametrize(
+    "weights", [(1, 1, 1, 1, 1, 1), (1, 1, 1, 0.1, 0.1, 1), (0.5, 1, 1, 0, 0, 2)]
+)
 def test_weights_trade_one_component_for_another(weights: tuple[float, ...]) -> None:
     calibration = calibrated("scara")
     q = anywhere(calibration.robot, 20)
@@ -263,17 +301,19 @@ def test_weights_trade_one_component_for_another(weights: tuple[float, ...]) -> 
         ("scara", (1.0, 1.0, 0.0, 0.0, 0.0, 1.0), "3 weights are positive, but 4 joints"),
     ],
 )
-def test_weights_that_do_not_fit_are_refused(name: str, weights: tuple[float, ...], message: str) -> None:
+def test_weights_that_do_not_fit_are_refused(
+    name: str, weights: tuple[float, ...], message: str
+) -> None:
     with pytest.raises(UsageError, match=message):
         default_bounds(calibrated(name), weights=weights)
 
 
-# --- redundancy ------------------------------------------------------------------------------------------------------
+# --- redundancy -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", REDUNDANT)
 def test_a_redundant_arm_moves_no_more_than_it_must(name: str) -> None:
-    """The change has no part that leaves the tool where it is: its component in the null space is zero."""
+    """The change has no part that leaves the tool where it is."""
     calibration = calibrated(name)
     robot = calibration.robot
     q = anywhere(robot, 200)
@@ -289,11 +329,13 @@ def test_a_redundant_arm_moves_no_more_than_it_must(name: str) -> None:
         assert np.abs(null @ step).max() < 2e-2 * np.linalg.norm(step) + 1e-9
 
 
-# --- the step inside a box -------------------------------------------------------------------------------------------
+# --- the step inside a box ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("n", [2, 4, 5, 6])
-def test_a_step_that_is_not_damped_is_the_least_squares_of_the_box(n: int, rng: np.random.Generator) -> None:
+def test_a_step_that_is_not_damped_is_the_least_squares_of_the_box(
+    n: int, rng: np.random.Generator
+) -> None:
     k = min(n, 6)
     A, e = rng.normal(size=(60, k, n)), rng.normal(size=(60, k))
     upper = rng.uniform(0.2, 3.0, size=(60, n))
@@ -314,7 +356,9 @@ def test_a_singular_step_keeps_what_is_regular() -> None:
     A = np.diag([1.0, 1.0, 1.0, 0.3, 0.3, 0.0])[None]
     e = np.full((1, 6), 1e-3)
     change, distance, damping = bounded_step(A, e, np.full((1, 6), -1.0), np.full((1, 6), 1.0))
-    np.testing.assert_allclose(change[0], [-1e-3] * 3 + [-1e-3 / 0.3] * 2 + [0.0], rtol=2e-4, atol=1e-9)
+    np.testing.assert_allclose(
+        change[0], [-1e-3] * 3 + [-1e-3 / 0.3] * 2 + [0.0], rtol=2e-4, atol=1e-9
+    )
     assert distance[0] < 1e-6
     assert damping[0] == pytest.approx(DAMPED_BELOW**2, rel=1e-3)
 
@@ -340,12 +384,17 @@ def test_no_row_knows_the_rows_beside_it(name: str) -> None:
     for method in METHODS:
         together = compensate_joints(calibration, q, method)
         for size in (1, 7):
-            parts = [compensate_joints(calibration, part, method) for part in np.split(q, range(size, 60, size))]
+            parts = [
+                compensate_joints(calibration, part, method)
+                for part in np.split(q, range(size, 60, size))
+            ]
             np.testing.assert_array_equal(np.concatenate([part.q for part in parts]), together.q)
-            assert np.concatenate([part.status for part in parts]).tolist() == together.status.tolist()
+            assert (
+                np.concatenate([part.status for part in parts]).tolist() == together.status.tolist()
+            )
 
 
-# --- paths -----------------------------------------------------------------------------------------------------------
+# --- paths ----------------------------------------------------------------------------------------
 
 
 def through(name: str, joint: int, degrees: float = 6.0, step: float = 0.003) -> Array:
@@ -365,7 +414,9 @@ def through(name: str, joint: int, degrees: float = 6.0, step: float = 0.003) ->
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("name", "joint"), [("ur5", 4), ("fanuc-m1000ia", 4), ("ur3", 2)])
-def test_neighbours_of_a_dense_path_are_corrected_alike(name: str, joint: int, method: Method) -> None:
+def test_neighbours_of_a_dense_path_are_corrected_alike(
+    name: str, joint: int, method: Method
+) -> None:
     """Through wrist and elbow: 19.5 deg between two rows that both said near-singular, once."""
     calibration = calibrated(name)
     q = through(name, joint)
@@ -386,25 +437,36 @@ def test_jumps_are_told_against_the_commanded_step() -> None:
     path = CorrectionPath(robot)
     assert [(jump.row, jump.joint) for jump in path.jumps(q, q + correction)] == [(4, 1)]
     split = CorrectionPath(robot)
-    found = [jump.row + k for k in (0, 5) for jump in split.jumps(q[k : k + 5], (q + correction)[k : k + 5])]
+    found = [
+        jump.row + k
+        for k in (0, 5)
+        for jump in split.jumps(q[k : k + 5], (q + correction)[k : k + 5])
+    ]
     assert found == [4]
     gap = q + correction
     gap[3:5] = np.nan
-    assert [jump.row for jump in CorrectionPath(robot).jumps(q, gap)] == []  # over a gap the steps add up
+    assert [
+        jump.row for jump in CorrectionPath(robot).jumps(q, gap)
+    ] == []  # over a gap the steps add up
 
 
 def test_rows_of_joints_that_jump_say_so_and_batches_do_not_show() -> None:
     calibration = calibrated("ur5")
     q = through("ur5", 4, degrees=12.0)
     header = ",".join(calibration.robot.joint_columns)
-    text = header + "\n" + "".join(",".join(f"{v:.12g}" for v in row) + "\n" for row in np.rad2deg(q))
+    text = (
+        header + "\n" + "".join(",".join(f"{v:.12g}" for v in row) + "\n" for row in np.rad2deg(q))
+    )
     whole, report = compensate_text(calibration, text, "t.csv", StreamOptions(backlash=False))
     status = [line.split(",")[-1] for line in whole.splitlines()[1:]]
     assert {"ok", "near-singular", JUMP} <= set(status)
     parts, _ = compensate_text(calibration, text, "t.csv", StreamOptions(backlash=False, batch=97))
     assert [line.split(",")[-1] for line in parts.splitlines()[1:]] == status
     first = status.index(JUMP)
-    assert any(line.startswith(f"t.csv:{first + 2}: the correction changes by more than") for line in report.remarks)
+    assert any(
+        line.startswith(f"t.csv:{first + 2}: the correction changes by more than")
+        for line in report.remarks
+    )
     alone = f"{header}\n{text.splitlines()[first + 1]}\n"
     apart, _ = compensate_text(calibration, alone, "t.csv", StreamOptions(backlash=False))
     assert apart.splitlines()[1].split(",")[:6] == whole.splitlines()[first + 1].split(",")[:6]

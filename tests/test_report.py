@@ -267,4 +267,4 @@ def test_doubtful_corrections_and_unlike_rows_are_cautions(subject: Subject, fre
     doubtful = replace(subject, evaluation=replace(subject.evaluation, marked=[0, 0, 3], outside=[0, 2, 0]))
     found = cautions(doubtful, fresh.q)
     assert f"2 judged configurations are unlike those of the training of {EVIL}." in found
-    assert "3 corrections by complete are near a singularity or out of the joint limits." in found
+    assert "3 corrections by complete leave a part of the error, or all of it." in found

@@ -215,8 +215,8 @@ def test_rows_near_a_singularity_are_marked_and_their_correction_is_bounded(base
     assert (result.status == "near-singular").all()
     assert np.isfinite(result.q).all()
     most = default_bounds(calibration).largest_change
-    assert 0 < most < np.deg2rad(10)
-    assert np.abs(result.q - q).max() <= most
+    assert 0 < most < np.deg2rad(30)
+    assert np.abs(result.q - q).max() <= min(most, np.deg2rad(15))
     away = compensate_joints(calibration, UR5_HOME[None], method)  # type: ignore[arg-type]
     assert list(away.status) == ["ok"]
 

@@ -52,8 +52,11 @@ def test_the_key_tells_studies_apart(change: dict[str, object]) -> None:
 
 def test_scales_multiply_every_size() -> None:
     once, twice = (Definition().scales("geometric,gear", factor) for factor in (1.0, 2.0))
-    for name in ("length", "angle", "gear", "gravity", "backlash", "temperature"):
+    for name in ("length", "angle", "warmth"):
         assert getattr(twice, name) == 2 * getattr(once, name) > 0
+    assert set(twice.sizes) == set(once.sizes)
+    for kind, size in once.sizes.items():
+        assert twice.sizes[kind] == 2 * size > 0
     assert once.length == pytest.approx(0.5e-3)
 
 

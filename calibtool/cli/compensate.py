@@ -128,7 +128,8 @@ def compensate(
 ) -> None:
     """Correct commanded poses or joint positions, any number of rows, or a controller program.
 
-    By the calibrated model no row is worse than the command: where no better joints are found, it stays as it is. Rows
+    By the calibrated model no row has a larger weighted pose error (displacement over the robot's
+    characteristic length beside rotation) than the command: where no better joints are found, it stays as it is. Rows
     come back with the corrected joints, the input's other columns and a status (docs/numerics): ok, jump (the correction
     changes faster than the command), outside (of the training's configurations); partial, limited, near-singular,
     out-of-limits (a part of the error stays), uncorrected (all of it: as commanded) or unreachable (empty joints, exit
@@ -150,6 +151,8 @@ def compensate(
         check_output(output, force)
     if report is not None:
         check_output(report, force)
+        if (report == output == STREAM) or Path(report).resolve() == Path(output).resolve():
+            raise UsageError(f"{shown(report)}: is the output, too; give another file for --report")
     one_stdin(calibration, targets, frames, controller, *with_)
     choice(method, ("exact", "one-step"), "--method")
     choice(kind, FORMATS, "--format")
@@ -250,8 +253,8 @@ def _bounds(
 
     robot = calibration.robot
     most = default_bounds(calibration, largest_change, weights).largest_change
-    slides = f", slides by {most * robot.length * 1e3:.3g} mm" if any(robot.prismatic) else ""
-    return f"joints change by at most {degrees(most):.3g} deg{slides} (--largest-change-deg)"
+    slides = f", of a slide {most * robot.length * 1e3:.3g} mm" if any(robot.prismatic) else ""
+    return f"limit of the change of a joint: {degrees(most):.3g} deg{slides} (--largest-change-deg)"
 
 
 def check_for_rows(what: str, uncertainty: bool, verify: bool, line_buffered: bool) -> None:
@@ -289,10 +292,13 @@ def compensate_rows(
             "backlash is taken up along the rows, in their order; --no-backlash where they are no path"
         )
     if options.verify:
-        message(
-            f"{report.rows} rows verified: the calibrated model stays within {report.left * 1e3:.3g} mm and "
+        kept = (
+            f"{report.rows} rows verified, none is corrected in full"
+            if not report.in_full
+            else f"{report.rows} rows verified: the calibrated model stays within {report.left * 1e3:.3g} mm and "
             f"{report.turned * 1e3:.3g} mrad of the command where the status is ok, jump or outside"
         )
+        message(kept)
     if report.without_joints:
         raise NoSolutionError(
             f"{name}: {report.without_joints} of {report.rows} rows have no joints, unreachable or refused; the others "

@@ -225,6 +225,8 @@ def compensate_folder(
 
     if output == STREAM:
         raise UsageError(f"{folder}: is a folder; give another one for the corrected programs with -o")
+    if Path(output).resolve() == Path(folder).resolve():
+        raise UsageError(f"{output}: is the folder of the programs; give another one for the corrected ones")
     found = _programs(folder, kind, Path(output))
     if not found:
         raise InputError(f"{folder}: holds no programs; give their format with --format, or other files")
@@ -241,6 +243,8 @@ def compensate_folder(
         for (path, _, _), text in zip(texts, result.texts, strict=False):
             outputs[str(Path(output) / Path(path).relative_to(folder))] = text
     if report is not None:
+        if any(Path(path).resolve() == Path(report).resolve() for path in outputs):
+            raise UsageError(f"{report}: is a corrected program, too; give another file for --report")
         first, *rest = [result.report() for result in results]
         outputs[report] = first + "".join(text.partition("\n")[2] for text in rest)
     _write_folder(outputs, output, report, force)

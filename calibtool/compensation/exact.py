@@ -92,7 +92,7 @@ class _Search:
         return change, distance, left
 
     def _narrowed(self, rows: np.ndarray, change: Array, task: Task) -> "_Search":
-        """Some rows no farther from a first step (N, n) than what it leaves can ask for: 2 |E| / d₀.
+        """Some rows no farther from a first step (N, n) than 2 |E| / d₀, E what it leaves.
 
         Beside joints that are held, the last of an error can cost any motion of the others.
         """

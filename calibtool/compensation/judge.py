@@ -18,7 +18,9 @@ from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.compensation.weighed import Task, weighted_error
 from calibtool.robot.se3 import Array
 
-_OVERSHOOT = 1.5  # a change is shortened where it is longer than this times the best length on its way
+_OVERSHOOT = (
+    1.5  # a change is shortened where it is longer than this times the best length on its way
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +121,7 @@ def judged(
 
 
 def shortened(before: Array, slope: Array, after: Array) -> Array:
-    """t (N,) of items 1 and 2 of `judged`, from |E(0)|², its slope g and |E(1)|²: (1 or 2, N) each."""
+    """t (N,) of items 1 and 2 of `judged`: |E(0)|², its slope g and |E(1)|² (1 or 2, N) each."""
     bend = after - before - slope
     beyond = 2.0 * bend <= -slope  # least at t = 1, or farther
     best = np.maximum(0.0, -slope) / np.where(beyond | (bend <= 0.0), 1.0, 2.0 * bend)

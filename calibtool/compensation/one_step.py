@@ -1,4 +1,4 @@
-"""The one-step rule: the correction that a controller can evaluate (Eqs. 23, 24), bounded and judged."""
+"""The one-step rule: a correction that a controller can evaluate (Eqs. 23, 24), judged."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -33,9 +33,9 @@ def one_step(
        of J_ρ belong to the actuated joints.
     2. e = ((p − p_c) / length, log3(R R_cᵀ)), (6,), and J (6, n): those columns seen at p,
        ((v + ω × p) / length, ω).
-    3. The box of Δ, per joint: lower = max(−B, min(0, q_min − q)), upper = min(B, max(0, q_max − q)),
-       B the largest change in rad, times length for a slide; −B and B for a joint that is commanded
-       outside its limits by more than 1e-9 (`Bounds.box`).
+    3. The box of Δ, per joint: lower = max(−B, min(0, q_min − q)) and
+       upper = min(B, max(0, q_max − q)), B the largest change in rad, times length for a slide;
+       −B and B for a joint that is commanded outside its limits by more than 1e-9 (`Bounds.box`).
     4. n ≥ 6: Δ, d = `bounded_step`(J, e, box). On the nominal base Δ = −N(q), the first n outputs
        of the network (Eq. 23), or 0 without one, takes the place of its item 3; d and λ are needed
        all the same.
@@ -79,8 +79,10 @@ class Linearised:
     network: Array | None
 
     @classmethod
-    def at(cls, calibration: Calibration, q: Array, commanded: Array | None, bounds: Bounds) -> "Linearised":
-        """At joints q (N, n) for commanded poses (N, 4, 4), those of the nominal robot unless given."""
+    def at(
+        cls, calibration: Calibration, q: Array, commanded: Array | None, bounds: Bounds
+    ) -> "Linearised":
+        """At joints q (N, n) for commanded poses (N, 4, 4), nominal ones unless given."""
         robot, task = calibration.robot, Task.of(calibration.equivalent, bounds.weights)
         nominal, network = None, None
         if calibration.base.model == "nominal":
@@ -109,7 +111,9 @@ class Linearised:
 
     def proposal(self, change: Array, distance: Array) -> Proposal:
         """A change of the joints (N, n), to be judged; distance (N,)."""
-        return Proposal(self.q, change, self.box, distance, self.error, times(self.jacobian, change))
+        return Proposal(
+            self.q, change, self.box, distance, self.error, times(self.jacobian, change)
+        )
 
     def blended(self, of_task: Array, of_all: Array) -> tuple[Array, np.ndarray]:
         """Δ of item 4 of `one_step` for n < 6 from Δ_A and Δ_J, (N, n) each; rows where w < 1."""
@@ -140,9 +144,13 @@ def default_bounds(
     Raises UsageError for a largest change that is not positive, and for weights as `Task.of`.
     """
     if largest_change is not None and not largest_change > 0.0:
-        raise UsageError(f"the largest change of a joint is {largest_change:g}; expected more than zero")
+        raise UsageError(
+            f"the largest change of a joint is {largest_change:g}; expected more than zero"
+        )
     robot, known = calibration.robot, calibration.q
-    anywhere = robot.lower + (robot.upper - robot.lower) * np.random.default_rng(0).random((500, robot.n))
+    anywhere = robot.lower + (robot.upper - robot.lower) * np.random.default_rng(0).random(
+        (500, robot.n)
+    )
     error = weighted_error(calibration.forward(known), robot.mechanism.forward(known), robot.length)
     size = float(np.sqrt((error**2).sum(axis=-1).mean()))
     bounds = Bounds(size / DAMPED_BELOW, (np.inf, np.inf), weights)
@@ -153,7 +161,7 @@ def default_bounds(
 
 
 def _median_left(calibration: Calibration, q: Array, bounds: Bounds) -> tuple[float, float]:
-    """Medians of what the one-step rule leaves at joints q (N, n): of the task, of all components."""
+    """Medians of what the rule leaves at joints q (N, n): of the task, of all components."""
     model = Linearised.at(calibration, q, None, bounds)
     proposal, traded = model.proposed()
     left = judged(calibration, model.commanded, proposal, bounds).error

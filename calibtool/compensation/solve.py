@@ -1,4 +1,4 @@
-"""Corrected joint positions (Eqs. 23, 24): one step that a controller can evaluate, or the exact solution."""
+"""Corrected joint positions (Eqs. 23, 24): the one-step rule, or the exact solution."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -42,7 +42,7 @@ def compensate_joints(
     verify: bool = True,
     bounds: Bounds | None = None,
 ) -> Compensation:
-    """Correct joint positions q (N, n) so that the calibrated robot goes where the nominal one would at q.
+    """Correct joints q (N, n): the calibrated robot goes where the nominal one would at q.
 
     Under the calibrated model no row is worse than the commanded one (`judged`): where no better
     joints are found, they stay. bounds: `default_bounds` unless given. Raises InputError for joint
@@ -61,7 +61,7 @@ def compensate_poses(
     verify: bool = True,
     bounds: Bounds | None = None,
 ) -> Compensation:
-    """Correct joint positions for commanded poses (N, 4, 4), by nominal inverse kinematics and then as for joints.
+    """Correct joints for commanded poses (N, 4, 4): nominal inverse kinematics, then as for joints.
 
     q_seed (N, n) chooses the branch. With one seed (n,), or without any, the rows are a path: each
     starts from the solution of the row before, the first from the seed or the home of the default
@@ -90,7 +90,7 @@ def _compensate(
     method: Method,
     bounds: Bounds | None,
 ) -> Compensation:
-    """Correct joints q (N, n) for commanded poses (N, 4, 4), those of the nominal robot for None."""
+    """Correct joints q (N, n) for commanded poses (N, 4, 4), nominal ones for None."""
     check_choice(method, get_args(Method), "method")
     rule = exact if method == "exact" else one_step
     result = rule(calibration, q, commanded, bounds)

@@ -11,7 +11,13 @@ UNCORRECTED = "uncorrected"
 UNREACHABLE = "unreachable"
 
 CORRECTED = (OK, JUMP, OUTSIDE)  # nothing of the error stays but what no joint can correct
-DOUBTFUL = (PARTIAL, LIMITED, NEAR_SINGULAR, OUT_OF_LIMITS, UNCORRECTED)  # a part of it, or all, stays
+DOUBTFUL = (
+    PARTIAL,
+    LIMITED,
+    NEAR_SINGULAR,
+    OUT_OF_LIMITS,
+    UNCORRECTED,
+)  # a part of it, or all, stays
 
 MEANING = {
     JUMP: "the correction changes by more than 15 % of the commanded step from the row before",

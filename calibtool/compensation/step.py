@@ -21,12 +21,13 @@ def bounded_step(
 ) -> tuple[Array, Array, Array]:
     """Joint changes Δ (N, n) that lower |e + A Δ| in a box; singularity distance d and damping λ².
 
-    jacobian A (N, k, n) and error e (N, k), weighted; lower ≤ 0 ≤ upper (N, n), rad or m; d, λ² (N,).
+    jacobian A (N, k, n) and error e (N, k), weighted; lower ≤ 0 ≤ upper (N, n), rad or m;
+    d and λ² (N,).
 
     1. G = A Aᵀ for n ≥ 6 (where k = 6), Aᵀ A for n < 6, plus GRAM_REGULARISATION I: (m, m) with
        m = min(n, 6). G = L Lᵀ, no squared pivot of L below 1e-30; d = 1/sqrt(trace(G⁻¹)) = 1/|L⁻¹|.
-    2. λ = max(0, d₀ − d), d₀ = DAMPED_BELOW: nothing is damped where d ≥ d₀, and the damping sets in
-       without a jump.
+    2. λ = max(0, d₀ − d), d₀ = DAMPED_BELOW: nothing is damped where d ≥ d₀, and the damping sets
+       in without a jump.
     3. S(e) = −Aᵀ (G + λ² I)⁻¹ e for n ≥ 6, the least motion; −(G + λ² I)⁻¹ Aᵀ e for n < 6.
        Δ = S(e), and where λ > 0 Δ = S(e) + S(e + A S(e)): solving again for what is left gives back
        what the damping takes where it is not needed. Where `proposed` (N, n) is given, Δ is that.
@@ -37,11 +38,15 @@ def bounded_step(
        λ no smaller than before. Δ = Δ_h + Δ_f.
     5. What is still outside is moved onto the face of the box. d is that of A, λ² the last one.
 
-    Every row by itself, element by element: no sum runs over the rows, none depends on their number.
+    Every row by itself, element by element: no sum runs over the rows or depends on their number.
     """
     change, distance, squares = np.empty(lower.shape), np.empty(len(lower)), np.empty(len(lower))
     for rows in _parts(len(lower)):
-        A, e, box = _last(jacobian[rows]), _last(error[rows]), (_last(lower[rows]), _last(upper[rows]))
+        A, e, box = (
+            _last(jacobian[rows]),
+            _last(error[rows]),
+            (_last(lower[rows]), _last(upper[rows])),
+        )
         inverse, distance[rows], damped = _damped(A)
         found = _solution(A, inverse, damped, e) if proposed is None else _last(proposed[rows])
         found, squares[rows] = _inside(A, e, damped, found, *box)
@@ -56,10 +61,14 @@ def damped_step(
     lower: Array,
     upper: Array,
 ) -> Array:
-    """Δ (N, n) of `bounded_step`, S once, with a given damping λ² = squares (N,) beside held joints too."""
+    """Δ (N, n) of `bounded_step`, S once, by a given λ² = squares (N,), beside held joints too."""
     change = np.empty(lower.shape)
     for rows in _parts(len(lower)):
-        A, e, box = _last(jacobian[rows]), _last(error[rows]), (_last(lower[rows]), _last(upper[rows]))
+        A, e, box = (
+            _last(jacobian[rows]),
+            _last(error[rows]),
+            (_last(lower[rows]), _last(upper[rows])),
+        )
         found = _once(A, _inverse_factor(A, squares[rows]), e)
         change[rows] = _inside(A, e, squares[rows], found, *box, given=True)[0].T
     return change
@@ -85,7 +94,7 @@ def _inside(
     upper: Array,
     given: bool = False,
 ) -> tuple[Array, Array]:
-    """Items 4 and 5 of `bounded_step`: Δ and λ², from those of item 3; with the λ² that is given, S once."""
+    """Items 4 and 5 of `bounded_step`: Δ and λ², from those of item 3; given: as `damped_step`."""
     held = np.zeros(change.shape, dtype=bool)
     change, squares = change.copy(), squares.copy()
     for _ in range(_PASSES):
@@ -111,7 +120,7 @@ def _inside(
 def _damped(
     A: Array, held: np.ndarray | None = None, least: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """W = L⁻¹ (m, m, N) of G + λ² I, d of A (N,), and λ² (N,), no less than `least`; held (n, N)."""
+    """W = L⁻¹ (m, m, N) of G + λ² I, d of A (N,), λ² (N,) no less than `least`; held (n, N)."""
     inverse = _inverse_factor(A, np.zeros(A.shape[-1]), held)
     distance = 1.0 / np.sqrt((inverse * inverse).sum(axis=0).sum(axis=0))
     squares = np.maximum(0.0, DAMPED_BELOW - distance) ** 2

@@ -67,6 +67,7 @@ class StreamReport:
 
     remarks    a line for each of the first `listed` rows that are not plainly `ok`; others: how many more there are
     without_joints   rows that got no joints, unreachable or refused
+    in_full          rows that are corrected in full
     left, turned     largest of what the calibrated model leaves in rows that are corrected in full, m and rad
     """
 
@@ -75,6 +76,7 @@ class StreamReport:
     remarks: list[str] = field(default_factory=list)
     others: int = 0
     without_joints: int = 0
+    in_full: int = 0
     left: float = 0.0
     turned: float = 0.0
 
@@ -152,7 +154,10 @@ class _Corrector:
         self.bounds = default_bounds(calibration, options.largest_change, options.weights)
         self.correction = CorrectionPath(calibration.robot)
         backlash = calibration.base.errors["backlash"]
-        self.path = BacklashPath(backlash) if options.backlash and backlash.any() else None
+        self.path = None
+        if options.backlash and backlash.any():
+            robot = calibration.robot
+            self.path = BacklashPath(backlash, robot.lower, robot.upper)
 
     def corrected(self, table: Table) -> _Corrected:
         robot, options = self.calibration.robot, self.options
@@ -218,6 +223,7 @@ class _Corrector:
         report.rows += len(table)
         report.without_joints += int(np.isnan(result.q).any(axis=-1).sum())
         full = np.isin(result.status, CORRECTED)
+        report.in_full += int(full.sum())
         if self.options.verify and full.any():
             report.left = max(report.left, float(result.position[full].max()))
             report.turned = max(report.turned, float(result.orientation[full].max()))

@@ -62,11 +62,14 @@ class Task:
             raise UsageError(f"weights are for robots with fewer than six joints; this one has {n}")
         if len(weights) != 6 or not all(0.0 <= weight < np.inf for weight in weights):
             raise UsageError(
-                "weights are six numbers, not negative, for x, y, z, rx, ry, rz of the tool, for example 1,1,1,0,0,1"
+                "weights are six numbers, not negative, for x, y, z, rx, ry, rz of the tool, "
+                "for example 1,1,1,0,0,1"
             )
         components = tuple(i for i, weight in enumerate(weights) if weight > 0.0)
         if len(components) < n:
-            raise UsageError(f"{len(components)} weights are positive, but {n} joints need {n} or more")
+            raise UsageError(
+                f"{len(components)} weights are positive, but {n} joints need {n} or more"
+            )
         return cls(components, tuple(weights[i] for i in components))
 
     @property
@@ -79,7 +82,9 @@ class Task:
         if self.components is None:
             return jacobian
         R_tool_base = np.swapaxes(commanded[:, :3, :3], -1, -2)
-        turned = np.concatenate([R_tool_base @ jacobian[:, :3], R_tool_base @ jacobian[:, 3:]], axis=1)
+        turned = np.concatenate(
+            [R_tool_base @ jacobian[:, :3], R_tool_base @ jacobian[:, 3:]], axis=1
+        )
         rows: Array = turned[:, self.components]
         return rows if self.weights is None else rows * np.array(self.weights)[:, None]
 
@@ -90,6 +95,6 @@ class Task:
         return self.of_jacobian(error[..., None], commanded)[..., 0]
 
     def products(self, a: Array, b: Array, commanded: Array) -> Array:
-        """a·b of weighted errors (N, 6), of the task and, where that is a part, of all six: (1 or 2, N)."""
+        """a·b of weighted errors (N, 6): of the task and, where it is a part, of all; (1|2, N)."""
         of_task = (self.of_error(a, commanded) * self.of_error(b, commanded)).sum(axis=-1)
         return np.stack([of_task, (a * b).sum(axis=-1)]) if self.is_part else of_task[None]

@@ -85,19 +85,26 @@ def most_probable(
 def inverse(matrix: Array) -> Array:
     """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first: m and rad mix.
 
-    Raises NoSolutionError where the matrix is not positive definite to rounding, or not finite.
+    Directions that rounding has made singular, as where the stated noise is far too small beside the
+    tolerances, keep the smallest eigenvalue that rounding leaves. Raises NoSolutionError where the
+    matrix is not finite.
     """
     from scipy.linalg.lapack import dpotrf, dpotri
 
     with np.errstate(all="ignore"):
         scale = 1.0 / np.sqrt(np.diag(matrix))
-        factor, failed = dpotrf(matrix * np.outer(scale, scale), lower=True, clean=True)
-        if not failed:
-            half, failed = dpotri(factor, lower=True)
-            result: Array = (half + np.tril(half, -1).T) * np.outer(scale, scale)
-    if failed or not np.isfinite(result).all():  # LAPACK lets NaN pass
+        scaled = matrix * np.outer(scale, scale)
+    if not np.isfinite(scaled).all():
         raise _singular()
-    return result
+    factor, failed = dpotrf(scaled, lower=True, clean=True)
+    if not failed:
+        half, failed = dpotri(factor, lower=True)
+        result: Array = half + np.tril(half, -1).T
+    if failed:
+        sizes, vectors = np.linalg.eigh(scaled)
+        sizes = np.maximum(sizes, len(sizes) * np.finfo(float).eps * sizes[-1])
+        result = (vectors / sizes) @ vectors.T
+    return result * np.outer(scale, scale)
 
 
 def _singular() -> NoSolutionError:

@@ -12,7 +12,6 @@ from calibtool.programs.motions import (
     Assign,
     Begin,
     Call,
-    Edited,
     Either,
     Else,
     End,
@@ -29,8 +28,16 @@ from calibtool.programs.motions import (
 )
 from calibtool.programs.motions import Statement as Step
 from calibtool.programs.rapid import Argument, Statement, arguments
-from calibtool.programs.rapid_data import SHAPES, Text
-from calibtool.programs.rapid_motions import CONFJ, CONFL, DISPLACEMENT, MOTION, motion
+from calibtool.programs.rapid_changes import HANDLER, TYPES, Changes, by_name
+from calibtool.programs.rapid_data import Text
+from calibtool.programs.rapid_motions import (
+    CONFJ,
+    CONFL,
+    DISPLACEMENT,
+    MOTION,
+    is_motion,
+    motion,
+)
 from calibtool.programs.rapid_names import Data, Names, Procedure, placed
 from calibtool.programs.rapid_values import Values
 from calibtool.programs.targets import Lines, Remark, comments_blanked
@@ -45,7 +52,6 @@ _START = re.compile(
 )
 _ENDS = ("endproc", "endfunc", "endtrap", "endmodule")
 _PREDEFINED = ("tool0", "wobj0")
-_FRAMES = {"tooldata": ("",), "wobjdata": (".u", ".o")}  # the variables of a tool, a work object
 
 
 def matches(text: str) -> bool:
@@ -68,7 +74,8 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
         declared[DISPLACEMENT] = BASE
     if any(re.search(r"\bConf[JL]\s*\\Off", text.code, re.IGNORECASE) for text in texts):
         declared |= {CONFJ: ON, CONFL: ON}
-    modules = [_Module(Values(text, names, declared)) for text in texts]
+    changes = Changes(names)
+    modules = [_Module(Values(text, names, declared), changes) for text in texts]
     places: dict[str, tuple[int, int]] = {}
     for module in modules:
         module.declare(places, sources)
@@ -78,7 +85,7 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     return Program(
         tuple(sources),
         tuple(literals),
-        tuple(routines),
+        changes.settled(routines, declared),
         declared,
         tuple(remark for module in modules for remark in module.values.remarks),
         persistent=True,
@@ -89,7 +96,8 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
 class _Module:
     """The text of a module, or of several: declarations and routines."""
 
-    def __init__(self, values: Values) -> None:
+    def __init__(self, values: Values, changes: Changes) -> None:
+        self.changes = changes
         self.values, self.names, self.code = values, values.names, values.code
 
     # --- data ----------------------------------------------------------------------------------
@@ -165,12 +173,16 @@ class _Module:
 
     def _steps(self, statement: Statement, cases: list[bool]) -> Iterator[Step]:
         word = statement.word
+        effects = list(self.changes.functions(self.values, statement.start, statement.end))
+        yield from effects
         if word in ("if", "for", "while", "test"):
             yield Begin(loop=word in ("for", "while"))
+            yield from effects if word == "while" else ()
             if word == "test":
                 cases.append(False)
         elif word in ("elseif", "else"):
             yield Else(last=word == "else")
+            yield from effects
         elif word in ("case", "default"):
             if cases and not cases[-1]:
                 cases[-1] = True
@@ -184,6 +196,7 @@ class _Module:
             yield Label(statement.name.lower())
         elif word in ("error", "undo", "backward"):
             yield Return()
+            yield HANDLER
         elif word == "assign":
             yield from self._assignment(statement)
         elif word == "instruction":
@@ -192,7 +205,7 @@ class _Module:
     def _assignment(self, statement: Statement) -> Iterator[Step]:
         values = self.values
         data = self.names.data(statement.name, values.scopes)
-        if data is None or data.type not in (*SHAPES, *_FRAMES):
+        if data is None or data.type not in TYPES:
             return
         start, end = values.trimmed(statement.start, statement.end)
         line = values.text.lines(statement.position)
@@ -234,6 +247,15 @@ class _Module:
         elif low in ("confj", "confl"):
             if low in values.declared:
                 yield Assign(line, low, OFF if "off" in rest.lower() else ON)
+        elif low == "%":
+            yield from self._late(statement)
+        elif low in ("callbyvar", "setdataval", "setalldataval"):
+            text = values.text.text[statement.start : statement.end].partition(",")[0]
+            if low == "callbyvar":
+                self.changes.called_late(text, True)
+            else:
+                text = text if low == "setdataval" else ""
+                yield from by_name(values, text, line, f"{name} may change it (line {line})")
         elif low == "pdispoff":
             yield Assign(line, DISPLACEMENT, BASE)
         elif low in ("pdispon", "pdispset"):
@@ -247,35 +269,40 @@ class _Module:
                 return
             procedure = self.names.routine(name, values.scopes[-1])
             if procedure is not None:
-                yield from self._call(procedure, given, line)
-            elif low != "moveextj":  # no joint of the arm moves
+                yield self._call(procedure, given, line)
+                yield from self.changes.arguments(values, name, given, line)
+                return
+            yield from self._changed(name, given, line)
+            if low != "moveextj":  # no joint of the arm moves
                 yield from motion(values, name, given, line)
 
-    def _call(self, procedure: Procedure, given: Sequence[Argument], line: int) -> Iterator[Step]:
+    def _late(self, statement: Statement) -> Iterator[Step]:
+        """A call whose routine is an expression: it may change all that is given to it."""
+        end = self.code.find("%", statement.start, statement.end)
+        if end >= 0:
+            self.changes.called_late(self.values.text.text[statement.start : end], False)
+            given = arguments(self.code, end + 1, statement.end)
+            line = self.values.text.lines(statement.position)
+            yield from self.changes.arguments(self.values, "%…%", given, line)
+
+    def _changed(self, name: str, given: Sequence[Argument], line: int) -> Iterator[Step]:
+        """What an instruction of the controller may change: arguments of all that are not known to read them."""
+        values = self.values
+        if not is_motion(values, name, given):
+            yield from self.changes.arguments(values, name, given, line)
+
+    def _call(self, procedure: Procedure, given: Sequence[Argument], line: int) -> Call:
         """A routine of the program, with what its parameters hold."""
-        plain = [argument for argument in given if not argument.option]
-        options = {argument.option: argument for argument in given if argument.option}
         passed: list[tuple[str, Value]] = []
-        written: list[Step] = []
-        for name, data in procedure.parameters:
-            argument = options.get(name[1:]) if name[0] == "\\" else plain.pop(0) if plain else None
-            if data.type not in (*SHAPES, *_FRAMES):
+        for data, argument in procedure.matched(given):
+            if data.type not in TYPES:
                 continue
             if argument is None:
                 passed += _not_given(data)
                 continue
-            word = self.code[argument.start : argument.end]
-            passed += self.values.held(
-                data, data.key, argument.start, argument.end, word[:40], line
-            )
-            reference = self.values.reference(word, data.type)
-            if name.strip("\\") in self.names.changed and isinstance(reference, str):
-                why = f"a routine changes it (line {line})"
-                for part in _FRAMES.get(data.type, ("",)):
-                    key = reference + part
-                    written.append(Assign(line, key, Edited(key, (), "quaternion", line, why)))
-        yield Call(line, procedure.key, tuple(passed))
-        yield from written
+            start, end = argument.start, argument.end
+            passed += self.values.held(data, data.key, start, end, self.code[start:end][:40], line)
+        return Call(line, procedure.key, tuple(passed))
 
 
 def _not_given(data: Data) -> list[tuple[str, Value]]:

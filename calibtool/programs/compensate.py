@@ -140,7 +140,7 @@ class _Correction:
                 self.failures.append((remark, InputError))
             elif program.sources[remark.source].edited:
                 self.left.append(remark)
-        moved_to = {use.literal for use in flow.uses if use.line and not use.relative}
+        moved_to = {use.literal for use in flow.uses if use.line and not use.relative} | flow.edited
         found, left = positions(program, flow)
         for number, why in left.items():
             self._leave(number, why, InputError if program.literals[number].bad else None)
@@ -150,15 +150,17 @@ class _Correction:
         rows, q = self._rows(found, answers)
         self._stop()
         corrected = self._corrected(found, answers, rows, q)
+        notes = program.notes + self._joint_values_note(found)
         if any(program.literals[one.literal].kind == POSE for one in found):
-            check_controller_known(
+            notes += check_controller_known(
                 self.calibration, self.options.controller_model, program.sources[0].name
             )
-        notes = program.notes + self._joint_values_note(found)
         backlash = self.calibration.base.errors["backlash"]
         if self.options.backlash and backlash.any():
             if program.in_order:
-                taken = BacklashPath(backlash).taken_up(corrected.q)
+                robot = self.controller.robot
+                path = BacklashPath(backlash, robot.lower, robot.upper)
+                taken = path.taken_up(corrected.q)
                 corrected = replace(corrected, q=corrected.q + taken)
             else:
                 notes += (
@@ -322,7 +324,8 @@ class _Correction:
             fates.append(Fate(*place, literal.kind, what, why))
             if literal.kind == POSE:
                 corrected += not left
-                alone += left and bool(literal.numbers) and number in moved_to
+                followed = bool(literal.numbers) and number in moved_to
+                alone += left and (followed or literal.moved_to)
         listed = program.literals or program.remarks or self.left
         return CompensatedProgram(
             names=tuple(source.name for source in program.sources),

@@ -13,20 +13,27 @@ from calibtool.robot.se3 import Array, log3
 _NEARER = 1e-9  # m: by less the untouched pose is not better
 
 
-def check_controller_known(calibration: Calibration, model: Mechanism | None, name: str) -> None:
-    """UsageError for a program with poses whose controller may have a model that nobody states.
+def check_controller_known(
+    calibration: Calibration, model: Mechanism | None, name: str
+) -> tuple[str, ...]:
+    """What has to be noted of a program with poses; UsageError where its controller is not known.
 
-    The controller of a simulated robot has the nominal model.
+    That is where the description says that it may have a model of its own and none is stated. The
+    controller of a simulated robot has the nominal model.
     """
     robot = calibration.robot
     known = robot.source.description.controller
-    if model is None and known is not None and not calibration.simulated:
-        kind = "has" if known.factory_calibration == "always" else "may have"
-        raise UsageError(
-            f"{name}: holds poses, and the controller of {robot.name} {kind} a model of its own "
-            f"({known.reason}); say which: --controller nominal or --controller FILE (URDF, UR "
-            "calibration yaml, calibration.conf, DH table)"
-        )
+    if model is not None or known is None:
+        return ()
+    if calibration.simulated:
+        note = "poses are for a controller with the nominal model, as in the simulation"
+        return (f"{note}; for a real arm give --controller",)
+    kind = "has" if known.factory_calibration == "always" else "may have"
+    raise UsageError(
+        f"{name}: holds poses, and the controller of {robot.name} {kind} a model of its own "
+        f"({known.reason}); say which: --controller nominal or --controller FILE (URDF, UR "
+        "calibration yaml, calibration.conf, DH table)"
+    )
 
 
 def poses_to_write(

@@ -48,6 +48,7 @@ class Flow:
 
     uses     in the order in which routines are followed: callees before those that call them
     spoiled  literals that are no constants, and why
+    edited   literals to which motions go with other components
     seeds    literals that choose the branch of others
     frames   literals that are frames or tools
     remarks  motions that go to nothing written
@@ -55,6 +56,7 @@ class Flow:
 
     uses: tuple[Use, ...]
     spoiled: dict[int, str]
+    edited: frozenset[int]
     seeds: frozenset[int]
     frames: frozenset[int]
     remarks: tuple[Remark, ...]
@@ -103,8 +105,8 @@ class _Uses:
                     found_at[-1].append(len(result))
                     result.append(self._use(node, atom, at_entry))
                     came.append(self.variables.evaluation.entered(node.before, at_entry))
-                elif isinstance(atom, Unknown) and not atom.quiet:
-                    self.routines.remark(node.move.line, node.move.name, atom.why, node.routine)
+                elif isinstance(atom, Unknown):
+                    self.routines.nowhere(atom, node.move, node.routine)
         self.routines.nodes.clear()
         for k, use in enumerate(result):
             before, sure = _before(came[k], found_at)
@@ -116,6 +118,7 @@ class _Uses:
         return Flow(
             tuple(result),
             self.variables.evaluation.spoiled,
+            frozenset(self.routines.edited),
             seeds,
             frames,
             tuple(self.routines.remarks.values()),

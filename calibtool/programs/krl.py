@@ -84,7 +84,7 @@ def statements(code: str) -> Iterator[Statement]:
         position = line.start() + len(inner) - len(inner.lstrip())
         end = line.start() + len(inner.rstrip())
         while position < end:
-            statement = _statement(code, position, end)
+            statement = statement_at(code, position, end)
             position = end
             if statement.word == "else":
                 position = statement.start
@@ -98,7 +98,8 @@ def statements(code: str) -> Iterator[Statement]:
             yield statement
 
 
-def _statement(code: str, position: int, end: int) -> Statement:
+def statement_at(code: str, position: int, end: int) -> Statement:
+    """The statement in code[position:end]."""
     head = _HEAD.match(code, position, end)
     if head is None:
         return Statement("other", "", position, position, end)

@@ -69,9 +69,9 @@ class Assignments(Values):
         if "data" in name:
             target = self.numbered(name, item.index, line)
             if isinstance(target, Unknown):
-                known = [k for k in self.declared if k.startswith(f"{name}[")]
-                why = Unknown(f"may be changed (its number is a variable, line {line})")
-                yield from (Assign(line, key, Either((key, why))) for key in known)
+                yield from self._any(
+                    name, f"may be changed (its number is a variable, line {line})", line
+                )
                 return
         if not isinstance(target, str):
             return
@@ -84,6 +84,26 @@ class Assignments(Values):
         if isinstance(value, Frame) and value.values is not None and "data" in name:
             value = frame_of(kind, item.index, value.T, line)
         yield Assign(line, target, value)
+
+    def _any(self, table: str, why: str, line: int) -> Iterator[Assign]:
+        """Any frame of a table may be changed."""
+        known = [key for key in self.declared if key.startswith(f"{table}[")]
+        yield from (Assign(line, key, Either((key, Unknown(why)))) for key in known)
+
+    def changed(self, word: str, why: str, line: int) -> Iterator[Assign]:
+        """What a variable or a component of one holds that something else changes."""
+        found = reference(word)
+        name = found[0] if found else ""
+        if found and name in (*_KINDS, MODE_NOW):
+            target = self.numbered(name, found[1], line) if "data" in name else name
+            if isinstance(target, Unknown):
+                yield from self._any(name, why, line)
+            elif isinstance(target, str):
+                yield Assign(line, target, Unknown(why))
+        else:
+            for variable in self.variables(self.target(word) or self.anywhere(name)):
+                for key in (variable, f"{variable}{AS_FRAME}"):
+                    yield Assign(line, key, Edited(key, (), "abc", line, why))
 
     def _number(self, item: Declared, part: str) -> tuple[tuple[int, float], ...]:
         if part not in ORDER:

@@ -1,7 +1,7 @@
 """KRL's aggregates: positions and frames as they are written."""
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from calibtool.programs.configurations import Digit, Kuka
@@ -127,7 +127,7 @@ class Text:
         self.taken.add(start)
         literal = self._literal(start, end, name, frames)
         if left and not literal.bad and not literal.left:
-            literal = self._left(literal.kind, start, name, left)
+            literal = replace(literal, left=left, alone=None)
         self.literals.append(literal)
         return len(self.literals) - 1
 
@@ -182,15 +182,15 @@ class Text:
             for k, key in enumerate(_EXTERNAL)
             if key in spans
         }
+        if joint and blank:
+            return self._left(kind, start, name, "a mastering position: all joints are zero")
         if joint:
             found = joints(robot, numbers, beside)
             if isinstance(found, str):
                 return self._left(kind, start, name, found)
             numbers = list(found)
             alone = Aim(number_here) if frames is not None else None
-            return Literal(
-                JOINT, tuple(numbers), place, name, source=self.number, blank=blank, alone=alone
-            )
+            return Literal(JOINT, tuple(numbers), place, name, source=self.number, alone=alone)
         digits = {key: self._integer(*spans[key]) for key in ("S", "T") if key in spans}
         if None in digits.values():
             return self._left(kind, start, name, "S or T is not an integer", bad=True)

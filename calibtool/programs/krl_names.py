@@ -19,6 +19,12 @@ _FRAMES = re.compile(r"\$(?:TOOL|BASE)|(?:TOOL|BASE)_DATA", re.IGNORECASE)
 _NAMES = re.compile(r"(?<![\w$#.'])(\$?[A-Za-z_]\w*)(?![\w$]*\s*\()")
 _ITEMS = re.compile(r"\{[^{}]*\}")
 _CONFIG = "$config"
+# Functions that change no argument, and words that are none.
+_BY_VALUE = re.compile(
+    "abs|sqrt|sin|cos|tan|acos|asin|atan2|inverse|forward|varstate|[cs]write|stool2?|sbase|sipo_mode"
+    "|and|or|exor|not|b_and|b_or|b_exor|b_not|for|sec|then|to|step|when|delay|until|return"
+)
+_EXTERNAL = re.compile(r"(?:[A-Za-z]\w*\s+)?([A-Za-z_]\w*)\s*\(([^()]*)\)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +47,8 @@ class Names:
     leading   FRAMEs to the left in products that motions go to, and the line
     used      names that stand in other expressions
     changed   routines and names that they assign to; rewritten: those names alone
+    passed    calls in a routine with one of its names as an argument: the name of what is called and the place
+    external  routines of other files, and for every parameter whether it is passed by value
     """
 
     inside: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -54,6 +62,8 @@ class Names:
     used: set[str] = field(default_factory=set)
     changed: set[tuple[str, str]] = field(default_factory=set)
     rewritten: set[str] = field(default_factory=set)
+    passed: set[tuple[str, str, str, int]] = field(default_factory=set)
+    external: dict[str, list[bool]] = field(default_factory=dict)
 
     def key(self, name: str, scopes: Sequence[str]) -> str:
         """The name of a variable in motions, where these scopes, the innermost first, are in force."""
@@ -69,6 +79,15 @@ class Names:
     def routine(self, name: str, module: str) -> Procedure | None:
         """The routine that a name means in a module."""
         return self.routines.get(f"{module}|{name.lower()}") or self.routines.get(name.lower())
+
+    def changes(self, called: str, place: int, module: str) -> bool:
+        """Whether a routine may change its argument at a place; one that no file holds may, except `:IN`."""
+        procedure, low = self.routine(called, module), called.lower()
+        if procedure is None:
+            values = self.external.get(low, [])
+            return not _BY_VALUE.fullmatch(low) and not (place < len(values) and values[place])
+        parameter = procedure.parameters[place] if place < len(procedure.parameters) else ""
+        return parameter not in procedure.copied and (procedure.key, parameter) in self.changed
 
     def value(self, name: str, index: str, scopes: Sequence[str]) -> str:
         """Note that a variable is given a value; its name in motions."""
@@ -90,7 +109,10 @@ class Names:
         for text in texts:
             for statement, scopes in text.scoped:
                 self._use(text, statement, scopes)
+                if len(scopes) > 1:
+                    self._pass(text, statement, scopes)
         self._spread(texts)
+        self._spread_changes()
 
     def _declare(self, text: Text, statement: Statement, scopes: tuple[str, ...]) -> None:
         code = text.code
@@ -116,6 +138,10 @@ class Names:
             )
             if first or head.startswith("GLOBAL"):
                 self.routines[name] = procedure
+        elif statement.word == "aside" and statement.name.upper().startswith("EXT"):
+            if external := _EXTERNAL.match(code, statement.start, statement.end):
+                kinds = external[2].upper().split(",")
+                self.external[external[1].lower()] = [":IN" in "".join(k.split()) for k in kinds]
         elif statement.word == "decl":
             everywhere = "GLOBAL" in statement.more or text.module == _CONFIG
             scope = "" if everywhere else scopes[0]
@@ -185,6 +211,24 @@ class Names:
             position = stop + 1
             if code[stop : stop + 1] != ",":
                 break
+
+    def _pass(self, text: Text, statement: Statement, scopes: tuple[str, ...]) -> None:
+        """Note names of a routine that are arguments of others."""
+        for match in CALLED.finditer(text.code, statement.start, statement.end):
+            given = call_arguments(text, match.end(), statement.end)
+            for place, (first, last) in enumerate(given):
+                name = _first(text.code[first:last])
+                if name:
+                    self.passed.add((scopes[0], name, match[1], place))
+
+    def _spread_changes(self) -> None:
+        """What a routine passes on to one that changes it is changed by both."""
+        count = -1
+        while count != len(self.changed):
+            count = len(self.changed)
+            for scope, name, called, place in self.passed:
+                if self.changes(called, place, scope.rpartition("|")[0]):
+                    self.changed.add((scope, name))
 
     def _spread(self, texts: Sequence[Text]) -> None:
         """What is copied to a variable that is used as a frame, or as a target, is so too."""

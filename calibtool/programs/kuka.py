@@ -4,11 +4,12 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from calibtool.programs.krl import Declared, Statement, declared
+from calibtool.programs.krl import Declared, Statement, declared, statement_at
+from calibtool.programs.krl_asynchronous import Started, uncertain
 from calibtool.programs.krl_data import Text
 from calibtool.programs.krl_motions import Motions
 from calibtool.programs.krl_names import CALLED, Names, Procedure, call_arguments
-from calibtool.programs.krl_values import AS_FRAME, BASE_NOW, MODE_NOW, ON_BASE, TOOL_NOW
+from calibtool.programs.krl_values import BASE_NOW, MODE_NOW, ON_BASE, TOOL_NOW
 from calibtool.programs.motions import (
     FRAME,
     TOOL,
@@ -16,7 +17,6 @@ from calibtool.programs.motions import (
     Begin,
     Break,
     Call,
-    Edited,
     Else,
     End,
     Frame,
@@ -44,6 +44,11 @@ _OPEN = re.compile(r"(?:BASE|TOOL)_DATA\s*\[\s*[A-Z_$][^\[\]]*\][\s.\w]*=(?!=)",
 _NUMBERED = re.compile(
     r"(BASE|TOOL)(?:_DATA\s*\[|_NO\s|\s*,)\s*(\d+)", re.IGNORECASE
 )  # BASE_DATA[1], BASE_NO 1, BAS(#BASE,1)
+_CYCLIC = re.compile(r"ANIN\s+ON\s+([^=]*?)\s*=", re.IGNORECASE)
+_ASIDE = re.compile(
+    r"(?:GLOBAL\s+)?(TRIGGER|ANIN\s+ON|INTERRUPT\s+(?:DECL|ON))\b\s*(\w+)?", re.IGNORECASE
+)
+_DO = re.compile(r"\bDO\s+(.*?)\s*(?:\bPRIO\s*=.*)?$", re.IGNORECASE | re.MULTILINE)
 _LISTED = 5  # routines named in a note
 
 
@@ -68,6 +73,7 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     for reader in readers:
         reader.declare()
     routines = [routine for reader in readers for routine in reader.routines()]
+    routines = uncertain(routines, [start for reader in readers for start in reader.started])
     for text in texts:
         text.others()
     called = {step.routine for r in routines for step in r.body if isinstance(step, Call)}
@@ -100,6 +106,7 @@ class _Reader(Motions):
     def __init__(self, text: Text, names: Names, values: dict[str, Value], held: bool) -> None:
         super().__init__(text, names, values, held)
         self.missing: set[str] = set()
+        self.started: list[Started] = []
 
     def declare(self) -> None:
         """What the text's data lists say, and declarations outside of routines."""
@@ -154,6 +161,8 @@ class _Reader(Motions):
             elif statement.word in ("end", "endfct"):
                 yield Routine(name, tuple(steps), self.text.number)
                 steps = None
+            elif statement.word == "aside" or _ASIDE.match(self.code, statement.position):
+                self._aside(statement, name, len(steps))
             else:
                 steps += self._steps(statement, cases)
         if steps is not None:
@@ -161,7 +170,7 @@ class _Reader(Motions):
 
     def _steps(self, statement: Statement, cases: list[bool]) -> Iterator[Step]:
         word, line = statement.word, self.text.lines(statement.position)
-        if word not in ("decl", "aside") and "(" in self.code[statement.start : statement.end]:
+        if word != "decl" and "(" in self.code[statement.start : statement.end]:
             yield from self._calls(statement, line)
         if word in ("if", "switch", "for", "while", "repeat", "loop"):
             yield Begin(loop=word not in ("if", "switch"), once=word in ("repeat", "loop"))
@@ -193,36 +202,54 @@ class _Reader(Motions):
         elif word in ("move", "relative"):
             yield from self.motion(statement, line)
 
+    def _aside(self, statement: Statement, routine: str, place: int) -> None:
+        """Note what an interrupt, a trigger or cyclic reading does beside the motions."""
+        line, end = self.text.lines(statement.position), statement.end
+        found = _ASIDE.match(self.code, statement.position, end)
+        if found is None:
+            return
+        words, number = " ".join(found[1].upper().split()), (found[2] or "").lower()
+        steps: tuple[Step, ...] = ()
+        if read := _CYCLIC.match(self.code, statement.start, end):
+            number, steps = "", tuple(self.changed(read[1], "", line))
+        elif done := _DO.search(self.code, statement.start, end):
+            steps = tuple(self._steps(statement_at(self.code, *done.span(1)), []))
+        self.started.append(Started(routine, place, line, words, number, steps))
+
     def _calls(self, statement: Statement, line: int) -> Iterator[Step]:
         """Calls of routines in a statement, with what their parameters hold; BAS sets base and tool."""
         for match in CALLED.finditer(self.code, statement.start, statement.end):
             procedure = self.names.routine(match[1], self.text.module)
             if match[1].upper() == "BAS":
                 yield from self.bas(match.end(), statement.end, line)
-            elif procedure is None:
-                if statement.word == "other" and match.start() == statement.start:
-                    self.missing.add(match[1])
-            else:
-                yield from self._call(procedure, match.end(), statement.end, line)
+                continue
+            alone = statement.word == "other" and match.start() == statement.start
+            given = call_arguments(self.text, match.end(), statement.end)
+            changed = list(self._changed(match[1], given, procedure is not None, line))
+            if procedure is not None:
+                yield self._call(procedure, given, line)
+            elif alone and not any(step.name in _UNSAID for step in changed):
+                self.missing.add(match[1])
+            yield from changed
 
-    def _call(self, procedure: Procedure, start: int, end: int, line: int) -> Iterator[Step]:
-        """A routine of the program; what it assigns to a parameter by reference changes there too."""
+    def _call(self, procedure: Procedure, given: list[tuple[int, int]], line: int) -> Call:
+        """The call of a routine of the program with these arguments."""
         passed: list[tuple[str, Value]] = []
-        written: list[Assign] = []
-        given = call_arguments(self.text, start, end)
         for parameter, (first, last) in zip(procedure.parameters, given, strict=False):
             item = Declared(parameter, "", first, last)
             type_ = self.names.type(parameter, (procedure.key,))
             key = f"{procedure.key}|{parameter}"
             passed += [(step.name, step.value) for step in self.held_by(key, item, type_, line)]
-            changed = (procedure.key, parameter) in self.names.changed
-            if changed and parameter not in procedure.copied:
-                why = f"is changed by a routine (line {line})"
-                for variable in self.variables(self.target(self.code[first:last])):
-                    for name in (variable, f"{variable}{AS_FRAME}"):
-                        written.append(Assign(line, name, Edited(name, (), "abc", line, why)))
-        yield Call(line, procedure.key, tuple(passed))
-        yield from written
+        return Call(line, procedure.key, tuple(passed))
+
+    def _changed(
+        self, called: str, given: list[tuple[int, int]], held: bool, line: int
+    ) -> Iterator[Assign]:
+        """What a routine assigns, or may assign, to arguments by reference."""
+        for place, (first, last) in enumerate(given):
+            if self.names.changes(called, place, self.text.module):
+                which = "is changed by a routine" if held else f"may be changed by {called}"
+                yield from self.changed(self.code[first:last], f"{which} (line {line})", line)
 
     def _bad(self, position: int, name: str, why: str) -> None:
         self.remarks.append(Remark(self.text.lines(position), name, why, True, self.text.number))

@@ -60,11 +60,13 @@ class Frame:
 class Unknown:
     """What the text does not tell, and why, with the line: `read from the robot (line 7)`.
 
-    quiet  the motion to it need not be listed, because what is wrong is listed at its literal
+    quiet   the motion to it need not be listed, because what is wrong is listed at its literal
+    edited  the literal of which it is the value, or a copy, with other components
     """
 
     why: str
     quiet: bool = False
+    edited: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +141,7 @@ class Literal:
                    is an error of the program
     external       beside a pose, external axes that are joints of the chain: joint from 0 and number
     blank          its numbers are those of a position that nobody taught; it is one if the robot cannot be there
+    moved_to       a motion goes there by an expression that is not followed
     alone          what is known where no motion goes to it, with the literal's own number as value; None: nothing
     """
 
@@ -152,6 +155,7 @@ class Literal:
     left: str = ""
     bad: bool = False
     blank: bool = False
+    moved_to: bool = False
     alone: "Aim | None" = None
     external: tuple[tuple[int, Number], ...] = ()
 

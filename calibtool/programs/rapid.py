@@ -169,6 +169,8 @@ def _simple(code: str, position: int) -> Iterator[Statement]:
         yield Statement("assign", assigned["name"], at, assigned.end(), end, ended, more)
     elif instruction := _INSTRUCTION.match(code, at, end):
         yield Statement("instruction", instruction["name"], at, instruction.end(), end, ended)
+    elif code[at] == "%":  # a call whose routine is an expression
+        yield Statement("instruction", "%", at, at + 1, end, ended)
 
 
 def _short_if(code: str, at: int, start: int, end: int) -> Iterator[Statement]:

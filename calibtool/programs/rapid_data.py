@@ -42,6 +42,8 @@ def _lists(*lists: str) -> re.Pattern[str]:
     return re.compile(r"\[\s*+" + r"\s*+,\s*+".join(lists) + r"\s*+\]")
 
 
+_SOLVED = re.compile(r"\b(\w+)\s*:=\s*CalcJointT\s*\(\s*\Z", re.IGNORECASE)
+_LOOK_BACK = 200  # characters in which such an assignment is looked for
 _INTEGER = r"-?\d{1,9}"
 _ROBTARGET = _lists(_numbers(3), _numbers(4), _numbers(4, _INTEGER), _numbers(6))
 _JOINTTARGET = _lists(_numbers(6), _numbers(6))
@@ -134,7 +136,15 @@ class Text:
                     yield Literal(
                         POSE if type_ == "robtarget" else JOINT, (), line, type_,
                         source=self.number, left="stands in something that is not followed",
+                        moved_to=self._is_solved(found.start()),
                     )  # fmt: skip
+
+    def _is_solved(self, position: int) -> bool:
+        """Whether a position's joints are put into data that a motion goes to."""
+        solved = _SOLVED.search(self.code, max(0, position - _LOOK_BACK), position)
+        return solved is not None and bool(
+            re.search(rf"\bMoveAbsJ\s*(?:\\Conc\s*,)?\s*{solved[1]}\b", self.code, re.IGNORECASE)
+        )
 
     def _word(self, part: Item) -> str:
         return self.code[part.start : part.end].strip()
@@ -157,6 +167,9 @@ class Text:
             return self._literal(JOINT, found.start(), name, why, bad=True)
         units = arm_units(robot)
         axes = [self._number(found, k + 1, unit) for k, unit in zip(used, units, strict=True)]
+        if not any(number.value for number in axes):
+            why = "a mastering position: all joints are zero"
+            return self._literal(JOINT, found.start(), name, why)
         numbers = joints(robot, axes, self._beside(found, 7))
         if isinstance(numbers, str):
             return self._literal(JOINT, found.start(), name, numbers)

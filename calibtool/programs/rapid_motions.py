@@ -28,14 +28,21 @@ MOTION = re.compile(
 )
 _TOOL_AFTER = {"move": 3, "search": 2}  # arguments from the last point to the tool
 _ZONE = re.compile(r"fine|z\d+", re.IGNORECASE)
+_SPEED = re.compile(r"v\d+|vmax", re.IGNORECASE)
 _FUNCTION = re.compile(r"(\w+)\s*+(?=\()")
-_POSITIONS = ("offs", "reltool", "crobt", "cjointt")  # functions that give a position
+_SOLVED = "calcjointt"  # joints of a position, with a tool and a work object of its own
+_POSITIONS = ("offs", "reltool", "crobt", "cjointt", _SOLVED)  # functions that give a position
 _RELATIVE = "a relative motion; the point it starts from is treated by itself"
 
 
 def motion(values: Values, name: str, given: Sequence[Argument], line: int) -> Iterator[Statement]:
     """The motion of an instruction, known or not, if a position is among its arguments."""
     yield from _Instruction(values, name, given, line).steps()
+
+
+def is_motion(values: Values, name: str, given: Sequence[Argument]) -> bool:
+    """Whether an instruction moves the robot, by its name or a speed or zone that it gets: it only reads its arguments."""
+    return MOTION.fullmatch(name) is not None or _Instruction(values, name, given, 0).paced()
 
 
 class _Instruction:
@@ -71,8 +78,8 @@ class _Instruction:
         aims = []
         for number, k in enumerate(aimed):
             via = circle and number == 0  # its configuration is not looked at
-            aim = self._aim(k)
-            aims.append(replace(aim, frame=frame, tool=tool, obeyed=OFF if via else obeyed))
+            aim = replace(self._aim(k), frame=frame, tool=tool, obeyed=OFF if via else obeyed)
+            aims.append(self._solved(k) or aim)
         yield Move(self.line, name, tuple(aims))
 
     def _is_position(self, number: int) -> bool:
@@ -116,6 +123,22 @@ class _Instruction:
             return Aim(Unknown(f"'{word}' is a variable that no file gives a position"))
         return Aim(Unknown(f"an expression ({word[:40]})"))
 
+    def _solved(self, number: int) -> Aim | None:
+        """The position whose joints CalcJointT gives, if this argument is such a call."""
+        start, end = self.given[number].start, self.given[number].end
+        function = _FUNCTION.match(self.word(number))
+        if function is None or function[1].lower() != _SOLVED:
+            return None
+        inner = arguments(self.values.code, start + function.end() + 1, end - 1)
+        call = _Instruction(self.values, function[1], inner, self.line)
+        if len(call.plain) < 2:
+            return None
+        position, tool = call.plain[:2]
+        frame = call._frame()
+        return replace(
+            call._aim(position), frame=frame, tool=self.values.named(call.word(tool), "tooldata")
+        )
+
     def _tool(self, last: int) -> Value:
         """The tool, wherever it stands after the last point: data of this type, before \\WObj, in its place."""
         option = next((a for a in self.given if a.option == "tool"), None)
@@ -147,6 +170,10 @@ class _Instruction:
         if DISPLACEMENT in self.values.declared:
             frame = Product(FRAME, (frame, DISPLACEMENT))
         return frame
+
+    def paced(self) -> bool:
+        """Whether a speed or a zone is among the arguments."""
+        return any(self._is_zone(k) or _SPEED.fullmatch(self.word(k)) for k in self.plain)
 
     def _is_zone(self, number: int) -> bool:
         word = self.word(number)

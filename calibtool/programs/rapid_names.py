@@ -4,12 +4,12 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from calibtool.programs.rapid import Statement, statements
-from calibtool.programs.rapid_data import Text
+from calibtool.programs.rapid import Argument, Statement, statements
+from calibtool.programs.rapid_data import SHAPES, Text
 
 TYPES = ("robtarget", "jointtarget", "tooldata", "wobjdata", "pose", "zonedata")
 _PARAMETER = re.compile(
-    r"\s*(?P<optional>\\)?\s*(?:(?:INOUT|VAR|PERS|REF)\s+)*(?P<type>\w+)\s+(?P<name>\w+)",
+    r"\s*(?P<optional>\\)?\s*(?P<mode>(?:(?:INOUT|VAR|PERS|REF)\s+)*)(?P<type>\w+)\s+(?P<name>\w+)",
     re.IGNORECASE,
 )
 
@@ -30,11 +30,16 @@ def placed(code: str, number: int) -> Iterator[tuple[Statement, tuple[str, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Data:
-    """What a name stands for: its type, the name of its variable in motions, and how many indices it has."""
+    """What a name stands for: its type, the name of its variable in motions, and how many indices it has.
+
+    constant   nothing can change it; reference: a parameter whose argument changes with it
+    """
 
     type: str
     key: str
     dimensions: int = 0
+    constant: bool = False
+    reference: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +49,16 @@ class Procedure:
     key: str
     parameters: tuple[tuple[str, Data], ...]
 
+    def matched(self, given: Sequence[Argument]) -> Iterator[tuple[Data, Argument | None]]:
+        """The parameters, each with its argument."""
+        plain = [argument for argument in given if not argument.option]
+        options = {argument.option: argument for argument in given if argument.option}
+        for name, data in self.parameters:
+            if name[0] == "\\":
+                yield data, options.get(name[1:])
+            else:
+                yield data, plain.pop(0) if plain else None
+
 
 @dataclass(eq=False)
 class Names:
@@ -51,7 +66,9 @@ class Names:
 
     everywhere  global data; inside: those of a module or routine, by its name
     elements    names of an array's elements, by the array's
-    changed     names that a routine assigns to or that instructions fill
+    changed     names that a routine assigns to or that may be changed as arguments
+    targets     variables of positions
+    procedures  unique names of routines that are called by instructions; unfollowed: functions and traps
     """
 
     everywhere: dict[str, Data] = field(
@@ -64,6 +81,9 @@ class Names:
     routines: dict[str, Procedure] = field(default_factory=dict)
     elements: dict[str, list[str]] = field(default_factory=dict)
     changed: set[str] = field(default_factory=set)
+    targets: set[str] = field(default_factory=set)
+    procedures: set[str] = field(default_factory=set)
+    unfollowed: set[str] = field(default_factory=set)
 
     def data(self, name: str, scopes: Sequence[str]) -> Data | None:
         """What a name stands for where these scopes, the innermost first, are in force."""
@@ -86,18 +106,25 @@ class Names:
                 local = text.code[statement.position : statement.position + 5].upper() == "LOCAL"
                 procedure = Procedure(scopes[0], self._parameters(text, statement, scopes[0]))
                 self.routines[scopes[0] if local else name] = procedure
+                head = text.code[statement.position : statement.start]
+                called = re.match(r"(?:LOCAL\s+)?PROC\b", head, re.IGNORECASE)
+                (self.procedures if called else self.unfollowed).add(scopes[0])
             elif statement.word == "data" and statement.more[2] in TYPES:
                 scope, _, type_, dimensions = statement.more
                 inside = scopes[0] if len(scopes) > 1 or scope == "local" else ""
                 key = f"{inside}|{name}" if inside else name
                 space = self.inside.setdefault(inside, {}) if inside else self.everywhere
-                space[name] = Data(type_, key, dimensions.count(",") + 1 if dimensions else 0)
+                count = dimensions.count(",") + 1 if dimensions else 0
+                space[name] = Data(type_, key, count, statement.more[1] == "const")
+                if type_ in SHAPES:
+                    self.targets.add(key)
             elif statement.word == "assign":
                 self.changed.add(name)
+            elif statement.word == "instruction" and not name.startswith("move"):
+                given = text.code[statement.start : statement.end].lower()
+                self.changed.update(re.findall(r"\w+", given))
 
-    def _parameters(
-        self, text: Text, statement: Statement, routine: str
-    ) -> tuple[tuple[str, Data], ...]:
+    def _parameters(self, text: Text, statement: Statement, routine: str) -> tuple[tuple[str, Data], ...]:
         found: list[tuple[str, Data]] = []
         space = self.inside.setdefault(routine, {})
         inner = text.code[statement.start + 1 : max(statement.start + 1, statement.end - 1)]
@@ -106,7 +133,10 @@ class Names:
             if match is None:
                 continue
             name = match["name"].lower()
-            data = Data(match["type"].lower(), f"{routine}|{name}", part.count("{"))
+            type_, key = match["type"].lower(), f"{routine}|{name}"
+            data = Data(type_, key, part.count("{"), reference=bool(match["mode"]))
+            if type_ in SHAPES:
+                self.targets.add(key)
             if data.type in TYPES:
                 space[name] = data
             found.append((("\\" if match["optional"] else "") + name, data))

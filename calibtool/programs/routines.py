@@ -53,6 +53,7 @@ class Routines:
     nodes      what motions go to
     summaries  of the routines; order: callees before those that call them
     remarks    motions to what is not written, and errors
+    edited     literals to which motions go with other components
     """
 
     def __init__(self, program: Program, given: Frames, kept: State) -> None:
@@ -62,6 +63,7 @@ class Routines:
         self.nodes: list[Node] = []
         self.summaries: dict[str, Summary] = {}
         self.remarks: dict[tuple[int, str], Remark] = {}
+        self.edited: set[int] = set()
         self.order = _callees_first(self.graphs)
         self._numbers: dict[tuple[int, int | Entry | Edited], int] = {}
         self._recursive: dict[str, int] = {}  # routines that call one that is not ended, and where
@@ -195,9 +197,10 @@ class Routines:
         for atom in self.variables.evaluation.atoms(aim.value, variable):
             if not isinstance(atom, int | Entry | Edited):
                 unknown = True
-                if not (isinstance(atom, Unknown) and atom.quiet):
-                    why = atom.why if isinstance(atom, Unknown) else "is no position"
-                    self.remark(move.line, move.name, why, routine)
+                if isinstance(atom, Unknown):
+                    self.nowhere(atom, move, routine)
+                else:
+                    self.remark(move.line, move.name, "is no position", routine)
                 continue
             number = self._numbers.setdefault((id(aim), atom), len(self.nodes))
             if number == len(self.nodes):
@@ -214,6 +217,15 @@ class Routines:
             self.remark(move.line, move.name, aim.relative, routine)
         stands = frozenset(reached | before | {NOWHERE} if unknown else reached)
         return self.variables.joined(STANDS, stands, stands)
+
+    def nowhere(self, unknown: Unknown, move: Move, routine: Routine) -> None:
+        """Note a motion to what is not known; the literal that it is an edited copy of is no constant."""
+        if not unknown.quiet:
+            self.remark(move.line, move.name, unknown.why, routine)
+        if unknown.edited is not None:
+            self.edited.add(unknown.edited)
+            why = f"serves two places: of a copy, {unknown.why}"
+            self.variables.evaluation.spoiled.setdefault(unknown.edited, why)
 
     def remark(self, line: int, name: str, why: str, routine: Routine, bad: bool = False) -> None:
         remark = Remark(line, name, why, bad, routine.source)

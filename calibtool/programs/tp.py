@@ -12,8 +12,8 @@ _TRACKING = re.compile(r"\bLINE_TRACK_SCHEDULE_NUMBER\s*:\s*0*[1-9]", re.IGNOREC
 # A statement has a number; without one its line goes on with the statement before, if that has no semicolon yet.
 _LINE = re.compile(r"[ \t]*(?:(?P<number>\d*)[ \t]*(?P<colon>:)[ \t]*)?(?P<body>[^\n]*)\n?")
 _BRACKETS = r"\[(?:[^\[\]]++|\[(?:[^\[\]]++|\[[^\[\]]*+\])*+\])*+\]"  # three in each other at most
-_MOTION = re.compile(r"([JLCAS])[ \t]+(?=PR?[ \t]*\[)")
-_TARGET = re.compile(rf"[ \t]*:?[ \t]*(PR?)[ \t]*({_BRACKETS})")
+_MOTION = re.compile(r"([JLCAS])[ \t]+(?=(?:PR?|PAL_\d+)[ \t]*\[)")
+_TARGET = re.compile(rf"[ \t]*:?[ \t]*(PR?|PAL_\d+)[ \t]*({_BRACKETS})")
 _NUMBER = re.compile(r"\[\s*(\d{1,9})\s*(?::.*)?\]", re.DOTALL)
 _CALLED = re.compile(r"\b(?:CALL|AUFRUF)\s+[\w-]+(?:\([^)]*\))?|\bP-\w+", re.IGNORECASE)
 _WORD = re.compile(r"[A-Z_]\w*", re.IGNORECASE)
@@ -44,7 +44,7 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """What a motion goes to. kind: `P` or `PR`; number: None if a register tells it; text: as it is written."""
+    """What a motion goes to. kind: `P`, `PR` or `PAL_1`; number: None if a register tells it; text: as it is written."""
 
     kind: str
     number: int | None

@@ -22,16 +22,17 @@ from calibtool.programs.motions import (
     Unknown,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.targets import Lines
+from calibtool.programs.targets import Lines, Remark
 from calibtool.programs.tp import Motion, Point, Section, motion, parts, statements
 from calibtool.programs.tp_frames import Selection
 from calibtool.programs.tp_positions import HELD, Positions, Taught
 
 _INC = frozenset({"INC", "INK", "INKR"})
-_OFFSETS = frozenset({"OFFSET", "TOOL_OFFSET", "VOFFSET", "WKZ_OFFSET"})
+_OFFSETS = frozenset({"OFFSET", "TOOL_OFFSET", "VOFFSET", "WKZ_OFFSET", "SEARCH"})
+_SHIFTED = re.compile(r"(?:TOUCH\s+OFFSET|TRACK|DPM|MPOFFSET)\s+(END\b)?", re.IGNORECASE)  # the motions behind it
 _SELECT = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)_NUM\s*(?:\[([^\]]*)\])?\s*=\s*(.+)", re.IGNORECASE)
 _SET = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)\s*\[\s*(?:GP(\d)\s*:)?\s*([^=]*)\]\s*=", re.IGNORECASE)
-_WRITTEN = re.compile(r"P\s*\[\s*(\d{1,9})[^\]]*\]\s*=")
+_WRITTEN = re.compile(r"P\s*\[\s*(?:(\d{1,9})\b[^\]]*|.*)\]\s*=(?!=)")
 _CALL = re.compile(r"(?:CALL|AUFRUF)\s+([\w-]+)", re.IGNORECASE)
 _JUMP = re.compile(r"(?:JMP|SPRUNG)\s+(?:LBL|LABEL)\s*\[\s*([^\]:]*)", re.IGNORECASE)
 _LABEL = re.compile(r"(?:LBL|LABEL)\s*\[\s*(\d+)", re.IGNORECASE)
@@ -58,6 +59,11 @@ class Instructions:
         self.motions = {k: one for k, one in found if one is not None}
         self.labels = [m[1] for one in self.statements if (m := _LABEL.match(one.text))]
         relative = self._relative()
+        self.written = list(self._written())
+        for line, position, which in self.written:
+            if which is None:
+                why = "which position is assigned, a register tells"
+                reader.remarks.append(Remark(line, position, why, source=reader.source))
         self.taught = reader.read(section.positions, self._left(relative), relative)
 
     def changed(self) -> Iterator[tuple[tuple[str, str], str]]:
@@ -82,21 +88,30 @@ class Instructions:
             if found.options & _INC and point.kind == "P" and point.number is not None
         }
 
+    def _written(self) -> Iterator[tuple[int, str, int | None]]:
+        """Assignments of positions, also behind a condition: the line, the position, its number if it is known."""
+        for one in self.statements:
+            for part in parts(one.text) if "=" in one.text else ():
+                if match := _WRITTEN.match(part):
+                    position = match[0].rstrip("= ")[:30]
+                    yield one.line, position, int(match[1]) if match[1] else None
+
     def _left(self, relative: dict[int, int]) -> Callable[[int], str]:
         """Why positions of this program are none to correct, by their numbers."""
         left = {number: f"a relative motion (INC in line {line})" for number, line in relative.items()}
-        for one in self.statements:
-            if match := _WRITTEN.match(one.text):
-                left[int(match[1])] = f"it is assigned (line {one.line})"
+        for line, _, number in self.written:
+            if number is not None:
+                left[number] = f"it is assigned (line {line})"
         points = [(found, point) for found in self.motions.values() for point in found.points]
         moved_to = {point.number for _, point in points if point.kind == "P"}
+        assigned = [f"may be assigned ({p}, line {line})" for line, p, which in self.written if which is None]
         somewhere = next(
             (
                 f"may be used by a relative motion ({point.text[:30]} with INC in line {found.line})"
                 for found, point in points
                 if found.options & _INC and point.kind == "P" and point.number is None
             ),
-            "",
+            next(iter(assigned), ""),
         )
         return lambda number: left.get(number, "" if number in moved_to else somewhere)
 
@@ -133,6 +148,8 @@ class Instructions:
     def _point(self, point: Point, found: Motion) -> Aim:
         if point.kind == "PR":
             return Aim(Unknown("a register: its value is not in the program"))
+        if point.kind != "P":
+            return Aim(Unknown(f"a position of a pallet: its value is not in the program ({point.text[:30]})"))
         if point.number is None:
             which = f"which position it is, a register tells ({point.text[:30]})"
             relative = "a relative motion (INC): " if found.options & _INC else ""
@@ -182,12 +199,22 @@ class Instructions:
         elif match := _TIMEOUT.search(text):
             yield Jump(match[1], always=False)
 
+    def _offset(self) -> Iterator[Motion]:
+        """Motions with an offset of their own, or while a sensor or a touch shifts all."""
+        shifted = False
+        for k, one in enumerate(self.statements):
+            found = self.motions.get(k)
+            if match := _SHIFTED.match(one.text):
+                shifted = match[1] is None
+            elif found is not None and (shifted or found.options & _OFFSETS):
+                yield found
+
     def notes(self) -> Iterator[str]:
         """What a reader of the summary has to know: motions whose offsets are not in the program."""
         places = [
             (one.line, point)
-            for one in self.motions.values()
-            if one.options & _OFFSETS and not one.options & _INC
+            for one in self._offset()
+            if not one.options & _INC
             for point in one.points
             if point.kind == "P" and point.number in self.taught
         ]

@@ -97,8 +97,11 @@ class Positions:
                     continue
                 why = "is written more than once" if twice[number] > 1 else left(number)
                 literal = self._literal(read, name, why)
-                if why and not literal.numbers and not literal.bad and number in relative:
+                if why and not literal.bad and number in relative:
                     literal = replace(literal, line=line)  # it is no position, and its numbers are none
+                elif why and not literal.bad:
+                    whole = self._literal(read, name, "")
+                    literal = literal if whole.bad else replace(whole, left=why)
                 self._add(literal)
                 taught[number] = Taught(len(self.literals) - 1, read.frame, read.tool)
         return taught

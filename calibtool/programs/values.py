@@ -57,7 +57,7 @@ class Evaluation:
     literals  positions by their numbers; frames: those that are used as frames or tools
     given    frames and tools by name, which win over those that the program declares
     owners   of each literal the variables that it is assigned to
-    spoiled  literals that are no constants, because a component of such a variable is assigned, and why
+    spoiled  literals that are no constants, because a component of such a variable, or of a copy, is assigned, and why
     """
 
     literals: Sequence[Literal]
@@ -150,11 +150,12 @@ class Evaluation:
             own = name in self.owners.get(base, ())  # otherwise a copy of it is changed
             if own:
                 self.spoiled.setdefault(base, value.why)
-            return Unknown(value.why, quiet=own)
+            return Unknown(value.why, quiet=own, edited=base)
         if isinstance(base, Entry | Product | Edited):
             return replace(value, base=base)
         if not isinstance(base, Frame) or base.values is None or not value.components:
-            return Unknown(value.why, quiet=isinstance(base, Unknown) and base.quiet)
+            known = base if isinstance(base, Unknown) else Unknown("")
+            return replace(known, why=value.why)
         turn = 4 if value.orientation == "quaternion" else 3
         numbers = pose_values(base.T, value.orientation, [0.0] * (3 + turn))
         for index, number in value.components:

@@ -137,7 +137,8 @@ def test_a_file_that_does_not_exist(files: Files, reader: str) -> None:
 @any_reader
 def test_a_folder_in_place_of_a_file(files: Files, reader: str) -> None:
     Path("folder.h5").mkdir()
-    assert refused(3, *given(reader, "folder.h5", files)).startswith("folder.h5: ")
+    code = 2 if reader == "compensate targets" else 3  # a folder of programs needs another one for its results
+    assert refused(code, *given(reader, "folder.h5", files)).startswith("folder.h5: ")
 
 
 @any_reader

@@ -198,7 +198,7 @@ def test_an_unreachable_pose(files: Files) -> None:
     lines = result.stderr.splitlines()
     assert len(lines) == 3
     assert lines[0].startswith("poses.csv:3: ")
-    assert lines[1].startswith("joints change by at most ")
+    assert lines[1].startswith("limit of the change of a joint: ")
     assert lines[2].startswith("poses.csv: 1 of 3 rows")
     assert result.stdout_bytes == b""
 
@@ -231,6 +231,57 @@ def test_rows_outside_the_limits_are_marked(files: Files) -> None:
     assert [row["status"] for row in rows_of(result.stdout)] == ["ok", "out-of-limits"]
     assert result.stderr.startswith("t.csv:3: ")
     assert result.stderr.count("t.csv:") == 1
+
+
+# --- bounds ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_largest_change_is_told_and_kept(files: Files) -> None:
+    write_table("t.csv", SIX, ANGLES)
+    free = run("compensate", files.six_network, "t.csv")
+    told = [line for line in free.stderr.splitlines() if line.startswith("limit of the change of a joint: ")]
+    assert len(told) == 1
+    assert float(told[0].split()[5]) > 0.1
+    bounded = run("compensate", files.six_network, "t.csv", "--largest-change-deg", "0.003")
+    assert "limit of the change of a joint: 0.003 deg (--largest-change-deg)" in bounded.stderr
+    change = np.abs(joints_of(bounded.stdout, SIX) - ANGLES)
+    assert change.max() == pytest.approx(0.003, abs=1e-9)
+    assert {row["status"] for row in rows_of(bounded.stdout)} == {"limited"}
+    assert np.abs(joints_of(free.stdout, SIX) - ANGLES).max() > 0.003
+
+
+@pytest.mark.parametrize("given", ["0", "-1", "nan", "0.0"])
+def test_a_largest_change_that_is_none_is_wrong_usage(files: Files, given: str) -> None:
+    write_table("t.csv", SIX, ANGLES)
+    message = refused(2, "compensate", files.six_network, "t.csv", "-o", "c.csv", "--largest-change-deg", given)
+    assert "--largest-change-deg is" in message
+    assert not Path("c.csv").exists()
+
+
+def test_weights_for_fewer_than_six_joints(files: Files) -> None:
+    write_table("t.csv", PLANAR, [[20, 60, 20], [30, 50, 10]])
+    plain, equal = (
+        run("compensate", files.network, "t.csv", *options).stdout for options in ([], ["--weights", "1,1,1,1,1,1"])
+    )
+    assert np.abs(joints_of(plain, PLANAR) - joints_of(equal, PLANAR)).max() > 1e-6
+    left = [
+        sum(float(row["left_mm"]) ** 2 / 550**2 + (float(row["left_mrad"]) * 1e-3) ** 2 for row in rows_of(text))
+        for text in (plain, equal)
+    ]
+    assert left[1] < left[0]
+
+
+@pytest.mark.parametrize(
+    ("weights", "text"),
+    [("1,1,1", "six numbers"), ("a,b", "expected six numbers"), ("1,1,0,0,0,0", "2 weights are positive")],
+)
+def test_weights_that_are_none_are_wrong_usage(files: Files, weights: str, text: str) -> None:
+    write_table("t.csv", PLANAR, [[20, 60, 20]])
+    assert text in refused(2, "compensate", files.network, "t.csv", "-o", "c.csv", "--weights", weights)
+    write_table("six.csv", SIX, ANGLES)
+    six = refused(2, "compensate", files.six_network, "six.csv", "-o", "c.csv", "--weights", "1,1,1,1,1,1")
+    assert "fewer than six joints" in six
+    assert not Path("c.csv").exists()
 
 
 # --- streams --------------------------------------------------------------------------------------------------------

@@ -60,7 +60,7 @@ WRITERS = {
     "train": Writer("train m.h5 --base nominal --restarts 1 -o out.h5", ("out.h5",)),
     "evaluate": Writer("evaluate c.h5 --on m.h5 -o out.csv", ("out.csv",)),
     "compensate, rows": Writer("compensate c.h5 targets.csv -o out.csv", ("out.csv",)),
-    "compensate, program": Writer("compensate six.h5 weld.ls -o out.ls", ("out.ls",)),
+    "compensate, program": Writer("compensate six.h5 weld.ls --partial -o out.ls", ("out.ls",)),
     "export, JSON": Writer("export c.h5 --format json -o out.json", ("out.json",)),
     "export, C": Writer("export c.h5 --format c -o out.c", ("out.h", "out.c")),
     "export, Structured Text": Writer("export c.h5 --format st -o out.st", ("out.st",)),

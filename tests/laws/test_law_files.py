@@ -1,6 +1,7 @@
 """Laws of the files: what is written is read, to the last bit, whatever parts there are."""
 
 import io
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
@@ -47,6 +48,10 @@ def assert_same(a: object, b: object, place: str) -> None:
         assert len(a) == len(b), place
         for i, (x, y) in enumerate(zip(a, b, strict=True)):
             assert_same(x, y, f"{place}[{i}]")
+    elif isinstance(a, Mapping) and isinstance(b, Mapping):
+        assert set(a) == set(b), place
+        for key, value in a.items():
+            assert_same(value, b[key], f"{place}[{key}]")
     else:
         assert a == b, place
 

@@ -1,0 +1,93 @@
+"""What interrupts, triggers and cyclic reading of KRL do beside the motions: what they assign is uncertain."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from calibtool.programs.motions import Assign, Begin, Call, Edited, End, Jump, Routine
+from calibtool.programs.motions import Statement as Step
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Started:
+    """What an instruction lets happen at any time from there on.
+
+    routine, place  where it stands: before this step of the routine
+    line, word      its line, and what it is: `TRIGGER`, `ANIN ON`, `INTERRUPT ON`, or `INTERRUPT DECL`, which only declares
+    number          of the interrupt; "" for all
+    steps           what happens; of `INTERRUPT ON` what is declared for the number
+    """
+
+    routine: str
+    place: int
+    line: int
+    word: str
+    number: str = ""
+    steps: tuple[Step, ...] = ()
+
+
+def uncertain(routines: Sequence[Routine], starts: Sequence[Started]) -> list[Routine]:
+    """The routines, where variables that others may change beside them are not known from there on.
+
+    An assignment makes such a variable known only where it is executed before what is started.
+    """
+    bodies = {routine.name: routine.body for routine in routines}
+    declared = [start for start in starts if start.word == "INTERRUPT DECL"]
+    result = list(routines)
+    for start in starts:
+        if start.word == "INTERRUPT DECL":
+            continue
+        steps = start.steps + tuple(
+            step
+            for one in declared
+            if start.word == "INTERRUPT ON" and _same(one.number, start.number)
+            for step in one.steps
+        )
+        inside: set[str] = set()
+        names = dict.fromkeys(_assigned(steps, bodies, inside))
+        if names:
+            why = f"may be changed at any time ({start.word} in line {start.line})"
+            changes = {
+                n: Assign(start.line, n, Edited(n, (), "abc", start.line, why)) for n in names
+            }
+            result = [
+                one if one.name in inside else replace(one, body=tuple(_body(one, start, changes)))
+                for one in result
+            ]
+    return result
+
+
+def _same(declared: str, number: str) -> bool:
+    known = declared.isdecimal() and number.isdecimal()
+    return not known or int(declared) == int(number)
+
+
+def _assigned(
+    steps: Iterable[Step], bodies: Mapping[str, tuple[Step, ...]], inside: set[str]
+) -> Iterator[str]:
+    """Names of variables that steps assign, and the routines that they call; those are added to `inside`."""
+    for step in steps:
+        if isinstance(step, Assign):
+            yield step.name
+        elif isinstance(step, Call) and step.routine in bodies and step.routine not in inside:
+            inside.add(step.routine)
+            yield from _assigned(bodies[step.routine], bodies, inside)
+
+
+def _body(routine: Routine, start: Started, changes: Mapping[str, Assign]) -> Iterator[Step]:
+    """The steps of a routine; a variable is uncertain from the start on, and behind each assignment."""
+    here = routine.name == start.routine
+    straight = not any(isinstance(step, Jump) for step in routine.body)
+    blocks: list[bool] = []  # that are open: whether they are loops
+    for k, step in enumerate((*routine.body, None)):
+        if here and k == start.place:
+            yield from changes.values()
+        if step is None:
+            return
+        yield step
+        if isinstance(step, Begin):
+            blocks.append(step.loop)
+        elif isinstance(step, End) and blocks:
+            blocks.pop()
+        before = here and straight and k < start.place and not any(blocks)
+        if isinstance(step, Assign) and step.name in changes and not before:
+            yield changes[step.name]
