@@ -122,7 +122,7 @@ def test_a_data_list() -> None:
     assert [program.literals[p.literal].name for p in found] == ["XP0", "XP1"]
     assert left == {
         11: "tool '4' is not known; give it with --frames, [tools.4]",
-        12: "external axes beside a pose (E1)",
+        12: "external axes beside a pose",
         13: "a FRAME that no motion of this program goes to",
     }
 
@@ -320,7 +320,7 @@ def test_a_component_that_is_assigned(change: str) -> None:
         (["LIN_REL {Z 50} C_DIS"], 4, "a relative motion"),
         (["SPTP_REL {A1 5}"], 4, "a relative motion"),
         (["PTP {E1 100}"], 4, "a position without X, Y, Z, A, B, C: the rest is where the robot stands"),
-        ([f"LIN {FIRST[:-1]},E1 250.0}}"], 4, "external axes beside a pose (E1)"),
+        ([f"LIN {FIRST[:-1]},E1 250.0}}"], 4, "external axes beside a pose"),
         ([f"DECL FRAME F={FIRST}"], 4, "a FRAME that no motion of this program goes to"),
     ],
 )  # fmt: skip

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from calibtool.programs.configurations import Configuration, Posture, has_postures, postures
-from calibtool.robot.inverse import inverse_kinematics, solve_poses
+from calibtool.robot.inverse import InverseResult, solve_poses
 from calibtool.robot.model import Robot
 from calibtool.robot.reach import excluded
 from calibtool.robot.se3 import Array
@@ -83,9 +83,10 @@ def solve(
 ) -> Answers:
     """Joint positions of the nominal robot within its limits for poses (N, 4, 4), each row by itself.
 
-    near (N, n): of several answers the one that Newton's method reaches from there, if it reaches one, otherwise the
-    nearest that is found. configurations: the branch and turns that are asked for; then the answer from `near` if it is
-    one of those, otherwise the nearest that is. strict (N,): a row without such an answer has none.
+    near (N, n): of several answers the one that Newton's method reaches from there, if it reaches one,
+    otherwise the nearest that is found; external axes are there. configurations: the branch and turns
+    that are asked for; then the answer from `near` if it is one of those, otherwise the nearest that
+    is. strict (N,): a row without such an answer has none.
     """
     parts = [slice(first, first + _ROWS) for first in range(0, len(near), _ROWS)]
     found = [
@@ -109,8 +110,8 @@ def _solve(
     """The same for a part of the rows."""
     search = _Search(controller, T_base_tool, near, configurations)
     robot, count = controller.robot, len(near)
-    first = inverse_kinematics(robot, T_base_tool, near, starts=0)
-    q, answered = first.q.copy(), first.reached.copy()
+    first = search.newton(T_base_tool, np.clip(near, robot.lower, robot.upper))
+    q, answered = _near_turn(robot, first.q, near), first.reached.copy()
     asked = np.array([configuration is not None for configuration in configurations], dtype=bool)
     obeyed = np.zeros(count, dtype=bool)
     possible = answered | ~excluded(robot, T_base_tool, search.tolerance)
@@ -169,6 +170,26 @@ class _Search:
         """What counts as reached, as in `inverse_kinematics`."""
         return 1e-8 if self.controller.robot.n >= 6 else 1e-5
 
+    def newton(self, T: Array, start: Array) -> InverseResult:
+        """Newton's method from joint positions (N, n); external axes stay where they are."""
+        robot = self.controller.robot
+        held = list(robot.external.values())
+
+        def forward_and_jacobian(q: Array) -> tuple[Array, Array]:
+            pose, jacobian = robot.mechanism.forward_and_jacobian(q)
+            jacobian[..., held] = 0.0
+            return pose, jacobian
+
+        return solve_poses(
+            forward_and_jacobian if held else robot.mechanism.forward_and_jacobian,
+            T,
+            start,
+            length=robot.length,
+            lower=robot.lower,
+            upper=robot.upper,
+            tolerance=self.tolerance,
+        )
+
     def near_starts(self, rows: np.ndarray) -> Array:
         """Starts near the poses of rows, on branches that are asked for: (rows, _NEAR, n)."""
         robot = self.controller.robot
@@ -203,15 +224,11 @@ class _Search:
     def nearest(self, rows: np.ndarray, seeds: Array) -> tuple[np.ndarray, Array]:
         """Which rows have an answer from their seeds (rows, k, n) that is asked for, and the nearest one."""
         robot, (count, tries) = self.controller.robot, seeds.shape[:2]
-        solved = solve_poses(
-            robot.mechanism.forward_and_jacobian,
-            np.repeat(self.T[rows], tries, axis=0),
-            seeds.reshape(-1, robot.n),
-            length=robot.length,
-            lower=robot.lower,
-            upper=robot.upper,
-            tolerance=self.tolerance,
-        )
+        held = list(robot.external.values())
+        if held:
+            seeds = seeds.copy()
+            seeds[..., held] = self.near[rows][:, None, held]
+        solved = self.newton(np.repeat(self.T[rows], tries, axis=0), seeds.reshape(-1, robot.n))
         distinct = solved.reached & ~_repeated(solved.q.reshape(seeds.shape)).ravel()
         answers = np.flatnonzero(distinct)
         owners = answers // tries
@@ -231,7 +248,7 @@ class _Search:
         meant = np.array([self.configurations[k] is None for k in rows], dtype=bool)
         if meant.all():
             return meant, turned
-        q_controller = self.controller.to_controller(turned)
+        q_controller = self.controller.to_controller(turned)[:, robot.arm]
         branches = postures(robot, q, self.controller.to_controller(q)).tolist()
         for k in np.flatnonzero(~meant):
             asked = self.configurations[rows[k]]
@@ -241,7 +258,7 @@ class _Search:
                 meant[k] = True
                 continue
             for answer in _turns(robot, turned[k]):
-                if asked.turns(self.controller.to_controller(answer)):
+                if asked.turns(self.controller.to_controller(answer)[robot.arm]):
                     meant[k], turned[k] = True, answer
                     break
         return meant, turned

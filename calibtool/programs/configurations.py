@@ -169,22 +169,29 @@ def _in_quadrant(angle: float, quadrant: int) -> bool:
 def postures(robot: Robot, q: Array, q_controller: Array) -> np.ndarray:
     """The branches of joint positions q (N, n) of a six-joint arm: (N, 3) bool, front, bent and flexed.
 
-    q_controller (N, n): as the controller counts. The wrist centre is the origin of joint 5.
+    q_controller (N, n): as the controller counts. The wrist centre is the origin of joint 5 of the arm; an arm on a track
+    or a turntable has its base's x axis turned with that.
     """
     frames, here = [], np.broadcast_to(np.eye(4), (len(q), 4, 4))
-    for j in range(5):
+    carried = here
+    for j in range(robot.arm[4] + 1):
         here = here @ robot.chain.placements[j]
-        frames.append(here)
+        if j in robot.arm:
+            frames.append(here)
         here = here @ exp6(robot.chain.twists[j] * q[:, j, None])
+        if j < robot.arm[0]:
+            carried = here
     points = [frame[:, :3, 3] for frame in frames]
-    axis_1, axis_3 = (frames[j][:, :3, :3] @ robot.chain.twists[j][3:] for j in (0, 2))
-    turned = exp6(np.concatenate([np.zeros_like(axis_1), axis_1 * q[:, :1]], axis=-1))
-    turned_x = turned[:, :3, 0]
+    first, third = robot.arm[0], robot.arm[2]
+    axis_1 = frames[0][:, :3, :3] @ robot.chain.twists[first][3:]
+    axis_3 = frames[2][:, :3, :3] @ robot.chain.twists[third][3:]
+    turned = exp6(np.concatenate([np.zeros_like(axis_1), axis_1 * q[:, first, None]], axis=-1))
+    turned_x = (turned[:, :3, :3] @ carried[:, :3, :1])[..., 0]
     wrist = points[4]
     normal = np.cross(points[2] - points[1], wrist - points[2])
     front = ((wrist - points[0]) * turned_x).sum(axis=-1) >= 0.0
     bent = (axis_3 * normal).sum(axis=-1) >= 0.0
-    flexed: np.ndarray = np.sin(q_controller[:, 4]) >= 0.0
+    flexed: np.ndarray = np.sin(q_controller[:, robot.arm[4]]) >= 0.0
     return np.stack([front, bent, flexed], axis=-1)
 
 
@@ -196,4 +203,4 @@ def posture(robot: Robot, q: Array, q_controller: Array) -> Posture:
 
 def has_postures(robot: Robot) -> bool:
     """Whether configuration data of six-joint arms can be read for this robot."""
-    return robot.n == 6 and not any(robot.prismatic)
+    return len(robot.arm) == 6 and not any(robot.prismatic[joint] for joint in robot.arm)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from calibtool.programs.configurations import Digit, Kuka
+from calibtool.programs.external import arm_units, beside_pose, joints, unit_of
 from calibtool.programs.frames import pose
 from calibtool.programs.krl import Statement, statements
 from calibtool.programs.motions import JOINT, POSE, Aim, Literal, Unknown, Value
@@ -20,7 +21,6 @@ from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST
 
 _MAYBE = Unknown("the motion that goes there is not known")
-UNUSED = 9e9  # an external axis that does not exist
 _JOINTS = tuple(f"A{k}" for k in range(1, 7))
 _POSE = ("X", "Y", "Z", "A", "B", "C")
 _EXTERNAL = tuple(f"E{k}" for k in range(1, 7))
@@ -159,14 +159,15 @@ class Text:
             return self._left(kind, start, name, "axes and a pose in one position", bad=True)
         keys = _JOINTS if joint else _POSE
         missing = [key for key in keys if key not in spans]
-        if missing and not (joint and tuple(missing) == _JOINTS[robot.n :]):
+        count = len(robot.arm)
+        if missing and not (joint and tuple(missing) == _JOINTS[count:]):
             why = f"a position without {', '.join(missing)}: the rest is where the robot stands"
             return self._left(kind, start, name, why)
-        if joint and 6 - len(missing) != robot.n:
-            why = f"holds {6 - len(missing)} axes, but {robot.name} has {robot.n} joints"
+        if joint and 6 - len(missing) != count:
+            why = f"holds {6 - len(missing)} axes, but {robot.name} has {count} joints"
             return self._left(kind, start, name, why, bad=True)
-        keys = keys[: robot.n] if joint else keys
-        units = ["mm" if prismatic else "deg" for prismatic in robot.prismatic] if joint else _UNITS
+        keys = keys[:count] if joint else keys
+        units = arm_units(robot) if joint else _UNITS
         numbers: list[Number] = []
         for key, unit in zip(keys, units, strict=True):
             number = number_at(self.text, *spans[key], unit)
@@ -176,15 +177,25 @@ class Text:
         place = self.lines(start)
         blank = not any(number.value for number in numbers)
         number_here = len(self.literals)
+        beside = {
+            k: number_at(self.text, *spans[key], unit_of(robot, k))
+            for k, key in enumerate(_EXTERNAL)
+            if key in spans
+        }
         if joint and blank:
             return self._left(kind, start, name, "a mastering position: all joints are zero")
         if joint:
+            found = joints(robot, numbers, beside)
+            if isinstance(found, str):
+                return self._left(kind, start, name, found)
+            numbers = list(found)
             alone = Aim(number_here) if frames is not None else None
             return Literal(JOINT, tuple(numbers), place, name, source=self.number, alone=alone)
         digits = {key: self._integer(*spans[key]) for key in ("S", "T") if key in spans}
         if None in digits.values():
             return self._left(kind, start, name, "S or T is not an integer", bad=True)
         status, turn = digits.get("S"), digits.get("T")
+        external, left = beside_pose(robot, beside)
         return Literal(
             POSE,
             tuple(numbers),
@@ -193,9 +204,10 @@ class Text:
             "abc",
             Kuka(None if status is None else status.value, turn) if digits else None,
             self.number,
-            self._external(spans),
+            left,
             blank=blank,
             alone=None if frames is None else Aim(number_here, *frames, obeyed=_MAYBE),
+            external=external,
         )
 
     def _no_number(
@@ -208,15 +220,6 @@ class Text:
             return self._left(kind, start, name, why, bad=True)
         why = f"a variable or an expression ({key} is '{word[:30]}')"
         return self._left(kind, start, name, why)
-
-    def _external(self, spans: Spans) -> str:
-        """Why the external axes beside a pose keep it from being corrected."""
-        for key in _EXTERNAL:
-            if key in spans:
-                number = number_at(self.text, *spans[key], "")
-                if number is None or 0 != abs(number.value) < UNUSED:
-                    return f"external axes beside a pose ({key})"
-        return ""
 
     def _integer(self, start: int, end: int) -> Digit | None:
         inner = self.text[start:end]

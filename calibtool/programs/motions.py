@@ -139,6 +139,7 @@ class Literal:
     source         number of its text
     left           why it is no position to correct: not taught, an expression among its numbers, external axes; bad: this
                    is an error of the program
+    external       beside a pose, external axes that are joints of the chain: joint from 0 and number
     blank          its numbers are those of a position that nobody taught; it is one if the robot cannot be there
     moved_to       a motion goes there by an expression that is not followed
     alone          what is known where no motion goes to it, with the literal's own number as value; None: nothing
@@ -156,6 +157,7 @@ class Literal:
     blank: bool = False
     moved_to: bool = False
     alone: "Aim | None" = None
+    external: tuple[tuple[int, Number], ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.numbers, Numbers):

@@ -111,7 +111,16 @@ class _Solving:
 
     def _answers(self, uses: np.ndarray, start: Array) -> Answers:
         asked, strict = zip(*(self._asked(self.uses[k], self.sure[k]) for k in uses), strict=True)
-        return solve(self.controller, self.T[self.place[uses]], start, asked, np.array(strict))
+        start, external = start.copy(), []
+        for row, use in enumerate(uses.tolist()):
+            for joint, number in self.literals[self.uses[use].literal].external:
+                start[row, joint] = number.value
+                external.append((row, joint, number.value))
+        answers = solve(self.controller, self.T[self.place[uses]], start, asked, np.array(strict))
+        for row, joint, value in external:
+            if abs(answers.q[row, joint] - value) > _SAME:
+                answers.why[row] = f"the external axis at joint {joint + 1} is outside its limits"
+        return answers
 
     def _asked(self, use: Use, sure: bool) -> tuple[Configuration | None, bool]:
         """The configuration data to look at, and whether they decide; where the controller stays near, they only help."""

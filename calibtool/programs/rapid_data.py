@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibtool.programs.configurations import Abb, Digit
+from calibtool.programs.external import UNUSED, arm_units, beside_pose, joints, unit_of
 from calibtool.programs.frames import UNIT_TOLERANCE, pose
 from calibtool.programs.lists import Item, item
 from calibtool.programs.motions import (
     BASE,
-    EXTERNAL,
     FRAME,
     JOINT,
     POSE,
@@ -27,7 +27,6 @@ from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST, TO_SI
 
-UNUSED = 9e9  # an external axis that does not exist
 HELD = "the robot holds the work piece and not the tool"
 _FORMS = {
     "jointtarget": "[[6 joints],[6 external]]",
@@ -163,18 +162,23 @@ class Text:
         used = [k for k in range(6) if abs(float(groups[k])) < UNUSED]
         if not used:
             return self._literal(JOINT, found.start(), name, "external axes alone")
-        if len(used) != robot.n:
-            why = f"holds {len(used)} joints, but {robot.name} has {robot.n}"
+        if len(used) != len(robot.arm):
+            why = f"holds {len(used)} joints, but {robot.name} has {len(robot.arm)}"
             return self._literal(JOINT, found.start(), name, why, bad=True)
-        numbers = []
-        for k, prismatic in zip(used, robot.prismatic, strict=True):
-            unit = "mm" if prismatic else "deg"
-            numbers.append(self._number(found, k + 1, unit))
-        if not any(number.value for number in numbers):
+        units = arm_units(robot)
+        axes = [self._number(found, k + 1, unit) for k, unit in zip(used, units, strict=True)]
+        if not any(number.value for number in axes):
             why = "a mastering position: all joints are zero"
             return self._literal(JOINT, found.start(), name, why)
+        numbers = joints(robot, axes, self._beside(found, 7))
+        if isinstance(numbers, str):
+            return self._literal(JOINT, found.start(), name, numbers)
         number, line = len(self.literals), self.lines(found.start())
-        return Literal(JOINT, tuple(numbers), line, name, source=self.number, alone=Aim(number))
+        return Literal(JOINT, numbers, line, name, source=self.number, alone=Aim(number))
+
+    def _beside(self, found: re.Match[str], first: int) -> dict[int, Number]:
+        """The numbers of external axes, the first one in this group."""
+        return {k: self._number(found, first + k, unit_of(self.robot, k)) for k in range(6)}
 
     def _robtarget(self, found: re.Match[str], name: str) -> Literal:
         numbers = [self._number(found, k, "mm") for k in (1, 2, 3)]
@@ -187,8 +191,7 @@ class Text:
             why = f"quaternion of length {np.linalg.norm(values[3:]):.4g}; expected 1"
             return self._literal(POSE, found.start(), name, why, bad=True)
         digits = [Digit(found.start(k), found.end(k), int(found[k])) for k in range(8, 12)]
-        external = [float(found[k]) for k in range(12, 18)]
-        left = EXTERNAL if any(0 != e < UNUSED for e in external) else ""
+        external, left = beside_pose(self.robot, self._beside(found, 12))
         return Literal(
             POSE,
             tuple(numbers),
@@ -199,6 +202,7 @@ class Text:
             self.number,
             left,
             blank=blank,
+            external=external,
         )
 
     def _strange(self, type_: str, start: int, end: int, name: str) -> Literal:

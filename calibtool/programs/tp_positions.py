@@ -6,7 +6,8 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 
 from calibtool.programs.configurations import Digit, Fanuc
-from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal
+from calibtool.programs.external import arm_units, beside_pose, joints
+from calibtool.programs.motions import JOINT, POSE, Literal
 from calibtool.programs.targets import Lines, Number, Remark, is_not_finite, number_at
 from calibtool.robot.model import Robot
 
@@ -145,6 +146,7 @@ class Positions:
         kind = JOINT if "J1" in axes else POSE
         remote = set(axes) == {f"R{key}" for key, _ in _POSE}
         numbers: tuple[Number, ...] = ()
+        external: tuple[tuple[int, Number], ...] = ()
         configuration = None
         if not group.bad and not left and None in group.values.values():
             left = "not taught"
@@ -155,31 +157,33 @@ class Positions:
             configuration, left = self._configuration(group)
             if remote:
                 left = f"a remote TCP position (RX, RY, …): {HELD}"
-            elif not left and any(v.value for k, v in group.values.items() if k[0] == "E" and v):
-                left = EXTERNAL
+            elif not left:
+                external, left = beside_pose(self.robot, _beside(group))
         first = next((value for value in axes.values() if value is not None), None)
         line = self.lines(first.start) if first and not group.bad else group.line
         return Literal(
             kind, () if group.bad else numbers, line, name, "wpr" if kind == POSE else "",
             configuration, self.source, group.why or left, group.bad,
-            blank=kind == POSE and not any(number.value for number in numbers),
+            blank=kind == POSE and not any(number.value for number in numbers), external=external,
         )  # fmt: skip
 
     def _joints(self, group: _Group, values: dict[str, Number | None]) -> tuple[tuple[Number, ...], str]:
-        robot = self.robot
-        numbers = [values.get(f"J{k + 1}") for k in range(robot.n)]
+        robot, count = self.robot, len(self.robot.arm)
+        numbers = [values.get(f"J{k + 1}") for k in range(count)]
         found = tuple(number for number in numbers if number is not None)
-        if len(found) != robot.n or len(values) != robot.n:
+        if len(found) != count or len(values) != count:
             line = next(self.lines(value.start) for value in values.values() if value is not None)
-            why = f"holds {', '.join(values)}, but {robot.name} has {robot.n} joints"
+            why = f"holds {', '.join(values)}, but {robot.name} has {count} joints"
             group.refuse(line, why)
             return (), ""
-        for k, (number, prismatic) in enumerate(zip(found, robot.prismatic, strict=True)):
-            if (number.unit == "mm") != prismatic:
+        for k, (number, unit) in enumerate(zip(found, arm_units(robot), strict=True)):
+            if number.unit != unit:
                 why = f"J{k + 1} is in {number.unit}, which does not fit the joint"
                 group.refuse(self.lines(number.start), why)
-        zero = not any(number.value for number in found)
-        return found, "a mastering position: all joints are zero" if zero else ""
+        if not any(number.value for number in found):
+            return found, "a mastering position: all joints are zero"
+        whole = joints(robot, found, _beside(group))
+        return (found, whole) if isinstance(whole, str) else (whole, "")
 
     def _pose(self, group: _Group, values: dict[str, Number | None]) -> tuple[Number, ...]:
         numbers = tuple(number for key, _ in _POSE if (number := values.get(key)) is not None)
@@ -200,6 +204,11 @@ class Positions:
         first = group.offset + group.config.start(1) + match.start(4)
         turns = [Digit(first + turn.start(), first + turn.end(), int(turn[0])) for turn in _TURN.finditer(match[4])]
         return Fanuc(match[1], match[2], match[3], tuple(turns), self.axes), ""
+
+
+def _beside(group: _Group) -> dict[int, Number | None]:
+    """The numbers of a group's external axes."""
+    return {int(key[1:]) - 1: value for key, value in group.values.items() if key[0] == "E"}
 
 
 def turn_axes(codes: Sequence[str], robot: Robot) -> tuple[int, ...]:

@@ -102,6 +102,10 @@ class Writing:
         digits = self._digits(literal, row)
         if digits:
             self.looks.append(remark_of(literal, _TURNED))
+        if literal.external:
+            joints = self.controller.to_controller(self.new.q_new[row])
+            axes, beside = zip(*literal.external, strict=True)
+            edits += rewritten(text, beside, joints[list(axes)].tolist())
         edits += [(digit.start, digit.end, str(value)) for digit, value in digits]
         if edits:
             revolute = ~np.array(self.controller.robot.prismatic)
@@ -114,9 +118,10 @@ class Writing:
     def _digits(self, literal: Literal, row: int) -> list[tuple[Digit, int]]:
         """Configuration data to change: those that were right and are not for the corrected joints."""
         data = literal.configuration
-        if data is None or not data.turns(self.controller.to_controller(self.new.q[row])):
+        arm = self.controller.robot.arm
+        if data is None or not data.turns(self.controller.to_controller(self.new.q[row])[arm]):
             return []
-        return data.digits(self.controller.to_controller(self.new.q_new[row]))
+        return data.digits(self.controller.to_controller(self.new.q_new[row])[arm])
 
     def _look(self, literal: Literal, row: int) -> None:
         status = str(self.new.status[row])

@@ -12,6 +12,7 @@ from calibtool.errors import InputError, near_names
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]  # mm, a kilometre
 Point = tuple[Coordinate, Coordinate, Coordinate]
 VirtualJoint = Literal["x", "y", "z", "rx", "ry", "rz"]
+ExternalName = Annotated[str, Field(pattern=r"^e[1-6]$")]
 JointName = Annotated[str, Field(pattern=r"^j[1-9]\d{0,5}$")]
 
 _MOST_DOTS = 2000  # of one line: numbers and dotted keys
@@ -136,6 +137,7 @@ class Description(_Strict):
     equivalent: Equivalent | None = None
     tolerances: ToleranceTable = ToleranceTable()
     mounting: Mounting = Mounting()
+    external: dict[ExternalName, JointName] = {}  # external axes of programs that are joints of this chain
     coupling: Coupling | None = None  # the controller's joint values are those of the serial chain
     controller: ControllerTable | None = None  # controllers compute poses with the nominal robot
 

@@ -67,6 +67,9 @@ class Robot:
         if description.equivalent is not None and len(set(description.equivalent.virtual_joints)) != max(6 - n, 0):
             raise InputError(f"{source.place}: equivalent.virtual_joints: {max(6 - n, 0)} different ones are needed")
         coupling_matrix(description, n, source.place)
+        for name, joint in description.external.items():
+            if int(joint[1:]) > n or list(description.external.values()).count(joint) > 1:
+                raise InputError(f"{source.place}: external.{name}: '{joint}' is no joint of its own; there are {n}")
         return cls(source, chain, readonly(lower), readonly(upper))
 
     @property
@@ -83,6 +86,16 @@ class Robot:
     def prismatic(self) -> list[bool]:
         """Per joint: prismatic (m) or not (rad)."""
         return _prismatic(self.chain)
+
+    @cached_property
+    def external(self) -> dict[int, int]:
+        """Joints that programs call external axes, by the number of the axis from 0: a track, a turntable below the arm."""
+        return {int(axis[1:]) - 1: int(joint[1:]) - 1 for axis, joint in self.source.description.external.items()}
+
+    @cached_property
+    def arm(self) -> list[int]:
+        """The other joints, in order: the axes of the arm."""
+        return [j for j in range(self.n) if j not in self.external.values()]
 
     @property
     def mechanism(self) -> Mechanism:
