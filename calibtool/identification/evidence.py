@@ -12,6 +12,7 @@ from calibtool.robot.se3 import Array
 _PSEUDO_OBSERVATIONS = 10.0  # the stated noise counts as so many residuals
 _SETTLED = 0.03
 _ROUNDS = 10  # per Gauss–Newton step
+_ROUNDING = 1e-12  # of the largest eigenvalue: a smaller negative one is zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ def posterior_step(
     """
     H, g = equations.information, equations.gradient
     for _ in range(_ROUNDS):
-        covariance = inverse(H / noise_factor**2 + np.diag(prior_std**-2.0))
+        covariance = inverse(H / noise_factor**2 + np.diag(prior_std**-2.0), on_the_way=True)
         step = covariance @ (g / noise_factor**2 - theta / prior_std**2)
         effective = float(np.sum(H * covariance)) / noise_factor**2
         squares = max(equations.squares - 2 * float(g @ step) + float(step @ H @ step), 0.0)
@@ -82,12 +83,12 @@ def most_probable(
     return min(good, key=lambda candidate: candidate.count)
 
 
-def inverse(matrix: Array) -> Array:
+def inverse(matrix: Array, on_the_way: bool = False) -> Array:
     """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first: m and rad mix.
 
-    Directions that rounding has made singular, as where the stated noise is far too small beside the
-    tolerances, keep the smallest eigenvalue that rounding leaves. Raises NoSolutionError where the
-    matrix is not finite.
+    Raises NoSolutionError where the matrix is not finite, or not positive definite to rounding, as
+    where the noise is far too small beside the tolerances. on_the_way: directions that rounding has
+    made singular keep what it leaves; the noise is estimated again after such a step.
     """
     from scipy.linalg.lapack import dpotrf, dpotri
 
@@ -102,6 +103,8 @@ def inverse(matrix: Array) -> Array:
         result: Array = half + np.tril(half, -1).T
     if failed:
         sizes, vectors = np.linalg.eigh(scaled)
+        if not on_the_way or sizes[0] < -_ROUNDING * sizes[-1]:
+            raise _singular()
         sizes = np.maximum(sizes, len(sizes) * np.finfo(float).eps * sizes[-1])
         result = (vectors / sizes) @ vectors.T
     return result * np.outer(scale, scale)

@@ -228,6 +228,7 @@ class Routines:
             self.variables.evaluation.spoiled.setdefault(unknown.edited, why)
 
     def remark(self, line: int, name: str, why: str, routine: Routine, bad: bool = False) -> None:
+        """Keep a remark on a motion or routine, once."""
         remark = Remark(line, name, why, bad, routine.source)
         self.remarks.setdefault((line, f"{routine.source} {name} {why}"), remark)
 

@@ -68,6 +68,7 @@ class Positions:
         return value if isinstance(value, Unknown) else Product(TOOL, (value,))
 
     def key(self, name: str) -> str:
+        """The variable that a name means here: a parameter of the function, or one of the script."""
         if name in self.function.parameters:
             return f"{self.function.key}|{name}"
         return self.names.variable(self.number, name)
