@@ -141,7 +141,8 @@ class Instructions:
             if found is None:
                 yield from self._instruction(statement.line, statement.text, names)
                 continue
-            yield Move(found.line, found.letter, tuple(self._point(p, found) for p in found.points))
+            name = " ".join([found.letter, *(point.text[:30] for point in found.points)])
+            yield Move(found.line, name, tuple(self._point(p, found) for p in found.points))
             if found.label:
                 yield Jump(found.label, always=False)
 
