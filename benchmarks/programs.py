@@ -7,6 +7,7 @@ Pinocchio drives the calibrated arm there, a URDF from `export`: to the joints o
 its own Newton iterations with the nominal URDF find. The rows that are looked at are drawn with a seed.
 """
 
+import contextlib
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -287,10 +288,17 @@ def corrected(calibration: Path, program: Path, output: Path) -> tuple[float, fl
     command = [sys.executable, "-m", "calibtool", "compensate", str(calibration), str(program)]
     start = time.perf_counter()
     process = subprocess.Popen([*command, "--on-error", "skip", "-o", str(output)], stderr=subprocess.DEVNULL)
-    _, status, usage = os.wait4(process.pid, 0)
+    memory, done = 0.0, 0
+    while not done:  # ru_maxrss would be that of this process, from which the command was started
+        with contextlib.suppress(OSError, StopIteration):
+            lines = Path(f"/proc/{process.pid}/status").read_text(encoding="ascii").splitlines()
+            peak = next(line for line in lines if line.startswith("VmHWM"))
+            memory = max(memory, int(peak.split()[1]) / 1024)
+        time.sleep(0.02)
+        done, status, usage = os.wait4(process.pid, os.WNOHANG)
     process.returncode = os.waitstatus_to_exitcode(status)
     assert process.returncode == 0
-    return time.perf_counter() - start, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+    return time.perf_counter() - start, usage.ru_utime + usage.ru_stime, memory
 
 
 def main() -> None:

@@ -39,7 +39,6 @@ def compensate_joints(
     calibration: Calibration,
     q: Array,
     method: Method = "exact",
-    verify: bool = True,
     bounds: Bounds | None = None,
 ) -> Compensation:
     """Correct joints q (N, n): the calibrated robot goes where the nominal one would at q.
@@ -58,7 +57,6 @@ def compensate_poses(
     T_base_tool: Array,
     q_seed: Array | None = None,
     method: Method = "exact",
-    verify: bool = True,
     bounds: Bounds | None = None,
 ) -> Compensation:
     """Correct joints for commanded poses (N, 4, 4): nominal inverse kinematics, then as for joints.
