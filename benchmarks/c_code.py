@@ -57,10 +57,15 @@ def nanoseconds(calibration: Calibration, precision: Precision, flags: list[str]
     with tempfile.TemporaryDirectory() as folder:
         for name, text in (("arm.h", header), ("arm.c", source), ("main.c", MAIN)):
             Path(folder, name).write_text(text)
-        define = ["-D_POSIX_C_SOURCE=199309L", f"-DREAL={'double' if precision == 'double' else 'float'}"]
+        define = [
+            "-D_POSIX_C_SOURCE=199309L",
+            f"-DREAL={'double' if precision == 'double' else 'float'}",
+        ]
         command = ["cc", "-std=c99", *flags, *define, "-o", "main", "main.c", "arm.c", "-lm"]
         subprocess.run(command, check=True, cwd=folder)
-        return float(subprocess.run([f"{folder}/main"], check=True, capture_output=True, text=True).stdout)
+        return float(
+            subprocess.run([f"{folder}/main"], check=True, capture_output=True, text=True).stdout
+        )
 
 
 def with_harmonics(calibration: Calibration, orders: int) -> Calibration:
@@ -70,13 +75,19 @@ def with_harmonics(calibration: Calibration, orders: int) -> Calibration:
     harmonics, gravity = rng.normal(size=(n, 2 * orders)) * 1e-4, rng.random(n) * 1e-6
     errors = calibration.base.errors.having(harmonics=harmonics, gravity=gravity)
     network = Network.initial(calibration.q, np.full(calibration.equivalent.p, 1e-4), 6, rng)
-    return replace(calibration, base=replace(calibration.base, model="complete", errors=errors), networks=(network,))
+    return replace(
+        calibration,
+        base=replace(calibration.base, model="complete", errors=errors),
+        networks=(network,),
+    )
 
 
 def main() -> None:
     flags = shlex.split(" ".join(sys.argv[1:])) or ["-O2"]
     robot = load_robot("fanuc-m1000ia")
-    measurements = simulate(robot, Simulation(workspace=robot.workspace(None)[1], configurations=60))
+    measurements = simulate(
+        robot, Simulation(workspace=robot.workspace(None)[1], configurations=60)
+    )
     paper = train(measurements, "nominal", TrainingOptions(restarts=1))
     complete = identify(measurements, "complete")
     cases = {
@@ -84,11 +95,15 @@ def main() -> None:
         "complete and network, 2 harmonics": with_harmonics(complete, 2),
         "complete and network, 32 harmonics": with_harmonics(complete, 32),
     }
-    version = subprocess.run(["cc", "--version"], check=True, capture_output=True, text=True).stdout.splitlines()[0]
+    version = subprocess.run(
+        ["cc", "--version"], check=True, capture_output=True, text=True
+    ).stdout.splitlines()[0]
     print(f"{robot.name}, {version}, -std=c99 {shlex.join(flags)}\n")
     print("| one correction | double | float | target |\n|---|---|---|---|")
     for name, calibration in cases.items():
-        taken = [nanoseconds(calibration, precision, flags) / 1e3 for precision in ("double", "single")]  # type: ignore[arg-type]
+        taken = [
+            nanoseconds(calibration, precision, flags) / 1e3 for precision in ("double", "single")
+        ]  # type: ignore[arg-type]
         print(f"| {name} | {taken[0]:.2f} µs | {taken[1]:.2f} µs | 5 µs |")
 
 

@@ -40,7 +40,9 @@ def bound(measurements: Measurements, fresh: Measurements) -> float:
     assert measurements.truth is not None
     robot, setup = measurements.robot, measurements.truth.setup
     parameters = Parameters.of(robot, setup, twists=1)
-    state = State(measurements.truth.actual.errors.without("harmonics", "gravity", "backlash"), setup)
+    state = State(
+        measurements.truth.actual.errors.without("harmonics", "gravity", "backlash"), setup
+    )
     context = state.errors.context(measurements.q)
     columns = observation_matrix(setup, context.frames.tool) @ parameters.pose_columns(context)
     A = (columns * weights(measurements)[..., None]).reshape(-1, parameters.count)
@@ -66,8 +68,12 @@ def accuracy(seeds: range) -> None:
         results: dict[str, list[list[float]]] = {}
         ratios = []
         for seed in seeds:
-            measurements = simulate(robot, Simulation(seed=seed, configurations=count, scales=ErrorScales(kinds)))
-            fresh = simulate(robot, Simulation(seed=seed, configurations=1000, same_robot=measurements.truth))
+            measurements = simulate(
+                robot, Simulation(seed=seed, configurations=count, scales=ErrorScales(kinds))
+            )
+            fresh = simulate(
+                robot, Simulation(seed=seed, configurations=1000, same_robot=measurements.truth)
+            )
             methods: list[tuple[str, Calibration]] = [
                 ("geometry alone", identify(measurements, GEOMETRY)),
                 ("complete", identify(measurements, "complete")),
@@ -79,11 +85,16 @@ def accuracy(seeds: range) -> None:
             parts = evaluation.correctable
             lowest = bound(measurements, fresh) if kinds == ("geometric",) else np.nan
             before = evaluation.methods[0].position_size.max()
-            for entry, part, whole in zip(entries[1:], parts[1:], evaluation.methods[1:], strict=True):
+            for entry, part, whole in zip(
+                entries[1:], parts[1:], evaluation.methods[1:], strict=True
+            ):
                 reduction = entry["reduction_percent"]
                 results.setdefault(entry["name"], []).append(
                     [
-                        *(reduction[s] for s in ("position_max", "orientation_max", "position_mean")),
+                        *(
+                            reduction[s]
+                            for s in ("position_max", "orientation_max", "position_mean")
+                        ),
                         -part.position_size.mean() / lowest,
                         100.0 * (1.0 - whole.position_size.max() / before),
                     ]
@@ -92,17 +103,27 @@ def accuracy(seeds: range) -> None:
         worst_ratio = max(worst_ratio, *ratios)
         for name, rows in results.items():
             median, worst = np.median(rows, axis=0), np.min(rows, axis=0)
-            cells = " | ".join(f"{m:.1f} ({w:.1f})" for m, w in zip(median[:3], worst[:3], strict=True))
+            cells = " | ".join(
+                f"{m:.1f} ({w:.1f})" for m, w in zip(median[:3], worst[:3], strict=True)
+            )
             last = "" if np.isnan(median[3]) else f"{-median[3]:.2f} ({-worst[3]:.2f})"
-            print(f"| {'+'.join(kinds)} | {count} | {name} | {cells} | {last} | {median[4]:.1f} ({worst[4]:.1f}) |")
-    print(f"\nDefault against its base, mean position error, worst seed of all: {100 * (worst_ratio - 1):+.2f} %")
+            print(
+                f"| {'+'.join(kinds)} | {count} | {name} | {cells} | {last} | {median[4]:.1f} ({worst[4]:.1f}) |"
+            )
+    print(
+        f"\nDefault against its base, mean position error, worst seed of all: {100 * (worst_ratio - 1):+.2f} %"
+    )
 
 
 def times() -> None:
     robot = load_robot("fanuc-m1000ia")
-    print("\n| configurations | complete identification | default train | peak memory |\n|---|---|---|---|")
+    print(
+        "\n| configurations | complete identification | default train | peak memory |\n|---|---|---|---|"
+    )
     for count in (50, 1000, 3000, 10_000):
-        measurements = simulate(robot, Simulation(configurations=count, scales=ErrorScales(PHYSICAL)))
+        measurements = simulate(
+            robot, Simulation(configurations=count, scales=ErrorScales(PHYSICAL))
+        )
         repeats = 5 if count == 50 else 1
         taken = []
         for function in (
@@ -116,7 +137,9 @@ def times() -> None:
                 runs.append(time.perf_counter() - start)
             taken.append(statistics.median(runs))
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        print(f"| {count} | {taken[0] * 1e3:.0f} ms | {taken[1]:.1f} s | {peak:.0f} MiB |", flush=True)
+        print(
+            f"| {count} | {taken[0] * 1e3:.0f} ms | {taken[1]:.1f} s | {peak:.0f} MiB |", flush=True
+        )
 
 
 def main() -> None:

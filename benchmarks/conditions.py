@@ -22,12 +22,16 @@ DRIFT = (20.0, 35.0)  # °C
 Range = tuple[float, float]
 
 
-def measured(kinds: tuple[str, ...], seed: int, count: int, first: Measurements | None, **rows: Range) -> Measurements:
+def measured(
+    kinds: tuple[str, ...], seed: int, count: int, first: Measurements | None, **rows: Range
+) -> Measurements:
     """A simulated UR10, or that of `first` again without noise, at other configurations."""
     scales = ErrorScales(("geometric", "gear", "gravity", *kinds), warmth=0.0)
     again = {} if first is None else {"same_robot": first.truth, "noise": 0.0}
     more: Mapping[str, object] = {**rows, **again}
-    return simulate(load_robot("ur10"), Simulation(seed=seed, configurations=count, scales=scales, **more))  # type: ignore[arg-type]
+    return simulate(
+        load_robot("ur10"), Simulation(seed=seed, configurations=count, scales=scales, **more)
+    )  # type: ignore[arg-type]
 
 
 def error(calibration: Calibration, fresh: Measurements, blind: bool = False) -> float:
@@ -61,7 +65,11 @@ def temperature(seed: int, count: int) -> list[float]:
     fresh = measured(("thermal",), seed + 1000, 500, drifting, temperature_c=DRIFT)
     at_rest = measured(("thermal",), seed + 1000, 500, steady, temperature_c=(DRIFT[0], DRIFT[0]))
     blind = identify(drifting, without("temperature"))
-    return [error(identify(drifting), fresh), error(identify(steady), at_rest), error(blind, fresh, blind=True)]
+    return [
+        error(identify(drifting), fresh),
+        error(identify(steady), at_rest),
+        error(blind, fresh, blind=True),
+    ]
 
 
 def spread(values: np.ndarray) -> str:
@@ -75,13 +83,21 @@ def main() -> None:
     options = parser.parse_args()
     loads = np.array([payload(seed, options.configurations) for seed in range(options.seeds)])
     drifts = np.array([temperature(seed, options.configurations) for seed in range(options.seeds)])
-    print("| judged at | one fit, mm | a fit of its own, mm | ratio | not told, mm |\n|---|---|---|---|---|")
+    print(
+        "| judged at | one fit, mm | a fit of its own, mm | ratio | not told, mm |\n|---|---|---|---|---|"
+    )
     for k, load in enumerate(LOADS):
         one, own, blind = loads[:, 3 * k : 3 * k + 3].T
-        print(f"| {load:g} kg | {spread(one)} | {spread(own)} | {spread(one / own)} | {spread(blind)} |")
-    print("\n| with the drift, mm | without a drift, mm | ratio | not told, mm |\n|---|---|---|---|")
+        print(
+            f"| {load:g} kg | {spread(one)} | {spread(own)} | {spread(one / own)} | {spread(blind)} |"
+        )
+    print(
+        "\n| with the drift, mm | without a drift, mm | ratio | not told, mm |\n|---|---|---|---|"
+    )
     with_drift, none, blind = drifts.T
-    print(f"| {spread(with_drift)} | {spread(none)} | {spread(with_drift / none)} | {spread(blind)} |")
+    print(
+        f"| {spread(with_drift)} | {spread(none)} | {spread(with_drift / none)} | {spread(blind)} |"
+    )
 
 
 if __name__ == "__main__":

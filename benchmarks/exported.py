@@ -59,12 +59,26 @@ def by_c(calibration: Calibration, q: Array, precision: Precision) -> tuple[Arra
     with tempfile.TemporaryDirectory() as folder:
         for name, text in (("arm.h", header), ("arm.c", source), ("loop.c", LOOP)):
             Path(folder, name).write_text(text)
-        command = ["cc", "-std=c99", "-O2", f"-DREAL={real}", "-shared", "-fPIC", "-o", "arm.so", "arm.c", "loop.c", "-lm"]
+        command = [
+            "cc",
+            "-std=c99",
+            "-O2",
+            f"-DREAL={real}",
+            "-shared",
+            "-fPIC",
+            "-o",
+            "arm.so",
+            "arm.c",
+            "loop.c",
+            "-lm",
+        ]
         subprocess.run(command, check=True, cwd=folder)
         library = ctypes.CDLL(f"{folder}/arm.so")
         rows = np.ascontiguousarray(q, dtype=kind)
         corrected, codes = np.empty_like(rows), np.empty(len(rows), dtype=np.intc)
-        library.many(len(rows), *(ctypes.c_void_p(array.ctypes.data) for array in (rows, corrected, codes)))
+        library.many(
+            len(rows), *(ctypes.c_void_p(array.ctypes.data) for array in (rows, corrected, codes))
+        )
     return corrected.astype(float), codes
 
 
@@ -96,14 +110,22 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robots", default=",".join(robot_names()))
     options = parser.parse_args()
-    print("| robot | base | code | worse | ok, above | largest changes deg | left / before, median | status |")
+    print(
+        "| robot | base | code | worse | ok, above | largest changes deg | left / before, median | status |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     worse = above = rows = 0
     for name in options.robots.split(","):
         robot = load_robot(name)
         span = robot.upper - robot.lower
-        q = robot.lower + span * np.random.default_rng([options.seed, 7]).random((options.rows, robot.n))
-        for base, workspace in (("complete", None), ("complete", home(robot)), ("nominal", home(robot))):
+        q = robot.lower + span * np.random.default_rng([options.seed, 7]).random(
+            (options.rows, robot.n)
+        )
+        for base, workspace in (
+            ("complete", None),
+            ("complete", home(robot)),
+            ("nominal", home(robot)),
+        ):
             basis = Simulation(
                 seed=options.seed,
                 configurations=options.configurations,
@@ -122,10 +144,14 @@ def main() -> None:
                 before, after = (sizes(calibration, x, commanded) for x in (commanded, corrected))
                 grown = int((after > before).any(axis=0).sum())
                 fine = codes == STATUS.index("ok")
-                high = int((fine & (after > 5 * np.median(after, axis=1, keepdims=True)).any(axis=0)).sum())
+                high = int(
+                    (fine & (after > 5 * np.median(after, axis=1, keepdims=True)).any(axis=0)).sum()
+                )
                 change = np.abs(corrected - commanded).max(axis=0)
                 units = zip(change, robot.prismatic, strict=True)
-                shown = "/".join(f"{1e3 * c:.0f} mm" if slide else f"{np.rad2deg(c):.1f}" for c, slide in units)
+                shown = "/".join(
+                    f"{1e3 * c:.0f} mm" if slide else f"{np.rad2deg(c):.1f}" for c, slide in units
+                )
                 counts = Counter(STATUS[k] for k in codes)
                 status = ", ".join(f"{count} {word}" for word, count in counts.most_common())
                 share = np.median(after[1]) / max(float(np.median(before[1])), 1e-300)
@@ -135,7 +161,9 @@ def main() -> None:
                 )
                 if code != "C float":
                     worse, above, rows = worse + grown, above + high, rows + len(commanded)
-    print(f"\nDouble precision: {rows} rows, worse than uncorrected {worse}, ok but above 5 medians {above}")
+    print(
+        f"\nDouble precision: {rows} rows, worse than uncorrected {worse}, ok but above 5 medians {above}"
+    )
 
 
 if __name__ == "__main__":

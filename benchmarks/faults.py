@@ -52,7 +52,9 @@ class Row:
     def of(cls, fault: str, command: str, outcomes: list[str], seen: str) -> "Row":
         """outcomes: '' where the law held, else what broke it."""
         bad = [outcome for outcome in outcomes if outcome]
-        return cls(fault, command, len(outcomes), len(outcomes) - len(bad), seen, tuple(sorted(set(bad))))
+        return cls(
+            fault, command, len(outcomes), len(outcomes) - len(bad), seen, tuple(sorted(set(bad)))
+        )
 
 
 class Bench:
@@ -60,7 +62,11 @@ class Bench:
 
     def __init__(self, folder: Path, tries: int) -> None:
         self.tries, self.random = tries, random.Random(0)
-        self.inputs, self.folder, self.locales = folder / "inputs", folder / "work", folder / "locales"
+        self.inputs, self.folder, self.locales = (
+            folder / "inputs",
+            folder / "work",
+            folder / "locales",
+        )
         for made in (self.inputs, self.folder, self.locales):
             made.mkdir()
         ended.make_inputs(self.inputs)
@@ -88,7 +94,9 @@ class Bench:
         ended.remove_outputs(self.folder, writer)
         yield from self.surroundings(name, new)
 
-    def killed(self, fault: str, name: str, new: dict[str, bytes], duration: float, steps: int) -> Row:
+    def killed(
+        self, fault: str, name: str, new: dict[str, bytes], duration: float, steps: int
+    ) -> Row:
         writer, outcomes, seen = WRITERS[name], [], Counter[str]()
         for i in range(self.tries if "moment" in fault else max(self.tries // 2, 1)):
             old = self.prepare(writer, i % 2 == 1)
@@ -97,7 +105,9 @@ class Bench:
                 ended.signal_after(process, self.random.uniform(0, duration), signal.SIGKILL)
             else:
                 step = self.random.randint(1, steps)
-                finished(start(writer.words, self.folder, ended.signal_at_step(step, signal.SIGKILL)))
+                finished(
+                    start(writer.words, self.folder, ended.signal_at_step(step, signal.SIGKILL))
+                )
             outcomes.append(broken(self.folder, writer, old, new, self.others))
             seen.update(self.state(writer, old, new))
         left = len(parts(self.folder))
@@ -105,7 +115,9 @@ class Bench:
         if snapshot(self.folder, writer) != new or parts(self.folder):
             outcomes.append("the next run did not put it in order")
         counts = ", ".join(f"{number} {state}" for state, number in sorted(seen.items()))
-        return Row.of(fault, name, outcomes, f"{counts}; {left} temporary files, gone after the next run")
+        return Row.of(
+            fault, name, outcomes, f"{counts}; {left} temporary files, gone after the next run"
+        )
 
     def asked_to_end(self, name: str, new: dict[str, bytes], steps: int) -> Iterator[Row]:
         """SIGINT and SIGTERM at a random step: as above, nothing is left over, and the exit code says so."""
@@ -115,14 +127,29 @@ class Bench:
             for i in range(max(self.tries // 4, 1)):
                 old = self.prepare(writer, i % 2 == 1)
                 step = self.random.randint(1, steps)
-                found = finished(start(writer.words, self.folder, ended.signal_at_step(step, number)))
+                found = finished(
+                    start(writer.words, self.folder, ended.signal_at_step(step, number))
+                )
                 codes[found] += 1
                 problem = broken(self.folder, writer, old, new, self.others)
                 mixed = len(set(self.state(writer, old, new))) > 1 and name != "demo"
-                wrong = f"exit code {found}" if found not in (0, code) else "old and new mixed" if mixed else ""
+                wrong = (
+                    f"exit code {found}"
+                    if found not in (0, code)
+                    else "old and new mixed"
+                    if mixed
+                    else ""
+                )
                 outcomes.append(problem or wrong or ", ".join(parts(self.folder)))
-            seen = ", ".join(f"exit code {code}: {number}" for code, number in sorted(codes.items()))
-            yield Row.of(f"{signal.Signals(number).name} at a random step of the writing", name, outcomes, seen)
+            seen = ", ".join(
+                f"exit code {code}: {number}" for code, number in sorted(codes.items())
+            )
+            yield Row.of(
+                f"{signal.Signals(number).name} at a random step of the writing",
+                name,
+                outcomes,
+                seen,
+            )
 
     def large_file(self, name: str, new: dict[str, bytes]) -> Row:
         """Files cannot become larger than a part of the output."""
@@ -131,7 +158,9 @@ class Bench:
             old = self.prepare(writer, i % 2 == 1)
             size = self.random.randrange(max(map(len, new.values())))
             code = finished(start(writer.words, self.folder, ended.limit_file_size(size)))
-            problem = broken(self.folder, writer, old, new, self.others) or ", ".join(parts(self.folder))
+            problem = broken(self.folder, writer, old, new, self.others) or ", ".join(
+                parts(self.folder)
+            )
             kept = "" if snapshot(self.folder, writer) == old else "not as before"
             outcomes.append(problem or kept or ("" if code == 2 else f"exit code {code}"))
         return Row.of("no room for the whole file", name, outcomes, "as before, exit code 2")
@@ -174,7 +203,9 @@ class Bench:
                 for folder, mode in modes.items():
                     folder.chmod(mode)
             same = snapshot(self.folder, writer) == old and everything(self.folder) == before
-            outcomes.append("something changed" if not same else "" if code == 2 else f"exit code {code}")
+            outcomes.append(
+                "something changed" if not same else "" if code == 2 else f"exit code {code}"
+            )
         return Row.of("a read-only folder", name, outcomes, "as before, exit code 2")
 
     def surroundings(self, name: str, new: dict[str, bytes]) -> Iterator[Row]:
@@ -191,7 +222,9 @@ class Bench:
                 yield Row.of(fault, name, [""], "exit code 2, nothing written")
                 continue
             same = "" if found == new else "other bytes"
-            yield Row.of(fault, name, [same or ("" if code == 0 else f"exit code {code}")], "the same bytes")
+            yield Row.of(
+                fault, name, [same or ("" if code == 0 else f"exit code {code}")], "the same bytes"
+            )
 
     def prepare(self, writer: Writer, existing: bool) -> dict[str, bytes]:
         """Old outputs, or none; returns them. Temporary files stay where they are."""
@@ -205,7 +238,13 @@ class Bench:
         """Of every output: absent, old or new."""
         now = snapshot(self.folder, writer)
         return [
-            "absent" if name not in now else "new" if now[name] == new[name] else "old" if name in old else "HALF"
+            "absent"
+            if name not in now
+            else "new"
+            if now[name] == new[name]
+            else "old"
+            if name in old
+            else "HALF"
             for name in writer.outputs
         ]
 
@@ -223,14 +262,22 @@ class Bench:
                 running = [start([*words, *force], self.folder) for words in seeds]
                 codes = sorted(finished(process) for process in running)
                 whole = (self.folder / "out.h5").read_bytes() in made and not parts(self.folder)
-                outcomes.append("" if whole and codes in expected else f"whole {whole}, exit codes {codes}")
-            how = "both write, the last one stays" if force else "one writes, the other: exit code 2"
+                outcomes.append(
+                    "" if whole and codes in expected else f"whole {whole}, exit codes {codes}"
+                )
+            how = (
+                "both write, the last one stays" if force else "one writes, the other: exit code 2"
+            )
             yield Row.of("two processes, one output", " ".join(["simulate", *force]), outcomes, how)
         (self.folder / "out.h5").unlink()
 
     def stdout_that_takes_nothing(self) -> Iterator[Row]:
         """Closed, full, or with a reader that goes away: an exit code, and no traceback."""
-        commands = ("simulate planar-3r -n 20 -o -", "compensate c.h5 targets.csv", "export c.h5 --format json -o -")
+        commands = (
+            "simulate planar-3r -n 20 -o -",
+            "compensate c.h5 targets.csv",
+            "export c.h5 --format json -o -",
+        )
         for name, shell in (
             ("closed", ">&-"),
             ("full", "> /dev/full"),
@@ -238,7 +285,9 @@ class Bench:
         ):
             for words in commands:
                 line = f"{sys.executable} -m calibtool {words} {shell}; exit ${{PIPESTATUS[0]}}"
-                done = subprocess.run(["bash", "-c", line], cwd=self.folder, capture_output=True, text=True)
+                done = subprocess.run(
+                    ["bash", "-c", line], cwd=self.folder, capture_output=True, text=True
+                )
                 said = done.stderr.splitlines()
                 expected = (0, 1) if "reader" in name else (2,)  # 0: it came too late to be noticed
                 wrong = "" if done.returncode in expected else f"exit code {done.returncode}"
@@ -248,18 +297,35 @@ class Bench:
 
     def interrupted_at_the_start(self) -> Iterator[Row]:
         """Ctrl-C while a real process starts. The first moments belong to the interpreter itself."""
-        command = [sys.executable, "-m", "calibtool", "simulate", "planar-3r", "-n", "20", "-o", "out.h5", "--force"]
+        command = [
+            sys.executable,
+            "-m",
+            "calibtool",
+            "simulate",
+            "planar-3r",
+            "-n",
+            "20",
+            "-o",
+            "out.h5",
+            "--force",
+        ]
         for span in (0.1, 2.0):
             outcomes, codes = [], Counter[str]()
             for _ in range(self.tries):
-                process = subprocess.Popen(command, cwd=self.folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+                process = subprocess.Popen(
+                    command, cwd=self.folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL
+                )
                 time.sleep(self.random.uniform(0, span))
                 process.send_signal(signal.SIGINT)
                 said = process.communicate()[1].decode()
                 own = "calibtool/" in said
-                codes[f"{process.returncode}{' with a traceback of the interpreter' if said else ''}"] += 1
+                codes[
+                    f"{process.returncode}{' with a traceback of the interpreter' if said else ''}"
+                ] += 1
                 outcomes.append(said.splitlines()[-1] if own else ", ".join(parts(self.folder)))
-            seen = ", ".join(f"exit code {code}: {number}" for code, number in sorted(codes.items()))
+            seen = ", ".join(
+                f"exit code {code}: {number}" for code, number in sorted(codes.items())
+            )
             yield Row.of(f"SIGINT in the first {span} s of a process", "simulate", outcomes, seen)
 
     def general(self) -> Iterator[Row]:
@@ -280,7 +346,10 @@ def becoming_nobody() -> None:
 def small_disk() -> Iterator[Path | None]:
     """A file system of 1 MiB; None without the right to mount one."""
     with tempfile.TemporaryDirectory() as folder:
-        if os.geteuid() != 0 or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "none", folder]).returncode:
+        if (
+            os.geteuid() != 0
+            or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "none", folder]).returncode
+        ):
             yield None
             return
         try:
@@ -301,7 +370,9 @@ def fill(path: Path, pages: int) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Commands ended, starved, run twice at once, in strange surroundings.")
+    parser = argparse.ArgumentParser(
+        description="Commands ended, starved, run twice at once, in strange surroundings."
+    )
     names = [*filter(available, WRITERS), GENERAL]
     parser.add_argument("--tries", type=int, default=100)
     parser.add_argument("--command", choices=names, action="append")
@@ -309,7 +380,9 @@ def main() -> None:
     options = parser.parse_args()
     if not options.json:
         print("| fault | command | tries | law held | seen |\n|---|---|---|---|---|")
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a run in the background may have been told to ignore it
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a run in the background may have been told to ignore it
     wrong = 0
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
@@ -317,7 +390,12 @@ def main() -> None:
         for name in options.command or names:
             for row in bench.general() if name == GENERAL else bench.command(name):
                 cells = (row.fault, row.command, row.tries, row.held, row.seen)
-                print(json.dumps(asdict(row)) if options.json else f"| {' | '.join(map(str, cells))} |", flush=True)
+                print(
+                    json.dumps(asdict(row))
+                    if options.json
+                    else f"| {' | '.join(map(str, cells))} |",
+                    flush=True,
+                )
                 for line in row.broken:
                     print(f"{row.fault}, {row.command}: {line}", file=sys.stderr, flush=True)
                 wrong += len(row.broken)

@@ -44,7 +44,9 @@ class Hang(BaseException):
 def place(error: BaseException) -> str:
     """Kind and deepest line of the project's own in a traceback: what makes two findings the same."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = [f for f in frames if f.filename.startswith(PACKAGE) and "site-packages" not in f.filename] or frames
+    own = [
+        f for f in frames if f.filename.startswith(PACKAGE) and "site-packages" not in f.filename
+    ] or frames
     return f"{type(error).__name__} {Path(own[-1].filename).name}:{own[-1].lineno}"
 
 
@@ -87,7 +89,13 @@ def work(name: str, seed: int, first: int, end: int, state: Any, found: Connecti
             state[5] += 1
         except CalibtoolError as error:
             if not (str(error) and str(error).isprintable()):
-                found.send((index, f"message is not one line of printable characters {place(error)}", str(error)))
+                found.send(
+                    (
+                        index,
+                        f"message is not one line of printable characters {place(error)}",
+                        str(error),
+                    )
+                )
         except (Exception, Hang) as error:
             found.send((index, place(error), f"{type(error).__name__}: {error}"[:300]))
         finally:
@@ -134,7 +142,10 @@ def fuzz(name: str, inputs: int, seed: int, first: int, folder: Path | None) -> 
                 break
             if state[0] != at:
                 at, began, waited = state[0], seconds_of(worker.pid), time.monotonic()
-            elif seconds_of(worker.pid) - began > 3 * SECONDS or time.monotonic() - waited > 100 * SECONDS:
+            elif (
+                seconds_of(worker.pid) - began > 3 * SECONDS
+                or time.monotonic() - waited > 100 * SECONDS
+            ):
                 killed = True
                 worker.kill()
         worker.join()
@@ -157,8 +168,16 @@ def fuzz(name: str, inputs: int, seed: int, first: int, folder: Path | None) -> 
         "valid": int(state[5]),
         "worst_ms": round(state[1] * 1e3),
     }
-    found |= {"memory_mib": round((peak - base) / 1024), "findings": count, "places": sorted(findings)}
-    print(f"{name}: {taken:.0f} s, worst input {int(state[2])}, findings {findings}", file=sys.stderr, flush=True)
+    found |= {
+        "memory_mib": round((peak - base) / 1024),
+        "findings": count,
+        "places": sorted(findings),
+    }
+    print(
+        f"{name}: {taken:.0f} s, worst input {int(state[2])}, findings {findings}",
+        file=sys.stderr,
+        flush=True,
+    )
     return found
 
 
@@ -172,10 +191,17 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="One object per reader.")
     options = parser.parse_args()
     if not options.json:
-        print("| reader | inputs | of them valid | worst time | more memory | findings |\n|---|---|---|---|---|---|")
+        print(
+            "| reader | inputs | of them valid | worst time | more memory | findings |\n|---|---|---|---|---|---|"
+        )
     for name in options.reader or READERS:
         row = fuzz(name, options.inputs, options.seed, options.first, options.findings)
-        told = [f"{row['inputs']:,}", f"{row['valid']:,}", f"{row['worst_ms']} ms", f"{row['memory_mib']} MiB"]
+        told = [
+            f"{row['inputs']:,}",
+            f"{row['valid']:,}",
+            f"{row['worst_ms']} ms",
+            f"{row['memory_mib']} MiB",
+        ]
         line = f"| {' | '.join([name, *told, str(row['findings'])])} |"
         print(json.dumps(row) if options.json else line, flush=True)
 

@@ -32,9 +32,27 @@ sys.path.insert(0, str(HERE.parent / "tests" / "fuzz"))
 SECONDS, MIB = 5, 1024
 LONGEST = 20_000  # bytes of an input
 GUIDED = (
-    *("csv", "ndjson", "import", "spatial-analyzer", "column-map", "study-definition", "study-csv", "study-journal"),
+    *(
+        "csv",
+        "ndjson",
+        "import",
+        "spatial-analyzer",
+        "column-map",
+        "study-definition",
+        "study-csv",
+        "study-journal",
+    ),
     *("ur-yaml", "ur-conf", "dh-table"),
-    *("robot-toml", "urdf", "frames-toml", "fanuc-ls", "kuka-krl", "abb-rapid", "ur-script", "ros2-trajectory"),
+    *(
+        "robot-toml",
+        "urdf",
+        "frames-toml",
+        "fanuc-ls",
+        "kuka-krl",
+        "abb-rapid",
+        "ur-script",
+        "ros2-trajectory",
+    ),
 )
 _STATUS = re.compile(r"^#(\d+)\s+(\w+)\s+cov: (\d+) ft: (\d+)", re.MULTILINE)
 _FINAL = re.compile(r"^stat::(\w+):\s+(\d+)", re.MULTILINE)
@@ -74,8 +92,19 @@ def explore(name: str, seeds: Path, folder: Path, seconds: int, seed: int) -> No
         return mutated(random.Random(seed), [data, *originals], TEXT)[:longest]
 
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // MIB + MIB
-    limits = [f"-max_total_time={seconds}", f"-rss_limit_mb={memory}", f"-max_len={LONGEST}", "-timeout=300"]
-    words = [*limits, f"-seed={seed}", "-print_final_stats=1", f"-artifact_prefix={folder}/{name}-", str(seeds)]
+    limits = [
+        f"-max_total_time={seconds}",
+        f"-rss_limit_mb={memory}",
+        f"-max_len={LONGEST}",
+        "-timeout=300",
+    ]
+    words = [
+        *limits,
+        f"-seed={seed}",
+        "-print_final_stats=1",
+        f"-artifact_prefix={folder}/{name}-",
+        str(seeds),
+    ]
     atheris.Setup([sys.argv[0], *words], one, custom_mutator=mutate)
     atheris.Fuzz()
 
@@ -85,8 +114,20 @@ def guided(name: str, seconds: int, seed: int, folder: Path) -> dict[str, Any]:
     folder.mkdir(parents=True, exist_ok=True)
     before = set(folder.iterdir())
     with tempfile.TemporaryDirectory() as seeds:
-        words = [sys.executable, __file__, "--explore", name, seeds, "--seconds", str(seconds), "--seed", str(seed)]
-        done = subprocess.run([*words, "--findings", str(folder)], capture_output=True, text=True, errors="replace")
+        words = [
+            sys.executable,
+            __file__,
+            "--explore",
+            name,
+            seeds,
+            "--seconds",
+            str(seconds),
+            "--seed",
+            str(seed),
+        ]
+        done = subprocess.run(
+            [*words, "--findings", str(folder)], capture_output=True, text=True, errors="replace"
+        )
         kept = len(list(Path(seeds).iterdir()))
     states = {state: int(reached) for _, state, reached, _ in _STATUS.findall(done.stderr)}
     final = {key: int(value) for key, value in _FINAL.findall(done.stderr)}
@@ -120,10 +161,19 @@ def main() -> None:
         explore(name, Path(seeds), options.findings, options.seconds, options.seed)
         return
     if not options.json:
-        print("| reader | inputs | kept | seeds reach | reached | findings |\n|---|---|---|---|---|---|")
+        print(
+            "| reader | inputs | kept | seeds reach | reached | findings |\n|---|---|---|---|---|---|"
+        )
     for name in options.reader or GUIDED:
         row = guided(name, options.seconds, options.seed, options.findings.resolve())
-        cells = [name, f"{row['inputs']:,}", row["kept"], row["seeds_reach"], row["reached"], len(row["findings"])]
+        cells = [
+            name,
+            f"{row['inputs']:,}",
+            row["kept"],
+            row["seeds_reach"],
+            row["reached"],
+            len(row["findings"]),
+        ]
         print(json.dumps(row) if options.json else f"| {' | '.join(map(str, cells))} |", flush=True)
 
 

@@ -44,7 +44,9 @@ def clik(robot: Robot, targets: Array, seed: Array) -> tuple[np.ndarray, float]:
             if np.linalg.norm(e) < 1e-6:
                 reached[k] = bool(robot.within_limits(q[None])[0])
                 break
-            J = -pin.Jlog6(error.inverse()) @ pin.computeJointJacobian(model, data, q, model.njoints - 1)
+            J = -pin.Jlog6(error.inverse()) @ pin.computeJointJacobian(
+                model, data, q, model.njoints - 1
+            )
             q = q + 0.1 * (-J.T @ np.linalg.solve(J @ J.T + 1e-12 * np.eye(6), e))
     return reached, time.process_time() - start
 
@@ -84,7 +86,9 @@ def toolbox(robot: Robot, targets: Array, python: str) -> tuple[np.ndarray, floa
         answer = np.load(found)
         q, seconds = answer["q"], float(answer["seconds"])
     left = np.abs(robot.mechanism.forward(q) - targets).max(axis=(1, 2))
-    return (left < 1e-2) & robot.within_limits(q), seconds  # its tolerance is on the squared error: 1e-3
+    return (left < 1e-2) & robot.within_limits(
+        q
+    ), seconds  # its tolerance is on the squared error: 1e-3
 
 
 def main() -> None:
@@ -101,8 +105,16 @@ def main() -> None:
         targets = robot.mechanism.forward(q)
         for size, note in ((count, ""), (FEW, f", {FEW} at a time")):
             start = time.process_time()
-            reached = [inverse_kinematics(robot, targets[k : k + size]).reached for k in range(0, count, size)]
-            row(name, f"calibtool, no seed{note}", np.concatenate(reached), time.process_time() - start)
+            reached = [
+                inverse_kinematics(robot, targets[k : k + size]).reached
+                for k in range(0, count, size)
+            ]
+            row(
+                name,
+                f"calibtool, no seed{note}",
+                np.concatenate(reached),
+                time.process_time() - start,
+            )
         near = np.clip(q + rng.normal(0, 0.05, q.shape), robot.lower, robot.upper)
         start = time.process_time()
         solved = inverse_kinematics(robot, targets, near)
@@ -115,7 +127,10 @@ def main() -> None:
 
 def row(robot: str, solver: str, reached: np.ndarray, seconds: float) -> None:
     share = f"{int(reached.sum())} ({100 * reached.mean():.1f} %)"
-    print(f"| {robot} | {solver} | {len(reached)} | {share} | {seconds / len(reached) * 1e6:.0f} µs |", flush=True)
+    print(
+        f"| {robot} | {solver} | {len(reached)} | {share} | {seconds / len(reached) * 1e6:.0f} µs |",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

@@ -38,10 +38,22 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     profile = "fixed" if options.quick else "thorough"
-    command = [sys.executable, "-m", "pytest", "tests/laws", "-p", "no:cacheprovider", "--hypothesis-show-statistics"]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "tests/laws",
+        "-p",
+        "no:cacheprovider",
+        "--hypothesis-show-statistics",
+    ]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
-        [*command, f"--hypothesis-profile={profile}"], cwd=ROOT, env=environment, capture_output=True, text=True
+        [*command, f"--hypothesis-profile={profile}"],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
     )
     if done.returncode not in (0, 1):
         sys.exit(done.stdout + done.stderr)

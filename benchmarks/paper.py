@@ -14,19 +14,35 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 
-STATISTICS = ("position_max", "orientation_max", "position_mean", "orientation_mean", "position_std", "orientation_std")
+STATISTICS = (
+    "position_max",
+    "orientation_max",
+    "position_mean",
+    "orientation_mean",
+    "position_std",
+    "orientation_std",
+)
 
 
 def methods(measurements: Measurements, seed: int) -> list[tuple[str, Calibration]]:
     """The calibrations compared; the base model alone sees the 50 training configurations only, like the networks."""
     training_rows, _ = split_rows(len(measurements), 0.5, np.random.default_rng(seed))
     return [
-        ("network on nominal, task loss", train(measurements, "nominal", TrainingOptions(loss="task", seed=seed))),
-        ("network on nominal, joint loss", train(measurements, "nominal", TrainingOptions(loss="joint", seed=seed))),
+        (
+            "network on nominal, task loss",
+            train(measurements, "nominal", TrainingOptions(loss="task", seed=seed)),
+        ),
+        (
+            "network on nominal, joint loss",
+            train(measurements, "nominal", TrainingOptions(loss="joint", seed=seed)),
+        ),
         ("local POE, 50 configurations", identify(measurements.rows(training_rows), "local-poe")),
         ("local POE, 100 configurations", identify(measurements, "local-poe")),
         ("network on local POE", train(measurements, "local-poe", TrainingOptions(seed=seed))),
-        ("complete (default)", train(measurements, "complete", TrainingOptions(regularisation="bayes", seed=seed))),
+        (
+            "complete (default)",
+            train(measurements, "complete", TrainingOptions(regularisation="bayes", seed=seed)),
+        ),
     ]
 
 
@@ -41,7 +57,9 @@ def main() -> None:
     results: dict[tuple[str, str], list[list[float]]] = {}
     for seed in seeds:
         measurements = simulate(robot, Simulation(seed=seed, workspace=workspace))
-        again = Simulation(seed=seed, workspace=workspace, configurations=1000, same_robot=measurements.truth)
+        again = Simulation(
+            seed=seed, workspace=workspace, configurations=1000, same_robot=measurements.truth
+        )
         fresh = simulate(robot, again)
         calibrations = methods(measurements, seed)
         for name, judged in (("the 100", measurements), ("1,000 fresh", fresh)):
@@ -49,10 +67,14 @@ def main() -> None:
             assert isinstance(report, list)
             for entry in report[1:]:
                 reduction = entry["reduction_percent"]
-                results.setdefault((entry["name"], name), []).append([reduction[s] for s in STATISTICS])
+                results.setdefault((entry["name"], name), []).append(
+                    [reduction[s] for s in STATISTICS]
+                )
 
     print(f"Reduction in %, median over {len(seeds)} seeds (worst seed in brackets)\n")
-    print("| method | configurations | " + " | ".join(s.replace("_", " ") for s in STATISTICS) + " |")
+    print(
+        "| method | configurations | " + " | ".join(s.replace("_", " ") for s in STATISTICS) + " |"
+    )
     print("|---|---|" + "---|" * len(STATISTICS))
     for (method, judged), rows in results.items():
         median, worst = np.median(rows, axis=0), np.min(rows, axis=0)

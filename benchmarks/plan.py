@@ -45,9 +45,15 @@ def accuracy(seeds: range, workspace: str) -> None:
         results: dict[str, list[list[float]]] = {}
         for seed in seeds:
             scales = ErrorScales(kinds)
-            first = simulate(robot, Simulation(seed=seed, configurations=max(RANDOM), workspace=space, scales=scales))
+            first = simulate(
+                robot,
+                Simulation(seed=seed, configurations=max(RANDOM), workspace=space, scales=scales),
+            )
             fresh = simulate(
-                robot, Simulation(seed=seed + 1000, configurations=1000, workspace=space, same_robot=first.truth)
+                robot,
+                Simulation(
+                    seed=seed + 1000, configurations=1000, workspace=space, same_robot=first.truth
+                ),
             )
             sets = {f"{count} random": first.rows(np.arange(count)) for count in RANDOM}
             for criterion in ("d", "i"):
@@ -63,17 +69,26 @@ def accuracy(seeds: range, workspace: str) -> None:
                 sets[f"15 selected ({criterion})"] = simulate(
                     robot, Simulation(seed=seed, at=made.q, same_robot=first.truth)
                 )
-            evaluation = evaluate([(name, identify(data, "complete")) for name, data in sets.items()], fresh)
+            evaluation = evaluate(
+                [(name, identify(data, "complete")) for name, data in sets.items()], fresh
+            )
             entries = evaluation.as_json()["methods"]
             assert isinstance(entries, list)
             for entry, part in zip(entries[1:], evaluation.correctable[1:], strict=True):
                 found = entry["reduction_percent"]
                 cells = [found[s] for s in ("position_max", "position_mean", "orientation_max")]
-                results.setdefault(entry["name"], []).append([*cells, -part.position_size.mean() * 1e3])
+                results.setdefault(entry["name"], []).append(
+                    [*cells, -part.position_size.mean() * 1e3]
+                )
         for name, rows in results.items():
             median, worst = np.median(rows, axis=0), np.min(rows, axis=0)
-            cells = " | ".join(f"{m:.2f} ({w:.2f})" for m, w in zip(median[:3], worst[:3], strict=True))
-            print(f"| {'+'.join(kinds)} | {name} | {cells} | {-median[3]:.3f} ({-worst[3]:.3f}) |", flush=True)
+            cells = " | ".join(
+                f"{m:.2f} ({w:.2f})" for m, w in zip(median[:3], worst[:3], strict=True)
+            )
+            print(
+                f"| {'+'.join(kinds)} | {name} | {cells} | {-median[3]:.3f} ({-worst[3]:.3f}) |",
+                flush=True,
+            )
 
 
 def limits(seeds: range) -> None:
@@ -83,7 +98,9 @@ def limits(seeds: range) -> None:
     whole = Knowledge.of_tolerances(robot, NOISE)
     parameters = Parameters.of(robot, whole.state.setup, twists=1)
     prior_std = parameters.prior_std(Tolerances.of_robot(robot))
-    geometry = replace(whole, parameters=parameters, prior_std=prior_std, covariance=np.eye(parameters.count))
+    geometry = replace(
+        whole, parameters=parameters, prior_std=prior_std, covariance=np.eye(parameters.count)
+    )
     judged = sample_configurations(robot, space, 500, np.random.default_rng(99))
     results: dict[str, list[float]] = {}
     for seed in seeds:
@@ -93,13 +110,21 @@ def limits(seeds: range) -> None:
             for criterion in ("d", "i"):
                 rng = np.random.default_rng(seed)
                 made = make_plan(
-                    knowledge, space, 15, constraints=Constraints(), criterion=criterion, candidates=2000, rng=rng
+                    knowledge,
+                    space,
+                    15,
+                    constraints=Constraints(),
+                    criterion=criterion,
+                    candidates=2000,
+                    rng=rng,
                 )
                 sets[f"15 selected for {name} ({criterion})"] = made.q
         for name, chosen in sets.items():
             deviation = geometry.after(geometry.rows(chosen)).target_deviation(judged)
             results.setdefault(name, []).append(deviation.mean() * 1e3)
-    print(f"\nPredicted deviation of the targets from the geometric errors, whole range, {len(seeds)} seeds\n")
+    print(
+        f"\nPredicted deviation of the targets from the geometric errors, whole range, {len(seeds)} seeds\n"
+    )
     print("| set | mean mm |\n|---|---|")
     for name, values in results.items():
         print(f"| {name} | {np.median(values):.4f} ({np.max(values):.4f}) |", flush=True)
@@ -110,7 +135,9 @@ def times() -> None:
     print("\n| 30 of 2,000 | rows | select d | select i |\n|---|---|---|---|")
     knowledge = Knowledge.of_tolerances(robot, NOISE)
     for workspace in ("full", "machining"):
-        q = sample_configurations(robot, robot.workspace(workspace)[1], 2000, np.random.default_rng(0))
+        q = sample_configurations(
+            robot, robot.workspace(workspace)[1], 2000, np.random.default_rng(0)
+        )
         start = time.perf_counter()
         rows = knowledge.rows(q)
         taken = [time.perf_counter() - start]

@@ -52,7 +52,9 @@ def configurations(robot: Robot, count: int) -> Array:
 def fanuc_ls(robot: Robot, q: Array) -> str:
     """A FANUC program: joints and poses in turn, J3 against the horizontal."""
     T = robot.mechanism.forward(q)
-    moves = "".join(f"{k + 1:4d}:{'JL'[k % 2]} P[{k + 1}] 100mm/sec CNT50    ;\r\n" for k in range(len(q)))
+    moves = "".join(
+        f"{k + 1:4d}:{'JL'[k % 2]} P[{k + 1}] 100mm/sec CNT50    ;\r\n" for k in range(len(q))
+    )
     positions = []
     for k, degrees in enumerate(
         np.rad2deg(q @ np.linalg.inv(coupling_of(robot, "fanuc-ls", "controller")).T)
@@ -104,7 +106,9 @@ def abb_rapid(robot: Robot, q: Array) -> str:
             lines.append(f"    MoveAbsJ [[{joints}],{unused}],v100,z10,tool0; ! point {k}")
             continue
         place = ",".join(f"{v * 1e3:.3f}" for v in T[k, :3, 3])
-        turn = ",".join(f"{v:.6f}" for v in Rotation.from_matrix(T[k, :3, :3]).as_quat(scalar_first=True))
+        turn = ",".join(
+            f"{v:.6f}" for v in Rotation.from_matrix(T[k, :3, :3]).as_quat(scalar_first=True)
+        )
         quadrants = ",".join(str(int(np.floor(degrees[j] / 90))) for j in (0, 3, 5))
         now, zero = posture(robot, q[k], q[k]), posture(robot, np.zeros(6), np.zeros(6))
         cfx = (not now.front) << 2 | (now.bent != zero.bent) << 1 | (not now.flexed)
@@ -123,7 +127,9 @@ def ur_script(robot: Robot, q: Array) -> str:
         if k % 2 == 0:
             lines.append(f"  movej([{values}], a=1.4, v=1.05)  # point {k}")
             continue
-        parts = ", ".join(f"{v:.6f}" for v in [*T[k, :3, 3], *Rotation.from_matrix(T[k, :3, :3]).as_rotvec()])
+        parts = ", ".join(
+            f"{v:.6f}" for v in [*T[k, :3, 3], *Rotation.from_matrix(T[k, :3, :3]).as_rotvec()]
+        )
         lines.append(f"  movej(get_inverse_kin(p[{parts}], qnear=[{values}]), a=1.2)  # point {k}")
     return "\n".join([*lines, "end", ""])
 
@@ -155,12 +161,16 @@ def read_joints(robot: Robot, text: str, program_format: str, near: Array) -> Ar
     program = reader(program_format)(text, robot)
     steps = [step for routine in program.routines for step in routine.body]
     aims = [aim.value for step in steps if isinstance(step, Move) for aim in step.aims]
-    for number, start in zip([value for value in aims if isinstance(value, int)], near, strict=True):
+    for number, start in zip(
+        [value for value in aims if isinstance(value, int)], near, strict=True
+    ):
         target = program.literals[number]
         if target.kind == "joint":
             rows.append(controller.to_serial(np.array(target.values)))
             continue
-        solved = solve_pose(controller, pose(target.values, target.orientation), target.configuration, start)
+        solved = solve_pose(
+            controller, pose(target.values, target.orientation), target.configuration, start
+        )
         assert not isinstance(solved, str), solved
         rows.append(solved)
     return np.array(rows)
@@ -168,7 +178,9 @@ def read_joints(robot: Robot, text: str, program_format: str, near: Array) -> Ar
 
 def calibrations(robot: Robot) -> tuple[Calibration, Calibration]:
     """The identity, and one of a robot with errors."""
-    measurements = simulate(robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=40))
+    measurements = simulate(
+        robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=40)
+    )
     return identify(measurements, "nominal"), identify(measurements, "local-poe")
 
 
@@ -232,9 +244,12 @@ class Arm:
         self.model = pin.buildModelFromXML(urdf)
         self.data = self.model.createData()
         base = kinematics.base_frame or self.model.frames[1].name
-        self.frames = [self.model.getFrameId(name) for name in (base, tool or kinematics.tool_frame)]
+        self.frames = [
+            self.model.getFrameId(name) for name in (base, tool or kinematics.tool_frame)
+        ]
         self.places = [
-            self.model.joints[self.model.getJointId(str(name))].idx_q for name in robot.chain.model.names[1:]
+            self.model.joints[self.model.getJointId(str(name))].idx_q
+            for name in robot.chain.model.names[1:]
         ]
 
     def pose(self, q: Array) -> pin.SE3:
@@ -253,7 +268,8 @@ class Arm:
             here = self.pose(q)
             error = pin.log6(here.actInv(goal)).vector
             columns = [
-                pin.log6(here.actInv(self.pose(q + 1e-6 * unit))).vector / 1e-6 for unit in np.eye(len(q))
+                pin.log6(here.actInv(self.pose(q + 1e-6 * unit))).vector / 1e-6
+                for unit in np.eye(len(q))
             ]
             step = np.linalg.solve(np.array(columns).T, error)
             q = q + step
@@ -270,7 +286,9 @@ def largest_error(
     tool = f"{robot.source.description.kinematics.tool_frame}_calibrated"
     nominal = Arm(robot.source.urdf_text, robot)
     calibrated = Arm(urdf, robot, tool if f'name="{tool}"' in urdf else None)
-    pairs = list(zip(*(written(text, program_format, robot) for text in (before, after)), strict=True))
+    pairs = list(
+        zip(*(written(text, program_format, robot) for text in (before, after)), strict=True)
+    )
     q = configurations(robot, len(pairs))  # those that the program was made of
     rows = [(k, *pair) for k, pair in enumerate(pairs) if not np.array_equal(*pair)]
     largest = 0.0
@@ -287,7 +305,9 @@ def corrected(calibration: Path, program: Path, output: Path) -> tuple[float, fl
     """Wall and processor seconds, and MiB, of the command."""
     command = [sys.executable, "-m", "calibtool", "compensate", str(calibration), str(program)]
     start = time.perf_counter()
-    process = subprocess.Popen([*command, "--on-error", "skip", "-o", str(output)], stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [*command, "--on-error", "skip", "-o", str(output)], stderr=subprocess.DEVNULL
+    )
     memory, done = 0.0, 0
     while not done:  # ru_maxrss would be that of this process, from which the command was started
         with contextlib.suppress(OSError, StopIteration):
@@ -303,7 +323,9 @@ def corrected(calibration: Path, program: Path, output: Path) -> tuple[float, fl
 
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 50_000
-    print("| language | targets | changed | seconds | processor seconds | MiB | largest error left, µm |")
+    print(
+        "| language | targets | changed | seconds | processor seconds | MiB | largest error left, µm |"
+    )
     print("|---|---|---|---|---|---|---|")
     for program_format in PROGRAM_FORMATS:
         robot = load_robot(ROBOTS.get(program_format, OTHER_ROBOT))
@@ -315,7 +337,9 @@ def main() -> None:
             paths[1].write_text(text, encoding="utf-8", newline="")
             seconds, cpu, mib = corrected(*paths)
             after = paths[2].read_bytes().decode()
-        pairs = zip(written(text, program_format, robot), written(after, program_format, robot), strict=True)
+        pairs = zip(
+            written(text, program_format, robot), written(after, program_format, robot), strict=True
+        )
         changed = sum(not np.array_equal(one, other) for one, other in pairs)
         error = largest_error(robot, calibration, text, after, program_format)
         print(

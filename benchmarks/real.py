@@ -21,7 +21,9 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def load(folder: Path, robot: str, table: str) -> Measurements:
-    columns = parse_column_map((ROOT / "data" / robot / "columns.toml").read_text(encoding="utf-8"), "columns.toml")
+    columns = parse_column_map(
+        (ROOT / "data" / robot / "columns.toml").read_text(encoding="utf-8"), "columns.toml"
+    )
     text = (folder / robot / table).read_text(encoding="utf-8")
     return import_table(text, table, load_robot(robot), columns)[0]
 
@@ -34,17 +36,24 @@ def report(title: str, rows: dict[str, list[list[float]]]) -> None:
         print(f"| {name} | {cells} |")
 
 
-def judge(train_on: Measurements, judge_on: Measurements, seed: int, rows: dict[str, list[list[float]]]) -> None:
+def judge(
+    train_on: Measurements, judge_on: Measurements, seed: int, rows: dict[str, list[list[float]]]
+) -> None:
     calibrations = [
         ("local POE", identify(train_on, "local-poe")),
         ("complete", identify(train_on, "complete")),
-        ("train (default)", train(train_on, "complete", TrainingOptions(regularisation="bayes", seed=seed))),
+        (
+            "train (default)",
+            train(train_on, "complete", TrainingOptions(regularisation="bayes", seed=seed)),
+        ),
         ("network on nominal", train(train_on, "nominal", TrainingOptions(seed=seed))),
     ]
     entries = evaluate(calibrations, judge_on).as_json()["methods"]
     assert isinstance(entries, list)
     for entry in entries:
-        rows.setdefault(entry["name"], []).append([entry["position_mm"][s] for s in ("mean", "rms", "max")])
+        rows.setdefault(entry["name"], []).append(
+            [entry["position_mm"][s] for s in ("mean", "rms", "max")]
+        )
 
 
 def main() -> None:
@@ -65,7 +74,9 @@ def main() -> None:
         order = np.random.default_rng(seed).permutation(len(ur10))
         judge(ur10.rows(np.sort(order[:1000])), ur10.rows(np.sort(order[1000:])), seed, rows)
     report("ur10, 1,000 rows, judged on the other 495", rows)
-    configuration = fcluster(linkage(ur10.q, "single"), 0.02, "distance")  # repeated ones lie within 0.1 mrad
+    configuration = fcluster(
+        linkage(ur10.q, "single"), 0.02, "distance"
+    )  # repeated ones lie within 0.1 mrad
     rows = {}
     for seed in range(5):
         order = np.random.default_rng(seed).permutation(configuration.max()) + 1

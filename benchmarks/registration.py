@@ -34,7 +34,9 @@ def random_setup(kind: str, rng: np.random.Generator) -> Setup:
     T[:3, 3] = rng.uniform(-5, 5, 3)
     sensor = readonly(Rotation.random(rng=rng).as_matrix()) if kind == "6-D" else None
     targets = rng.normal(size=(KINDS[kind], 3))
-    targets *= rng.uniform(0.1, 1, (len(targets), 1)) / np.linalg.norm(targets, axis=-1, keepdims=True)
+    targets *= rng.uniform(0.1, 1, (len(targets), 1)) / np.linalg.norm(
+        targets, axis=-1, keepdims=True
+    )
     return Setup(readonly(T), readonly(targets), sensor, frame_known=False, targets_known=False)
 
 
@@ -45,7 +47,9 @@ def measured(actual: ActualRobot, truth: Setup, q: Array, rng: np.random.Generat
     if truth.R_tool_sensor is not None:
         turns = Rotation.from_rotvec(rng.normal(size=(len(q), 3)) * TURN_NOISE).as_matrix()
         rotations = readonly(turns @ T[:, :3, :3] @ truth.R_tool_sensor)
-    unknown = replace(truth, T_instrument_base=readonly(np.eye(4)), targets=readonly(np.zeros_like(truth.targets)))
+    unknown = replace(
+        truth, T_instrument_base=readonly(np.eye(4)), targets=readonly(np.zeros_like(truth.targets))
+    )
     points = readonly(points + rng.normal(size=points.shape) * NOISE)
     return Measurements(actual.robot, q, points, rotations, unknown, NOISE, TURN_NOISE)
 
@@ -54,8 +58,12 @@ def alone(measurements: Measurements, start: Setup, poses: Array) -> Setup:
     """From the start's rotation only (points), or the start itself refined (6-D)."""
     if measurements.rotations is not None:
         return refine(measurements, start, poses)[0]
-    frame = frames_of_least_squares(poses, measurements.points, [start.T_instrument_base], only_guesses=True)[0]
-    seen = transform_points(inverse(frame @ poses)[:, None], measurements.points[:, :, None])[:, :, 0]
+    frame = frames_of_least_squares(
+        poses, measurements.points, [start.T_instrument_base], only_guesses=True
+    )[0]
+    seen = transform_points(inverse(frame @ poses)[:, None], measurements.points[:, :, None])[
+        :, :, 0
+    ]
     return replace(start, T_instrument_base=readonly(frame), targets=readonly(seen.mean(axis=0)))
 
 
@@ -69,12 +77,16 @@ def apart(a: Setup, b: Setup) -> float:
 
 def main() -> None:
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-    print("| robot | instrument | same answer | largest difference m | start alone | set-ups found | nominal mm rms |")
+    print(
+        "| robot | instrument | same answer | largest difference m | start alone | set-ups found | nominal mm rms |"
+    )
     print("|---|---|---|---|---|---|---|")
     for name in ("fanuc-m1000ia", "ur5"):
         robot = load_robot(name)
         actual = random_actual(robot, ErrorScales(ERROR_KINDS), np.random.default_rng(1))
-        q = readonly(sample_configurations(robot, robot.workspace(None)[1], 40, np.random.default_rng(2)))
+        q = readonly(
+            sample_configurations(robot, robot.workspace(None)[1], 40, np.random.default_rng(2))
+        )
         poses = robot.mechanism.forward(q)
         for kind in KINDS:
             rng = np.random.default_rng(3)

@@ -31,10 +31,15 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 FIGURES = HERE / "pages" / "figures.json"
 PEERS = ROOT / "docs" / "peers.md"
-PAGES = {ROOT / "docs" / f"{name}.md": HERE / "pages" / f"{name}.md.jinja" for name in ("reliability", "numerics")}
+PAGES = {
+    ROOT / "docs" / f"{name}.md": HERE / "pages" / f"{name}.md.jinja"
+    for name in ("reliability", "numerics")
+}
 PACKAGES = ("calibtool", "numpy", "scipy", "pin", "h5py", "hypothesis")
 
-Figures = dict[str, Any]  # by the name of a part: {"amount": how much was tried, "rows": what its program printed}
+Figures = dict[
+    str, Any
+]  # by the name of a part: {"amount": how much was tried, "rows": what its program printed}
 
 
 @dataclass(frozen=True)
@@ -54,11 +59,15 @@ def parts(inputs: int, tries: int, seconds: int, thorough: bool) -> dict[str, Pa
 
     found = {"laws": Part(["laws.py"], 20) if thorough else Part(["laws.py", "--quick"], 1)}
     for name in reversed([*filter(available, WRITERS), "several processes"]):
-        found[f"faults {name}"] = Part(["faults.py", "--tries", str(tries), "--command", name], tries)
+        found[f"faults {name}"] = Part(
+            ["faults.py", "--tries", str(tries), "--command", name], tries
+        )
     for name in READERS:
         found[f"fuzz {name}"] = Part(["fuzz.py", "--inputs", str(inputs), "--reader", name], inputs)
     for name in GUIDED:
-        found[f"guided {name}"] = Part(["guided.py", "--seconds", str(seconds), "--reader", name], seconds)
+        found[f"guided {name}"] = Part(
+            ["guided.py", "--seconds", str(seconds), "--reader", name], seconds
+        )
     found["numerics"] = Part(["numerics.py"], 1)
     found["promise"] = Part(["promise.py"], 1)
     return found
@@ -83,7 +92,14 @@ def setting() -> list[str]:
 
 def kept(figures: Figures) -> None:
     """Write the figures, whole or not at all."""
-    order = ["setting", "missing", "laws", "numerics", "promise", *sorted(name for name in figures if " " in name)]
+    order = [
+        "setting",
+        "missing",
+        "laws",
+        "numerics",
+        "promise",
+        *sorted(name for name in figures if " " in name),
+    ]
     figures = {name: figures[name] for name in order if name in figures}
     part = FIGURES.with_suffix(".part")
     part.write_text(json.dumps(figures, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -100,9 +116,14 @@ def table(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
 def fewer(figures: Figures) -> list[str]:
     """Parts of which less was tried than of others of their kind, with their amounts."""
     kinds = {name: name.split()[0] for name in figures if " " in name}
-    most = {kind: max(figures[name]["amount"] for name in kinds if kinds[name] == kind) for kind in kinds.values()}
+    most = {
+        kind: max(figures[name]["amount"] for name in kinds if kinds[name] == kind)
+        for kind in kinds.values()
+    }
     few = sorted(name for name, kind in kinds.items() if figures[name]["amount"] < most[kind])
-    return [f"{name} ({figures[name]['amount']:,} instead of {most[kinds[name]]:,})" for name in few]
+    return [
+        f"{name} ({figures[name]['amount']:,} instead of {most[kinds[name]]:,})" for name in few
+    ]
 
 
 def by_fault(figures: Figures) -> list[dict[str, Any]]:
@@ -121,18 +142,30 @@ def by_fault(figures: Figures) -> list[dict[str, Any]]:
 
 def pages(figures: Figures) -> dict[Path, str]:
     """The pages, from figures alone."""
-    environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = jinja2.Environment(
+        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     environment.globals["table"] = table
     peers = PEERS.read_text(encoding="utf-8").partition("\n")[2].strip()
-    fuzz = [row for name in sorted(figures) if name.startswith("fuzz ") for row in figures[name]["rows"]]
-    guided = [row for name in sorted(figures) if name.startswith("guided ") for row in figures[name]["rows"]]
+    fuzz = [
+        row for name in sorted(figures) if name.startswith("fuzz ") for row in figures[name]["rows"]
+    ]
+    guided = [
+        row
+        for name in sorted(figures)
+        if name.startswith("guided ")
+        for row in figures[name]["rows"]
+    ]
     faults, laws = by_fault(figures), figures["laws"]["rows"][0]
     found = {
         "setting": figures["setting"],
         "numerics": figures["numerics"]["rows"][0],
         "promise": figures["promise"]["rows"][0],
         "laws": laws,
-        "law_rows": [[subject, row["laws"], f"{row['cases']:,}", row["failures"]] for subject, row in laws.items()],
+        "law_rows": [
+            [subject, row["laws"], f"{row['cases']:,}", row["failures"]]
+            for subject, row in laws.items()
+        ],
         "missing": figures["missing"],
         "fuzz": fuzz,
         "fuzz_rows": [
@@ -143,36 +176,58 @@ def pages(figures: Figures) -> dict[Path, str]:
             for row in fuzz
         ],
         "guided_rows": [
-            [row["reader"], f"{row['inputs']:,}", row["kept"], row["seeds_reach"], row["reached"], len(row["findings"])]
+            [
+                row["reader"],
+                f"{row['inputs']:,}",
+                row["kept"],
+                row["seeds_reach"],
+                row["reached"],
+                len(row["findings"]),
+            ]
             for row in guided
         ],
         "guided": guided,
         "fewer": fewer(figures),
         "faults": faults,
-        "fault_rows": [[row["fault"], len(row["commands"]), row["tries"], row["held"]] for row in faults],
-        "commands": [name.removeprefix("faults ") for name in sorted(figures) if name.startswith("faults ")],
+        "fault_rows": [
+            [row["fault"], len(row["commands"]), row["tries"], row["held"]] for row in faults
+        ],
+        "commands": [
+            name.removeprefix("faults ") for name in sorted(figures) if name.startswith("faults ")
+        ],
         "peers": peers.replace("\n## ", "\n### "),
     }
     return {
-        page: environment.from_string(template.read_text(encoding="utf-8")).render(found).rstrip() + "\n"
+        page: environment.from_string(template.read_text(encoding="utf-8")).render(found).rstrip()
+        + "\n"
         for page, template in PAGES.items()
     }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Everything that is tried to break calibtool.")
-    parser.add_argument("--quick", action="store_true", help="Few inputs and tries; the pages go to stdout.")
+    parser.add_argument(
+        "--quick", action="store_true", help="Few inputs and tries; the pages go to stdout."
+    )
     parser.add_argument("--inputs", type=int, default=100_000, help="Mutated files per reader.")
     parser.add_argument("--tries", type=int, default=100, help="Kills per writing command.")
-    parser.add_argument("--seconds", type=int, default=60, help="Of coverage-guided fuzzing per reader.")
-    parser.add_argument("--resume", action="store_true", help="Only the parts of which less was tried before.")
+    parser.add_argument(
+        "--seconds", type=int, default=60, help="Of coverage-guided fuzzing per reader."
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="Only the parts of which less was tried before."
+    )
     parser.add_argument("--page", action="store_true", help="Only write the pages.")
     parser.add_argument("--workers", type=int, default=1, help="Parts at a time.")
-    parser.add_argument("--peers", metavar="PYTHON", help="Measure the peers again, with this interpreter.")
+    parser.add_argument(
+        "--peers", metavar="PYTHON", help="Measure the peers again, with this interpreter."
+    )
     options = parser.parse_args()
     amounts = (1000, 4, 5) if options.quick else (options.inputs, options.tries, options.seconds)
     wanted = parts(*amounts, thorough=options.inputs >= 100_000 and not options.quick)
-    old = json.loads(FIGURES.read_text(encoding="utf-8")) if (options.resume or options.page) else {}
+    old = (
+        json.loads(FIGURES.read_text(encoding="utf-8")) if (options.resume or options.page) else {}
+    )
     figures: Figures = {
         "setting": old.get("setting") or setting(),
         **{name: old[name] for name in wanted if name in old},
@@ -185,14 +240,18 @@ def main() -> None:
 
     if not options.page:
         with ThreadPoolExecutor(options.workers) as pool:
-            waiting = {pool.submit(performed, wanted[name]): name for name in wanted if missing(name)}
+            waiting = {
+                pool.submit(performed, wanted[name]): name for name in wanted if missing(name)
+            }
             for future in as_completed(waiting):
                 figures[waiting[future]] = future.result()
                 print(f"{waiting[future]}: done", file=sys.stderr, flush=True)
                 if not options.quick:
                     kept(figures)
     if options.peers:
-        subprocess.run([options.peers, str(HERE / "peers" / "run.py")], check=True)  # writes docs/peers.md
+        subprocess.run(
+            [options.peers, str(HERE / "peers" / "run.py")], check=True
+        )  # writes docs/peers.md
     figures["missing"] = [name for name in wanted if name not in figures]
     if not options.quick:
         kept(figures)

@@ -46,8 +46,12 @@ class Outcome:
 
 def run(robot: Robot, workspace: Workspace | None, configurations: int, seed: int) -> Outcome:
     """Simulate, train and evaluate on fresh configurations; once more without backlash."""
-    before, after, backlash, uncorrectable = trial(robot, workspace, configurations, seed, ERROR_KINDS)
-    plain_before, plain_after, _, _ = trial(robot, workspace, configurations, seed, WITHOUT_BACKLASH)
+    before, after, backlash, uncorrectable = trial(
+        robot, workspace, configurations, seed, ERROR_KINDS
+    )
+    plain_before, plain_after, _, _ = trial(
+        robot, workspace, configurations, seed, WITHOUT_BACKLASH
+    )
     return Outcome(
         before,
         after,
@@ -59,10 +63,16 @@ def run(robot: Robot, workspace: Workspace | None, configurations: int, seed: in
 
 
 def trial(
-    robot: Robot, workspace: Workspace | None, configurations: int, seed: int, kinds: tuple[str, ...]
+    robot: Robot,
+    workspace: Workspace | None,
+    configurations: int,
+    seed: int,
+    kinds: tuple[str, ...],
 ) -> tuple[float, float, float, float]:
     """Mean position error before and after, that of backlash alone, and what no joint can correct, mm."""
-    basis = Simulation(seed=seed, configurations=configurations, workspace=workspace, scales=ErrorScales(kinds))
+    basis = Simulation(
+        seed=seed, configurations=configurations, workspace=workspace, scales=ErrorScales(kinds)
+    )
     measurements = simulate(robot, basis)
     assert measurements.truth is not None
     fresh = simulate(robot, replace(basis, configurations=300, same_robot=measurements.truth))
@@ -90,15 +100,21 @@ def main() -> None:
         robot = load_robot(name)
         for workspace_name in dict.fromkeys((robot.workspace_names[0], "full")):
             workspace = robot.workspace(workspace_name)[1]
-            seeds = [run(robot, workspace, options.configurations, seed) for seed in range(options.seeds)]
+            seeds = [
+                run(robot, workspace, options.configurations, seed) for seed in range(options.seeds)
+            ]
 
             def median(field: str, seeds: list[Outcome] = seeds) -> float:
                 return float(np.median([getattr(outcome, field) for outcome in seeds]))
 
             def both(field: str, seeds: list[Outcome] = seeds) -> str:
-                return f"{median(field):.1f} ({min(getattr(outcome, field) for outcome in seeds):.1f})"
+                return (
+                    f"{median(field):.1f} ({min(getattr(outcome, field) for outcome in seeds):.1f})"
+                )
 
-            sizes = " | ".join(f"{median(field):.3f}" for field in ("before", "after", "uncorrectable"))
+            sizes = " | ".join(
+                f"{median(field):.3f}" for field in ("before", "after", "uncorrectable")
+            )
             share = [100 * outcome.backlash / outcome.before for outcome in seeds]
             cells = [name, workspace_name, sizes, f"{np.median(share):.1f} ({max(share):.1f})"]
             cells += [both("reduction"), both("without_backlash")]

@@ -48,8 +48,12 @@ def main() -> None:
 
     print("| what | median | target |\n|---|---|---|")
     kinematics = seconds(lambda: robot.mechanism.forward_and_jacobian(q)) / len(q)
-    print(f"| forward kinematics and Jacobian, per configuration | {kinematics * 1e6:.2f} µs | 4 µs |")
-    print(f"| training of a 6-6-6 network on 50 configurations, per restart | {restart * 1e3:.1f} ms | 20 ms |")
+    print(
+        f"| forward kinematics and Jacobian, per configuration | {kinematics * 1e6:.2f} µs | 4 µs |"
+    )
+    print(
+        f"| training of a 6-6-6 network on 50 configurations, per restart | {restart * 1e3:.1f} ms | 20 ms |"
+    )
     for method, target in (("exact", "1 s"), ("one-step", "-")):
         taken = seconds(lambda method=method: compensate_joints(calibration, q, method), 5)  # type: ignore[misc]
         print(f"| {method} compensation of 10,000 joint rows | {taken:.2f} s | {target} |")

@@ -31,7 +31,11 @@ def run(*arguments: str) -> tuple[float, float, float]:
     subprocess.run([*CALIBTOOL, *arguments], check=True, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
     wall = time.perf_counter() - start
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, after.ru_maxrss / 1024
+    return (
+        wall,
+        after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+        after.ru_maxrss / 1024,
+    )
 
 
 def main() -> None:
@@ -39,7 +43,9 @@ def main() -> None:
     parser.add_argument("--rows", type=int, default=1_000_000)
     count = parser.parse_args().rows
     robot = load_robot("fanuc-m1000ia")
-    q = sample_configurations(robot, robot.workspace(None)[1], min(count, 20_000), np.random.default_rng(0))
+    q = sample_configurations(
+        robot, robot.workspace(None)[1], min(count, 20_000), np.random.default_rng(0)
+    )
     with tempfile.TemporaryDirectory() as folder:
         table, measurements = str(Path(folder, "rows.csv")), str(Path(folder, "m.h5"))
         lines = [",".join(f"{v:.6f}" for v in row) for row in np.rad2deg(q)]
@@ -47,15 +53,31 @@ def main() -> None:
             file.write(",".join(robot.joint_columns) + "\n")
             for k in range(count):
                 file.write(lines[k % len(lines)] + "\n")
-        run("simulate", "fanuc-m1000ia", "--errors", "geometric,gear,gravity,thermal", "-n", "60", "-o", measurements)
-        print("| calibration | method | rows/s, wall | rows/s, CPU | peak memory |\n|---|---|---|---|---|")
+        run(
+            "simulate",
+            "fanuc-m1000ia",
+            "--errors",
+            "geometric,gear,gravity,thermal",
+            "-n",
+            "60",
+            "-o",
+            measurements,
+        )
+        print(
+            "| calibration | method | rows/s, wall | rows/s, CPU | peak memory |\n|---|---|---|---|---|"
+        )
         for base in ("nominal", "complete"):
             calibration = str(Path(folder, f"{base}.h5"))
             run("train", measurements, "--base", base, "-o", calibration)
             for method in ("one-step", "exact"):
-                wall, cpu, peak = run("compensate", calibration, table, "--method", method, "-o", os.devnull)
+                wall, cpu, peak = run(
+                    "compensate", calibration, table, "--method", method, "-o", os.devnull
+                )
                 name = "network on nominal" if base == "nominal" else "complete"
-                print(f"| {name} | {method} | {count / wall:,.0f} | {count / cpu:,.0f} | {peak:.0f} MiB |", flush=True)
+                print(
+                    f"| {name} | {method} | {count / wall:,.0f} | {count / cpu:,.0f} | {peak:.0f} MiB |",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -41,7 +41,12 @@ def mean_errors(poses: Array, truth: Array) -> Array:
 
 def trial(robot: Robot, workspace: Workspace | None, configurations: int, seed: int) -> Array:
     """Errors of drawing, complete model, URDF and best URDF: (4, 2)."""
-    basis = Simulation(seed=seed, configurations=configurations, workspace=workspace, scales=ErrorScales(ERROR_KINDS))
+    basis = Simulation(
+        seed=seed,
+        configurations=configurations,
+        workspace=workspace,
+        scales=ErrorScales(ERROR_KINDS),
+    )
     measurements = simulate(robot, basis)
     assert measurements.truth is not None
     actual = measurements.truth.actual
@@ -55,7 +60,12 @@ def trial(robot: Robot, workspace: Workspace | None, configurations: int, seed: 
     q = sample_configurations(robot, workspace, FRESH, np.random.default_rng([seed, 1]))
     truth = actual.forward(q)
     best = fitted_geometry(robot, lambda _: truth, q).mechanism
-    found = [robot.mechanism.forward(q), calibration.forward(q), urdf.mechanism.forward(q), best.forward(q)]
+    found = [
+        robot.mechanism.forward(q),
+        calibration.forward(q),
+        urdf.mechanism.forward(q),
+        best.forward(q),
+    ]
     return np.array([mean_errors(poses, truth) for poses in found])
 
 
@@ -65,23 +75,34 @@ def main() -> None:
     parser.add_argument("--configurations", type=int, default=60)
     parser.add_argument("--robots", default=",".join(robot_names()))
     options = parser.parse_args()
-    print("| robot | workspace | nominal | complete | URDF | best URDF | of the best, mm | of the best, mrad |")
+    print(
+        "| robot | workspace | nominal | complete | URDF | best URDF | of the best, mm | of the best, mrad |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     worst = np.zeros(2)
     for name in options.robots.split(","):
         robot = load_robot(name)
         for workspace_name in dict.fromkeys((robot.workspace_names[0], "full")):
             workspace = robot.workspace(workspace_name)[1]
-            trials = [trial(robot, workspace, options.configurations, seed) for seed in range(options.seeds)]
+            trials = [
+                trial(robot, workspace, options.configurations, seed)
+                for seed in range(options.seeds)
+            ]
             shares = np.array([found[2] / found[3] for found in trials])
             seed = int(shares[:, 0].argmax())
-            cells = " | ".join(f"{position:.3f} mm, {turn:.2f} mrad" for position, turn in trials[seed])
-            print(f"| {name} | {workspace_name} | {cells} | {' | '.join(f'{s:.2f}' for s in shares.max(axis=0))} |")
+            cells = " | ".join(
+                f"{position:.3f} mm, {turn:.2f} mrad" for position, turn in trials[seed]
+            )
+            print(
+                f"| {name} | {workspace_name} | {cells} | {' | '.join(f'{s:.2f}' for s in shares.max(axis=0))} |"
+            )
             worse = [found for found in trials if (found[2] > found[0]).any()]
             for found in worse:
                 print("worse than nominal:", found.round(3).tolist())
             worst = np.maximum(worst, shares.max(axis=0))
-    print(f"\nLargest share of the best: {worst[0]:.2f} of mm, {worst[1]:.2f} of mrad (target 1.20)")
+    print(
+        f"\nLargest share of the best: {worst[0]:.2f} of mm, {worst[1]:.2f} of mrad (target 1.20)"
+    )
 
 
 if __name__ == "__main__":

@@ -28,7 +28,9 @@ def first_line(arguments: list[str]) -> str | None:
     verb, preposition = DOING[words[0]]
     if len(words) == 1 or (words[1].startswith("-") and words[1] != "-"):
         return f"{verb} …"
-    return " ".join(filter(None, (verb, preposition, "stdin" if words[1] == "-" else words[1], "…")))
+    return " ".join(
+        filter(None, (verb, preposition, "stdin" if words[1] == "-" else words[1], "…"))
+    )
 
 
 def _without_traceback(kind: type[BaseException], error: BaseException, trace: object) -> None:

@@ -28,7 +28,9 @@ REPORT = "report.html"
 Write = Callable[[str, bytes | str], None]
 
 
-def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callable[[str], None]) -> dict[str, object]:
+def run_demo(
+    seed: int, provenance: dict[str, str], write: Write, report: Callable[[str], None]
+) -> dict[str, object]:
     """Simulate, identify, train, evaluate and report on fresh configurations, compensate a line, export; the evaluation.
 
     `write` receives every file by name, `report` a line before every step.
@@ -41,21 +43,30 @@ def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callab
     measurements = replace(measurements, provenance=provenance)
     fresh = simulate(
         robot,
-        Simulation(seed=seed, workspace=workspace, configurations=FRESH_CONFIGURATIONS, same_robot=measurements.truth),
+        Simulation(
+            seed=seed,
+            workspace=workspace,
+            configurations=FRESH_CONFIGURATIONS,
+            same_robot=measurements.truth,
+        ),
     )
     fresh = replace(fresh, provenance=provenance)
     write("measurements.h5", to_bytes(measurements))
     write("fresh.h5", to_bytes(fresh))
 
     report("identify   local POE formula (Eq. 11)")
-    report("train      network on the nominal robot (the paper); complete model, network where it helps")
+    report(
+        "train      network on the nominal robot (the paper); complete model, network where it helps"
+    )
     options = TrainingOptions(seed=seed)
     calibrations: list[tuple[str, Calibration]] = [
         ("paper", train(measurements, "nominal", options)),
         ("local-poe", identify(measurements, "local-poe")),
         ("complete", train(measurements, "complete", replace(options, regularisation="bayes"))),
     ]
-    calibrations = [(name, replace(calibration, provenance=provenance)) for name, calibration in calibrations]
+    calibrations = [
+        (name, replace(calibration, provenance=provenance)) for name, calibration in calibrations
+    ]
     for name, calibration in calibrations:
         write(f"{name}.h5", to_bytes(calibration))
     best = calibrations[-1][1]
@@ -63,7 +74,10 @@ def run_demo(seed: int, provenance: dict[str, str], write: Write, report: Callab
     report(f"evaluate   on {FRESH_CONFIGURATIONS} configurations that no fit has seen")
     evaluation = evaluate(calibrations, fresh)
     write("evaluation.csv", format_table(*error_rows(evaluation.methods)))
-    paper, every = Subject(calibrations[:1]), Subject(calibrations, measurements, evaluate(calibrations, measurements))
+    paper, every = (
+        Subject(calibrations[:1]),
+        Subject(calibrations, measurements, evaluate(calibrations, measurements)),
+    )
     for image in ("png", "svg"):
         write(f"training.{image}", draw("training", paper, image))
         write(f"errors.{image}", draw("errors", every, image))
@@ -91,5 +105,7 @@ def _straight_line(robot: Robot) -> str:
     rows = []
     for k, shift in enumerate(np.linspace(-0.4, 0.4, 100)):
         position = (T[:3, 3] + [0.0, shift, 0.0]) * 1e3
-        rows.append([str(k + 1), *(f"{v:.6f}" for v in position), *(f"{v:.12g}" for v in quaternion)])
+        rows.append(
+            [str(k + 1), *(f"{v:.6f}" for v in position), *(f"{v:.12g}" for v in quaternion)]
+        )
     return format_table(["point", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"], rows)

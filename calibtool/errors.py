@@ -9,7 +9,9 @@ def printable(text: str) -> str:
     """The text with escapes for what is no printable character: words of a file must not move a terminal's cursor."""
     if text.isprintable():
         return text
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
+    )
 
 
 class CalibtoolError(Exception):
@@ -51,8 +53,15 @@ def near_names(name: str, known: Iterable[str]) -> str:
     folded = [other.casefold() for other in names]
     if name.casefold() in folded:
         return f"did you mean {names[folded.index(name.casefold())]}?"
-    near = [names[folded.index(match)] for match in get_close_matches(name.casefold(), folded, n=3, cutoff=0.4)]
-    return f"did you mean {' or '.join(dict.fromkeys(near))}?" if near else f"known: {', '.join(names)}"
+    near = [
+        names[folded.index(match)]
+        for match in get_close_matches(name.casefold(), folded, n=3, cutoff=0.4)
+    ]
+    return (
+        f"did you mean {' or '.join(dict.fromkeys(near))}?"
+        if near
+        else f"known: {', '.join(names)}"
+    )
 
 
 def check_choice(value: str, allowed: Iterable[str], what: str) -> None:
@@ -65,5 +74,7 @@ def check_choice(value: str, allowed: Iterable[str], what: str) -> None:
 def check_number(value: float, what: str, least: float, below: float = inf) -> None:
     """UsageError unless least ≤ value < below."""
     if not least <= value < below:
-        bounds = f"at least {least:g}" if below == inf else f"at least {least:g} and less than {below:g}"
+        bounds = (
+            f"at least {least:g}" if below == inf else f"at least {least:g} and less than {below:g}"
+        )
         raise UsageError(f"{what}: {value} is not possible; expected {bounds}")

@@ -74,7 +74,9 @@ def measurements_summary(measurements: Measurements) -> dict[str, object]:
         "noise_position_mm": measurements.noise_position * 1e3,
         "registration": _setup_summary(measurements.setup),
         "directions": "unknown" if measurements.conditions.direction is None else "known",
-        "commanded": "the joints" if measurements.commanded is None else "poses, apart from the joints",
+        "commanded": "the joints"
+        if measurements.commanded is None
+        else "poses, apart from the joints",
         "simulated": measurements.truth is not None,
     }
     if measurements.kind == "pose":
@@ -156,7 +158,9 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     fit = f"residual {base.residual_rms[0] * 1e3:.3g} mm rms per coordinate, {noise}"
     if base.residual_rms[1] is not None:
         fit += f"; {base.residual_rms[1] * 1e3:.3g} mrad, stated {calibration.noise_orientation * 1e3:.3g}"
-    result = [f"{base.model}: {calibration.robot.name}, {calibration.configurations} configurations, {fit}"]
+    result = [
+        f"{base.model}: {calibration.robot.name}, {calibration.configurations} configurations, {fit}"
+    ]
     if base.posterior is not None:
         result += _complete_lines(calibration)
     elif base.model == "local-poe":
@@ -169,8 +173,14 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     validation = calibration.validation
     if validation is not None:
         verdict = f"cross-validated gain {validation}"
-        members = "" if training is None else f"{training.effective:.1f} effective weights of a member"
-        used = f"{len(calibration.networks)} members, {members}" if calibration.networks else "not used"
+        members = (
+            "" if training is None else f"{training.effective:.1f} effective weights of a member"
+        )
+        used = (
+            f"{len(calibration.networks)} members, {members}"
+            if calibration.networks
+            else "not used"
+        )
         result.append(f"network: {used} ({verdict})")
     elif training is not None:
         gain = _loss_reduction(training)
@@ -224,7 +234,9 @@ def _complete_lines(calibration: Calibration) -> list[str]:
         )
     if base.unobservable:
         names = ", ".join(base.unobservable[:6]) + (" …" if len(base.unobservable) > 6 else "")
-        result.append(f"{len(base.unobservable)} parameters stay at their tolerance (not observable here): {names}")
+        result.append(
+            f"{len(base.unobservable)} parameters stay at their tolerance (not observable here): {names}"
+        )
     return result
 
 
@@ -270,7 +282,8 @@ def _posterior_summary(calibration: Calibration, posterior: Posterior) -> dict[s
             for row in rows
         ],
         "correlations": [
-            {"parameters": [a, b], "correlation": value} for a, b, value in strongest_correlations(posterior)
+            {"parameters": [a, b], "correlation": value}
+            for a, b, value in strongest_correlations(posterior)
         ],
     }
 
@@ -289,7 +302,8 @@ def learning_curve_summary(curve: LearningCurve) -> dict[str, object]:
         "position_rms_mm": [float(error) * 1e3 for error in curve.error],
         "floor_mm": curve.floor * 1e3,
         "predicted": [
-            {"configurations": count, "position_rms_mm": curve.predicted(count) * 1e3} for count in (2 * last, 4 * last)
+            {"configurations": count, "position_rms_mm": curve.predicted(count) * 1e3}
+            for count in (2 * last, 4 * last)
         ],
     }
 

@@ -52,7 +52,13 @@ class Lines(Sequence[list[str]]):
         delimiter = None if self._delimiter == " " else self._delimiter
         try:
             values = np.loadtxt(
-                lines, delimiter=delimiter, usecols=columns, comments=None, quotechar='"', ndmin=2, dtype=float
+                lines,
+                delimiter=delimiter,
+                usecols=columns,
+                comments=None,
+                quotechar='"',
+                ndmin=2,
+                dtype=float,
             )
         except ValueError:
             return None
@@ -87,7 +93,9 @@ class Table:
     def index(self, column: str) -> int:
         """Position of a column. InputError with near names if there is none."""
         if column not in self.header:
-            raise InputError(f"{self.name}: no column '{column}'; {near_names(column, self.header)}")
+            raise InputError(
+                f"{self.name}: no column '{column}'; {near_names(column, self.header)}"
+            )
         return self.header.index(column)
 
     def numbers(self, columns: Sequence[str]) -> Array:
@@ -106,7 +114,9 @@ class Table:
     def take(self, index: Iterable[int]) -> "Table":
         """The rows at `index`, in that order, with the lines they come from."""
         chosen = [int(i) for i in index]
-        return replace(self, rows=[self.rows[i] for i in chosen], lines=[self.lines[i] for i in chosen])
+        return replace(
+            self, rows=[self.rows[i] for i in chosen], lines=[self.lines[i] for i in chosen]
+        )
 
     def place(self, row: int) -> str:
         """File and line of a data row (from 0), for messages."""
@@ -122,7 +132,11 @@ class Table:
                     values[start : start + _BLOCK] = quick
                     continue
             cells = [[row[i] for i in indices] for row in self.rows[start : start + _BLOCK]]
-            there = np.array([any(row) for row in cells]) if optional else np.ones(len(cells), dtype=bool)
+            there = (
+                np.array([any(row) for row in cells])
+                if optional
+                else np.ones(len(cells), dtype=bool)
+            )
             if not there.all():
                 cells = [row for row, present in zip(cells, there, strict=True) if present]
             rows = start + np.flatnonzero(there)
@@ -130,31 +144,49 @@ class Table:
         return values
 
     def _converted(self, cells: list[list[str]], columns: Sequence[str], rows: np.ndarray) -> Array:
-        points = [[cell.replace(self.decimal, ".") for cell in row] for row in cells] if self.decimal != "." else cells
+        points = (
+            [[cell.replace(self.decimal, ".") for cell in row] for row in cells]
+            if self.decimal != "."
+            else cells
+        )
         try:
             values = np.array(points, dtype=float).reshape(len(cells), len(columns))
         except ValueError:
             values = None
-        if values is None or not (np.abs(values) < LARGEST).all() or any("_" in cell for row in cells for cell in row):
+        if (
+            values is None
+            or not (np.abs(values) < LARGEST).all()
+            or any("_" in cell for row in cells for cell in row)
+        ):
             raise self._bad_cell(cells, points, columns, rows)
         return values
 
     def _bad_cell(
-        self, cells: list[list[str]], points: list[list[str]], columns: Sequence[str], rows: np.ndarray
+        self,
+        cells: list[list[str]],
+        points: list[list[str]],
+        columns: Sequence[str],
+        rows: np.ndarray,
     ) -> InputError:
         for row, (texts, spelt) in enumerate(zip(cells, points, strict=True)):
             for column, text, point in zip(columns, texts, spelt, strict=True):
                 try:
-                    finite = "_" not in text and abs(float(point)) < LARGEST  # Python would read 1_0 as ten
+                    finite = (
+                        "_" not in text and abs(float(point)) < LARGEST
+                    )  # Python would read 1_0 as ten
                 except ValueError:
                     finite = False
                 if not finite:
                     holds = f"holds '{text}'" if text.strip() else "is empty"
-                    return InputError(f"{self.place(int(rows[row]))}: column '{column}' {holds}; expected a number")
+                    return InputError(
+                        f"{self.place(int(rows[row]))}: column '{column}' {holds}; expected a number"
+                    )
         return InputError(f"{self.name}: a cell is not a number")
 
 
-def parse_table(text: str, name: str, delimiter: str | None = None, decimal: str | None = None) -> Table:
+def parse_table(
+    text: str, name: str, delimiter: str | None = None, decimal: str | None = None
+) -> Table:
     """A table from text with one header line; empty lines are skipped, a byte order mark is dropped.
 
     delimiter: found in the header (tab, semicolon, comma, otherwise blanks) unless given. decimal: '.' or ','; a comma is
@@ -165,7 +197,11 @@ def parse_table(text: str, name: str, delimiter: str | None = None, decimal: str
 
 
 def read_tables(
-    lines: Iterable[str], name: str, delimiter: str | None = None, decimal: str | None = None, batch: int | None = None
+    lines: Iterable[str],
+    name: str,
+    delimiter: str | None = None,
+    decimal: str | None = None,
+    batch: int | None = None,
 ) -> Iterator[Table]:
     """The same from any number of lines, as tables of `batch` rows (all of them unless given) under one header."""
     source = iter(lines)
@@ -183,7 +219,9 @@ def read_tables(
         if following is None:
             raise InputError(f"{name}: empty; expected a header line and rows")
         passed += 1
-        header_line, text, columns = next(_records([(passed, following.rstrip("\r\n"))], name, delimiter), (0, "", 0))
+        header_line, text, columns = next(
+            _records([(passed, following.rstrip("\r\n"))], name, delimiter), (0, "", 0)
+        )
     header = next(split_lines([text], delimiter))
     check_header(header, f"{name}:{header_line}")
     empty = True
@@ -192,11 +230,15 @@ def read_tables(
         passed += len(taken)
         kept = taken
         if not _plain(taken, delimiter, columns):
-            whole = ((number, line.rstrip("\r\n")) for number, line in zip(numbers, taken, strict=True))
+            whole = (
+                (number, line.rstrip("\r\n")) for number, line in zip(numbers, taken, strict=True)
+            )
             part = list(_records(whole, name, delimiter))
             for line_number, _, cells in part:
                 if cells != columns:
-                    raise InputError(f"{name}:{line_number}: {cells} cells, but the header has {columns} columns")
+                    raise InputError(
+                        f"{name}:{line_number}: {cells} cells, but the header has {columns} columns"
+                    )
             if not part:
                 continue
             numbers, kept = [number for number, _, _ in part], [text for _, text, _ in part]
@@ -210,7 +252,11 @@ def read_tables(
 
 def _plain(lines: list[str], delimiter: str, columns: int) -> bool:
     """Whether all lines are rows of as many cells, without quotes: nothing has to be looked at one by one."""
-    if delimiter == " " or columns < 2 or set(map(str.count, lines, repeat(delimiter))) != {columns - 1}:
+    if (
+        delimiter == " "
+        or columns < 2
+        or set(map(str.count, lines, repeat(delimiter))) != {columns - 1}
+    ):
         return False
     if max(map(len, lines)) >= LONG_LINE or any('"' in line for line in lines):
         return False
@@ -229,7 +275,9 @@ def check_header(header: Sequence[str], place: str) -> None:
         raise InputError(f"{place}: column '{min(repeated)}' appears more than once")
 
 
-def _records(lines: Iterable[tuple[int, str]], name: str, delimiter: str) -> Iterator[tuple[int, str, int]]:
+def _records(
+    lines: Iterable[tuple[int, str]], name: str, delimiter: str
+) -> Iterator[tuple[int, str, int]]:
     """Number, text and number of cells of every line that is not empty. InputError for broken quotes."""
     if delimiter == " ":
         yield from ((number, line, len(line.split())) for number, line in lines if line.strip())
@@ -246,7 +294,9 @@ def _records(lines: Iterable[tuple[int, str]], name: str, delimiter: str) -> Ite
         except csv.Error as error:
             raise InputError(f"{name}:{number}: {error}; check the quotes") from None
         if reader.line_num > 1 or line.count('"') % 2:
-            raise InputError(f"{name}:{number}: a quote is not closed in its line; expected one row per line")
+            raise InputError(
+                f"{name}:{number}: a quote is not closed in its line; expected one row per line"
+            )
         if any(cell.strip() for cell in cells):
             yield number, line, len(cells)
 
@@ -290,13 +340,17 @@ def joint_columns_of(table: Table, robot: Robot) -> list[str] | None:
             continue
         index, _ = joint_and_factor(plain, robot.prismatic, f"{table.name}:{table.header_line}")
         if index in found:
-            raise InputError(f"{table.name}: joint {index + 1} has two columns, '{found[index]}' and '{column}'")
+            raise InputError(
+                f"{table.name}: joint {index + 1} has two columns, '{found[index]}' and '{column}'"
+            )
         found[index] = column
     if not found:
         return None
     missing = [robot.columns(None)[i] for i in range(robot.n) if i not in found]
     if missing:
-        raise InputError(f"{table.name}: no column {', '.join(missing)}; {robot.name} has {robot.n} joints")
+        raise InputError(
+            f"{table.name}: no column {', '.join(missing)}; {robot.name} has {robot.n} joints"
+        )
     return [found[i] for i in range(robot.n)]
 
 
@@ -314,7 +368,9 @@ def stated_values(table: Table, columns: Sequence[str]) -> JointValues | None:
     return cast(JointValues | None, next(iter(words), None))
 
 
-def joint_positions(table: Table, robot: Robot, columns: Sequence[str], units: Sequence[str]) -> Array:
+def joint_positions(
+    table: Table, robot: Robot, columns: Sequence[str], units: Sequence[str]
+) -> Array:
     """Joint positions (N, n) in rad or m from columns in joint order, each with its unit.
 
     Raises InputError for radian columns whose values can only be degrees.
@@ -369,7 +425,9 @@ def pose_columns_of(table: Table) -> tuple[list[str], list[str]] | None:
             break
     else:
         return None
-    present = [list(c) for c in _ORIENTATIONS.values() if all(column in table.header for column in c)]
+    present = [
+        list(c) for c in _ORIENTATIONS.values() if all(column in table.header for column in c)
+    ]
     if len(present) > 1:
         raise InputError(f"{table.name}: two orientations, {present[0]} and {present[1]}; keep one")
     return (position, present[0]) if present else None
@@ -392,7 +450,9 @@ def poses_from_header(table: Table) -> tuple[Array, list[str]] | None:
         wrong = np.abs(lengths - 1.0) > 1e-3
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise InputError(f"{table.place(row)}: quaternion of length {lengths[row]:.4g}; expected 1")
+            raise InputError(
+                f"{table.place(row)}: quaternion of length {lengths[row]:.4g}; expected 1"
+            )
         rotation = Rotation.from_quat(values, scalar_first=True)
     elif orientation[0] == "rx_rad":
         rotation = Rotation.from_rotvec(values)

@@ -60,5 +60,7 @@ def joint_and_factor(name: str, prismatic: list[bool], place: str) -> tuple[int,
     allowed = LENGTHS if prismatic[index] else ANGLES
     if unit not in allowed:
         kind = "prismatic" if prismatic[index] else "revolute"
-        raise InputError(f"{place}: '{name}': joint {index + 1} is {kind}; its unit is {' or '.join(allowed)}")
+        raise InputError(
+            f"{place}: '{name}': joint {index + 1} is {kind}; its unit is {' or '.join(allowed)}"
+        )
     return index, TO_SI[unit]

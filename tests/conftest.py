@@ -39,7 +39,9 @@ def pytest_pyfunc_call() -> Generator[None, object, object]:
     before = np.random.get_state()[1:]  # noqa: NPY002
     result = yield
     after = np.random.get_state()[1:]  # noqa: NPY002
-    assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True)), "drew from the global generator"
+    assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True)), (
+        "drew from the global generator"
+    )
     return result
 
 

@@ -15,13 +15,18 @@ def finite_differences(function: Callable[[Array], Array], x: Array, step: float
         e = np.zeros_like(x)
         e[i] = step
         columns.append(
-            (8 * (function(x + e) - function(x - e)) - (function(x + 2 * e) - function(x - 2 * e))) / (12 * step)
+            (8 * (function(x + e) - function(x - e)) - (function(x + 2 * e) - function(x - 2 * e)))
+            / (12 * step)
         )
     return np.stack(columns, axis=-1)
 
 
 def assert_derivative(
-    function: Callable[[Array], Array], derivative: Array, x: Array, tolerance: float = 1e-8, step: float = 1e-5
+    function: Callable[[Array], Array],
+    derivative: Array,
+    x: Array,
+    tolerance: float = 1e-8,
+    step: float = 1e-5,
 ) -> None:
     """`derivative` (…, k) is that of `function` at x (k,), within `tolerance` of the largest element."""
     expected = finite_differences(function, x, step)

@@ -6,7 +6,10 @@ from calibtool.robot.description import parse_source
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 
-LIMITS = {"revolute": (-2.5, 2.8), "prismatic": (-0.1, 0.1)}  # robot.toml has those of slides, which are scaled
+LIMITS = {
+    "revolute": (-2.5, 2.8),
+    "prismatic": (-0.1, 0.1),
+}  # robot.toml has those of slides, which are scaled
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,9 @@ class DrawnChain:
         links, joints = ['<link name="base"/>'], []
         if base is not None:
             links.append('<link name="world"/>')
-            joints.append(_joint("stand", "fixed", "world", "base", tuple(base[:3]), tuple(base[3:]), None))
+            joints.append(
+                _joint("stand", "fixed", "world", "base", tuple(base[:3]), tuple(base[3:]), None)
+            )
         parent = "base"
         for i, joint in enumerate(self.joints, start=1):
             inertial = (
@@ -66,16 +71,22 @@ class DrawnChain:
             )
             links.append(f'<link name="l{i}">{inertial if joint.mass else ""}</link>')
             xyz = tuple(scale * c for c in joint.xyz)
-            joints.append(_joint(f"joint_{i}", joint.kind, parent, f"l{i}", xyz, joint.rpy, joint.axis))
+            joints.append(
+                _joint(f"joint_{i}", joint.kind, parent, f"l{i}", xyz, joint.rpy, joint.axis)
+            )
             parent = f"l{i}"
         links += ['<link name="flange"/>', f'<link name="{tool_name}"/>']
         xyz = tuple(scale * c for c in self.tool.xyz)
         joints.append(_joint("to_flange", "fixed", parent, "flange", xyz, (0.0, 0.0, 0.0), None))
-        joints.append(_joint("to_tool", "fixed", "flange", tool_name, (0.0, 0.0, 0.0), self.tool.rpy, None))
+        joints.append(
+            _joint("to_tool", "fixed", "flange", tool_name, (0.0, 0.0, 0.0), self.tool.rpy, None)
+        )
         return '<robot name="drawn">' + "".join(links + joints) + "</robot>"
 
 
-def _joint(name: str, kind: str, parent: str, child: str, xyz: tuple, rpy: tuple, axis: tuple | None) -> str:
+def _joint(
+    name: str, kind: str, parent: str, child: str, xyz: tuple, rpy: tuple, axis: tuple | None
+) -> str:
     def words(values: tuple) -> str:
         return " ".join(repr(float(value)) for value in values)
 

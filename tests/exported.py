@@ -16,8 +16,18 @@ from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
-REGULAR = 2 * MIN_SINGULARITY_DISTANCE  # here answers are compared to the last digits; nearer, rounding is magnified
-STATUS = ("ok", "near-singular", "not-finite", "partial", "limited", "out-of-limits", "uncorrected")  # by their codes
+REGULAR = (
+    2 * MIN_SINGULARITY_DISTANCE
+)  # here answers are compared to the last digits; nearer, rounding is magnified
+STATUS = (
+    "ok",
+    "near-singular",
+    "not-finite",
+    "partial",
+    "limited",
+    "out-of-limits",
+    "uncorrected",
+)  # by their codes
 
 # robot, base model, with a network
 CASES = [
@@ -43,7 +53,9 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     `everything`: random geometric errors of all kinds, 32 harmonics per revolute joint, and wind-up under gravity.
     """
     robot = load_robot(name)
-    measurements = simulate(robot, Simulation(workspace=robot.workspace(None)[1], configurations=60))
+    measurements = simulate(
+        robot, Simulation(workspace=robot.workspace(None)[1], configurations=60)
+    )
     model = "nominal" if base == "nominal" else "local-poe"
     if not network:
         return identify(measurements, model)
@@ -51,9 +63,13 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     rng = np.random.default_rng(1)
     if calibration.network is None:
         scale = np.full(calibration.equivalent.p, 1e-3)
-        calibration = replace(calibration, networks=(Network.initial(measurements.q, scale, 5, rng),))
+        calibration = replace(
+            calibration, networks=(Network.initial(measurements.q, scale, 5, rng),)
+        )
     if base == "everything":
-        errors = [rng.normal(size=shape) * 1e-3 for shape in ((robot.n + 1, 6), (robot.n, 6), (robot.n,))]
+        errors = [
+            rng.normal(size=shape) * 1e-3 for shape in ((robot.n + 1, 6), (robot.n, 6), (robot.n,))
+        ]
         revolute = ~np.array(robot.prismatic)
         drawn = RobotErrors.of(
             robot,
@@ -69,14 +85,18 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
 def anywhere(calibration: Calibration, count: int) -> Array:
     """Random configurations of the whole joint range."""
     robot = calibration.robot
-    return robot.lower + (robot.upper - robot.lower) * np.random.default_rng(2).random((count, robot.n))
+    return robot.lower + (robot.upper - robot.lower) * np.random.default_rng(2).random(
+        (count, robot.n)
+    )
 
 
 def undisturbed(calibration: Calibration, q: Array) -> np.ndarray:
     """Rows far from singularities in which no joint is held: rounding is not magnified there. (N,) bool"""
     proposal, _ = Linearised.at(calibration, q, None, default_bounds(calibration)).proposed()
     lower, upper = proposal.box
-    inside = ((proposal.change > lower) & (proposal.change < upper)).all(axis=1) | (proposal.change == 0).all(axis=1)
+    inside = ((proposal.change > lower) & (proposal.change < upper)).all(axis=1) | (
+        proposal.change == 0
+    ).all(axis=1)
     return np.asarray(inside & (proposal.distance >= REGULAR))
 
 

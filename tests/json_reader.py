@@ -53,7 +53,9 @@ def network_from_json(c: dict, q: Array) -> Array:
         return np.zeros(c["equivalent_robot"]["p"])
     s = (q - net["input_centre_rad_or_m"]) / net["input_scale_rad_or_m"]
     hidden = np.tanh(np.array(net["hidden_weights"]) @ s + net["hidden_bias"])
-    return (np.array(net["output_weights"]) @ hidden + net["output_bias"]) * net["output_scale_rad_or_m"]
+    return (np.array(net["output_weights"]) @ hidden + net["output_bias"]) * net[
+        "output_scale_rad_or_m"
+    ]
 
 
 def hat(w: Array) -> Array:
@@ -62,19 +64,33 @@ def hat(w: Array) -> Array:
 
 def correct_from_json(c: dict, q: Array) -> tuple[Array, str]:
     """What a stranger makes of the file: q_m and its status, by `formula` alone."""
-    n, length, most = len(c["joints"]), c["characteristic_length_m"], np.array(c["largest_change_rad_or_m"])
-    low, high = ([joint[f"{side}_rad_or_m"] for joint in c["joints"]] for side in ("lower", "upper"))
+    n, length, most = (
+        len(c["joints"]),
+        c["characteristic_length_m"],
+        np.array(c["largest_change_rad_or_m"]),
+    )
+    low, high = (
+        [joint[f"{side}_rad_or_m"] for joint in c["joints"]] for side in ("lower", "upper")
+    )
     if not (np.abs(q) <= c["largest_position_rad_or_m"]).all():
         return q, "not-finite"
     T_c, T, J_rho = model_from_json(c, q)
-    kept = [k for k in range(6) if k not in c["equivalent_robot"]["virtual_joint_columns"]] if n < 6 else range(6)
+    kept = (
+        [k for k in range(6) if k not in c["equivalent_robot"]["virtual_joint_columns"]]
+        if n < 6
+        else range(6)
+    )
 
     def error(T: Array) -> Array:
         turn = Rotation.from_matrix(T[:3, :3] @ T_c[:3, :3].T).as_rotvec()
         return np.concatenate([(T[:3, 3] - T_c[:3, 3]) / length, turn])
 
     def task(rows: Array) -> Array:
-        return rows if n >= 6 else np.concatenate([T_c[:3, :3].T @ rows[:3], T_c[:3, :3].T @ rows[3:]])[kept]
+        return (
+            rows
+            if n >= 6
+            else np.concatenate([T_c[:3, :3].T @ rows[:3], T_c[:3, :3].T @ rows[3:]])[kept]
+        )
 
     inside = (q >= np.array(low) - 1e-9) & (q <= np.array(high) + 1e-9)
     lower = np.where(inside, np.maximum(-most, np.minimum(0, low - q)), -most)
@@ -136,7 +152,10 @@ def correct_from_json(c: dict, q: Array) -> tuple[Array, str]:
     stopped, far = (lower >= D) | (upper <= D), np.abs(D) >= most
     verdicts = [
         ("uncorrected", dropped and more),
-        ("out-of-limits", bool((q_m < np.array(low) - 1e-9).any() or (q_m > np.array(high) + 1e-9).any())),
+        (
+            "out-of-limits",
+            bool((q_m < np.array(low) - 1e-9).any() or (q_m > np.array(high) + 1e-9).any()),
+        ),
         ("near-singular", distance < c["damped_below"]),
         ("out-of-limits", more and (stopped & ~far).any()),
         ("limited", more and (stopped & far).any()),

@@ -15,7 +15,14 @@ import numpy as np
 _TOKEN = re.compile(r"\(\*.*?\*\)|\s+|(?P<number>\d+\.\d+(?:[eE][+-]?\d+)?)|(?P<whole>\d+)|(?P<word>[A-Za-z_]\w*)|"
                     r"(?P<sign>:=|\.\.|<=|>=|<>|[-+*/()\[\],;:<>=])", re.DOTALL)  # fmt: skip
 _OPERATORS = {"=": "==", "<>": "!=", "AND": " and ", "OR": " or ", "NOT": " not "}
-_FUNCTIONS = {"ABS": abs, "SQRT": math.sqrt, "SIN": math.sin, "COS": math.cos, "ATAN": math.atan, "EXP": math.exp}
+_FUNCTIONS = {
+    "ABS": abs,
+    "SQRT": math.sqrt,
+    "SIN": math.sin,
+    "COS": math.cos,
+    "ATAN": math.atan,
+    "EXP": math.exp,
+}
 
 
 class Grid(dict[Any, Any]):
@@ -23,8 +30,12 @@ class Grid(dict[Any, Any]):
 
     def __init__(self, shape: tuple[int, ...], values: list[Any]) -> None:
         indices = list(product(*(range(1, size + 1) for size in shape)))
-        assert len(values) == len(indices), "an initial value has another number of elements than its array"
-        super().__init__(zip(indices if len(shape) > 1 else [index for (index,) in indices], values, strict=True))
+        assert len(values) == len(indices), (
+            "an initial value has another number of elements than its array"
+        )
+        super().__init__(
+            zip(indices if len(shape) > 1 else [index for (index,) in indices], values, strict=True)
+        )
 
     def __setitem__(self, index: Any, value: Any) -> None:
         assert index in self, f"index {index} of an array"
@@ -56,7 +67,9 @@ class FunctionBlock:
         for j, value in enumerate(q):
             self.variables["q"][j + 1] = self.number(value)
         self.body(self.variables)
-        return np.array(list(self.variables["q_corrected"].values()), dtype=float), self.variables["status"]
+        return np.array(list(self.variables["q_corrected"].values()), dtype=float), self.variables[
+            "status"
+        ]
 
     def number(self, text: Any) -> Any:
         """A literal or an input in the block's own precision."""
@@ -99,7 +112,9 @@ class FunctionBlock:
             values = [int(text) if kind == "INT" else self.number(text) for text in self._initial()]
         self._take(";")
         for name in names:
-            assert name.lower() not in self.variables, f"{name} is declared twice: case does not matter"
+            assert name.lower() not in self.variables, (
+                f"{name} is declared twice: case does not matter"
+            )
             self.variables[name.lower()] = Grid(tuple(shape), list(values)) if shape else values[0]
             if constant:
                 self.constants.add(name)

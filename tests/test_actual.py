@@ -40,15 +40,21 @@ def test_each_kind_alone_moves_the_tool_and_leaves_the_others_out(
     robot = actual(fanuc, kind)
     assert present(robot) == {kind}
     q = random_positions(fanuc, rng, 5)
-    moved = np.linalg.norm(robot.forward(q)[:, :3, 3] - fanuc.mechanism.forward(q)[:, :3, 3], axis=-1)
+    moved = np.linalg.norm(
+        robot.forward(q)[:, :3, 3] - fanuc.mechanism.forward(q)[:, :3, 3], axis=-1
+    )
     assert (moved > 1e-6).all()
     assert (moved < 50e-3).all()
 
 
-def test_without_a_kind_the_robot_is_the_nominal_one(robot: Robot, rng: np.random.Generator) -> None:
+def test_without_a_kind_the_robot_is_the_nominal_one(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     q = random_positions(robot, rng, 3)
     np.testing.assert_allclose(
-        actual(robot).forward(q), expm_chain(robot.chain.placements, robot.chain.twists, q), atol=1e-12
+        actual(robot).forward(q),
+        expm_chain(robot.chain.placements, robot.chain.twists, q),
+        atol=1e-12,
     )
 
 
@@ -77,7 +83,10 @@ def test_geometric_errors_have_the_stated_spread(rng: np.random.Generator) -> No
     gantry = load_robot("gantry")
     scales = ErrorScales(length=2e-3, angle=0.3e-3)
     drawn = [random_actual(gantry, scales, child).errors for child in rng.spawn(200)]
-    for twists in (np.array([g["placements"] for g in drawn]), np.array([g["twists"] for g in drawn])):
+    for twists in (
+        np.array([g["placements"] for g in drawn]),
+        np.array([g["twists"] for g in drawn]),
+    ):
         assert twists[..., :3].std() == pytest.approx(2e-3, rel=0.05)
         assert twists[..., 3:].std() == pytest.approx(0.3e-3, rel=0.05)
         assert np.abs(twists.mean(axis=0)).max() < 5 * 2e-3 / np.sqrt(200)
@@ -96,11 +105,15 @@ def test_geometric_errors_are_finite_motions(robot: Robot, rng: np.random.Genera
             for M, x in zip(robot.chain.placements, geometry["placements"], strict=True)
         ]
     )
-    expected = expm_chain(placements, robot.chain.twists + geometry["twists"], q + geometry["offsets"])
+    expected = expm_chain(
+        placements, robot.chain.twists + geometry["twists"], q + geometry["offsets"]
+    )
     np.testing.assert_allclose(errors.forward(q), expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("kinds", [("geometric",), ("thermal",), ("gear",), ("gravity",), ERROR_KINDS])
+@pytest.mark.parametrize(
+    "kinds", [("geometric",), ("thermal",), ("gear",), ("gravity",), ERROR_KINDS]
+)
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "gantry"])
 def test_small_errors_agree_with_the_linear_columns_to_second_order(
     name: str, kinds: tuple[str, ...], rng: np.random.Generator
@@ -114,7 +127,9 @@ def test_small_errors_agree_with_the_linear_columns_to_second_order(
         values = {name: scale * value for name, value in drawn.errors.values.items()}
         errors = replace(drawn, errors=RobotErrors.of(robot, **values))
         placements = errors.errors["placements"].copy()
-        for j, M in enumerate(chain.placements):  # growth is a shift along the link, seen in the joint's frame
+        for j, M in enumerate(
+            chain.placements
+        ):  # growth is a shift along the link, seen in the joint's frame
             growth = errors.errors["temperature"][j] * (errors.temperature_c - REFERENCE_C)
             placements[j, :3] += growth * M[:3, :3].T @ M[:3, 3]
         motion = errors.errors["offsets"] + errors.joint_motion(q)
@@ -133,20 +148,28 @@ def test_small_errors_agree_with_the_linear_columns_to_second_order(
 # --- gears ---
 
 
-def test_gear_errors_are_two_harmonics_of_the_commanded_position(fanuc: Robot, rng: np.random.Generator) -> None:
+def test_gear_errors_are_two_harmonics_of_the_commanded_position(
+    fanuc: Robot, rng: np.random.Generator
+) -> None:
     robot, q = actual(fanuc, "gear"), random_positions(fanuc, rng, 10)
     a1, b1, a2, b2 = robot.errors["harmonics"].T
     expected = a1 * np.sin(q) + b1 * np.cos(q) + a2 * np.sin(2 * q) + b2 * np.cos(2 * q)
     np.testing.assert_allclose(robot.joint_motion(q), expected, atol=1e-16)
     np.testing.assert_allclose(
-        robot.forward(q), expm_chain(fanuc.chain.placements, fanuc.chain.twists, q + expected), atol=1e-12
+        robot.forward(q),
+        expm_chain(fanuc.chain.placements, fanuc.chain.twists, q + expected),
+        atol=1e-12,
     )
 
 
-def test_gear_errors_have_the_stated_spread_and_slides_have_no_gears(rng: np.random.Generator) -> None:
+def test_gear_errors_have_the_stated_spread_and_slides_have_no_gears(
+    rng: np.random.Generator,
+) -> None:
     gantry = load_robot("gantry")
     scales = ErrorScales(kinds=("gear",), sizes={"gear": 0.4e-3})
-    drawn = np.array([random_actual(gantry, scales, child).errors["harmonics"] for child in rng.spawn(300)])
+    drawn = np.array(
+        [random_actual(gantry, scales, child).errors["harmonics"] for child in rng.spawn(300)]
+    )
     assert not drawn[:, :3].any()
     np.testing.assert_allclose(drawn[:, 3:].std(axis=0), 0.4e-3, rtol=0.2)
 
@@ -170,16 +193,22 @@ def potential_energy(robot: Robot, q: Array) -> float:
     return total
 
 
-def test_gravity_torque_is_the_derivative_of_the_potential_energy(robot: Robot, rng: np.random.Generator) -> None:
+def test_gravity_torque_is_the_derivative_of_the_potential_energy(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     for q in random_positions(robot, rng, 2):
         torque = gravity_torque(robot, q[None])
         assert_derivative(lambda x: np.array([potential_energy(robot, x)]), torque, q)
 
 
-def test_joints_wind_up_in_the_direction_of_the_weight(robot: Robot, rng: np.random.Generator) -> None:
+def test_joints_wind_up_in_the_direction_of_the_weight(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     sagging, q = actual(robot, "gravity"), random_positions(robot, rng, 3)
     motion = sagging.joint_motion(q)
-    np.testing.assert_allclose(motion, -sagging.errors["gravity"] * gravity_torque(robot, q), atol=1e-18)
+    np.testing.assert_allclose(
+        motion, -sagging.errors["gravity"] * gravity_torque(robot, q), atol=1e-18
+    )
     for row, step in zip(q, motion, strict=True):
         slope = finite_differences(lambda x: np.array(potential_energy(robot, x)), row)
         assert slope @ step <= 1e-12  # every joint gives way downhill
@@ -188,7 +217,10 @@ def test_joints_wind_up_in_the_direction_of_the_weight(robot: Robot, rng: np.ran
 @pytest.mark.parametrize(
     ("name", "carrying"),
     [
-        ("fanuc-m1000ia", {1, 2}),  # upper arm and forearm; the wrist's links of 0.385 m weigh little beside them
+        (
+            "fanuc-m1000ia",
+            {1, 2},
+        ),  # upper arm and forearm; the wrist's links of 0.385 m weigh little beside them
         ("scara", set()),
         ("planar-3r", set()),
         ("gantry", {4}),
@@ -228,7 +260,9 @@ def test_backlash_knows_the_direction_of_each_joint(fanuc: Robot) -> None:
     direction = np.array([1, -1, 1, 1, -1, -1])
     robot = actual(fanuc, "backlash")
     assert (robot.errors["backlash"] == 0.1e-3).all()
-    np.testing.assert_allclose(robot.joint_motion(home[None] + 0.1 * direction), -0.1e-3 * direction[None], atol=1e-18)
+    np.testing.assert_allclose(
+        robot.joint_motion(home[None] + 0.1 * direction), -0.1e-3 * direction[None], atol=1e-18
+    )
 
 
 def test_a_joint_that_stands_still_stays_on_the_side_of_its_last_motion(fanuc: Robot) -> None:
@@ -242,24 +276,32 @@ def test_a_joint_that_stands_still_stays_on_the_side_of_its_last_motion(fanuc: R
 # --- heat ---
 
 
-@pytest.mark.parametrize("name", ["fanuc-m1000ia", "fanuc-m900ib-700", "ur5", "panda", "kinova", "planar-3r"])
+@pytest.mark.parametrize(
+    "name", ["fanuc-m1000ia", "fanuc-m900ib-700", "ur5", "panda", "kinova", "planar-3r"]
+)
 def test_a_warm_arm_is_the_same_arm_enlarged(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
     q = random_positions(robot, rng, 5)
     warm = random_actual(robot, ErrorScales(kinds=("thermal",), warmth=50.0), rng)
     nominal, pose = robot.mechanism.forward(q), warm.forward(q)
-    np.testing.assert_allclose(pose[:, :3, 3], nominal[:, :3, 3] * (1 + 50.0 * STEEL_EXPANSION), atol=1e-12)
+    np.testing.assert_allclose(
+        pose[:, :3, 3], nominal[:, :3, 3] * (1 + 50.0 * STEEL_EXPANSION), atol=1e-12
+    )
     np.testing.assert_allclose(pose[:, :3, :3], nominal[:, :3, :3], atol=1e-12)
 
 
-@pytest.mark.parametrize(("name", "slides"), [("scara", [[0, 0, -1]]), ("gantry", [[1, 0, 0], [0, 1, 0], [0, 0, -1]])])
+@pytest.mark.parametrize(
+    ("name", "slides"), [("scara", [[0, 0, -1]]), ("gantry", [[1, 0, 0], [0, 1, 0], [0, 0, -1]])]
+)
 def test_heat_does_not_change_what_a_slide_is_commanded(
     name: str, slides: list[list[float]], rng: np.random.Generator
 ) -> None:
     robot = load_robot(name)
     q = random_positions(robot, rng, 5)
     warm = actual(robot, "thermal")
-    stroke = q[:, robot.prismatic] @ np.array(slides, dtype=float)  # the axes do not turn with the joints before them
+    stroke = q[:, robot.prismatic] @ np.array(
+        slides, dtype=float
+    )  # the axes do not turn with the joints before them
     links = robot.mechanism.forward(q)[:, :3, 3] - stroke
     np.testing.assert_allclose(warm.forward(q)[:, :3, 3], links * (1 + 120e-6) + stroke, atol=1e-12)
 
@@ -276,7 +318,14 @@ def test_heat_and_geometric_errors_multiply(fanuc: Robot, rng: np.random.Generat
     grown = fanuc.chain.placements.copy()
     grown[:, :3, 3] *= 1 + 10.0 * STEEL_EXPANSION
     q = random_positions(fanuc, rng, 3)
-    placements = grown @ inverse(fanuc.chain.placements) @ fanuc.chain.placements @ exp6(cold.errors["placements"])
+    placements = (
+        grown
+        @ inverse(fanuc.chain.placements)
+        @ fanuc.chain.placements
+        @ exp6(cold.errors["placements"])
+    )
     geometry = cold.errors
-    expected = expm_chain(placements, fanuc.chain.twists + geometry["twists"], q + geometry["offsets"])
+    expected = expm_chain(
+        placements, fanuc.chain.twists + geometry["twists"], q + geometry["offsets"]
+    )
     np.testing.assert_allclose(both.forward(q), expected, atol=1e-9)

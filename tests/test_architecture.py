@@ -46,7 +46,11 @@ def room(path: Path) -> str:
 @cache
 def modules() -> tuple[tuple[Path, ast.Module], ...]:
     """Every module of the package but the two that only start it, with its syntax tree."""
-    paths = [p for p in sorted(PACKAGE.rglob("*.py")) if room(p) not in ("__init__", "__main__", "_shipped")]
+    paths = [
+        p
+        for p in sorted(PACKAGE.rglob("*.py"))
+        if room(p) not in ("__init__", "__main__", "_shipped")
+    ]
     return tuple((path, ast.parse(path.read_text(encoding="utf-8"))) for path in paths)
 
 
@@ -85,7 +89,9 @@ def test_a_room_imports_only_itself_and_earlier_rooms(name: str) -> None:
         for module in imported(tree, path):
             parts = module.split(".")
             if parts[0] == "calibtool" and len(parts) > 1 and parts[1] != "__version__":
-                assert parts[1] in allowed, f"{path.name} imports calibtool.{parts[1]}, a later room"
+                assert parts[1] in allowed, (
+                    f"{path.name} imports calibtool.{parts[1]}, a later room"
+                )
 
 
 def test_the_order_is_needed() -> None:
@@ -94,20 +100,33 @@ def test_the_order_is_needed() -> None:
     for path, tree in modules():
         for module in imported(tree, path):
             parts = module.split(".")
-            if parts[0] == "calibtool" and len(parts) > 1 and parts[1] in used and parts[1] != room(path):
+            if (
+                parts[0] == "calibtool"
+                and len(parts) > 1
+                and parts[1] in used
+                and parts[1] != room(path)
+            ):
                 used[parts[1]].add(room(path))
     assert all(used[name] for name in ROOMS if name != "cli"), used
     assert not used["cli"]
 
 
-@pytest.mark.parametrize(("path", "tree"), LIBRARY, ids=lambda x: x.stem if isinstance(x, Path) else "")
+@pytest.mark.parametrize(
+    ("path", "tree"), LIBRARY, ids=lambda x: x.stem if isinstance(x, Path) else ""
+)
 def test_the_library_does_not_know_that_it_has_a_command_line(path: Path, tree: ast.Module) -> None:
     assert not {"typer", "click", "rich", "argparse"} & tops(tree, path)
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
             assert node.func.id not in ("print", "input", "exit", "quit"), f"{path}:{node.lineno}"
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("sys", "os"):
-            assert node.attr not in ("exit", "_exit", "stdout", "stderr", "stdin", "argv"), f"{path}:{node.lineno}"
+        if (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id in ("sys", "os")
+        ):
+            assert node.attr not in ("exit", "_exit", "stdout", "stderr", "stdin", "argv"), (
+                f"{path}:{node.lineno}"
+            )
         if isinstance(node, ast.Raise) and node.exc is not None:
             assert "SystemExit" not in ast.dump(node.exc), f"{path}:{node.lineno}"
 
@@ -128,7 +147,9 @@ def test_nothing_outside_its_module_names_a_language() -> None:
 
 
 def test_only_plots_knows_matplotlib() -> None:
-    assert {path.parent.name for path, tree in modules() if "matplotlib" in tops(tree, path)} == {"plots"}
+    assert {path.parent.name for path, tree in modules() if "matplotlib" in tops(tree, path)} == {
+        "plots"
+    }
 
 
 def test_nothing_imports_scipy_stats() -> None:

@@ -23,7 +23,10 @@ def test_points_stand_where_kinematics_puts_them() -> None:
     home = robot.home(robot.workspace(None)[1])
     tool = robot.mechanism.forward(home[None])[0]
     side = arm_figure(robot).axes[0]
-    links, targets = (next(line for line in side.lines if line.get_label() == label) for label in ("links", "targets"))
+    links, targets = (
+        next(line for line in side.lines if line.get_label() == label)
+        for label in ("links", "targets")
+    )
     np.testing.assert_allclose(np.array(links.get_xydata())[-1], tool[[0, 2], 3] * 1e3, atol=1e-9)
     expected = (tool[:3, :3] @ robot.targets.T).T + tool[:3, 3]
     np.testing.assert_allclose(targets.get_xydata(), expected[:, [0, 2]] * 1e3, atol=1e-9)
@@ -32,7 +35,9 @@ def test_points_stand_where_kinematics_puts_them() -> None:
 def test_the_picture_is_the_same_every_time_and_says_whose_it_is() -> None:
     robot = load_robot("planar-3r")
     assert draw_arm(robot, "svg") == draw_arm(robot, "svg")
-    words = " ".join(text.get_text() for text in arm_figure(robot).findobj(Text))  # letters of a file are outlines
+    words = " ".join(
+        text.get_text() for text in arm_figure(robot).findobj(Text)
+    )  # letters of a file are outlines
     for word in ("planar-3r", "j2_deg 60", "targets", "revolute joint", "from above"):
         assert word in words
     assert "prismatic" not in words.replace("of a slide its stroke", "")

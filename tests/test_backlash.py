@@ -88,13 +88,17 @@ def test_the_way_back_has_the_opposite_directions(rng: np.random.Generator) -> N
     np.testing.assert_array_equal(directions(q)[1:], -directions(q[::-1])[1:][::-1])
 
 
-def test_a_path_may_come_in_batches_and_skips_rows_that_are_not_driven_to(rng: np.random.Generator) -> None:
+def test_a_path_may_come_in_batches_and_skips_rows_that_are_not_driven_to(
+    rng: np.random.Generator,
+) -> None:
     q = rng.normal(size=(30, 3)).round(0)  # many joints stand still
     width = np.array([1.0, 2.0, 3.0])
     whole = BacklashPath(width).taken_up(q)
     path = BacklashPath(width)
     gap = np.full((1, 3), np.nan)
-    parts = np.concatenate([path.taken_up(np.concatenate([part, gap]))[:-1] for part in np.array_split(q, 7)])
+    parts = np.concatenate(
+        [path.taken_up(np.concatenate([part, gap]))[:-1] for part in np.array_split(q, 7)]
+    )
     np.testing.assert_array_equal(parts, whole)
     assert not whole[0].any()
 
@@ -125,7 +129,10 @@ def test_rows_keep_their_directions() -> None:
 
 
 def test_a_file_tells_directions_by_its_order_before_rows_are_chosen() -> None:
-    robot, q = load_robot("ur5"), np.deg2rad(np.random.default_rng(0).uniform(-60, 60, (30, 6)).round(3))
+    robot, q = (
+        load_robot("ur5"),
+        np.deg2rad(np.random.default_rng(0).uniform(-60, 60, (30, 6)).round(3)),
+    )
     points = robot.mechanism.forward(q)[:, None, :3, 3] + np.zeros((30, 1, 3))
     rows = np.hstack([np.rad2deg(q), points[:, 0] * 1e3])
     header = ",".join([*(f"j{j}_deg" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"])
@@ -134,7 +141,9 @@ def test_a_file_tells_directions_by_its_order_before_rows_are_chosen() -> None:
     expected = np.sign(np.diff(q, axis=0, prepend=q[:1]))
     np.testing.assert_array_equal(taken.measurements.conditions.direction, expected[4:9])
     assert rest is not None
-    np.testing.assert_array_equal(rest.measurements.conditions.direction, np.delete(expected, range(4, 9), axis=0))
+    np.testing.assert_array_equal(
+        rest.measurements.conditions.direction, np.delete(expected, range(4, 9), axis=0)
+    )
 
 
 # --- identification -------------------------------------------------------------------------------------------------
@@ -216,10 +225,15 @@ def test_without_a_direction_the_middle_is_predicted() -> None:
 def test_people_see_half_widths_in_mrad_and_mm() -> None:
     rows = {row.name: row for row in parameter_rows(calibrated("gantry").base)}
     prismatic = load_robot("gantry").prismatic
-    assert [rows[f"backlash{j + 1}"].unit for j in range(len(prismatic))] == ["mm" if p else "mrad" for p in prismatic]
+    assert [rows[f"backlash{j + 1}"].unit for j in range(len(prismatic))] == [
+        "mm" if p else "mrad" for p in prismatic
+    ]
     assert rows["backlash1"].value == pytest.approx(0.1, abs=0.05)
     assert rows["backlash1"].tolerance > 0.01
-    assert backlash_text(load_robot("planar-3r"), np.array([1e-4, 0.0, 2e-4])) == "0.100, 0.000, 0.200 mrad"
+    assert (
+        backlash_text(load_robot("planar-3r"), np.array([1e-4, 0.0, 2e-4]))
+        == "0.100, 0.000, 0.200 mrad"
+    )
 
 
 # --- compensation ---------------------------------------------------------------------------------------------------
@@ -227,11 +241,18 @@ def test_people_see_half_widths_in_mrad_and_mm() -> None:
 
 def joint_csv(q: Array) -> str:
     header = ",".join(calibrated().robot.joint_columns)
-    return header + "\n" + "\n".join(",".join(f"{v:.15g}" for v in row) for row in np.rad2deg(q)) + "\n"
+    return (
+        header
+        + "\n"
+        + "\n".join(",".join(f"{v:.15g}" for v in row) for row in np.rad2deg(q))
+        + "\n"
+    )
 
 
 def corrected(text: str, backlash: bool = True, batch: int = 1000) -> Array:
-    result, _ = compensate_text(calibrated(), text, "t.csv", StreamOptions(backlash=backlash, batch=batch))
+    result, _ = compensate_text(
+        calibrated(), text, "t.csv", StreamOptions(backlash=backlash, batch=batch)
+    )
     return np.deg2rad(np.loadtxt(io.StringIO(result), delimiter=",", skiprows=1, usecols=range(6)))
 
 
@@ -242,10 +263,14 @@ def test_rows_in_order_leave_less_when_backlash_is_taken_up() -> None:
     left = []
     for backlash in (False, True):
         driven = corrected(joint_csv(fresh.q), backlash)
-        error = (fresh.truth.actual.forward(driven) - nominal)[1:, :3, 3]  # nobody knows where the first row comes from
+        error = (fresh.truth.actual.forward(driven) - nominal)[
+            1:, :3, 3
+        ]  # nobody knows where the first row comes from
         left.append(np.linalg.norm(error, axis=-1).mean())
     assert left[1] < 0.35 * left[0]
-    np.testing.assert_array_equal(corrected(joint_csv(fresh.q), batch=1), corrected(joint_csv(fresh.q)))
+    np.testing.assert_array_equal(
+        corrected(joint_csv(fresh.q), batch=1), corrected(joint_csv(fresh.q))
+    )
 
 
 def test_poses_in_order_are_a_path_too() -> None:
@@ -276,11 +301,15 @@ def test_steps_smaller_than_their_corrections_are_taken_up_as_they_are_driven() 
     assert fresh.truth is not None
     actual = fresh.truth.actual
     rng = np.random.default_rng(5)
-    q = fresh.q[0] + np.cumsum(rng.normal(size=(400, 6)) * [0.02, 0.02, 0.02, 2e-5, 2e-5, 2e-5], axis=0)
+    q = fresh.q[0] + np.cumsum(
+        rng.normal(size=(400, 6)) * [0.02, 0.02, 0.02, 2e-5, 2e-5, 2e-5], axis=0
+    )
     driven = corrected(joint_csv(q))
     turned = directions(driven)[1:] != directions(q)[1:]
     assert turned[:, 3:].mean() > 0.05
-    np.testing.assert_array_equal(directions(driven), directions(corrected(joint_csv(q), backlash=False)))
+    np.testing.assert_array_equal(
+        directions(driven), directions(corrected(joint_csv(q), backlash=False))
+    )
     nominal = fresh.robot.mechanism.forward(q)
     error = np.linalg.norm((actual.forward(driven) - nominal)[1:, :3, 3], axis=-1)
     assert error[turned.any(axis=1)].max() < 1.5 * error[~turned.any(axis=1)].max()
@@ -288,17 +317,25 @@ def test_steps_smaller_than_their_corrections_are_taken_up_as_they_are_driven() 
 
 def test_an_evaluation_drives_with_the_backlash_taken_up() -> None:
     fresh = measured(count=80, fresh=True)
-    methods = evaluate([("without", identify(measured(), WITHOUT)), ("with", calibrated())], fresh).methods
+    methods = evaluate(
+        [("without", identify(measured(), WITHOUT)), ("with", calibrated())], fresh
+    ).methods
     assert methods[2].position_size.mean() < 0.35 * methods[1].position_size.mean()
     predicted = evaluate([("with", calibrated())], replace(fresh, truth=None)).methods[1]
-    unknown = evaluate([("with", calibrated())], replace(fresh, truth=None, conditions=Conditions())).methods[1]
+    unknown = evaluate(
+        [("with", calibrated())], replace(fresh, truth=None, conditions=Conditions())
+    ).methods[1]
     assert predicted.position_size.mean() < 0.6 * unknown.position_size.mean()
 
 
 def test_trajectories_take_up_backlash_and_other_programs_say_that_they_do_not() -> None:
     robot = load_robot("fanuc-m1000ia")
     q = np.array(
-        [[0.0, 0.2, -0.2, 0.0, -1.2, 0.0], [0.1, 0.3, -0.5, 0.1, -1.0, 0.2], [-0.2, 0.3, 0.0, -0.2, -1.4, 0.5]]
+        [
+            [0.0, 0.2, -0.2, 0.0, -1.2, 0.0],
+            [0.1, 0.3, -0.5, 0.1, -1.0, 0.2],
+            [-0.2, 0.3, 0.0, -0.2, -1.4, 0.5],
+        ]
     )
     names = ", ".join(str(name) for name in robot.chain.model.names[1:])
     points = "".join(f"- positions: [{', '.join(f'{v:.12f}' for v in row)}]\n" for row in q)
@@ -306,7 +343,11 @@ def test_trajectories_take_up_backlash_and_other_programs_say_that_they_do_not()
 
     def positions(backlash: bool) -> Array:
         result = compensate_program(
-            calibrated(), text, "t.yaml", "ros2-trajectory", ProgramOptions(backlash=backlash, joint_values="serial")
+            calibrated(),
+            text,
+            "t.yaml",
+            "ros2-trajectory",
+            ProgramOptions(backlash=backlash, joint_values="serial"),
         )
         lines = [line for line in result.data.decode().splitlines() if "positions" in line]
         return np.array([json.loads(line.split(":", 1)[1]) for line in lines])
@@ -325,7 +366,9 @@ def test_trajectories_take_up_backlash_and_other_programs_say_that_they_do_not()
 def test_exports_say_that_backlash_is_not_in_them() -> None:
     text = backlash_text(calibrated().robot, calibrated().base.errors["backlash"])
     exported = json.loads(calibration_as_json(calibrated()))
-    assert exported["base_model"]["backlash_rad_or_m"] == calibrated().base.errors["backlash"].tolist()
+    assert (
+        exported["base_model"]["backlash_rad_or_m"] == calibrated().base.errors["backlash"].tolist()
+    )
     plain = identify(measured(), WITHOUT)
     for export in (
         lambda calibration: calibration_as_c(calibration, "arm")[0],

@@ -43,13 +43,18 @@ def test_the_calibrated_pose_is_the_base_model_s_moved_by_the_network(name: str)
         columns = []
         for j in range(n):
             e = 1e-6 * np.eye(n)[j]
-            rate = (robot.mechanism.forward((q[k] + e)[None])[0] - robot.mechanism.forward((q[k] - e)[None])[0]) / 2e-6
+            rate = (
+                robot.mechanism.forward((q[k] + e)[None])[0]
+                - robot.mechanism.forward((q[k] - e)[None])[0]
+            ) / 2e-6
             D = rate @ np.linalg.inv(pose)
             columns.append([*D[:3, 3], D[2, 1], D[0, 2], D[1, 0]])
         for joint in calibration.equivalent.virtual_joints:
             axis = pose[:3, "xyz".index(joint[-1])]
             turning = joint.startswith("r")
-            columns.append([*np.cross(pose[:3, 3], axis), *axis] if turning else [*axis, 0.0, 0.0, 0.0])
+            columns.append(
+                [*np.cross(pose[:3, 3], axis), *axis] if turning else [*axis, 0.0, 0.0, 0.0]
+            )
         dy = np.array(columns).T @ calibration.network(q[k : k + 1])[0]
         expected = expm(twist_matrix(dy)) @ pose
         assert np.abs(calibration.forward(q[k : k + 1])[0] - expected).max() < 1e-9
@@ -63,33 +68,47 @@ def test_without_a_network_it_is_the_base_model(fanuc: Robot, fanuc_local_poe: C
     for k in range(5):
         T = np.eye(4)
         for j in range(7):
-            T = T @ fanuc.chain.placements[j] @ expm(twist_matrix(fanuc_local_poe.base.errors["placements"][j]))
+            T = (
+                T
+                @ fanuc.chain.placements[j]
+                @ expm(twist_matrix(fanuc_local_poe.base.errors["placements"][j]))
+            )
             if j < 6:
                 T = T @ expm(twist_matrix(fanuc.chain.twists[j]) * q[k, j])
         assert np.abs(fanuc_local_poe.forward(q[k : k + 1])[0] - T).max() < 1e-9
 
 
-def test_the_nominal_calibration_is_the_nominal_robot(fanuc: Robot, fanuc_measurements: Measurements) -> None:
+def test_the_nominal_calibration_is_the_nominal_robot(
+    fanuc: Robot, fanuc_measurements: Measurements
+) -> None:
     calibration = identify(fanuc_measurements, "nominal")
     q = fanuc_measurements.q[:5]
     assert np.abs(calibration.forward(q) - fanuc.mechanism.forward(q)).max() < 1e-12
 
 
-def test_pose_and_jacobian_agree_with_the_pose_alone(fanuc_network: Calibration, fanuc_local_poe: Calibration) -> None:
+def test_pose_and_jacobian_agree_with_the_pose_alone(
+    fanuc_network: Calibration, fanuc_local_poe: Calibration
+) -> None:
     q = np.linspace(-0.5, -0.1, 12).reshape(2, 6)
     for calibration in (fanuc_network, fanuc_local_poe):
         assert np.abs(calibration.forward_and_jacobian(q)[0] - calibration.forward(q)).max() < 1e-12
 
 
-def test_an_identified_base_is_used_as_it_is(fanuc_measurements: Measurements, fanuc_local_poe: Calibration) -> None:
+def test_an_identified_base_is_used_as_it_is(
+    fanuc_measurements: Measurements, fanuc_local_poe: Calibration
+) -> None:
     calibration = train(fanuc_measurements, fanuc_local_poe, TrainingOptions(restarts=1))
-    assert np.array_equal(calibration.base.errors["placements"], fanuc_local_poe.base.errors["placements"])
+    assert np.array_equal(
+        calibration.base.errors["placements"], fanuc_local_poe.base.errors["placements"]
+    )
     by_name = train(fanuc_measurements, "local-poe", TrainingOptions(restarts=1))
     q = fanuc_measurements.q[:5]
     assert np.array_equal(calibration.forward(q), by_name.forward(q))
 
 
-def test_the_facts_of_the_measurements_are_kept(fanuc_measurements: Measurements, fanuc_network: Calibration) -> None:
+def test_the_facts_of_the_measurements_are_kept(
+    fanuc_measurements: Measurements, fanuc_network: Calibration
+) -> None:
     assert fanuc_network.configurations == 100
     assert fanuc_network.noise_position == fanuc_measurements.noise_position
     assert fanuc_network.base.model == "nominal"
@@ -98,18 +117,28 @@ def test_the_facts_of_the_measurements_are_kept(fanuc_measurements: Measurements
 @pytest.mark.parametrize("other", ["ur5", "fanuc-m900ib-700"])
 def test_a_base_for_another_robot_is_refused(other: str, fanuc_local_poe: Calibration) -> None:
     robot = load_robot(other)
-    measurements = simulate(robot, Simulation(configurations=20, workspace=robot.workspace(None)[1]))
-    with pytest.raises(InputError, match=f"for 'fanuc-m1000ia', but the measurements for '{other}'"):
+    measurements = simulate(
+        robot, Simulation(configurations=20, workspace=robot.workspace(None)[1])
+    )
+    with pytest.raises(
+        InputError, match=f"for 'fanuc-m1000ia', but the measurements for '{other}'"
+    ):
         train(measurements, fanuc_local_poe, TrainingOptions(restarts=1))
 
 
 def test_a_robot_is_the_same_by_its_kinematics_and_not_by_its_name(fanuc: Robot) -> None:
     source = fanuc.source
     renamed = Robot.from_source(
-        parse_source(source.toml_text.replace('name = "fanuc-m1000ia"', 'name = "mine"'), source.urdf_text, "mine")
+        parse_source(
+            source.toml_text.replace('name = "fanuc-m1000ia"', 'name = "mine"'),
+            source.urdf_text,
+            "mine",
+        )
     )
     check_same_robot(fanuc, renamed, "a", "b")
-    longer = Robot.from_source(parse_source(source.toml_text, source.urdf_text.replace("1.221", "1.222"), "longer"))
+    longer = Robot.from_source(
+        parse_source(source.toml_text, source.urdf_text.replace("1.221", "1.222"), "longer")
+    )
     assert np.abs(longer.chain.placements - fanuc.chain.placements).max() > 1e-4
     with pytest.raises(InputError, match="the kinematics differ"):
         check_same_robot(fanuc, longer, "a", "b")
@@ -135,7 +164,9 @@ def test_a_known_setup_is_that_of_the_measurements(
 ) -> None:
     moved = replace(
         fanuc_measurements,
-        setup=Setup(fanuc_measurements.setup.T_instrument_base, fanuc_measurements.setup.targets * 2),
+        setup=Setup(
+            fanuc_measurements.setup.T_instrument_base, fanuc_measurements.setup.targets * 2
+        ),
     )
     assert fitting_setup(fanuc_network, moved) is moved.setup
 

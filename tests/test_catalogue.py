@@ -21,8 +21,12 @@ def joint_origins(robot: Robot, q: Array) -> Array:
 
 def zero_pose_axes(robot: Robot) -> list[list[float]]:
     """Directions of the joints in K_0 at the zero pose."""
-    before = poe_frames(robot.chain.placements, robot.chain.twists, np.zeros((1, robot.n))).before[0]
-    local = np.where(np.array(robot.prismatic)[:, None], robot.chain.twists[:, :3], robot.chain.twists[:, 3:])
+    before = poe_frames(robot.chain.placements, robot.chain.twists, np.zeros((1, robot.n))).before[
+        0
+    ]
+    local = np.where(
+        np.array(robot.prismatic)[:, None], robot.chain.twists[:, :3], robot.chain.twists[:, 3:]
+    )
     return np.round((before[:, :3, :3] @ local[..., None])[..., 0], 12).tolist()
 
 
@@ -30,7 +34,9 @@ def zero_pose_axes(robot: Robot) -> list[list[float]]:
 
 
 def test_every_folder_of_robots_is_a_robot_of_that_name() -> None:
-    assert robot_names() == sorted(path.name for path in shipped("robots").iterdir() if path.is_dir())
+    assert robot_names() == sorted(
+        path.name for path in shipped("robots").iterdir() if path.is_dir()
+    )
     for name in robot_names():
         assert load_robot(name).name == name
 
@@ -71,8 +77,12 @@ def test_full_is_the_last_workspace_and_the_first_is_the_default(robot: Robot) -
     assert robot.workspace(None)[0] == names[0] != "full"
 
 
-def test_a_robot_is_built_again_from_the_texts_of_its_source(robot: Robot, rng: np.random.Generator) -> None:
-    again = Robot.from_source(parse_source(robot.source.toml_text, robot.source.urdf_text, "a file"))
+def test_a_robot_is_built_again_from_the_texts_of_its_source(
+    robot: Robot, rng: np.random.Generator
+) -> None:
+    again = Robot.from_source(
+        parse_source(robot.source.toml_text, robot.source.urdf_text, "a file")
+    )
     q = random_positions(robot, rng, 3)
     np.testing.assert_array_equal(again.mechanism.forward(q), robot.mechanism.forward(q))
 
@@ -92,17 +102,30 @@ def test_the_m1000ia_reaches_as_far_as_published(fanuc: Robot, rng: np.random.Ge
 
 
 def test_the_m1000ia_has_the_axes_and_origins_of_its_table(fanuc: Robot) -> None:
-    assert zero_pose_axes(fanuc) == [[0, 0, 1], [0, 1, 0], [0, -1, 0], [-1, 0, 0], [0, -1, 0], [-1, 0, 0]]
+    assert zero_pose_axes(fanuc) == [
+        [0, 0, 1],
+        [0, 1, 0],
+        [0, -1, 0],
+        [-1, 0, 0],
+        [0, -1, 0],
+        [-1, 0, 0],
+    ]
     steps = [[0, 0, 0], [0.6, 0, 0], [0, 0, 1.221], [0, 0, 0.3], [1.4, 0, 0], [0.385, 0, 0]]
-    np.testing.assert_allclose(joint_origins(fanuc, np.zeros((1, 6)))[0], np.cumsum(steps, axis=0), atol=1e-12)
+    np.testing.assert_allclose(
+        joint_origins(fanuc, np.zeros((1, 6)))[0], np.cumsum(steps, axis=0), atol=1e-12
+    )
 
 
 def test_the_m900ib_has_the_origins_and_limits_of_its_table() -> None:
     robot = load_robot("fanuc-m900ib-700")
     steps = [[0, 0, 0.94], [0.41, 0, 0], [0, 0, 1.12], [0, 0, 0.25], [1.285, 0, 0], [0.3, 0, 0]]
-    np.testing.assert_allclose(joint_origins(robot, np.zeros((1, 6)))[0], np.cumsum(steps, axis=0), atol=1e-12)
+    np.testing.assert_allclose(
+        joint_origins(robot, np.zeros((1, 6)))[0], np.cumsum(steps, axis=0), atol=1e-12
+    )
     assert zero_pose_axes(robot) == zero_pose_axes(load_robot("fanuc-m1000ia"))
-    np.testing.assert_allclose(np.degrees(robot.lower), [-180, -64, -130, -360, -122, -360], atol=1e-6)
+    np.testing.assert_allclose(
+        np.degrees(robot.lower), [-180, -64, -130, -360, -122, -360], atol=1e-6
+    )
     np.testing.assert_allclose(np.degrees(robot.upper), [180, 90, 30, 360, 122, 360], atol=1e-6)
 
 
@@ -136,17 +159,26 @@ UNIVERSAL = {
 }
 
 
-def denavit_hartenberg(q: Array, d1: float, a2: float, a3: float, d4: float, d5: float, d6: float) -> Array:
+def denavit_hartenberg(
+    q: Array, d1: float, a2: float, a3: float, d4: float, d5: float, d6: float
+) -> Array:
     pose = np.eye(4)
     rows = [(d1, 0, 1), (0, a2, 0), (0, a3, 0), (d4, 0, 1), (d5, 0, -1), (d6, 0, 0)]
     for theta, (d, a, quarter_turns) in zip(q, rows, strict=True):
         c, s, ca, sa = np.cos(theta), np.sin(theta), 1 - abs(quarter_turns), quarter_turns
-        pose = pose @ [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+        pose = pose @ [
+            [c, -s * ca, s * sa, a * c],
+            [s, c * ca, -c * sa, a * s],
+            [0, sa, ca, d],
+            [0, 0, 0, 1],
+        ]
     return pose
 
 
 @pytest.mark.parametrize("name", UNIVERSAL)
-def test_universal_robots_move_by_their_published_parameters(name: str, rng: np.random.Generator) -> None:
+def test_universal_robots_move_by_their_published_parameters(
+    name: str, rng: np.random.Generator
+) -> None:
     robot = load_robot(name)
     q = random_positions(robot, rng, 20)
     published = [denavit_hartenberg(row, *UNIVERSAL[name]) for row in q]
@@ -166,7 +198,9 @@ def test_the_planar_arm_moves_by_the_sums_of_its_angles(rng: np.random.Generator
     np.testing.assert_allclose(tool[:, 1, 3], np.sin(angles) @ [0.5, 0.4, 0.2], atol=1e-12)
     np.testing.assert_allclose(tool[:, 2, 3], 0.0, atol=1e-12)
     along = np.stack([np.cos(angles[:, 2]), np.sin(angles[:, 2]), np.zeros(10)], axis=1)
-    np.testing.assert_allclose(tool[:, :3, 2], along, atol=1e-12)  # tool z points along the last link
+    np.testing.assert_allclose(
+        tool[:, :3, 2], along, atol=1e-12
+    )  # tool z points along the last link
 
 
 def test_the_scara_lowers_a_tool_that_points_down(rng: np.random.Generator) -> None:
@@ -174,11 +208,17 @@ def test_the_scara_lowers_a_tool_that_points_down(rng: np.random.Generator) -> N
     q = random_positions(robot, rng, 10)
     shoulder, elbow = q[:, 0], q[:, 0] + q[:, 1]
     tool = robot.mechanism.forward(q)
-    np.testing.assert_allclose(tool[:, 0, 3], 0.35 * np.cos(shoulder) + 0.3 * np.cos(elbow), atol=1e-12)
-    np.testing.assert_allclose(tool[:, 1, 3], 0.35 * np.sin(shoulder) + 0.3 * np.sin(elbow), atol=1e-12)
+    np.testing.assert_allclose(
+        tool[:, 0, 3], 0.35 * np.cos(shoulder) + 0.3 * np.cos(elbow), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        tool[:, 1, 3], 0.35 * np.sin(shoulder) + 0.3 * np.sin(elbow), atol=1e-12
+    )
     np.testing.assert_allclose(tool[:, 2, 3], 0.3 - q[:, 2], atol=1e-12)
     turn = elbow - q[:, 3]
-    np.testing.assert_allclose(tool[:, :3, 0], np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1), atol=1e-12)
+    np.testing.assert_allclose(
+        tool[:, :3, 0], np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1), atol=1e-12
+    )
     np.testing.assert_allclose(tool[:, :3, 2], np.tile([0, 0, -1], (10, 1)), atol=1e-12)
 
 
@@ -186,7 +226,9 @@ def test_the_gantry_carries_its_head_along_the_axes(rng: np.random.Generator) ->
     robot = load_robot("gantry")
     q = random_positions(robot, rng, 10)
     x, y, z, c, b = q.T
-    pointer = -np.stack([np.sin(b) * np.cos(c), np.sin(b) * np.sin(c), np.cos(b)], axis=1)  # from the head to the tool
+    pointer = -np.stack(
+        [np.sin(b) * np.cos(c), np.sin(b) * np.sin(c), np.cos(b)], axis=1
+    )  # from the head to the tool
     head = np.stack([x, y, 2.0 - 0.3 - 0.1 - z], axis=1)
     tool = robot.mechanism.forward(q)
     np.testing.assert_allclose(tool[:, :3, 3], head + 0.2 * pointer, atol=1e-12)
@@ -194,13 +236,18 @@ def test_the_gantry_carries_its_head_along_the_axes(rng: np.random.Generator) ->
 
 
 @pytest.mark.parametrize(
-    ("name", "prismatic"), [("scara", [False, False, True, False]), ("gantry", [True, True, True, False, False])]
+    ("name", "prismatic"),
+    [("scara", [False, False, True, False]), ("gantry", [True, True, True, False, False])],
 )
-def test_slides_are_measured_in_metres_and_written_in_millimetres(name: str, prismatic: list[bool]) -> None:
+def test_slides_are_measured_in_metres_and_written_in_millimetres(
+    name: str, prismatic: list[bool]
+) -> None:
     robot = load_robot(name)
     assert robot.prismatic == prismatic
     assert robot.joint_units == ["m" if p else "rad" for p in prismatic]
-    assert robot.joint_columns == [f"j{i + 1}_{'mm' if p else 'deg'}" for i, p in enumerate(prismatic)]
+    assert robot.joint_columns == [
+        f"j{i + 1}_{'mm' if p else 'deg'}" for i, p in enumerate(prismatic)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -254,7 +301,9 @@ def test_a_name_in_other_letters_finds_the_one_that_is_meant() -> None:
         load_robot("UR5")
 
 
-@pytest.mark.parametrize(("name", "near"), [("fanuc-m1000", "fanuc-m1000ia"), ("ur-5", "ur5"), ("skara", "scara")])
+@pytest.mark.parametrize(
+    ("name", "near"), [("fanuc-m1000", "fanuc-m1000ia"), ("ur-5", "ur5"), ("skara", "scara")]
+)
 def test_an_unknown_robot_is_refused_with_the_near_names(name: str, near: str) -> None:
     with pytest.raises(UsageError, match=rf"'{name}'; did you mean .*\b{near}\b"):
         load_robot(name)
@@ -268,7 +317,9 @@ def test_without_a_near_name_all_robots_are_named() -> None:
 
 
 @pytest.mark.parametrize("name", ["nowhere/", "nowhere/robot.toml", "nowhere.urdf", "robot.toml"])
-def test_a_path_that_is_not_there_is_wrong_usage(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_path_that_is_not_there_is_wrong_usage(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UsageError, match="no such file"):
         load_robot(name)
@@ -296,7 +347,9 @@ def test_a_folder_in_the_current_directory_is_found_by_its_name(
     assert load_robot("mine").n == 4
 
 
-def test_a_bare_urdf_has_targets_that_determine_the_pose_and_its_whole_range_as_workspace(tmp_path: Path) -> None:
+def test_a_bare_urdf_has_targets_that_determine_the_pose_and_its_whole_range_as_workspace(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "cell 7.urdf"
     shutil.copy(shipped("robots") / "scara" / "robot.urdf", path)
     robot = load_robot(str(path))

@@ -62,7 +62,9 @@ def pinocchio_itself(robot: Robot, q: Array) -> tuple[Array, Array]:
     kinematics = robot.source.description.kinematics
     model = pin.buildModelFromXML(robot.source.urdf_text)
     data = model.createData()
-    indices = [model.joints[model.getJointId(name)].idx_v for name in list(robot.chain.model.names)[1:]]
+    indices = [
+        model.joints[model.getJointId(name)].idx_v for name in list(robot.chain.model.names)[1:]
+    ]
     velocity = np.zeros(model.nv)
     velocity[indices] = q
     for name, value in kinematics.locked_joints.items():
@@ -70,7 +72,11 @@ def pinocchio_itself(robot: Robot, q: Array) -> tuple[Array, Array]:
     q_model = pin.integrate(model, pin.neutral(model), velocity)
     pin.framesForwardKinematics(model, data, q_model)
     tool = data.oMf[model.getFrameId(kinematics.tool_frame, pin.FrameType.BODY)]
-    base = data.oMf[model.getFrameId(kinematics.base_frame)] if kinematics.base_frame else pin.SE3.Identity()
+    base = (
+        data.oMf[model.getFrameId(kinematics.base_frame)]
+        if kinematics.base_frame
+        else pin.SE3.Identity()
+    )
     gravity = pin.computeGeneralizedGravity(model, data, q_model)
     return base.actInv(tool).homogeneous, gravity[indices]
 
@@ -81,11 +87,16 @@ def assert_the_same_robot(robot: Robot, rng: np.random.Generator) -> None:
         pose, torque = pinocchio_itself(robot, q)
         np.testing.assert_allclose(robot.mechanism.forward(q[None])[0], pose, atol=1e-12)
         np.testing.assert_allclose(
-            pin.computeGeneralizedGravity(model, model.createData(), q), torque, rtol=1e-9, atol=1e-10
+            pin.computeGeneralizedGravity(model, model.createData(), q),
+            torque,
+            rtol=1e-9,
+            atol=1e-10,
         )
 
 
-def test_kinematics_and_weights_are_those_of_the_unchanged_urdf(robot: Robot, rng: np.random.Generator) -> None:
+def test_kinematics_and_weights_are_those_of_the_unchanged_urdf(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     assert_the_same_robot(robot, rng)
 
 
@@ -111,9 +122,14 @@ def test_joint_twists_are_unit_rotations_or_unit_translations(robot: Robot) -> N
 
 
 def test_limits_are_those_written_in_the_urdf(robot: Robot) -> None:
-    written = {joint.get("name"): joint for joint in ElementTree.fromstring(robot.source.urdf_text).findall("joint")}
+    written = {
+        joint.get("name"): joint
+        for joint in ElementTree.fromstring(robot.source.urdf_text).findall("joint")
+    }
     assert not robot.source.description.limits
-    for name, low, high in zip(list(robot.chain.model.names)[1:], robot.lower, robot.upper, strict=True):
+    for name, low, high in zip(
+        list(robot.chain.model.names)[1:], robot.lower, robot.upper, strict=True
+    ):
         joint = written[name]
         if joint.get("type") == "continuous":
             assert (low, high) == (-np.pi, np.pi)
@@ -144,7 +160,9 @@ def test_skew_axes_inclined_bases_and_locked_joints_are_those_of_the_urdf(
 
 def test_gravity_points_down_whatever_the_base_frame() -> None:
     chain = build_chain(zigzag('base_frame = "wall"'))
-    turned = Rotation.from_euler("xyz", [0.3, 1.2, -0.5]).as_matrix()  # rpy of the URDF: fixed axes x, y, z
+    turned = Rotation.from_euler(
+        "xyz", [0.3, 1.2, -0.5]
+    ).as_matrix()  # rpy of the URDF: fixed axes x, y, z
     np.testing.assert_allclose(turned @ chain.model.gravity.linear, [0, 0, -9.81], atol=1e-12)
 
 
@@ -154,7 +172,9 @@ def test_the_base_frame_of_the_universal_robots_is_turned_by_half_a_circle() -> 
     with_base_link = Robot.from_source(parse_source(toml, ur5.source.urdf_text, "ur5"))
     q = np.array([[0.1, -1.2, 1.0, 0.3, 0.5, 0.7]])
     half = np.diag([-1.0, -1.0, 1.0, 1.0])
-    np.testing.assert_allclose(with_base_link.mechanism.forward(q), half @ ur5.mechanism.forward(q), atol=1e-12)
+    np.testing.assert_allclose(
+        with_base_link.mechanism.forward(q), half @ ur5.mechanism.forward(q), atol=1e-12
+    )
 
 
 def test_the_tool_of_a_bare_urdf_is_its_last_link() -> None:
@@ -184,6 +204,9 @@ def test_a_joint_without_an_axis_is_refused(axis: str, written: str) -> None:
 @pytest.mark.parametrize("size", ["1e-3", "1e6"])
 def test_an_axis_of_any_length_is_a_direction(size: str, rng: np.random.Generator) -> None:
     text = ZIGZAG.replace('<axis xyz="0 0 -1"/>', f'<axis xyz="0 0 -{size}"/>')
-    robot, scaled = Robot.from_source(zigzag()), Robot.from_source(parse_source(TOML, text, "zigzag"))
+    robot, scaled = (
+        Robot.from_source(zigzag()),
+        Robot.from_source(parse_source(TOML, text, "zigzag")),
+    )
     q = random_positions(robot, rng, 5)
     np.testing.assert_allclose(scaled.mechanism.forward(q), robot.mechanism.forward(q), atol=1e-12)

@@ -19,10 +19,15 @@ SIX = ("fanuc-m1000ia", "ur5")
 
 
 def measured(robot: Robot, count: int = 40, **options: object) -> Measurements:
-    return simulate(robot, Simulation(seed=1, configurations=count, workspace=robot.workspace(None)[1], **options))  # type: ignore[arg-type]
+    return simulate(
+        robot,
+        Simulation(seed=1, configurations=count, workspace=robot.workspace(None)[1], **options),
+    )  # type: ignore[arg-type]
 
 
-def damaged(measurements: Measurements, *, q: Array | None = None, points: Array | None = None) -> Measurements:
+def damaged(
+    measurements: Measurements, *, q: Array | None = None, points: Array | None = None
+) -> Measurements:
     """Other joint positions or points, and the set-up registered to them, as an import would."""
     result = replace(
         measurements,
@@ -52,7 +57,9 @@ def warned(found: list[Finding]) -> list[str]:
 def test_clean_measurements_raise_no_warning(robot: Robot, unregistered: bool) -> None:
     for seed in range(3):
         workspace = robot.workspace(None)[1]
-        simulation = Simulation(seed=seed, configurations=40, workspace=workspace, unregistered=unregistered)
+        simulation = Simulation(
+            seed=seed, configurations=40, workspace=workspace, unregistered=unregistered
+        )
         assert warned(check_measurements(simulate(robot, simulation))) == []
 
 
@@ -60,14 +67,18 @@ def test_clean_measurements_raise_no_warning(robot: Robot, unregistered: bool) -
 
 
 @pytest.mark.parametrize("unregistered", [False, True])
-def test_a_bumped_target_is_named_with_its_row_and_how_far(fanuc: Robot, unregistered: bool) -> None:
+def test_a_bumped_target_is_named_with_its_row_and_how_far(
+    fanuc: Robot, unregistered: bool
+) -> None:
     clean = measured(fanuc, unregistered=unregistered)
     assert "target_moved" not in names(check_measurements(clean))
     truth = clean.truth
     assert truth is not None
     others = truth.setup.targets[1:].mean(axis=0)
     away = truth.setup.targets[0] - others
-    shift = 0.4e-3 * away / np.linalg.norm(away)  # in the plane of the targets, where distances see all of it
+    shift = (
+        0.4e-3 * away / np.linalg.norm(away)
+    )  # in the plane of the targets, where distances see all of it
     moved = clean.points.copy()
     turns = truth.setup.T_instrument_base[:3, :3] @ truth.actual.forward(clean.q)[:, :3, :3]
     moved[24:, 0] += turns[24:] @ shift
@@ -110,13 +121,17 @@ def test_rows_whose_targets_are_swapped(name: str, unregistered: bool, rows: sli
     points = clean.points.copy()
     points[rows] = points[rows][:, [1, 0, 2]]
     found = check_measurements(damaged(clean, points=points))
-    assert named(found, "target_order").numbers["rows"] == list(range(rows.start + 1, rows.stop + 1))
+    assert named(found, "target_order").numbers["rows"] == list(
+        range(rows.start + 1, rows.stop + 1)
+    )
     assert len(warned(found)) == 1  # nothing else is blamed for it
 
 
 @pytest.mark.parametrize("order", [[1, 0, 2], [1, 2, 0]])
 @pytest.mark.parametrize("frame_known", [False, True])
-def test_targets_in_another_order_than_the_robots(fanuc: Robot, order: list[int], frame_known: bool) -> None:
+def test_targets_in_another_order_than_the_robots(
+    fanuc: Robot, order: list[int], frame_known: bool
+) -> None:
     clean = measured(fanuc)
     setup = replace(clean.setup, frame_known=frame_known)
     found = check_measurements(damaged(replace(clean, setup=setup), points=clean.points[:, order]))
@@ -128,7 +143,9 @@ def test_targets_in_another_order_than_the_robots(fanuc: Robot, order: list[int]
 
 def test_a_frame_that_is_not_where_it_was_said(fanuc: Robot) -> None:
     clean = measured(fanuc)
-    found = check_measurements(replace(clean, points=readonly(clean.points + np.array([0.5, 0.0, 0.0]))))
+    found = check_measurements(
+        replace(clean, points=readonly(clean.points + np.array([0.5, 0.0, 0.0])))
+    )
     assert named(found, "given_setup").numbers["rms_mm"] == pytest.approx(500, rel=0.02)
 
 
@@ -165,9 +182,14 @@ def test_angles_in_the_wrong_unit(name: str, factor: float) -> None:
 def test_a_joint_counted_backwards_two_swapped_and_one_coupled(fanuc: Robot) -> None:
     clean = measured(fanuc, unregistered=True)
     backwards = clean.q * [1, 1, -1, 1, 1, 1]
-    assert "joint 3 " in named(check_measurements(damaged(clean, q=backwards)), "joint_sign").message
+    assert (
+        "joint 3 " in named(check_measurements(damaged(clean, q=backwards)), "joint_sign").message
+    )
     swapped = clean.q[:, [0, 1, 2, 4, 3, 5]]
-    assert "joints 4 and 5" in named(check_measurements(damaged(clean, q=swapped)), "joint_order").message
+    assert (
+        "joints 4 and 5"
+        in named(check_measurements(damaged(clean, q=swapped)), "joint_order").message
+    )
     coupled = clean.q.copy()
     coupled[:, 2] -= coupled[:, 1]
     named(check_measurements(damaged(clean, q=coupled)), "joint_coupling")
@@ -190,7 +212,9 @@ def six_dimensional(robot: Robot) -> Measurements:
     q = measured(robot).q
     T = robot.mechanism.forward(q)
     setup = Setup(np.eye(4), np.zeros((1, 3)), np.eye(3), frame_known=False, targets_known=False)
-    return Measurements(robot, q, readonly(T[:, None, :3, 3]), readonly(T[:, :3, :3]), setup, 0.05e-3, 0.1e-3)
+    return Measurements(
+        robot, q, readonly(T[:, None, :3, 3]), readonly(T[:, :3, :3]), setup, 0.05e-3, 0.1e-3
+    )
 
 
 def test_orientations_in_another_convention(fanuc: Robot) -> None:
@@ -234,7 +258,9 @@ def test_positions_in_one_plane(fanuc: Robot) -> None:
 def test_repeated_configurations_give_the_repeatability(fanuc: Robot) -> None:
     rng = np.random.default_rng(2)
     few = measured(fanuc, 20).q
-    q = np.repeat(few, 5, axis=0) + rng.normal(size=(100, 6)) * 0.05e-3  # the residual does not care that they differ
+    q = (
+        np.repeat(few, 5, axis=0) + rng.normal(size=(100, 6)) * 0.05e-3
+    )  # the residual does not care that they differ
     measurements = simulate(fanuc, Simulation(at=q, noise=0.1e-3))
     numbers = named(check_measurements(measurements), "repeatability", "note").numbers
     assert (numbers["rows"], numbers["scatter_mm"]) == (80, pytest.approx(0.1, rel=0.1))
@@ -254,7 +280,9 @@ def test_drift_of_the_base_against_the_instrument(fanuc: Robot, drift: float) ->
     fixed += np.linspace(0, 1, 40)[:, None, None] * [0.0, 0.0, drift]
     fixed[::3] = np.nan  # not measured every time
     companions = Companions(time_s=np.arange(40) * 90.0, reference_points=fixed)
-    found = named(check_measurements(clean, companions), "reference_drift", "warning" if drift else "note")
+    found = named(
+        check_measurements(clean, companions), "reference_drift", "warning" if drift else "note"
+    )
     if drift:
         assert found.numbers["moved_mm"] == pytest.approx(0.27, abs=0.06)
         assert found.numbers["first_to_last_mm"][2] > 0.2  # type: ignore[index]
@@ -266,7 +294,9 @@ def test_trend_with_temperature(fanuc: Robot, growth: float) -> None:
     clean = measured(fanuc, 100)
     temperature = 20 + 15 * np.linspace(0, 1, 100)
     points = clean.points * (1 + growth * (temperature - 20))[:, None, None]
-    found = check_measurements(replace(clean, points=readonly(points)), Companions(temperature_c=temperature))
+    found = check_measurements(
+        replace(clean, points=readonly(points)), Companions(temperature_c=temperature)
+    )
     trend = named(found, "temperature_trend", "warning" if growth else "note")
     assert (trend.numbers["p_value"] < 1e-3) == bool(growth)  # type: ignore[operator]
 
@@ -305,7 +335,9 @@ def test_the_checks_change_nothing_and_survive_anything(fanuc: Robot) -> None:
 def test_reference_points_seen_a_few_times_say_nothing_of_drift(fanuc: Robot) -> None:
     fixed = np.full((40, 1, 3), np.nan)
     fixed[::8] = np.linspace(0, 1, 5)[:, None, None]
-    assert "reference_drift" not in names(check_measurements(measured(fanuc), Companions(reference_points=fixed)))
+    assert "reference_drift" not in names(
+        check_measurements(measured(fanuc), Companions(reference_points=fixed))
+    )
 
 
 def test_a_drift_in_time_is_not_taken_for_the_temperature(fanuc: Robot) -> None:
@@ -314,13 +346,19 @@ def test_a_drift_in_time_is_not_taken_for_the_temperature(fanuc: Robot) -> None:
     time = np.linspace(0, 1, 100)
     points = clean.points + time[:, None, None] * [0.0, 0.0, 1e-3]
     temperature = 20 + 5 * time + rng.normal(size=100)
-    found = check_measurements(replace(clean, points=readonly(points)), Companions(temperature_c=temperature))
+    found = check_measurements(
+        replace(clean, points=readonly(points)), Companions(temperature_c=temperature)
+    )
     assert "something drifts with time" in named(found, "temperature_trend").message
 
 
-def test_read_positions_are_compared_with_the_file_s_where_no_commanded_ones_are_given(fanuc: Robot) -> None:
+def test_read_positions_are_compared_with_the_file_s_where_no_commanded_ones_are_given(
+    fanuc: Robot,
+) -> None:
     rng = np.random.default_rng(4)
     measurements = measured(fanuc, 60)
     others = Companions(q_read=measurements.q + rng.normal(size=measurements.q.shape) * 0.5e-3)
-    share = named(check_measurements(measurements, others), "commanded_or_read", "note").numbers["share_of_read"]
+    share = named(check_measurements(measurements, others), "commanded_or_read", "note").numbers[
+        "share_of_read"
+    ]
     assert abs(share) < 0.3  # type: ignore[arg-type]

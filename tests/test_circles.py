@@ -31,7 +31,10 @@ def circles(robot: Robot) -> Array:
 def measured(name: str, seed: int, *, exact: bool) -> Measurements:
     robot = load_robot(name)
     scales, noise = (EXACT, 0.0) if exact else (ErrorScales(), 0.05e-3)
-    return simulate(robot, Simulation(seed=seed, at=circles(robot), unregistered=True, scales=scales, noise=noise))
+    return simulate(
+        robot,
+        Simulation(seed=seed, at=circles(robot), unregistered=True, scales=scales, noise=noise),
+    )
 
 
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "ur5", "panda"])
@@ -76,7 +79,10 @@ def test_axis_of_a_circle() -> None:
 
 def test_rows_of_a_single_joint(fanuc: Robot) -> None:
     rows = single_joint_rows(circles(fanuc))
-    assert {j: found.tolist() for j, found in rows.items()} == {0: list(range(12)), 1: list(range(12, 24))}
+    assert {j: found.tolist() for j, found in rows.items()} == {
+        0: list(range(12)),
+        1: list(range(12, 24)),
+    }
 
 
 @pytest.mark.parametrize("name", ["gantry", "scara", "planar-3r"])

@@ -35,7 +35,9 @@ def test_rows_go_along_with_the_measurements() -> None:
 
 def test_columns_by_name() -> None:
     header = f"{HEADER},j1_read_deg,j2_read_deg,j3_read_deg,time_ms,temperature_k,ref1_x_mm,ref1_y_mm,ref1_z_mm"
-    text = f"{header}\n1,2,3,4,5,6,1.1,2.1,3.1,1500,293.15,7,8,9\n2,3,4,5,6,7,2.1,3.1,4.1,2500,,,,\n"
+    text = (
+        f"{header}\n1,2,3,4,5,6,1.1,2.1,3.1,1500,293.15,7,8,9\n2,3,4,5,6,7,2.1,3.1,4.1,2500,,,,\n"
+    )
     found = read_table(text, "t.csv", ARM).companions
     assert np.allclose(np.rad2deg(found.q_commanded), [[1, 2, 3], [2, 3, 4]])  # type: ignore[arg-type]
     assert np.allclose(np.rad2deg(found.q_read), [[1.1, 2.1, 3.1], [2.1, 3.1, 4.1]])  # type: ignore[arg-type]
@@ -66,7 +68,12 @@ def test_columns_by_a_map() -> None:
 def test_a_table_of_joints_and_points_alone_has_commanded_joints_alone() -> None:
     found = read_table(f"{HEADER}\n1,2,3,4,5,6\n", "t.csv", ARM).companions
     assert found.q_commanded is not None
-    assert (found.q_read, found.time_s, found.temperature_c, found.reference_points) == (None, None, None, None)
+    assert (found.q_read, found.time_s, found.temperature_c, found.reference_points) == (
+        None,
+        None,
+        None,
+        None,
+    )
 
 
 def test_read_joints_are_complete_or_refused() -> None:

@@ -28,8 +28,12 @@ def simulated(name: str = "ur5", unregistered: bool = False) -> tuple[Measuremen
     """A simulation, and the same robot at fresh configurations."""
     robot = load_robot(name)
     workspace = robot.workspace(None)[1]
-    first = simulate(robot, Simulation(seed=1, workspace=workspace, configurations=60, unregistered=unregistered))
-    fresh = simulate(robot, Simulation(seed=1, workspace=workspace, configurations=25, same_robot=first.truth))
+    first = simulate(
+        robot, Simulation(seed=1, workspace=workspace, configurations=60, unregistered=unregistered)
+    )
+    fresh = simulate(
+        robot, Simulation(seed=1, workspace=workspace, configurations=25, same_robot=first.truth)
+    )
     return first, fresh
 
 
@@ -38,7 +42,9 @@ def perfect(measurements: Measurements) -> Calibration:
     truth = measurements.truth
     assert truth is not None
     calibration = identify(measurements, "nominal")
-    base = replace(calibration.base, model="local-poe", errors=truth.actual.errors, setup=truth.setup)
+    base = replace(
+        calibration.base, model="local-poe", errors=truth.actual.errors, setup=truth.setup
+    )
     return replace(calibration, base=base)
 
 
@@ -68,7 +74,9 @@ def test_the_nominal_robot_errs_by_its_tool_pose() -> None:
     nominal = evaluate([], fresh).methods[0]
     actual, commanded = truth.actual.forward(fresh.q), fresh.robot.mechanism.forward(fresh.q)
     assert np.allclose(nominal.position[:, 0], actual[:, :3, 3] - commanded[:, :3, 3], atol=1e-12)
-    turn = Rotation.from_matrix(actual[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2)).as_rotvec()
+    turn = Rotation.from_matrix(
+        actual[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2)
+    ).as_rotvec()
     assert nominal.orientation is not None
     assert np.allclose(nominal.orientation, turn, atol=1e-12)
 
@@ -91,15 +99,21 @@ def test_local_poe_lowers_the_error_of_fresh_configurations(unregistered: bool) 
 def test_one_step_is_a_little_worse_than_exact() -> None:
     first, fresh = simulated()
     calibration = perfect(first)
-    exact, stepped = (evaluate([("c", calibration)], fresh, method=m).methods[1] for m in ("exact", "one-step"))  # type: ignore[arg-type]
+    exact, stepped = (
+        evaluate([("c", calibration)], fresh, method=m).methods[1] for m in ("exact", "one-step")
+    )  # type: ignore[arg-type]
     nominal = evaluate([], fresh).methods[0]
-    assert exact.position_size.max() < stepped.position_size.max() < 0.05 * nominal.position_size.max()
+    assert (
+        exact.position_size.max() < stepped.position_size.max() < 0.05 * nominal.position_size.max()
+    )
 
 
 ALL_SIX = (0, 1, 2, 3, 4, 5)
 
 
-def nearest_by_scipy(fresh: Measurements, row: int, components: tuple[int, ...] = ALL_SIX) -> np.ndarray:
+def nearest_by_scipy(
+    fresh: Measurements, row: int, components: tuple[int, ...] = ALL_SIX
+) -> np.ndarray:
     """The pose of the actual robot nearest to the commanded one: (4, 4), by an independent minimiser.
 
     components: of the displacement and the turn along the axes of the commanded tool.
@@ -112,7 +126,9 @@ def nearest_by_scipy(fresh: Measurements, row: int, components: tuple[int, ...] 
         pose = truth.actual.forward(q[None])[0]
         turn = Rotation.from_matrix(pose[:3, :3] @ commanded[:3, :3].T).as_rotvec()
         axes = commanded[:3, :3].T
-        return np.concatenate([axes @ (pose - commanded)[:3, 3] / robot.length, axes @ turn])[list(components)]
+        return np.concatenate([axes @ (pose - commanded)[:3, 3] / robot.length, axes @ turn])[
+            list(components)
+        ]
 
     best = least_squares(left, fresh.q[row], xtol=1e-15, ftol=1e-15, gtol=1e-15, jac="3-point").x
     pose: np.ndarray = truth.actual.forward(best[None])[0]
@@ -127,14 +143,18 @@ def test_what_no_joint_can_correct_is_reported_apart() -> None:
     assert len(beyond.position) == 25
     commanded = fresh.robot.mechanism.forward(fresh.q)
     for row in (0, 7, 24):
-        nearest = nearest_by_scipy(fresh, row, (0, 1, 2, 5))  # a SCARA corrects x, y, z and the turn about z
+        nearest = nearest_by_scipy(
+            fresh, row, (0, 1, 2, 5)
+        )  # a SCARA corrects x, y, z and the turn about z
         assert np.allclose(beyond.position[row, 0], (nearest - commanded[row])[:3, 3], atol=1e-9)
     best = evaluation.correctable[1]
     assert best.position_size.max() < 1e-8
     assert best.orientation_size is not None
     assert best.orientation_size.max() < 1e-8
     assert evaluation.methods[1].orientation_size is not None
-    assert evaluation.methods[1].orientation_size.mean() > 1e-4  # the whole error keeps what no joint can correct
+    assert (
+        evaluation.methods[1].orientation_size.mean() > 1e-4
+    )  # the whole error keeps what no joint can correct
 
 
 def test_poses_that_a_shorter_arm_cannot_reach() -> None:
@@ -159,7 +179,10 @@ def test_poses_that_a_shorter_arm_cannot_reach() -> None:
     assert np.allclose(beyond.position[0, 0], (nearest - commanded)[:3, 3], atol=1e-6)
     assert evaluation.marked == [0, 1]
     # Near the stretched arm the correction is damped: the corrected joints come near the nearest pose.
-    assert evaluation.correctable[1].position_size.max() < 0.02 * evaluation.correctable[0].position_size.max()
+    assert (
+        evaluation.correctable[1].position_size.max()
+        < 0.02 * evaluation.correctable[0].position_size.max()
+    )
     entry = evaluation.as_json()["methods"][1]  # type: ignore[index]
     assert entry["reduction_percent"]["position_max"] > 98
     assert entry["position_mm"]["max"] > 0.1
@@ -184,7 +207,9 @@ def test_without_the_truth_measured_and_predicted_targets_are_compared(unregiste
     setup = calibration.setup
     poses = setup.T_instrument_base @ calibration.forward(fresh.q)
     predicted = np.einsum("kab,mb->kma", poses[:, :3, :3], setup.targets) + poses[:, None, :3, 3]
-    left = (fresh.points - predicted) @ setup.T_instrument_base[:3, :3]  # along the axes of the base
+    left = (fresh.points - predicted) @ setup.T_instrument_base[
+        :3, :3
+    ]  # along the axes of the base
     assert np.allclose(evaluation.methods[1].position, left, atol=1e-12)
     assert evaluation.methods[1].orientation is not None
 
@@ -192,7 +217,9 @@ def test_without_the_truth_measured_and_predicted_targets_are_compared(unregiste
 def test_predicted_errors_of_the_truth_are_its_noise() -> None:
     first, fresh = simulated("ur5", True)
     method = evaluate([("perfect", perfect(first))], replace(fresh, truth=None)).methods[1]
-    assert abs(np.sqrt((method.position**2).mean()) / 0.05e-3 - 1) < 4 / np.sqrt(2 * method.position.size)
+    assert abs(np.sqrt((method.position**2).mean()) / 0.05e-3 - 1) < 4 / np.sqrt(
+        2 * method.position.size
+    )
 
 
 def test_the_nominal_robot_is_registered_on_the_training_rows_and_not_on_the_judged_ones() -> None:
@@ -210,7 +237,8 @@ def test_what_is_judged_does_not_depend_on_the_other_judged_rows() -> None:
     first, fresh = simulated("ur5", True)
     calibration = identify(first, "local-poe")
     whole, half = (
-        evaluate([("c", calibration)], replace(fresh, truth=None).rows(np.arange(count))) for count in (25, 10)
+        evaluate([("c", calibration)], replace(fresh, truth=None).rows(np.arange(count)))
+        for count in (25, 10)
     )
     for a, b in zip(whole.methods, half.methods, strict=True):
         assert np.allclose(a.position[:10], b.position, atol=1e-12)
@@ -221,7 +249,9 @@ def test_a_moved_instrument_is_registered_again_when_asked() -> None:
     calibration = perfect(first)
     turn = Rotation.from_rotvec([0.5, -0.3, 1.2]).as_matrix()
     moved = replace(fresh, truth=None, points=fresh.points @ turn.T + [1.0, -2.0, 0.5])
-    blind, refitted = (evaluate([("c", calibration)], moved, refit_setup=r).methods for r in (False, True))
+    blind, refitted = (
+        evaluate([("c", calibration)], moved, refit_setup=r).methods for r in (False, True)
+    )
     assert blind[1].position_size.min() > 0.1
     assert refitted[1].position_size.mean() < 0.15e-3  # noise of 0.05 mm per coordinate
     assert refitted[1].position_size.mean() < refitted[0].position_size.mean()
@@ -252,7 +282,9 @@ def test_a_6d_sensor_is_compared_by_its_position_and_turn() -> None:
     commanded = first.robot.mechanism.forward(first.q)
     assert nominal.position.shape == (60, 1, 3)
     assert np.allclose(nominal.position[:, 0], (poses - commanded)[:, :3, 3], atol=1e-12)
-    turn = Rotation.from_matrix(poses[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2)).magnitude()
+    turn = Rotation.from_matrix(
+        poses[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2)
+    ).magnitude()
     assert nominal.orientation_size is not None
     assert np.allclose(nominal.orientation_size, turn, atol=1e-12)
 
@@ -262,7 +294,9 @@ def test_a_6d_sensor_is_compared_by_its_position_and_turn() -> None:
 
 def test_the_json_has_the_keys_of_the_contract() -> None:
     first, fresh = simulated()
-    evaluation = evaluate([("local", identify(first, "local-poe")), ("perfect", perfect(first))], fresh)
+    evaluation = evaluate(
+        [("local", identify(first, "local-poe")), ("perfect", perfect(first))], fresh
+    )
     found = json.loads(json.dumps(evaluation.as_json(), allow_nan=False))
     assert set(found) == {"schema", "schema_version", "robot", "configurations", "kind", "methods"}
     assert (found["schema"], found["schema_version"]) == ("calibtool/evaluation", 1)
@@ -283,9 +317,9 @@ def test_the_json_has_the_same_keys_where_orientation_is_not_seen() -> None:
     evaluation = evaluate([("c", identify(one[0], "local-poe"))], one[1])
     for entry in json.loads(json.dumps(evaluation.as_json(), allow_nan=False))["methods"]:
         assert entry["orientation_mrad"] is None
-        assert {f"{q}_{s}" for q in ("position", "orientation") for s in ("mean", "max", "std")} == set(
-            entry["reduction_percent"]
-        )
+        assert {
+            f"{q}_{s}" for q in ("position", "orientation") for s in ("mean", "max", "std")
+        } == set(entry["reduction_percent"])
 
 
 def test_nominal_comes_first_and_stands_alone_without_calibrations() -> None:
@@ -296,7 +330,10 @@ def test_nominal_comes_first_and_stands_alone_without_calibrations() -> None:
 def test_a_calibration_for_another_robot_is_refused() -> None:
     _, fresh = simulated()
     other = identify(simulated("fanuc-m1000ia")[0], "local-poe")
-    with pytest.raises(InputError, match="calibration 'other' is for 'fanuc-m1000ia', but the measurements for 'ur5'"):
+    with pytest.raises(
+        InputError,
+        match="calibration 'other' is for 'fanuc-m1000ia', but the measurements for 'ur5'",
+    ):
         evaluate([("other", other)], fresh)
 
 
@@ -305,7 +342,9 @@ def test_rows_unlike_the_training_are_predicted_by_the_base_on_request() -> None
     first, fresh = simulated("planar-3r")
     trained = train(first, "local-poe", TrainingOptions(restarts=1, hidden=2))
     assert trained.networks
-    everywhere = simulate(first.robot, Simulation(seed=1, configurations=15, same_robot=first.truth)).q
+    everywhere = simulate(
+        first.robot, Simulation(seed=1, configurations=15, same_robot=first.truth)
+    ).q
     both = Simulation(at=np.concatenate([fresh.q, everywhere]), same_robot=first.truth)
     real = replace(simulate(first.robot, both), truth=None)
     unlike = coverage(trained, real.q).outside

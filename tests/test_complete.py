@@ -23,7 +23,9 @@ from calibtool.robot.se3 import log3, readonly, transform_points
 PHYSICAL = ("geometric", "gear", "gravity", "thermal")
 
 
-def measured(robot: Robot, count: int = 50, seed: int = 0, **options: object) -> tuple[Measurements, Measurements]:
+def measured(
+    robot: Robot, count: int = 50, seed: int = 0, **options: object
+) -> tuple[Measurements, Measurements]:
     """Measurements over the whole joint range, and fresh ones of the same robot."""
     first = simulate(robot, Simulation(seed=seed, configurations=count, **options))  # type: ignore[arg-type]
     return first, simulate(robot, Simulation(seed=seed, configurations=300, same_robot=first.truth))
@@ -48,7 +50,11 @@ def test_evidence_finds_the_joint_motion_functions_that_are_there(fanuc: Robot) 
         posterior = identify_complete(measured(fanuc, scales=ErrorScales(kinds))[0]).posterior
         assert posterior is not None
         assert posterior.parameters.orders.get("harmonics", 0) == harmonics
-        wound_up = [part.elements.tolist() for part in posterior.parameters.parts if part.family.id == "gravity"]
+        wound_up = [
+            part.elements.tolist()
+            for part in posterior.parameters.parts
+            if part.family.id == "gravity"
+        ]
         assert wound_up == gravity
 
 
@@ -61,7 +67,9 @@ def test_fine_structure_of_the_joint_motions_is_found(fanuc: Robot, kinds: tuple
     def with_waves(measurements: Measurements) -> np.ndarray:
         assert measurements.truth is not None
         truth = measurements.truth
-        return observe(truth.actual, truth.setup, measurements.q + 0.2e-3 * np.sin(20 * measurements.q))
+        return observe(
+            truth.actual, truth.setup, measurements.q + 0.2e-3 * np.sin(20 * measurements.q)
+        )
 
     noise = np.random.default_rng(3).normal(0, 0.05e-3, first.points.shape)
     wavy = replace(first, points=with_waves(first) + noise)
@@ -172,11 +180,15 @@ def test_a_joint_that_never_moves_is_named_and_the_rest_is_usable(fanuc: Robot) 
 
 
 @pytest.mark.parametrize("harmonics", [0, 2])
-def test_what_measurements_could_determine_is_that_of_the_design(robot: Robot, harmonics: int) -> None:
+def test_what_measurements_could_determine_is_that_of_the_design(
+    robot: Robot, harmonics: int
+) -> None:
     """Six of every joint and of the base (δζ, δξ and δq overlap), sine and cosine of every order of turning joints."""
     turning = robot.n - sum(robot.prismatic)
     expected = 6 * (robot.n + 1) + 2 * harmonics * turning
-    options = CompleteOptions(orders={"harmonics": harmonics, "gravity": 0, "backlash": 0, "twists": 1})
+    options = CompleteOptions(
+        orders={"harmonics": harmonics, "gravity": 0, "backlash": 0, "twists": 1}
+    )
     for count in (8, 60):
         base = identify_complete(measured(robot, count)[0], options)
         assert base.observable_rank == expected
@@ -214,7 +226,9 @@ def test_a_joint_may_have_tolerances_of_its_own(fanuc: Robot) -> None:
     tolerances = Tolerances(joints=((2, 5e-3, 7e-3),))
     measurements = measured(fanuc)[0]
     options = CompleteOptions(tolerances=tolerances, estimate_priors=False)
-    rows = {row.name: row.tolerance for row in parameter_rows(identify_complete(measurements, options))}
+    rows = {
+        row.name: row.tolerance for row in parameter_rows(identify_complete(measurements, options))
+    }
     assert [rows[f"ζ{j}.x"] for j in (2, 3, 4)] == pytest.approx([1.0, 5.0, 1.0])
     assert [rows[f"ζ{j}.rx"] for j in (2, 3, 4)] == pytest.approx([1.0, 7.0, 1.0])
 

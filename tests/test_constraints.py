@@ -6,14 +6,24 @@ import pytest
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.planning import constraints
-from calibtool.planning.constraints import Candidates, Constraints, Sight, crosses, draw_candidates, inside, links
+from calibtool.planning.constraints import (
+    Candidates,
+    Constraints,
+    Sight,
+    crosses,
+    draw_candidates,
+    inside,
+    links,
+)
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import transform_points
 
 BOX = (1.0, -3.0, -2.0, 3.0, -0.4, 3.0)
 
 
-def draw(robot: Robot, kept: Constraints, count: int = 100, workspace: str | None = "full") -> Candidates:
+def draw(
+    robot: Robot, kept: Constraints, count: int = 100, workspace: str | None = "full"
+) -> Candidates:
     rng = np.random.default_rng(0)
     space = robot.workspace(workspace)[1]
     return draw_candidates(robot, space, kept, robot.targets, count, 1, rng)
@@ -57,7 +67,9 @@ def test_floor_and_keep_out(fanuc: Robot) -> None:
     drawn = draw(fanuc, Constraints(floor=-1.0, keep_out=(BOX,)))
     points = arm_points(fanuc, drawn.q)
     assert points[..., 2].min() >= -1.0 - 1e-12
-    within = ((points > np.array(BOX[:3]) + 1e-9) & (points < np.array(BOX[3:]) - 1e-9)).all(axis=-1)
+    within = ((points > np.array(BOX[:3]) + 1e-9) & (points < np.array(BOX[3:]) - 1e-9)).all(
+        axis=-1
+    )
     assert not within.any()
     assert len(drawn.q) == 100
     free = arm_points(fanuc, draw(fanuc, Constraints()).q)
@@ -83,15 +95,22 @@ def test_every_target_looks_at_the_instrument(fanuc: Robot) -> None:
         point = (pose @ [*target, 1.0])[:, :3]
         ray = instrument - point
         ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
-        assert np.degrees(np.arccos((ray * (pose[:, :3, :3] @ [0.0, 0.6, 0.8])).sum(axis=-1))).max() <= 40 + 1e-9
-        part = (4.1 - point[:, 0]) / (6.0 - point[:, 0])  # where the ray meets the middle of the wall
+        assert (
+            np.degrees(np.arccos((ray * (pose[:, :3, :3] @ [0.0, 0.6, 0.8])).sum(axis=-1))).max()
+            <= 40 + 1e-9
+        )
+        part = (4.1 - point[:, 0]) / (
+            6.0 - point[:, 0]
+        )  # where the ray meets the middle of the wall
         meets = (point + part[:, None] * (instrument - point))[(part > 0) & (part < 1)]
         assert not ((meets[:, 1] > 0.5) & (meets[:, 1] < 5) & (np.abs(meets[:, 2]) < 5)).any()
 
 
 def test_impossible_constraints_are_named(fanuc: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(constraints, "_TRIES", 3)
-    with pytest.raises(NoSolutionError, match=r"fanuc-m1000ia: 0 of 1500 .*--floor-mm turns down 1500: loosen"):
+    with pytest.raises(
+        NoSolutionError, match=r"fanuc-m1000ia: 0 of 1500 .*--floor-mm turns down 1500: loosen"
+    ):
         draw(fanuc, Constraints(floor=10.0))
 
 

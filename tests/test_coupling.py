@@ -13,7 +13,9 @@ from calibtool.robot.model import Robot
 def planar(coupling: str) -> Robot:
     source = load_robot("planar-3r").source
     return Robot.from_source(
-        parse_source(f"{source.toml_text}\n[coupling]\n{coupling}\n", source.urdf_text, "robot.toml")
+        parse_source(
+            f"{source.toml_text}\n[coupling]\n{coupling}\n", source.urdf_text, "robot.toml"
+        )
     )
 
 
@@ -22,7 +24,9 @@ def test_joint_2_of_a_fanuc_leaves_the_forearm_as_it_leans(name: str) -> None:
     """J3 is the forearm's angle to the horizon: with J3 kept, J2 shifts the forearm and does not turn it."""
     robot = load_robot(name)
     shown = np.deg2rad([[10, -20, 15, 5, 30, 7], [10, 35, 15, 5, 30, 7]])
-    forearm = poe_frames(robot.chain.placements, robot.chain.twists, robot.to_serial(shown)).after[:, 2]
+    forearm = poe_frames(robot.chain.placements, robot.chain.twists, robot.to_serial(shown)).after[
+        :, 2
+    ]
     np.testing.assert_allclose(forearm[1, :3, :3], forearm[0, :3, :3], atol=1e-12)
     assert np.linalg.norm(forearm[1, :3, 3] - forearm[0, :3, 3]) > 0.1
     assert robot.to_serial(shown)[0, 2] == pytest.approx(np.deg2rad(15 - 20))

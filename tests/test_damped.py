@@ -5,7 +5,12 @@ import pytest
 
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import GRAM_REGULARISATION, damped_solution, eliminated, singularity_distance
+from calibtool.robot.damped import (
+    GRAM_REGULARISATION,
+    damped_solution,
+    eliminated,
+    singularity_distance,
+)
 from calibtool.robot.gravity import gravity_torque
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6, log3, log6
@@ -18,21 +23,29 @@ def drawn(robot: Robot, count: int, rng: np.random.Generator) -> Array:
 def drawn_errors(robot: Robot, rng: np.random.Generator) -> RobotErrors:
     """Errors that make screws of turning joints and let slides turn a little."""
     shapes = {"placements": (robot.n + 1, 6), "twists": (robot.n, 6), "offsets": robot.n}
-    return RobotErrors.of(robot, **{name: rng.normal(size=shape) * 1e-3 for name, shape in shapes.items()})
+    return RobotErrors.of(
+        robot, **{name: rng.normal(size=shape) * 1e-3 for name, shape in shapes.items()}
+    )
 
 
 @pytest.mark.parametrize("size", [1, 3, 6])
-def test_elimination_solves_and_finds_the_trace_of_the_inverse(size: int, rng: np.random.Generator) -> None:
+def test_elimination_solves_and_finds_the_trace_of_the_inverse(
+    size: int, rng: np.random.Generator
+) -> None:
     A, right = rng.normal(size=(40, size, size)), rng.normal(size=(40, size))
     gram = A @ np.swapaxes(A, -1, -2) + np.eye(size)
     trace, solution = eliminated(np.moveaxis(gram, 0, -1), right.T)
     assert solution is not None
     np.testing.assert_allclose(trace, np.trace(np.linalg.inv(gram), axis1=1, axis2=2), rtol=1e-12)
-    np.testing.assert_allclose(solution.T, np.linalg.solve(gram, right[..., None])[..., 0], rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(
+        solution.T, np.linalg.solve(gram, right[..., None])[..., 0], rtol=1e-10, atol=1e-13
+    )
 
 
 @pytest.mark.parametrize("c", [6, 7])
-def test_damped_solutions_are_the_formula_near_singularities_and_far(c: int, rng: np.random.Generator) -> None:
+def test_damped_solutions_are_the_formula_near_singularities_and_far(
+    c: int, rng: np.random.Generator
+) -> None:
     J = rng.normal(size=(300, 6, c))
     J[:, :, 0] *= np.geomspace(1e-9, 10.0, 300)[:, None]
     if c == 7:

@@ -17,7 +17,9 @@ def test_numbers_are_read_back_to_half_a_unit_of_the_last_digit(rng: np.random.G
     assert np.abs(back - values)[small].max() < 0.51e-12
 
 
-def test_radians_and_metres_are_read_back_to_the_rounding_of_a_double(rng: np.random.Generator) -> None:
+def test_radians_and_metres_are_read_back_to_the_rounding_of_a_double(
+    rng: np.random.Generator,
+) -> None:
     values = rng.uniform(-9.9, 9.9, size=(5000, 6)) * 10.0 ** -rng.integers(0, 6, size=(5000, 6))
     back = np.array([row.split(",") for row in decimal_rows(values, 16)], dtype=float)
     assert (np.abs(back - values) < 0.51e-16 + 2.0**-52 * np.abs(values)).all()
@@ -40,9 +42,16 @@ def test_every_number_of_few_digits_is_written_as_people_would(rng: np.random.Ge
         Decimal(int(k)).scaleb(-int(e))
         for k, e in zip(rng.integers(-999, 1000, 4000), rng.integers(0, 13, 4000), strict=True)
     ]
-    text = "".join(f"{row}\n" for row in decimal_rows(np.array(numbers, dtype=float).reshape(-1, 4), 12))
-    expected = [f"{number:f}".rstrip("0").rstrip(".") if "." in f"{number:f}" else f"{number:f}" for number in numbers]
-    assert text.replace("\n", ",").split(",")[:-1] == ["0" if e in ("-0", "0") else e for e in expected]
+    text = "".join(
+        f"{row}\n" for row in decimal_rows(np.array(numbers, dtype=float).reshape(-1, 4), 12)
+    )
+    expected = [
+        f"{number:f}".rstrip("0").rstrip(".") if "." in f"{number:f}" else f"{number:f}"
+        for number in numbers
+    ]
+    assert text.replace("\n", ",").split(",")[:-1] == [
+        "0" if e in ("-0", "0") else e for e in expected
+    ]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,13 @@ from pydantic import ValidationError
 
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import Source, example_robot_data, parse_source, read_source, source_from_urdf
+from calibtool.robot.description import (
+    Source,
+    example_robot_data,
+    parse_source,
+    read_source,
+    source_from_urdf,
+)
 from calibtool.robot.model import Robot
 
 LINKS = """
@@ -72,12 +78,28 @@ def test_the_description_used_here_is_a_good_one(tmp_path: Path) -> None:
 
 # what stands in the good robot.toml, what stands there instead, what the message must say
 BAD_TOML = {
-    "unknown key": ('title = "A', 'note = ["x"]\ntitle = "A', ["unknown key 'note'", "did you mean notes"]),
-    "misspelt required key": ('title = "A', 'titel = "A', ["unknown key 'titel'", "did you mean title"]),
-    "unknown key of a table": ('urdf = "crane.urdf"', 'urfd = "crane.urdf"', ["kinematics.urfd", "did you mean urdf"]),
+    "unknown key": (
+        'title = "A',
+        'note = ["x"]\ntitle = "A',
+        ["unknown key 'note'", "did you mean notes"],
+    ),
+    "misspelt required key": (
+        'title = "A',
+        'titel = "A',
+        ["unknown key 'titel'", "did you mean title"],
+    ),
+    "unknown key of a table": (
+        'urdf = "crane.urdf"',
+        'urfd = "crane.urdf"',
+        ["kinematics.urfd", "did you mean urdf"],
+    ),
     "missing title": ('title = "A crane of two joints"', "", ["title", "required"]),
     "missing tool frame": ('tool_frame = "tool0"', "", ["kinematics.tool_frame", "required"]),
-    "missing targets": ("[targets]\npoints_mm = [[100, 0, 0], [0, 100, 0], [0, 0, 100]]", "", ["targets", "required"]),
+    "missing targets": (
+        "[targets]\npoints_mm = [[100, 0, 0], [0, 100, 0], [0, 0, 100]]",
+        "",
+        ["targets", "required"],
+    ),
     "no target point": ("[[100, 0, 0], [0, 100, 0], [0, 0, 100]]", "[]", ["targets.points_mm"]),
     "target of two coordinates": ("[100, 0, 0]", "[100, 0]", ["targets.points_mm.0"]),
     "two sources": (
@@ -85,36 +107,88 @@ BAD_TOML = {
         'urdf = "crane.urdf"\nexample_robot_data = "x.urdf"',
         ["kinematics", "exactly one of 'urdf' and 'example_robot_data'"],
     ),
-    "no source": ('urdf = "crane.urdf"', "", ["kinematics", "exactly one of 'urdf' and 'example_robot_data'"]),
-    "unknown joint in limits": ("j1_deg = [-90, 90]", "j3_deg = [-90, 90]", ["limits", "'j3_deg'", "2 joints"]),
-    "no joint in limits": ("j1_deg = [-90, 90]", "shoulder = [-90, 90]", ["limits", "'shoulder'", "j1_deg"]),
-    "wrong unit in limits": ("j1_deg = [-90, 90]", "j2_deg = [-90, 90]", ["limits", "'j2_deg'", "prismatic", "mm"]),
-    "lower limit above upper": ("[-90, 90]", "[90, -90]", ["limits.j1_deg", "90 is not below the upper limit -90"]),
+    "no source": (
+        'urdf = "crane.urdf"',
+        "",
+        ["kinematics", "exactly one of 'urdf' and 'example_robot_data'"],
+    ),
+    "unknown joint in limits": (
+        "j1_deg = [-90, 90]",
+        "j3_deg = [-90, 90]",
+        ["limits", "'j3_deg'", "2 joints"],
+    ),
+    "no joint in limits": (
+        "j1_deg = [-90, 90]",
+        "shoulder = [-90, 90]",
+        ["limits", "'shoulder'", "j1_deg"],
+    ),
+    "wrong unit in limits": (
+        "j1_deg = [-90, 90]",
+        "j2_deg = [-90, 90]",
+        ["limits", "'j2_deg'", "prismatic", "mm"],
+    ),
+    "lower limit above upper": (
+        "[-90, 90]",
+        "[90, -90]",
+        ["limits.j1_deg", "90 is not below the upper limit -90"],
+    ),
     "empty joint range": ("[-90, 90]", "[90, 90]", ["limits.j1_deg", "not below"]),
     "limit that is no number": ("[-90, 90]", "[nan, 90]", ["limits.j1_deg.0"]),
     "infinite limit": ("[-90, 90]", "[-90, inf]", ["limits.j1_deg.1"]),
-    "the whole range as a workspace's name": ("workspaces.yard", "workspaces.full", ["'full' is built in"]),
-    "home without a joint": ("home = { j1_deg = 10, j2_mm = 150 }", "home = { j1_deg = 10 }", ["yard.home", "j2"]),
-    "home in a wrong unit": ("j2_mm = 150", "j2_deg = 150", ["workspaces.yard.home", "'j2_deg'", "prismatic"]),
+    "the whole range as a workspace's name": (
+        "workspaces.yard",
+        "workspaces.full",
+        ["'full' is built in"],
+    ),
+    "home without a joint": (
+        "home = { j1_deg = 10, j2_mm = 150 }",
+        "home = { j1_deg = 10 }",
+        ["yard.home", "j2"],
+    ),
+    "home in a wrong unit": (
+        "j2_mm = 150",
+        "j2_deg = 150",
+        ["workspaces.yard.home", "'j2_deg'", "prismatic"],
+    ),
     "negative box": ("box_m = [0.2,", "box_m = [-0.2,", ["workspaces.yard.box_m.0"]),
     "flat box": ("[0.2, 0.2, 0.1]", "[0.2, 0.2]", ["workspaces.yard.box_m"]),
     "cone beyond the sphere": ("cone_deg = 20", "cone_deg = 200", ["workspaces.yard.cone_deg"]),
     "unknown tool frame": ('"tool0"', '"tool1"', ["frame 'tool1'", "did you mean", "tool0"]),
-    "unknown base frame": ('"tool0"', '"tool0"\nbase_frame = "bass_link"', ["frame 'bass_link'", "base_link"]),
-    "moving base frame": ('"tool0"', '"tool0"\nbase_frame = "arm"', ["base frame 'arm'", "shoulder"]),
+    "unknown base frame": (
+        '"tool0"',
+        '"tool0"\nbase_frame = "bass_link"',
+        ["frame 'bass_link'", "base_link"],
+    ),
+    "moving base frame": (
+        '"tool0"',
+        '"tool0"\nbase_frame = "arm"',
+        ["base frame 'arm'", "shoulder"],
+    ),
     "unknown locked joint": (
         '"tool0"',
         '"tool0"\nlocked_joints = { left = 0 }',
         ["locked joint 'left'", "did you mean", "lift"],
     ),
-    "every joint locked": ('"tool0"', '"tool0"\nlocked_joints = { shoulder = 0, lift = 0 }', ["no joint"]),
+    "every joint locked": (
+        '"tool0"',
+        '"tool0"\nlocked_joints = { shoulder = 0, lift = 0 }',
+        ["no joint"],
+    ),
     "tool that no joint moves": (
         '"tool0"',
         '"base_link"\nlocked_joints = { lift = 0 }',
         ["shoulder", "not between base and tool"],
     ),
-    "virtual joint of no kind": ("[targets]", '[equivalent]\nvirtual_joints = ["w"]\n[targets]', ["virtual_joints"]),
-    "too few virtual joints": ("[targets]", '[equivalent]\nvirtual_joints = ["rx"]\n[targets]', ["4 different"]),
+    "virtual joint of no kind": (
+        "[targets]",
+        '[equivalent]\nvirtual_joints = ["w"]\n[targets]',
+        ["virtual_joints"],
+    ),
+    "too few virtual joints": (
+        "[targets]",
+        '[equivalent]\nvirtual_joints = ["rx"]\n[targets]',
+        ["4 different"],
+    ),
     "a virtual joint twice": (
         "[targets]",
         '[equivalent]\nvirtual_joints = ["rx", "ry", "rx", "y"]\n[targets]',
@@ -122,7 +196,11 @@ BAD_TOML = {
     ),
     "name with a blank": ('name = "crane"', 'name = "my crane"', ["name"]),
     "no TOML": ('title = "A', "title = A", ["not valid TOML", "line 2"]),
-    "missing URDF": ('urdf = "crane.urdf"', 'urdf = "ladder.urdf"', ["ladder.urdf", "No such file"]),
+    "missing URDF": (
+        'urdf = "crane.urdf"',
+        'urdf = "ladder.urdf"',
+        ["ladder.urdf", "No such file"],
+    ),
     "missing URDF of example-robot-data": (
         'urdf = "crane.urdf"',
         'example_robot_data = "crane_description/crane.urdf"',
@@ -147,7 +225,14 @@ def test_a_bad_description_is_refused_in_one_line_with_its_place(case: str, tmp_
 
 def test_a_joint_with_two_limits_in_different_units_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="j1"):
-        load_robot(str(crane(tmp_path, TOML.replace("j1_deg = [-90, 90]", "j1_deg = [-90, 90]\nj1_rad = [-1, 1]"))))
+        load_robot(
+            str(
+                crane(
+                    tmp_path,
+                    TOML.replace("j1_deg = [-90, 90]", "j1_deg = [-90, 90]\nj1_rad = [-1, 1]"),
+                )
+            )
+        )
 
 
 def test_limits_of_the_description_take_the_place_of_those_in_the_urdf(tmp_path: Path) -> None:
@@ -160,7 +245,9 @@ def test_a_branching_tree_is_refused_until_its_other_joints_are_locked(tmp_path:
     urdf = URDF.replace("</robot>", GRIPPER + "</robot>")
     with pytest.raises(InputError, match=r"grip .*lock"):
         load_robot(str(crane(tmp_path, urdf=urdf)))
-    locked = TOML.replace('tool_frame = "tool0"', 'tool_frame = "tool0"\nlocked_joints = { grip = 0.01 }')
+    locked = TOML.replace(
+        'tool_frame = "tool0"', 'tool_frame = "tool0"\nlocked_joints = { grip = 0.01 }'
+    )
     assert load_robot(str(crane(tmp_path, locked, urdf))).n == 2
 
 
@@ -213,35 +300,55 @@ def test_a_bare_urdf_gets_a_description_whatever_its_file_is_called(name: str) -
     assert Robot.from_source(source).n == 2
 
 
-def test_a_slide_without_limits_takes_them_from_the_description_or_is_refused(tmp_path: Path) -> None:
-    urdf = URDF.replace('<limit lower="0" upper="0.3" effort="1" velocity="1"/>', '<limit effort="1" velocity="1"/>')
+def test_a_slide_without_limits_takes_them_from_the_description_or_is_refused(
+    tmp_path: Path,
+) -> None:
+    urdf = URDF.replace(
+        '<limit lower="0" upper="0.3" effort="1" velocity="1"/>', '<limit effort="1" velocity="1"/>'
+    )
     with pytest.raises(
-        InputError, match=r"robot\.toml: slide 'lift' has no limits .* \[limits\] j2_mm = \[lower, upper\]"
+        InputError,
+        match=r"robot\.toml: slide 'lift' has no limits .* \[limits\] j2_mm = \[lower, upper\]",
     ):
         load_robot(str(crane(tmp_path, urdf=urdf)))
     given = TOML.replace("j1_deg = [-90, 90]", "j1_deg = [-90, 90]\nj2_mm = [0, 250]")
     assert load_robot(str(crane(tmp_path, given, urdf))).upper[1] == pytest.approx(0.25)
 
 
-def test_a_joint_that_mimics_another_is_refused_on_the_way_and_may_be_locked_beside_it(tmp_path: Path) -> None:
+def test_a_joint_that_mimics_another_is_refused_on_the_way_and_may_be_locked_beside_it(
+    tmp_path: Path,
+) -> None:
     limit = 'upper="0.3" effort="1" velocity="1"/>'
     way = URDF.replace(limit, f'{limit}<mimic joint="shoulder"/>')
-    with pytest.raises(InputError, match=r"joint 'lift' between base and tool mimics 'shoulder'; .*lock it"):
+    with pytest.raises(
+        InputError, match=r"joint 'lift' between base and tool mimics 'shoulder'; .*lock it"
+    ):
         load_robot(str(crane(tmp_path, urdf=way)))
     finger = GRIPPER.replace("</joint>", '<mimic joint="lift"/></joint>')
-    locked = TOML.replace('tool_frame = "tool0"', 'tool_frame = "tool0"\nlocked_joints = { grip = 0.01 }')
-    assert load_robot(str(crane(tmp_path, locked, URDF.replace("</robot>", finger + "</robot>")))).n == 2
+    locked = TOML.replace(
+        'tool_frame = "tool0"', 'tool_frame = "tool0"\nlocked_joints = { grip = 0.01 }'
+    )
+    assert (
+        load_robot(str(crane(tmp_path, locked, URDF.replace("</robot>", finger + "</robot>")))).n
+        == 2
+    )
 
 
 def test_a_floating_joint_cannot_be_locked(tmp_path: Path) -> None:
     finger = GRIPPER.replace("prismatic", "floating")
-    locked = TOML.replace('tool_frame = "tool0"', 'tool_frame = "tool0"\nlocked_joints = { grip = 0.01 }')
-    with pytest.raises(InputError, match=r"'grip' has 6 degrees of freedom; .*make it fixed in the URDF"):
+    locked = TOML.replace(
+        'tool_frame = "tool0"', 'tool_frame = "tool0"\nlocked_joints = { grip = 0.01 }'
+    )
+    with pytest.raises(
+        InputError, match=r"'grip' has 6 degrees of freedom; .*make it fixed in the URDF"
+    ):
         load_robot(str(crane(tmp_path, locked, URDF.replace("</robot>", finger + "</robot>"))))
 
 
 def test_a_bare_urdf_that_branches_asks_for_a_tool(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"crane: the URDF branches, its last joints are .*tool_frame") as caught:
+    with pytest.raises(
+        InputError, match=r"crane: the URDF branches, its last joints are .*tool_frame"
+    ) as caught:
         source_from_urdf(URDF.replace("</robot>", GRIPPER + "</robot>"), "crane")
     assert {"lift", "grip"} <= {word.strip(",;") for word in str(caught.value).split()}
 
@@ -269,12 +376,18 @@ def test_a_tolerance_of_a_joint_that_is_not_there_is_refused(tmp_path: Path) -> 
         return load_robot(str(crane(tmp_path, TOML + tolerance)))
 
     assert described(3).n == 2  # j3 is the tool
-    with pytest.raises(InputError, match=r"tolerances\.joints\.j4: the robot has 2 joints \(j3 is the tool\)"):
+    with pytest.raises(
+        InputError, match=r"tolerances\.joints\.j4: the robot has 2 joints \(j3 is the tool\)"
+    ):
         described(4)
 
 
-def test_without_a_temporary_folder_the_remedy_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_temporary_folder_the_remedy_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = crane(tmp_path)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
-    with pytest.raises(UsageError, match=r"temporary folder: No such file or directory; make room, or set TMPDIR"):
+    with pytest.raises(
+        UsageError, match=r"temporary folder: No such file or directory; make room, or set TMPDIR"
+    ):
         load_robot(str(folder))

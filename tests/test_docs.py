@@ -22,7 +22,9 @@ def without_code(text: str) -> str:
 def anchors(page: Path) -> set[str]:
     """The anchors of a page's headings, as GitHub makes them."""
     headings = re.findall(
-        r"^#+ (.+)$", re.sub(r"```.*?```", "", page.read_text("utf-8"), flags=re.DOTALL), re.MULTILINE
+        r"^#+ (.+)$",
+        re.sub(r"```.*?```", "", page.read_text("utf-8"), flags=re.DOTALL),
+        re.MULTILINE,
     )
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
@@ -67,12 +69,18 @@ def test_the_pages_of_reliability_show_the_kept_figures() -> None:
     made = script(ROOT / "benchmarks" / "reliability.py")
     figures = json.loads(made.FIGURES.read_text("utf-8"))
     for page, text in made.pages(figures).items():
-        assert page.read_text("utf-8") == text, f"{page.name} is stale: python benchmarks/reliability.py --page"
+        assert page.read_text("utf-8") == text, (
+            f"{page.name} is stale: python benchmarks/reliability.py --page"
+        )
 
 
 def test_the_figures_of_reliability_say_that_the_laws_held() -> None:
     figures = json.loads((ROOT / "benchmarks" / "pages" / "figures.json").read_text("utf-8"))
-    rows = {name: part["rows"] for name, part in figures.items() if name.startswith(("fuzz ", "faults "))}
+    rows = {
+        name: part["rows"]
+        for name, part in figures.items()
+        if name.startswith(("fuzz ", "faults "))
+    }
     assert rows
     for name, found in rows.items():
         for row in found:
@@ -84,12 +92,16 @@ def test_the_figures_of_reliability_say_that_the_laws_held() -> None:
 
 def test_the_command_reference_is_fresh() -> None:
     generate = script(ROOT / "docs" / "generate.py")
-    assert generate.PAGE.read_text("utf-8") == generate.page(), "docs/commands.md is stale: make docs"
+    assert generate.PAGE.read_text("utf-8") == generate.page(), (
+        "docs/commands.md is stale: make docs"
+    )
 
 
 def test_the_examples_of_the_library_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text("utf-8"), re.DOTALL)
+    blocks = re.findall(
+        r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text("utf-8"), re.DOTALL
+    )
     assert len(blocks) == 9
     names: dict[str, object] = {}
     out = io.StringIO()

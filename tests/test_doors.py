@@ -62,7 +62,8 @@ def test_a_wrong_name_never_means_another_method() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "fits"), [(-1, False), (0, True), (0.999, True), (1, False), (np.nan, False), (np.inf, False)]
+    ("value", "fits"),
+    [(-1, False), (0, True), (0.999, True), (1, False), (np.nan, False), (np.inf, False)],
 )
 def test_numbers_are_at_least_and_below(value: float, fits: bool) -> None:
     if fits:

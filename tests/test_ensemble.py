@@ -48,7 +48,9 @@ def test_a_smooth_function_and_its_noise_are_told_apart() -> None:
     run = train_bayesian(Network.initial(q, np.full(6, 50.0), 6, rng), task_loss(q, G, y))
     assert run.noise_factor == pytest.approx(2.0, rel=0.15)
     fresh = rng.uniform(-0.9, 0.9, (500, 6))
-    assert np.sqrt(np.mean((run.network(fresh) - teacher(fresh)) ** 2)) < 0.1 * np.std(teacher(fresh))
+    assert np.sqrt(np.mean((run.network(fresh) - teacher(fresh)) ** 2)) < 0.1 * np.std(
+        teacher(fresh)
+    )
 
 
 def test_the_mean_of_networks_is_one_network(rng: np.random.Generator) -> None:
@@ -70,10 +72,14 @@ def test_networks_are_kept_where_they_help_and_left_out_where_not(
     assert not complete.validation.helps
     assert complete.networks == ()
     base = identify(fanuc_measurements, "complete")
-    np.testing.assert_array_equal(complete.forward(fanuc_measurements.q), base.forward(fanuc_measurements.q))
+    np.testing.assert_array_equal(
+        complete.forward(fanuc_measurements.q), base.forward(fanuc_measurements.q)
+    )
 
 
-def test_the_same_seed_gives_the_same_ensemble(fanuc_measurements: Measurements, paper: Calibration) -> None:
+def test_the_same_seed_gives_the_same_ensemble(
+    fanuc_measurements: Measurements, paper: Calibration
+) -> None:
     again = train(fanuc_measurements, "nominal", BAYES)
     assert again.network is not None
     assert paper.network is not None
@@ -99,18 +105,24 @@ def test_the_training_itself_is_inside_and_the_far_side_of_the_range_outside(
 def test_uncertainty_grows_away_from_the_training(fanuc_measurements: Measurements) -> None:
     calibration = identify(fanuc_measurements, "complete")
     near = predicted_uncertainty(calibration, fanuc_measurements.q).position
-    far = predicted_uncertainty(calibration, fanuc_measurements.q + np.array([2.5, 0, 0, 0, 0, 0])).position
+    far = predicted_uncertainty(
+        calibration, fanuc_measurements.q + np.array([2.5, 0, 0, 0, 0, 0])
+    ).position
     assert far.min() > near.max()
 
 
 def test_more_configurations_are_predicted_to_be_better(fanuc_measurements: Measurements) -> None:
-    curve = learning_curve(fanuc_measurements, lambda rows, _: identify(rows, "complete"), 4, np.random.default_rng(0))
+    curve = learning_curve(
+        fanuc_measurements, lambda rows, _: identify(rows, "complete"), 4, np.random.default_rng(0)
+    )
     assert curve.error[-1] < curve.error[0]
     assert curve.predicted(1000) <= curve.predicted(100)
     assert curve.error[-1] > 0.045e-3  # the noise of the held-out rows is in it
 
 
-def test_without_two_sizes_that_can_be_fitted_there_is_no_learning_curve(fanuc_measurements: Measurements) -> None:
+def test_without_two_sizes_that_can_be_fitted_there_is_no_learning_curve(
+    fanuc_measurements: Measurements,
+) -> None:
     def fit(rows: Measurements, rng: np.random.Generator) -> Calibration:
         if len(rows) < 90:
             raise NoSolutionError("too few")
@@ -126,7 +138,9 @@ def test_members_that_disagree_add_their_scatter_to_the_uncertainty(
     """The covariance between the members' poses, each computed by itself; about their mean, to first order."""
     q, alone = paper.q[:6], identify(fanuc_measurements, "complete")
     ensemble = replace(alone, networks=paper.networks)
-    added = predicted_uncertainty(ensemble, q).covariance - predicted_uncertainty(alone, q).covariance
+    added = (
+        predicted_uncertainty(ensemble, q).covariance - predicted_uncertainty(alone, q).covariance
+    )
     mean = ensemble.forward(q)
     poses = np.stack([replace(alone, networks=(network,)).forward(q) for network in paper.networks])
     turns = log3(poses[..., :3, :3] @ np.swapaxes(mean[:, :3, :3], -1, -2))
@@ -140,21 +154,31 @@ def test_uncertainty_needs_a_posterior(fanuc_local_poe: Calibration) -> None:
         predicted_uncertainty(fanuc_local_poe, fanuc_local_poe.q)
 
 
-def test_a_calibration_moves_to_a_tool_with_one_target_and_to_another_instrument(fanuc: Robot) -> None:
+def test_a_calibration_moves_to_a_tool_with_one_target_and_to_another_instrument(
+    fanuc: Robot,
+) -> None:
     """Of a known set-up a shift of the only target is found; of an unknown one, the set-up itself is."""
     first = simulate(fanuc, Simulation(configurations=60))
     old = identify(first, "complete")
-    again = replace(simulate(fanuc, Simulation(seed=3, configurations=12, same_robot=first.truth)), truth=None)
+    again = replace(
+        simulate(fanuc, Simulation(seed=3, configurations=12, same_robot=first.truth)), truth=None
+    )
     setup, shift = again.setup, np.array([0.02, -0.01, 0.03])
-    one = replace(again, points=again.points[:, :1], setup=replace(setup, targets=setup.targets[:1] - shift))
+    one = replace(
+        again, points=again.points[:, :1], setup=replace(setup, targets=setup.targets[:1] - shift)
+    )
     moved, verdict = refit(old, one, ("tool",))
     assert verdict.still_helps
     between = inverse(old.forward(one.q)) @ moved.forward(one.q)
     np.testing.assert_allclose(between[:, :3, 3], shift[None].repeat(12, 0), atol=1e-4)
 
     elsewhere = setup.T_instrument_base @ exp6(np.array([1.0, 2.0, -0.5, 0.3, 0.2, 0.1]))
-    points = transform_points(elsewhere @ inverse(setup.T_instrument_base), again.points.reshape(-1, 3))
-    unknown = replace(again, points=points.reshape(again.points.shape), setup=replace(setup, frame_known=False))
+    points = transform_points(
+        elsewhere @ inverse(setup.T_instrument_base), again.points.reshape(-1, 3)
+    )
+    unknown = replace(
+        again, points=points.reshape(again.points.shape), setup=replace(setup, frame_known=False)
+    )
     placed, verdict = refit(old, unknown, ("base",))
     assert verdict.still_helps
     np.testing.assert_allclose(placed.base.setup.T_instrument_base, elsewhere, atol=1e-3)
@@ -178,7 +202,11 @@ def test_a_calibration_moves_to_another_cell(fanuc: Robot) -> None:
     assert verdict.still_helps
 
     def mean_error(calibration: Calibration) -> float:
-        return float(np.linalg.norm((calibration.forward(fresh.q) - moved.forward(fresh.q))[:, :3, 3], axis=-1).mean())
+        return float(
+            np.linalg.norm(
+                (calibration.forward(fresh.q) - moved.forward(fresh.q))[:, :3, 3], axis=-1
+            ).mean()
+        )
 
     assert mean_error(refitted) < 0.05 * mean_error(old)
     other = simulate(fanuc, Simulation(seed=77, configurations=8))

@@ -35,8 +35,12 @@ def moved_state(measurements: Measurements, parameters: Parameters) -> State:
 @pytest.mark.parametrize("unregistered", [False, True])
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "scara"])
 def test_they_are_the_products_of_the_columns(name: str, unregistered: bool) -> None:
-    measurements = simulate(load_robot(name), Simulation(configurations=30, unregistered=unregistered))
-    parameters = Parameters.of(measurements.robot, measurements.setup, twists=1, harmonics=4, gravity=1)
+    measurements = simulate(
+        load_robot(name), Simulation(configurations=30, unregistered=unregistered)
+    )
+    parameters = Parameters.of(
+        measurements.robot, measurements.setup, twists=1, harmonics=4, gravity=1
+    )
     state = moved_state(measurements, parameters)
     row_weight = np.random.default_rng(1).uniform(0.1, 1.0, 30)
     A, r = columns_and_residuals(measurements, parameters, state)
@@ -79,7 +83,9 @@ def test_a_row_left_out_is_predicted_as_a_fit_of_the_others_would() -> None:
     without = np.linalg.solve(H - A[k].T @ A[k] + prior, g - A[k].T @ r[k])
     expected = ((r[k] - A[k] @ without) ** 2).sum()
     hat = A[k] @ np.linalg.inv(H + prior) @ A[k].T
-    assert (np.linalg.solve(np.eye(9) - hat, fitted[k]) ** 2).sum() == pytest.approx(expected, rel=1e-6)
+    assert (np.linalg.solve(np.eye(9) - hat, fitted[k]) ** 2).sum() == pytest.approx(
+        expected, rel=1e-6
+    )
     state = start.moved(parameters, np.linalg.solve(H + prior, g))
     sizes = held_out_sizes(measurements, parameters, state, np.linalg.inv(H + prior), 1.0)
     assert sizes[k] == pytest.approx(expected, rel=1e-2)

@@ -23,7 +23,11 @@ from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6, relative_error
 
-STEP = {"payload": 1e-7, "gravity": 1e-7, "temperature": 1e-6}  # rad per N m and 1/K are small numbers
+STEP = {
+    "payload": 1e-7,
+    "gravity": 1e-7,
+    "temperature": 1e-6,
+}  # rad per N m and 1/K are small numbers
 
 
 def conditions(robot: Robot, count: int, rng: np.random.Generator) -> Conditions:
@@ -39,7 +43,9 @@ def all_errors(robot: Robot, rng: np.random.Generator) -> RobotErrors:
     values = {}
     for family in FAMILIES:
         shape = family.shape(robot.n, 2)
-        values[family.id] = rng.normal(size=shape) * STEP.get(family.id, 1e-3) * family.free(robot, shape)
+        values[family.id] = (
+            rng.normal(size=shape) * STEP.get(family.id, 1e-3) * family.free(robot, shape)
+        )
     return RobotErrors.of(robot, **values)
 
 
@@ -49,17 +55,28 @@ def test_columns_are_derivatives_away_from_the_nominal_robot(
     name: str, family: Family, rng: np.random.Generator
 ) -> None:
     robot = load_robot(name)
-    errors, q, rows = all_errors(robot, rng), random_positions(robot, rng, 1), conditions(robot, 1, rng)
+    errors, q, rows = (
+        all_errors(robot, rng),
+        random_positions(robot, rng, 1),
+        conditions(robot, 1, rng),
+    )
     shape, scale = family.shape(robot.n, 2), 1e3 * STEP.get(family.id, 1e-3)
     start = errors.forward(q, rows)
 
     def moved(x: Array) -> Array:
-        return relative_error(errors.moved(**{family.id: x.reshape(shape) * scale}).forward(q, rows), start)[0]
+        return relative_error(
+            errors.moved(**{family.id: x.reshape(shape) * scale}).forward(q, rows), start
+        )[0]
 
     found = family.columns(shape, errors.context(q, rows))[0] * scale
     # Of a bend the first order is enough: other errors are a thousandth.
     tolerance = 5e-3 if family.id == "payload" else 1e-6
-    assert_derivative(moved, found, np.zeros(int(np.prod(shape))), tolerance=tolerance * min(1.0, np.abs(found).max()))
+    assert_derivative(
+        moved,
+        found,
+        np.zeros(int(np.prod(shape))),
+        tolerance=tolerance * min(1.0, np.abs(found).max()),
+    )
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.id)
@@ -76,7 +93,11 @@ def test_a_family_says_the_same_of_every_element(fanuc: Robot, family: Family) -
 
 
 def test_values_of_another_shape_or_family_are_refused(fanuc: Robot) -> None:
-    for values in ({"gravity": np.zeros(5)}, {"placements": np.zeros((6, 6))}, {"harmonics": np.zeros(6)}):
+    for values in (
+        {"gravity": np.zeros(5)},
+        {"placements": np.zeros((6, 6))},
+        {"harmonics": np.zeros(6)},
+    ):
         with pytest.raises(ValueError, match="expected shape"):
             RobotErrors.of(fanuc, **values)
     with pytest.raises(ValueError, match="friction"):
@@ -111,17 +132,25 @@ def test_links_grow_each_by_its_own_coefficient(rng: np.random.Generator) -> Non
     robot = load_robot("scara")
     growth, q = rng.uniform(5e-6, 30e-6, robot.n + 1), random_positions(robot, rng, 3)
     warmth = np.array([-10.0, 0.0, 25.0])
-    found = RobotErrors.of(robot, temperature=growth).forward(q, Conditions(temperature_c=REFERENCE_C + warmth))
+    found = RobotErrors.of(robot, temperature=growth).forward(
+        q, Conditions(temperature_c=REFERENCE_C + warmth)
+    )
     for k, rise in enumerate(warmth):
         placements = robot.chain.placements.copy()
         placements[:, :3, 3] *= (1 + growth * rise)[:, None]
-        np.testing.assert_allclose(found[k], expm_chain(placements, robot.chain.twists, q[k : k + 1])[0], atol=1e-12)
+        np.testing.assert_allclose(
+            found[k], expm_chain(placements, robot.chain.twists, q[k : k + 1])[0], atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("name", ["ur5", "gantry"])
 def test_rows_answer_alike_together_and_alone(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
-    errors, q, rows = all_errors(robot, rng), random_positions(robot, rng, 5), conditions(robot, 5, rng)
+    errors, q, rows = (
+        all_errors(robot, rng),
+        random_positions(robot, rng, 5),
+        conditions(robot, 5, rng),
+    )
     together, frames = errors.forward(q, rows), errors.frames(q, rows)
     mechanism, driven = errors.at(q, rows)
     np.testing.assert_array_equal(mechanism.forward_and_jacobian(driven)[0], together)
@@ -131,11 +160,16 @@ def test_rows_answer_alike_together_and_alone(name: str, rng: np.random.Generato
         np.testing.assert_array_equal(errors.forward(q[one], rows.rows(one))[0], together[k])
 
 
-def test_no_mass_and_the_reference_temperature_change_nothing(fanuc: Robot, rng: np.random.Generator) -> None:
+def test_no_mass_and_the_reference_temperature_change_nothing(
+    fanuc: Robot, rng: np.random.Generator
+) -> None:
     q = random_positions(fanuc, rng, 3)
     errors = all_errors(fanuc, rng)
     without = errors.without("payload", "temperature")
-    for rows in (Conditions(), Conditions(payload_kg=np.zeros(3), temperature_c=np.full(3, REFERENCE_C))):
+    for rows in (
+        Conditions(),
+        Conditions(payload_kg=np.zeros(3), temperature_c=np.full(3, REFERENCE_C)),
+    ):
         np.testing.assert_array_equal(errors.forward(q, rows), without.forward(q, rows))
 
 
@@ -158,21 +192,34 @@ def test_conditions_that_cannot_be_are_refused(kwargs: dict, what: str) -> None:
 # --- identified ------------------------------------------------------------------------------------------------------
 
 
-def simulated(kinds: tuple[str, ...], seed: int = 1, count: int = 80, **more: object) -> Measurements:
-    scales = ErrorScales(("geometric", *kinds), sizes={"payload": 1.5e-3} if "payload" in kinds else {})
-    return simulate(load_robot("ur5"), Simulation(seed=seed, configurations=count, scales=scales, **more))  # type: ignore[arg-type]
+def simulated(
+    kinds: tuple[str, ...], seed: int = 1, count: int = 80, **more: object
+) -> Measurements:
+    scales = ErrorScales(
+        ("geometric", *kinds), sizes={"payload": 1.5e-3} if "payload" in kinds else {}
+    )
+    return simulate(
+        load_robot("ur5"), Simulation(seed=seed, configurations=count, scales=scales, **more)
+    )  # type: ignore[arg-type]
 
 
 def again(measurements: Measurements, **more: object) -> Measurements:
-    simulation = Simulation(seed=77, configurations=300, same_robot=measurements.truth, noise=0.0, **more)  # type: ignore[arg-type]
+    simulation = Simulation(
+        seed=77, configurations=300, same_robot=measurements.truth, noise=0.0, **more
+    )  # type: ignore[arg-type]
     return simulate(measurements.robot, simulation)
 
 
 @pytest.mark.parametrize(
     ("kind", "family", "condition"),
-    [("payload", "payload", {"payload_kg": (0.0, 10.0)}), ("thermal", "temperature", {"temperature_c": (20.0, 60.0)})],
+    [
+        ("payload", "payload", {"payload_kg": (0.0, 10.0)}),
+        ("thermal", "temperature", {"temperature_c": (20.0, 60.0)}),
+    ],
 )
-def test_evidence_finds_what_depends_on_the_row_and_predicts_by_it(kind: str, family: str, condition: dict) -> None:
+def test_evidence_finds_what_depends_on_the_row_and_predicts_by_it(
+    kind: str, family: str, condition: dict
+) -> None:
     measurements = simulated((kind,), **condition)
     calibration = identify(measurements, "complete")
     assert family in calibration.base.posterior.parameters.orders  # type: ignore[union-attr]
@@ -180,13 +227,17 @@ def test_evidence_finds_what_depends_on_the_row_and_predicts_by_it(kind: str, fa
     poses = calibration.forward(fresh.q, fresh.conditions)
     truth = fresh.truth.actual.forward(fresh.q, fresh.conditions)  # type: ignore[union-attr]
     left = np.linalg.norm((poses - truth)[:, :3, 3], axis=-1).mean()
-    blind = identify_complete(measurements, CompleteOptions(orders={family: 0})).errors.forward(fresh.q)
+    blind = identify_complete(measurements, CompleteOptions(orders={family: 0})).errors.forward(
+        fresh.q
+    )
     without = np.linalg.norm((blind - truth)[:, :3, 3], axis=-1).mean()
     assert left < 0.5 * without
 
 
 def test_nothing_is_found_where_nothing_depends_on_the_row() -> None:
-    found = identify_complete(simulated((), payload_kg=(0.0, 10.0), temperature_c=(20.0, 35.0))).posterior
+    found = identify_complete(
+        simulated((), payload_kg=(0.0, 10.0), temperature_c=(20.0, 35.0))
+    ).posterior
     assert not {"payload", "temperature"} & set(found.parameters.orders)  # type: ignore[union-attr]
 
 
@@ -203,8 +254,13 @@ def test_corrections_are_for_the_payload_and_temperature_of_every_row() -> None:
     fresh = again(measurements, **condition)
     fresh = fresh.rows(np.arange(0, 300, 10))
     together = evaluate([("found", calibration)], fresh).methods[1]
-    blind = evaluate([("blind", identify_complete_without(measurements, calibration))], fresh).methods[1]
-    assert np.linalg.norm(together.position, axis=-1).mean() < 0.5 * np.linalg.norm(blind.position, axis=-1).mean()
+    blind = evaluate(
+        [("blind", identify_complete_without(measurements, calibration))], fresh
+    ).methods[1]
+    assert (
+        np.linalg.norm(together.position, axis=-1).mean()
+        < 0.5 * np.linalg.norm(blind.position, axis=-1).mean()
+    )
 
 
 def identify_complete_without(measurements: Measurements, like: object) -> object:
@@ -246,7 +302,9 @@ def test_kinds_of_simulated_errors_are_those_of_the_families(fanuc: Robot) -> No
 
 def test_parameters_are_those_of_their_families(fanuc: Robot) -> None:
     measurements = simulate(fanuc, Simulation(configurations=2, unregistered=True))
-    parameters = Parameters.of(fanuc, measurements.setup, twists=1, harmonics=2, gravity=1, backlash=1, payload=1)
+    parameters = Parameters.of(
+        fanuc, measurements.setup, twists=1, harmonics=2, gravity=1, backlash=1, payload=1
+    )
     names = parameters.ids
     assert len(names) == len(set(names)) == parameters.count == len(parameters.prior_std())
     assert all(name.isascii() for name in names)

@@ -4,7 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibtool.errors import AcceptanceError, CalibtoolError, InputError, NoSolutionError, UsageError, printable
+from calibtool.errors import (
+    AcceptanceError,
+    CalibtoolError,
+    InputError,
+    NoSolutionError,
+    UsageError,
+    printable,
+)
 
 EVERY = (CalibtoolError, UsageError, InputError, NoSolutionError, AcceptanceError)
 

@@ -20,7 +20,9 @@ def test_the_inverse_of_a_regular_matrix_is_one_whatever_its_units(seed: int, p:
     matrix = rows.T @ rows + np.diag(units**-2.0)
     found = inverse(matrix)
     assert np.array_equal(found, found.T)
-    np.testing.assert_allclose(units[:, None] ** -1.0 * (found @ matrix) * units, np.eye(p), atol=1e-9)
+    np.testing.assert_allclose(
+        units[:, None] ** -1.0 * (found @ matrix) * units, np.eye(p), atol=1e-9
+    )
 
 
 def regular() -> np.ndarray:
@@ -46,6 +48,8 @@ def test_an_indefinite_matrix_is_refused(bad: float) -> None:
 @pytest.mark.parametrize("noise", [1e-8, 2e-9])
 def test_a_noise_that_rounding_drowns_is_an_error_and_no_number(noise: float) -> None:
     """A planar arm does not show the height of its base: the prior of 1 m stands beside a noise of 10 nm."""
-    measurements = simulate(load_robot("planar-3r"), Simulation(noise=noise, unregistered=True, configurations=40))
+    measurements = simulate(
+        load_robot("planar-3r"), Simulation(noise=noise, unregistered=True, configurations=40)
+    )
     with pytest.raises(NoSolutionError, match="state a larger noise"):
         identify(measurements, "complete")

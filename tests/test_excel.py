@@ -11,7 +11,9 @@ from calibtool.errors import InputError, UsageError
 from calibtool.measurement.importing.excel import parse_workbook
 from calibtool.measurement.importing.sources import read_source
 
-openpyxl = pytest.importorskip("openpyxl", reason="openpyxl is not installed; pip install 'calibtool[excel]'")
+openpyxl = pytest.importorskip(
+    "openpyxl", reason="openpyxl is not installed; pip install 'calibtool[excel]'"
+)
 
 
 def workbook(**sheets: list[list[object]]) -> bytes:
@@ -31,7 +33,9 @@ ROWS: list[list[object]] = [["a", "b", "c"], *VALUES.tolist()]
 
 
 def test_numbers_arrive_to_the_last_digit() -> None:
-    assert np.array_equal(parse_workbook(workbook(one=ROWS), "w.xlsx").numbers(["a", "b", "c"]), VALUES)
+    assert np.array_equal(
+        parse_workbook(workbook(one=ROWS), "w.xlsx").numbers(["a", "b", "c"]), VALUES
+    )
 
 
 def test_the_first_sheet_or_the_named_one() -> None:
@@ -46,7 +50,9 @@ def test_empty_rows_and_columns_do_not_shift_the_row_that_is_named() -> None:
     data = workbook(one=[[], ["a", "b", None], [1, 2], [None, None, None], [3, "n/a"]])
     table = parse_workbook(data, "w.xlsx")
     assert (table.header, table.lines) == (["a", "b"], [3, 5])
-    with pytest.raises(InputError, match=r"^w\.xlsx\[one\]:5: column 'b' holds 'n/a'; expected a number"):
+    with pytest.raises(
+        InputError, match=r"^w\.xlsx\[one\]:5: column 'b' holds 'n/a'; expected a number"
+    ):
         table.numbers(["b"])
 
 
@@ -84,7 +90,8 @@ def test_without_openpyxl_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) ->
     data = workbook(one=ROWS)
     monkeypatch.setitem(sys.modules, "openpyxl", None)
     with pytest.raises(
-        UsageError, match=r"^w\.xlsx: reading Excel files needs openpyxl; pip install 'calibtool\[excel\]'"
+        UsageError,
+        match=r"^w\.xlsx: reading Excel files needs openpyxl; pip install 'calibtool\[excel\]'",
     ):
         parse_workbook(data, "w.xlsx")
 

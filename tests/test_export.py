@@ -37,7 +37,16 @@ from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
 GCC = shutil.which("gcc")
-FLAGS = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Wconversion", "-Wdouble-promotion", "-Werror", "-O1"]
+FLAGS = [
+    "-std=c99",
+    "-Wall",
+    "-Wextra",
+    "-pedantic",
+    "-Wconversion",
+    "-Wdouble-promotion",
+    "-Werror",
+    "-O1",
+]
 SINGLE_CASES = [case for case in CASES if case[1] == "everything" or case[0] in ("scara", "gantry")]
 CORRECTING = [case for case in CASES if case[1:] != ("nominal", False)]
 GOLDEN = Path(__file__).parent / "golden"
@@ -84,9 +93,13 @@ def test_json_holds_every_number_exactly_and_is_deterministic() -> None:
     contents = json.loads(text)
     assert calibration.network is not None
     assert np.array_equal(contents["network"]["hidden_weights"], calibration.network.hidden_weights)
-    assert np.array_equal(contents["base_model"]["placement_errors_m_rad"], calibration.base.errors["placements"])
+    assert np.array_equal(
+        contents["base_model"]["placement_errors_m_rad"], calibration.base.errors["placements"]
+    )
     assert np.array_equal(contents["nominal_placements_m"], calibration.robot.chain.placements)
-    assert np.array_equal([j["upper_rad_or_m"] for j in contents["joints"]], calibration.robot.upper)
+    assert np.array_equal(
+        [j["upper_rad_or_m"] for j in contents["joints"]], calibration.robot.upper
+    )
     assert [j["kind"] for j in contents["joints"]].count("prismatic") == 1
     assert (contents["schema"], contents["schema_version"]) == ("calibtool/compensator", 2)
     assert text.endswith("}\n")
@@ -119,7 +132,9 @@ def built(
     (folder / "loop.c").write_text(LOOP.format(real="double" if precision == "double" else "float"))
     library = folder / "arm.so"
     sources = [folder / "arm.c", folder / "loop.c"]
-    subprocess.run([str(GCC), *FLAGS, "-shared", "-fPIC", "-o", library, *sources, "-lm"], check=True)
+    subprocess.run(
+        [str(GCC), *FLAGS, "-shared", "-fPIC", "-o", library, *sources, "-lm"], check=True
+    )
     return ctypes.CDLL(str(library))
 
 
@@ -128,6 +143,7 @@ def compiled(tmp_path: Path) -> Callable[..., ctypes.CDLL]:
     """Compile a calibration's C code; skips where there is no gcc."""
     if GCC is None:
         pytest.skip("gcc is not installed, so the generated C code cannot be compiled")
+
     def build(
         calibration: Calibration,
         precision: Precision = "double",
@@ -151,7 +167,9 @@ def names(codes: Array) -> list[str]:
 
 
 @pytest.mark.parametrize("case", CORRECTING, ids=str)
-def test_compiled_c_corrects_as_one_step_does(case: tuple[str, str, bool], compiled: Callable) -> None:
+def test_compiled_c_corrects_as_one_step_does(
+    case: tuple[str, str, bool], compiled: Callable
+) -> None:
     calibration = calibrated(*case)
     q = anywhere(calibration, 10_000)
     expected = one_step(calibration, q)
@@ -198,7 +216,9 @@ def test_compiled_c_makes_no_row_worse(case: tuple[str, str, bool], compiled: Ca
     found, codes = run(compiled(calibration), q)
     before, after = (weighted_sizes(calibration, x, q) for x in (q, found))
     assert (after <= before).all()
-    assert np.array_equal(found[codes == STATUS.index("uncorrected")], q[codes == STATUS.index("uncorrected")])
+    assert np.array_equal(
+        found[codes == STATUS.index("uncorrected")], q[codes == STATUS.index("uncorrected")]
+    )
     assert after[codes == 0].max() <= 5 * np.median(after)
     bounds = default_bounds(calibration)
     assert (np.abs(found - q) <= bounds.of_joints(calibration.robot) + 1e-15).all()
@@ -216,7 +236,9 @@ def test_compiled_c_in_single_precision_keeps_what_its_header_says(
     assert plain.mean() > 0.5
     assert np.abs(found - expected.q)[plain].max() < SINGLE_ACCURACY
     assert (np.array(names(codes)) == expected.status).mean() > 0.999
-    before, after = (weighted_sizes(calibration, x.astype(float), q.astype(float)) for x in (q, found))
+    before, after = (
+        weighted_sizes(calibration, x.astype(float), q.astype(float)) for x in (q, found)
+    )
     assert (after <= before + SINGLE_ACCURACY).all()
     header, source = calibration_as_c(calibration, "arm", "single")
     assert "1e-06 rad or m of double precision" in header
@@ -225,8 +247,12 @@ def test_compiled_c_in_single_precision_keeps_what_its_header_says(
 
 def test_compiled_c_stays_finite_at_exact_singularities(compiled: Callable) -> None:
     calibration = calibrated("fanuc-m1000ia", "local-poe", False)
-    straight = replace(calibration, base=replace(calibration.base, errors=RobotErrors.of(calibration.robot)))
-    corrected, codes = run(compiled(straight), np.zeros((1, 6)))  # wrist axes 4 and 6 coincide, nothing to correct
+    straight = replace(
+        calibration, base=replace(calibration.base, errors=RobotErrors.of(calibration.robot))
+    )
+    corrected, codes = run(
+        compiled(straight), np.zeros((1, 6))
+    )  # wrist axes 4 and 6 coincide, nothing to correct
     assert np.abs(corrected).max() < 1e-12
     assert codes[0] == 1
 
@@ -241,11 +267,19 @@ def test_q_may_be_its_own_correction(compiled: Callable) -> None:
     assert np.array_equal(again, codes)
 
 
-NONSENSE = [("fanuc-m1000ia", "nominal", True), ("fanuc-m1000ia", "nominal", False), ("scara", "everything", True)]
+NONSENSE = [
+    ("fanuc-m1000ia", "nominal", True),
+    ("fanuc-m1000ia", "nominal", False),
+    ("scara", "everything", True),
+]
 
 
-@pytest.fixture(scope="module", params=[(*case, p) for case in NONSENSE for p in ("double", "single")], ids=str)
-def library(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Calibration, str, Any]:
+@pytest.fixture(
+    scope="module", params=[(*case, p) for case in NONSENSE for p in ("double", "single")], ids=str
+)
+def library(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Calibration, str, Any]:
     """Code of each kind and precision, compiled once for many examples."""
     if GCC is None:
         pytest.skip("gcc is not installed, so the generated C code cannot be compiled")
@@ -255,11 +289,15 @@ def library(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 @given(st.data())
-def test_whatever_comes_in_no_large_number_comes_out(library: tuple[Calibration, str, Any], data: st.DataObject) -> None:
+def test_whatever_comes_in_no_large_number_comes_out(
+    library: tuple[Calibration, str, Any], data: st.DataObject
+) -> None:
     """Not a number, infinite or beyond 1e6: the same bits come back. Anything else moves by the bound at most."""
     calibration, precision, code = library
     n, kind = calibration.robot.n, np.float64 if precision == "double" else np.float32
-    extremes = st.sampled_from([np.nan, np.inf, -np.inf, 1e6, -1e6, 1.001e6, 1e38, -1e38, 0.0, -0.0, 1e-40, np.pi])
+    extremes = st.sampled_from(
+        [np.nan, np.inf, -np.inf, 1e6, -1e6, 1.001e6, 1e38, -1e38, 0.0, -0.0, 1e-40, np.pi]
+    )
     values = st.one_of(extremes, st.floats(width=32), st.floats(-7, 7))
     with np.errstate(over="ignore"):
         q = np.array([data.draw(st.lists(values, min_size=n, max_size=n))]).astype(kind)
@@ -320,11 +358,15 @@ def round_numbers() -> Calibration:
         input_scale=np.array([1.0, 0.5, 2.0]),
         hidden_weights=np.array([[1.0, -0.5, 0.25], [0.0, 2.0, -1.0]]),
         hidden_bias=np.array([0.5, -0.125]),
-        output_weights=np.array([[1.0, -1.0], [0.5, 0.25], [0.0, 1.0], [2.0, 0.0], [-0.5, 0.5], [1.0, 1.0]]),
+        output_weights=np.array(
+            [[1.0, -1.0], [0.5, 0.25], [0.0, 1.0], [2.0, 0.0], [-0.5, 0.5], [1.0, 1.0]]
+        ),
         output_bias=np.array([0.0, 0.5, -0.5, 0.25, 0.0, 1.0]),
         output_scale=np.full(6, 1 / 1024),
     )
-    robot = replace(calibration.robot, chain=replace(chain, placements=chain.placements.round(12) + 0.0))
+    robot = replace(
+        calibration.robot, chain=replace(chain, placements=chain.placements.round(12) + 0.0)
+    )
     return replace(
         calibration,
         robot=robot,
@@ -353,9 +395,15 @@ def test_all_symbols_of_c_code_begin_with_the_prefix(compiled: Callable, tmp_pat
     assert GCC is not None
     subprocess.run([GCC, *FLAGS, "-c", "-o", tmp_path / "arm.o", tmp_path / "arm.c"], check=True)
     listed = subprocess.run(
-        ["nm", "-g", "--defined-only", tmp_path / "arm.o"], check=True, capture_output=True, text=True
+        ["nm", "-g", "--defined-only", tmp_path / "arm.o"],
+        check=True,
+        capture_output=True,
+        text=True,
     )
-    assert {line.split()[-1] for line in listed.stdout.splitlines()} == {"arm_correct", "arm_network"}
+    assert {line.split()[-1] for line in listed.stdout.splitlines()} == {
+        "arm_correct",
+        "arm_network",
+    }
 
 
 # --- coupled joint values --------------------------------------------------------------------------------------------

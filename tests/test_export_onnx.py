@@ -34,11 +34,17 @@ def ensemble(name: str, base: str) -> Calibration:
     calibration = calibrated(name, base, True)
     rng = np.random.default_rng(4)
     scale = np.full(calibration.equivalent.p, 1e-3)
-    return replace(calibration, networks=tuple(Network.initial(calibration.q, scale, 5, rng) for _ in range(3)))
+    return replace(
+        calibration, networks=tuple(Network.initial(calibration.q, scale, 5, rng) for _ in range(3))
+    )
 
 
-@pytest.mark.parametrize(("precision", "dtype", "accuracy"), [("double", float, 1e-14), ("single", np.float32, 1e-7)])
-def test_the_model_is_the_mean_of_the_networks(precision: str, dtype: type, accuracy: float) -> None:
+@pytest.mark.parametrize(
+    ("precision", "dtype", "accuracy"), [("double", float, 1e-14), ("single", np.float32, 1e-7)]
+)
+def test_the_model_is_the_mean_of_the_networks(
+    precision: str, dtype: type, accuracy: float
+) -> None:
     pytest.importorskip("onnx", reason="onnx is not installed")
     calibration = ensemble("scara", "local-poe")
     q = anywhere(calibration, 10_000).astype(dtype)

@@ -29,7 +29,9 @@ def geometric(name: str, twists: str) -> Calibration:
     n = calibration.robot.n
     errors = np.zeros((n, 6))
     if twists == "axes":
-        for j, twist in enumerate(chain.twists):  # Ad(exp6(step)) turns and shifts an axis, and no more
+        for j, twist in enumerate(
+            chain.twists
+        ):  # Ad(exp6(step)) turns and shifts an axis, and no more
             step = rng.normal(size=6) * 2e-3
             moved = pin.exp6(pin.Motion(step)).act(pin.Motion(twist)).vector
             if twist[3:].any():
@@ -57,7 +59,9 @@ def tool_poses(text: str, calibration: Calibration, q: Array, folder: Path) -> A
     for row in q:
         for name, value in zip(names, [*row, *kinematics.locked_joints.values()], strict=True):
             joint = model.joints[model.getJointId(name)]
-            values[joint.idx_q : joint.idx_q + joint.nq] = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+            values[joint.idx_q : joint.idx_q + joint.nq] = (
+                [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+            )
         pin.framesForwardKinematics(model, data, values)
         poses.append((data.oMf[base].inverse() * data.oMf[tool]).homogeneous)
     return np.array(poses)
@@ -88,11 +92,15 @@ def distances(a: Array, b: Array) -> Array:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_urdf_is_nearer_to_the_calibrated_robot_than_the_drawing(name: str, tmp_path: Path) -> None:
+def test_a_urdf_is_nearer_to_the_calibrated_robot_than_the_drawing(
+    name: str, tmp_path: Path
+) -> None:
     calibration = geometric(name, "any")
     q = fresh(calibration)
     wanted = calibration.forward(q)
-    urdf = distances(tool_poses(calibration_as_urdf(calibration)[0], calibration, q, tmp_path), wanted)
+    urdf = distances(
+        tool_poses(calibration_as_urdf(calibration)[0], calibration, q, tmp_path), wanted
+    )
     drawing = distances(calibration.robot.mechanism.forward(q), wanted)
     assert (urdf.mean(axis=1) < 0.8 * drawing.mean(axis=1)).all()
 
@@ -106,7 +114,9 @@ def best_of_any_urdf(calibration: Calibration, q: Array) -> float:
         turn = log3(poses[:, :3, :3] @ np.swapaxes(wanted[:, :3, :3], 1, 2))
         return np.concatenate([(poses[:, :3, 3] - wanted[:, :3, 3]) / robot.length, turn], axis=1)
 
-    found = least_squares(lambda x: errors(x).ravel(), np.zeros(6 * (robot.n + 1)), xtol=1e-8, ftol=1e-8)
+    found = least_squares(
+        lambda x: errors(x).ravel(), np.zeros(6 * (robot.n + 1)), xtol=1e-8, ftol=1e-8
+    )
     return float(np.linalg.norm(errors(found.x), axis=1).mean())
 
 
@@ -142,7 +152,10 @@ def test_what_a_urdf_cannot_hold_is_listed(name: str, tmp_path: Path) -> None:
     calibration = geometric(name, "any")
     text, missing = calibration_as_urdf(calibration)
     left = tool_poses(text, calibration, calibration.q, tmp_path)
-    mean, most = (f(distances(left, calibration.forward(calibration.q)) * 1e3, axis=1) for f in (np.mean, np.max))
+    mean, most = (
+        f(distances(left, calibration.forward(calibration.q)) * 1e3, axis=1)
+        for f in (np.mean, np.max)
+    )
     assert missing[-1] == (
         f"all together: {mean[0]:.4f} mm, {mean[1]:.4f} mrad in the mean, up to {most[0]:.4f} mm, {most[1]:.4f} mrad"
     )
@@ -153,7 +166,13 @@ def test_what_a_urdf_cannot_hold_is_listed(name: str, tmp_path: Path) -> None:
 def test_every_part_is_listed_with_its_size(tmp_path: Path) -> None:
     calibration = calibrated("panda", "everything", True)
     text, missing = calibration_as_urdf(calibration)
-    parts = ["twist errors", "harmonics of the joint motions", "wind-up under gravity", "network", "all together"]
+    parts = [
+        "twist errors",
+        "harmonics of the joint motions",
+        "wind-up under gravity",
+        "network",
+        "all together",
+    ]
     assert [line.split(" (")[0].split(":")[0] for line in missing] == parts
     left = tool_poses(text, calibration, calibration.q, tmp_path)
     largest = distances(left, calibration.forward(calibration.q)).max(axis=1)
@@ -170,13 +189,17 @@ def test_names_limits_and_bodies_stay(name: str) -> None:
         found = []
         for joint in root.findall("joint"):
             limit = joint.find("limit")
-            found.append((joint.get("name"), joint.get("type"), {} if limit is None else dict(limit.attrib)))
+            found.append(
+                (joint.get("name"), joint.get("type"), {} if limit is None else dict(limit.attrib))
+            )
         return found
 
     assert kept(after)[: len(kept(before))] == kept(before)
     assert len(kept(after)) <= len(kept(before)) + 1
     for tag in ("mesh", "mass", "axis"):
-        assert [part.attrib for part in after.iter(tag)] == [part.attrib for part in before.iter(tag)]
+        assert [part.attrib for part in after.iter(tag)] == [
+            part.attrib for part in before.iter(tag)
+        ]
 
 
 def robot_of(text: str, calibration: Calibration, **kinematics: str) -> Robot:
@@ -190,7 +213,9 @@ def robot_of(text: str, calibration: Calibration, **kinematics: str) -> Robot:
 def with_errors(calibration: Calibration, robot: Robot, seed: int) -> Calibration:
     """A calibration of another robot of the same joints, with random placement errors and offsets."""
     rng, n = np.random.default_rng(seed), robot.n
-    errors = RobotErrors.of(robot, placements=rng.normal(size=(n + 1, 6)) * 1e-3, offsets=rng.normal(size=n) * 1e-3)
+    errors = RobotErrors.of(
+        robot, placements=rng.normal(size=(n + 1, 6)) * 1e-3, offsets=rng.normal(size=n) * 1e-3
+    )
     return replace(calibration, robot=robot, base=replace(calibration.base, errors=errors))
 
 
@@ -213,7 +238,9 @@ def tool_on_the_last_moving_link() -> tuple[Calibration, str]:
     """planar-3r with a tool frame that has no fixed joint of its own, and its name."""
     calibration = geometric("planar-3r", "axes")
     source = calibration.robot.source
-    last = ET.fromstring(source.urdf_text.encode()).find(f"joint[@name='{calibration.robot.chain.model.names[3]}']/child")
+    last = ET.fromstring(source.urdf_text.encode()).find(
+        f"joint[@name='{calibration.robot.chain.model.names[3]}']/child"
+    )
     assert last is not None
     tool = last.get("link", "")
     toml = source.toml_text.replace('tool_frame = "tool0"', f'tool_frame = "{tool}"')
@@ -239,7 +266,11 @@ def test_a_second_link_for_the_same_tool_gets_another_name(tmp_path: Path) -> No
     robot = robot_of(calibration_as_urdf(calibration)[0], calibration)
     again = with_errors(calibration, robot, 1)
     text, _ = calibration_as_urdf(again)
-    assert text.count(f'<link name="{tool}_calibrated"') == text.count(f'<link name="{tool}_calibrated_2"') == 1
+    assert (
+        text.count(f'<link name="{tool}_calibrated"')
+        == text.count(f'<link name="{tool}_calibrated_2"')
+        == 1
+    )
     q = anywhere(again, 10)
     assert np.abs(tool_poses(text, again, q, tmp_path) - again.forward(q)).max() < 1e-9
 
@@ -247,7 +278,9 @@ def test_a_second_link_for_the_same_tool_gets_another_name(tmp_path: Path) -> No
 def test_a_calibration_without_errors_is_the_robot_s_own_urdf(tmp_path: Path) -> None:
     """Nothing to correct at the tool: no link is added, and every pose is the nominal one."""
     calibration = geometric("ur10", "none")
-    nothing = replace(calibration, base=replace(calibration.base, errors=RobotErrors.of(calibration.robot)))
+    nothing = replace(
+        calibration, base=replace(calibration.base, errors=RobotErrors.of(calibration.robot))
+    )
     text, _ = calibration_as_urdf(nothing)
     assert text.count("<link") == calibration.robot.source.urdf_text.count("<link")
     q = np.random.default_rng(0).uniform(-1, 1, (5, 6))

@@ -275,7 +275,9 @@ def test_predicted_deviations_are_those_of_fresh_robots() -> None:
     """Taught poses of identified arms against those of the true ones, in units of ±."""
     robot = load_robot("ur5")
     workspace = robot.workspace(None)[1]
-    options = BaseOptions(complete=CompleteOptions(orders={"harmonics": 0, "gravity": 0, "twists": 1}))
+    options = BaseOptions(
+        complete=CompleteOptions(orders={"harmonics": 0, "gravity": 0, "twists": 1})
+    )
     ratios = []
     for seed in range(8):
         data = simulate(

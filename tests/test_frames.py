@@ -15,7 +15,10 @@ def test_every_frame_is_where_the_matrix_exponentials_put_it(
     chain, q = robot.chain, random_positions(robot, rng, 5)
     shapes = (robot.n + 1, 6), (robot.n, 6), (robot.n,)
     families = ("placements", "twists", "offsets")
-    drawn = {family: rng.normal(size=shape) * size for family, shape in zip(families, shapes, strict=True)}
+    drawn = {
+        family: rng.normal(size=shape) * size
+        for family, shape in zip(families, shapes, strict=True)
+    }
     errors = RobotErrors.of(robot, **drawn)
     found = errors.mechanism.frames(q)
     identity = np.array([np.eye(4)] * 2)
@@ -34,7 +37,9 @@ def test_every_frame_is_where_the_matrix_exponentials_put_it(
 def test_at_zero_only_the_placements_are_left(robot: Robot) -> None:
     chain = robot.chain
     frames = robot.mechanism.frames(np.zeros((1, robot.n)))
-    np.testing.assert_allclose(frames.tool[0], np.linalg.multi_dot(list(chain.placements)), atol=1e-14)
+    np.testing.assert_allclose(
+        frames.tool[0], np.linalg.multi_dot(list(chain.placements)), atol=1e-14
+    )
     np.testing.assert_allclose(frames.before, frames.after, atol=1e-15)
 
 

@@ -19,7 +19,9 @@ def read(header: str, *rows: str, **stated: str) -> Imported:
 
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("m", 1.0), ("in", 0.0254)])
 @pytest.mark.parametrize("names", ["x{},y{},z{}", "t1_x{},t1_y{},t1_z{}"])
-def test_a_length_has_the_unit_of_its_header_or_the_stated_one(names: str, unit: str, metres: float) -> None:
+def test_a_length_has_the_unit_of_its_header_or_the_stated_one(
+    names: str, unit: str, metres: float
+) -> None:
     expected = np.array([1.0, 2.0, 3.0]) * metres
     by_name = read(f"{JOINTS},{names.replace('{}', f'_{unit}')}").measurements
     by_option = read(f"{JOINTS},{names.replace('{}', '')}", unit=unit).measurements
@@ -32,8 +34,14 @@ def test_a_length_has_the_unit_of_its_header_or_the_stated_one(names: str, unit:
     [
         (f"{JOINTS},x,y,z", "the unit of column 'x' is not stated; name it x_mm .*--unit mm|m|in"),
         (f"{JOINTS},t1_x,t1_y,t1_z", "the unit of column 't1_x' is not stated"),
-        ("j1,j2,j3,x_mm,y_mm,z_mm", "the unit of column 'j1' is not stated; name it j1_deg …, or give --angle-unit"),
-        (f"{JOINTS},t1_x_mm,t1_y_m,t1_z_mm", "columns 't1_x_mm' and 't1_y_m' of one point have different units"),
+        (
+            "j1,j2,j3,x_mm,y_mm,z_mm",
+            "the unit of column 'j1' is not stated; name it j1_deg …, or give --angle-unit",
+        ),
+        (
+            f"{JOINTS},t1_x_mm,t1_y_m,t1_z_mm",
+            "columns 't1_x_mm' and 't1_y_m' of one point have different units",
+        ),
     ],
 )
 def test_a_unit_that_nobody_stated_is_asked_for(header: str, message: str) -> None:
@@ -52,7 +60,10 @@ def test_joints_without_a_unit_take_the_stated_one() -> None:
 
 
 ANGLES = "10,20,30,1,2,3,40,-25,115"
-R = {axis: lambda angle, axis=axis: Rotation.from_euler(axis, angle, degrees=True).as_matrix() for axis in "xyz"}
+R = {
+    axis: lambda angle, axis=axis: Rotation.from_euler(axis, angle, degrees=True).as_matrix()
+    for axis in "xyz"
+}
 X, Y, Z = R["x"], R["y"], R["z"]
 
 
@@ -69,22 +80,32 @@ X, Y, Z = R["x"], R["y"], R["z"]
     ],
 )
 @pytest.mark.parametrize("names", ["rx_deg,ry_deg,rz_deg", "a_deg,b_deg,c_deg"])
-def test_three_angles_by_their_stated_convention(names: str, convention: str, rotation: np.ndarray) -> None:
+def test_three_angles_by_their_stated_convention(
+    names: str, convention: str, rotation: np.ndarray
+) -> None:
     found = read(f"{JOINTS},x_mm,y_mm,z_mm,{names}", ANGLES, convention=convention).measurements
     assert found.rotations is not None
     assert np.abs(found.rotations[0] - rotation).max() < 1e-14
 
 
 def test_three_angles_without_a_convention_or_a_unit_are_not_a_single_point() -> None:
-    with pytest.raises(InputError, match="the convention of the orientation rx_deg ry_deg rz_deg is not stated"):
+    with pytest.raises(
+        InputError, match="the convention of the orientation rx_deg ry_deg rz_deg is not stated"
+    ):
         read(f"{JOINTS},x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", ANGLES)
-    with pytest.raises(InputError, match="the unit of the orientation rx ry rz is not stated; give --angle-unit"):
+    with pytest.raises(
+        InputError, match="the unit of the orientation rx ry rz is not stated; give --angle-unit"
+    ):
         read(f"{JOINTS},x_mm,y_mm,z_mm,rx,ry,rz", ANGLES, convention="zyx")
 
 
-@pytest.mark.parametrize("convention", ["xyz", "intrinsic-xxy", "euler", "intrinsic-XYZ", "intrinsic-xy", "zyz"])
+@pytest.mark.parametrize(
+    "convention", ["xyz", "intrinsic-xxy", "euler", "intrinsic-XYZ", "intrinsic-xy", "zyz"]
+)
 def test_an_unknown_convention_is_refused(convention: str) -> None:
-    with pytest.raises(InputError, match=f"--convention: unknown convention '{convention}'; known: intrinsic-xyz"):
+    with pytest.raises(
+        InputError, match=f"--convention: unknown convention '{convention}'; known: intrinsic-xyz"
+    ):
         read(f"{JOINTS},x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", ANGLES, convention=convention)
 
 
@@ -94,13 +115,17 @@ def test_a_convention_without_an_orientation_is_not_passed_over() -> None:
 
 
 def test_degrees_stated_as_radians_are_noticed() -> None:
-    with pytest.raises(InputError, match=r"^t\.csv:2: column 'rx' holds 40 rad, which looks like degrees"):
+    with pytest.raises(
+        InputError, match=r"^t\.csv:2: column 'rx' holds 40 rad, which looks like degrees"
+    ):
         read(f"{JOINTS},x_mm,y_mm,z_mm,rx,ry,rz", ANGLES, convention="zyx", angle_unit="rad")
 
 
 def test_a_map_may_leave_to_the_header_what_the_header_says() -> None:
     toml = 'joints = { columns = ["a", "b", "c"], unit = "rad" }'
-    found = read_table("a,b,c,x_mm,y_mm,z_mm\n1,2,3,4,5,6\n", "t.csv", ARM, parse_column_map(toml, "map.toml"))
+    found = read_table(
+        "a,b,c,x_mm,y_mm,z_mm\n1,2,3,4,5,6\n", "t.csv", ARM, parse_column_map(toml, "map.toml")
+    )
     assert found.measurements.q.tolist() == [[1, 2, 3]]
     assert np.allclose(found.measurements.points * 1e3, [[[4, 5, 6]]])
 

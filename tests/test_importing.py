@@ -74,7 +74,8 @@ def imported(text: str, toml: str | None = None, **options: object) -> Measureme
 
 
 TRIPLE_MAP = JOINT_MAP + "".join(
-    f'[[targets]]\nmeasured = ["t{i}_x_mm", "t{i}_y_mm", "t{i}_z_mm"]\nunit = "mm"\n' for i in (1, 2, 3)
+    f'[[targets]]\nmeasured = ["t{i}_x_mm", "t{i}_y_mm", "t{i}_z_mm"]\nunit = "mm"\n'
+    for i in (1, 2, 3)
 )
 
 
@@ -106,7 +107,9 @@ def test_columns_with_other_names_delimiters_and_decimal_commas_are_the_same_mea
         cells |= {f"P{i}{axis}": points[:, i, a] / 1e3 for a, axis in enumerate("XYZ")}
     toml = 'delimiter = ";"\ndecimal = ","\n[joints]\nunit = "rad"\ncolumns = ['
     toml += ", ".join(f'"axis {j}"' for j in (5, 4, 3, 2, 1, 0)) + "]\n"
-    toml += "".join(f'[[targets]]\nmeasured = ["P{i}X", "P{i}Y", "P{i}Z"]\nunit = "m"\n' for i in range(3))
+    toml += "".join(
+        f'[[targets]]\nmeasured = ["P{i}X", "P{i}Y", "P{i}Z"]\nunit = "m"\n' for i in range(3)
+    )
     foreign, own = imported(csv(cells, ";", ","), toml), imported(three_targets_csv(points))
     assert np.allclose(foreign.q, own.q, atol=1e-14)
     assert np.allclose(foreign.points, own.points, atol=1e-14)
@@ -132,7 +135,9 @@ def test_places_of_targets_can_be_given_in_the_map() -> None:
     text = three_targets_csv(points_mm(UR5.targets, instrument()))
     toml = TRIPLE_MAP
     for i, (x, y, z) in enumerate(UR5.targets * 1e3):
-        toml = toml.replace(f'"t{i + 1}_z_mm"]\n', f'"t{i + 1}_z_mm"]\non_tool_mm = [{x}, {y}, {z}]\n')
+        toml = toml.replace(
+            f'"t{i + 1}_z_mm"]\n', f'"t{i + 1}_z_mm"]\non_tool_mm = [{x}, {y}, {z}]\n'
+        )
     setup = imported(text, toml).setup
     assert setup.targets_known
     assert not setup.frame_known
@@ -152,18 +157,27 @@ def test_one_target_is_position_only() -> None:
 def test_the_option_frame_overrides_the_map() -> None:
     text = three_targets_csv(points_mm(UR5.targets))
     assert imported(text, TRIPLE_MAP + '[instrument]\nframe = "base"\n').setup.frame_known
-    assert not imported(text, TRIPLE_MAP + '[instrument]\nframe = "base"\n', frame="unknown").setup.frame_known
+    assert not imported(
+        text, TRIPLE_MAP + '[instrument]\nframe = "base"\n', frame="unknown"
+    ).setup.frame_known
 
 
-@pytest.mark.parametrize(("error_is", "sign"), [("measured-minus-nominal", 1), ("nominal-minus-measured", -1)])
+@pytest.mark.parametrize(
+    ("error_is", "sign"), [("measured-minus-nominal", 1), ("nominal-minus-measured", -1)]
+)
 def test_nominal_points_and_errors_add_up_to_what_was_measured(error_is: str, sign: int) -> None:
     measured = points_mm(np.array([[0.0, 0.0, 0.031]]))[:, 0]
     error = np.random.default_rng(1).normal(size=measured.shape)
     nominal = measured - sign * error
     cells = joint_cells() | {f"n{a}": nominal[:, i] for i, a in enumerate("xyz")}
     cells |= {f"e{a}": error[:, i] for i, a in enumerate("xyz")}
-    toml = JOINT_MAP + '[[targets]]\nnominal = ["nx", "ny", "nz"]\nerror = ["ex", "ey", "ez"]\nunit = "mm"\n'
-    toml += f'error_is = "{error_is}"\non_tool_mm = [0.0, 0.0, 31.0]\n[instrument]\nframe = "base"\n'
+    toml = (
+        JOINT_MAP
+        + '[[targets]]\nnominal = ["nx", "ny", "nz"]\nerror = ["ex", "ey", "ez"]\nunit = "mm"\n'
+    )
+    toml += (
+        f'error_is = "{error_is}"\non_tool_mm = [0.0, 0.0, 31.0]\n[instrument]\nframe = "base"\n'
+    )
     assert np.allclose(imported(csv(cells), toml).points[:, 0] * 1e3, measured, atol=1e-10)
 
 
@@ -172,13 +186,17 @@ def test_nominal_points_and_errors_are_recognised_by_name() -> None:
     error = np.random.default_rng(2).normal(size=measured.shape)
     cells = joint_cells()
     for i in range(3):
-        cells |= named(f"t{i + 1}_nominal_", (measured - error)[:, i]) | named(f"t{i + 1}_error_", error[:, i])
+        cells |= named(f"t{i + 1}_nominal_", (measured - error)[:, i]) | named(
+            f"t{i + 1}_error_", error[:, i]
+        )
     assert np.allclose(imported(csv(cells)).points * 1e3, measured, atol=1e-9)
 
 
 def test_stated_noise_is_taken_over() -> None:
     text = three_targets_csv(points_mm(UR5.targets, instrument()))
-    measurements = imported(text, TRIPLE_MAP + "[noise]\nposition_mm = 0.02\norientation_mrad = 0.3\n")
+    measurements = imported(
+        text, TRIPLE_MAP + "[noise]\nposition_mm = 0.02\norientation_mrad = 0.3\n"
+    )
     assert np.isclose(measurements.noise_position, 0.02e-3)
     assert np.isclose(measurements.noise_orientation, 0.3e-3)
 
@@ -206,13 +224,18 @@ def elementary(axis: str, angle: float) -> Array:
 @pytest.mark.parametrize("orientation_unit", ["deg", "rad"])
 @pytest.mark.parametrize("axes", ["xyz", "zyx", "zyz"])
 @pytest.mark.parametrize("kind", ["intrinsic", "fixed"])
-def test_euler_angles_multiply_up_to_the_measured_rotation(kind: str, axes: str, orientation_unit: str) -> None:
+def test_euler_angles_multiply_up_to_the_measured_rotation(
+    kind: str, axes: str, orientation_unit: str
+) -> None:
     position, rotation = pose_readings()
     angles = rotation.as_euler(axes.upper() if kind == "intrinsic" else axes)
     cells = joint_cells() | {f"p{a}": position[:, i] for i, a in enumerate("xyz")}
     factor = 180.0 / np.pi if orientation_unit == "deg" else 1.0
     cells |= {f"r{i}": angles[:, i] * factor for i in range(3)}
-    toml = JOINT_MAP + '[pose]\nposition = ["px", "py", "pz"]\nunit = "mm"\norientation = ["r0", "r1", "r2"]\n'
+    toml = (
+        JOINT_MAP
+        + '[pose]\nposition = ["px", "py", "pz"]\nunit = "mm"\norientation = ["r0", "r1", "r2"]\n'
+    )
     toml += f'convention = "{kind}-{axes}"\norientation_unit = "{orientation_unit}"\n'
     measurements = imported(csv(cells), toml)
     assert measurements.kind == "pose"
@@ -224,7 +247,9 @@ def test_euler_angles_multiply_up_to_the_measured_rotation(kind: str, axes: str,
     assert np.allclose(measurements.points[:, 0] * 1e3, position, atol=1e-9)
 
 
-@pytest.mark.parametrize("convention", ["rotation-vector", "quaternion-wxyz", "quaternion-xyzw", "intrinsic-xyz"])
+@pytest.mark.parametrize(
+    "convention", ["rotation-vector", "quaternion-wxyz", "quaternion-xyzw", "intrinsic-xyz"]
+)
 def test_all_conventions_give_the_same_poses_and_the_same_sensor(convention: str) -> None:
     position, rotation = pose_readings()
     values = {
@@ -237,9 +262,7 @@ def test_all_conventions_give_the_same_poses_and_the_same_sensor(convention: str
     cells = joint_cells() | {f"p{a}": position[:, i] for i, a in enumerate("xyz")}
     cells |= {name: values[:, i] for i, name in enumerate(names)}
     toml = JOINT_MAP + '[pose]\nposition = ["px", "py", "pz"]\nunit = "mm"\n'
-    toml += (
-        f'orientation = [{", ".join(repr(n) for n in names)}]\nconvention = "{convention}"\norientation_unit = "rad"\n'
-    )
+    toml += f'orientation = [{", ".join(repr(n) for n in names)}]\nconvention = "{convention}"\norientation_unit = "rad"\n'
     measurements = imported(csv(cells), toml)
     assert np.abs(measurements.rotations - rotation.as_matrix()).max() < 1e-9  # type: ignore[operator]
     setup = measurements.setup
@@ -272,13 +295,20 @@ def test_a_quaternion_that_is_no_rotation_is_refused_by_line() -> None:
     position, rotation = pose_readings()
     q = rotation.as_quat(scalar_first=True)
     q[4] *= 1.1
-    cells = joint_cells() | named("", position) | {n: q[:, i] for i, n in enumerate(("qw", "qx", "qy", "qz"))}
+    cells = (
+        joint_cells()
+        | named("", position)
+        | {n: q[:, i] for i, n in enumerate(("qw", "qx", "qy", "qz"))}
+    )
     with pytest.raises(InputError, match=r"^table\.csv:6: quaternion of length 1\.1; expected 1"):
         imported(csv(cells))
 
 
 def test_a_convention_with_the_wrong_number_of_columns_is_refused() -> None:
-    toml = JOINT_MAP + '[pose]\nposition = ["px", "py", "pz"]\nunit = "mm"\norientation = ["a", "b", "c"]\n'
+    toml = (
+        JOINT_MAP
+        + '[pose]\nposition = ["px", "py", "pz"]\nunit = "mm"\norientation = ["a", "b", "c"]\n'
+    )
     toml += 'convention = "quaternion-wxyz"\n'
     cells = joint_cells() | {name: np.ones(N) for name in ("px", "py", "pz", "a", "b", "c")}
     with pytest.raises(InputError, match="quaternion-wxyz takes 4 columns, 3 are mapped"):
@@ -290,14 +320,19 @@ def test_a_convention_with_the_wrong_number_of_columns_is_refused() -> None:
 
 def test_degrees_in_a_radian_column_are_noticed() -> None:
     text = three_targets_csv(points_mm(UR5.targets))
-    with pytest.raises(InputError, match=r"^table\.csv:\d+: column 'j\d_deg' holds .* rad, which looks like degrees"):
+    with pytest.raises(
+        InputError,
+        match=r"^table\.csv:\d+: column 'j\d_deg' holds .* rad, which looks like degrees",
+    ):
         imported(text, TRIPLE_MAP.replace('"deg"', '"rad"'))
 
 
 def test_collinear_targets_are_refused() -> None:
     line = np.array([[0.0, 0.0, 0.1], [0.1, 0.0, 0.1], [0.25, 0.0, 0.1]])
     text = three_targets_csv(points_mm(line, instrument()))
-    with pytest.raises(InputError, match=r"^table\.csv: measured points: the 3 target points are collinear"):
+    with pytest.raises(
+        InputError, match=r"^table\.csv: measured points: the 3 target points are collinear"
+    ):
         imported(text)
 
 
@@ -328,10 +363,22 @@ def test_a_table_without_joints_or_points_says_what_it_lacks() -> None:
     [
         (("[joints]", "[joint]"), "joints"),
         (("[[targets]]", "[[target]]"), "unknown key 'target'; did you mean targets"),
-        (("[joints]", "[instrumnt]\nframe = 'base'\n[joints]"), "unknown key 'instrumnt'; did you mean instrument"),
-        (("[joints]", "[noise]\npositon_mm = 0.05\n[joints]"), "noise.*positon_mm.*did you mean position_mm"),
-        (("[joints]", "[instrument]\nframe = 'tracker'\n[joints]"), r"instrument\.frame: .*'base' or 'unknown'"),
-        (("[joints]", "[noise]\nposition_mm = -0.05\n[joints]"), r"noise\.position_mm: .*greater than 0"),
+        (
+            ("[joints]", "[instrumnt]\nframe = 'base'\n[joints]"),
+            "unknown key 'instrumnt'; did you mean instrument",
+        ),
+        (
+            ("[joints]", "[noise]\npositon_mm = 0.05\n[joints]"),
+            "noise.*positon_mm.*did you mean position_mm",
+        ),
+        (
+            ("[joints]", "[instrument]\nframe = 'tracker'\n[joints]"),
+            r"instrument\.frame: .*'base' or 'unknown'",
+        ),
+        (
+            ("[joints]", "[noise]\nposition_mm = -0.05\n[joints]"),
+            r"noise\.position_mm: .*greater than 0",
+        ),
         (('unit = "deg"', 'unit = "degrees"'), r"joints\.unit"),
         (('unit = "mm"', 'unit = "inch"'), r"targets\.0\.unit"),
         (("[joints]", "[joints"), "not valid TOML"),
@@ -346,13 +393,23 @@ def test_a_wrong_key_or_value_of_the_map_is_named(change: tuple[str, str], messa
     ("toml", "message"),
     [
         (
-            TRIPLE_MAP + '[pose]\nposition = ["a", "b", "c"]\nunit = "mm"\norientation = ["d", "e", "f", "g"]\n'
+            TRIPLE_MAP
+            + '[pose]\nposition = ["a", "b", "c"]\nunit = "mm"\norientation = ["d", "e", "f", "g"]\n'
             'convention = "quaternion-wxyz"\n',
             r"give either \[\[targets\]\] or \[pose\]",
         ),
-        (JOINT_MAP + '[[targets]]\nunit = "mm"\n', "give either 'measured', or 'nominal' together with 'error'"),
-        (JOINT_MAP + '[[targets]]\nunit = "mm"\nnominal = ["a", "b", "c"]\n', "together with 'error'"),
-        (TRIPLE_MAP.replace('"t1_z_mm"]', '"t1_z_mm"]\non_tool_mm = [0, 0, 1]'), "on_tool_mm is given for some"),
+        (
+            JOINT_MAP + '[[targets]]\nunit = "mm"\n',
+            "give either 'measured', or 'nominal' together with 'error'",
+        ),
+        (
+            JOINT_MAP + '[[targets]]\nunit = "mm"\nnominal = ["a", "b", "c"]\n',
+            "together with 'error'",
+        ),
+        (
+            TRIPLE_MAP.replace('"t1_z_mm"]', '"t1_z_mm"]\non_tool_mm = [0, 0, 1]'),
+            "on_tool_mm is given for some",
+        ),
         (JOINT_MAP + '[[targets]]\nunit = "mm"\nmeasured = ["a", "b"]\n', "measured"),
     ],
 )
@@ -418,9 +475,16 @@ def positions_of(part: Measurements) -> list[int]:
     return found
 
 
-@given(first=st.integers(1, N), last=st.integers(1, N), sample=st.none() | st.integers(1, N), seed=st.integers(0, 99))
+@given(
+    first=st.integers(1, N),
+    last=st.integers(1, N),
+    sample=st.none() | st.integers(1, N),
+    seed=st.integers(0, 99),
+)
 @examples(40)
-def test_chosen_rows_and_the_rest_are_a_partition(first: int, last: int, sample: int | None, seed: int) -> None:
+def test_chosen_rows_and_the_rest_are_a_partition(
+    first: int, last: int, sample: int | None, seed: int
+) -> None:
     first, last = min(first, last), max(first, last)
     if sample is not None:
         sample = min(sample, last - first + 1)
@@ -460,11 +524,16 @@ def test_a_sample_larger_than_the_rows_is_wrong_usage() -> None:
 
 def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> None:
     measured = simulate(fanuc, Simulation(configurations=12, seed=4))
-    header = [*(f"j{j}_rad" for j in range(1, 7)), *(f"t{i}_{axis}_m" for i in (1, 2, 3) for axis in "xyz")]
+    header = [
+        *(f"j{j}_rad" for j in range(1, 7)),
+        *(f"t{i}_{axis}_m" for i in (1, 2, 3) for axis in "xyz"),
+    ]
 
     def text(q: Array) -> str:
         rows = np.hstack([q, measured.points.reshape(12, -1)])
-        return "\n".join([",".join(header), *(",".join(map(repr, map(float, row))) for row in rows)])
+        return "\n".join(
+            [",".join(header), *(",".join(map(repr, map(float, row))) for row in rows)]
+        )
 
     shown = text(fanuc.to_controller(measured.q))
     found, *_ = import_table(shown, "t", fanuc, frame="base", joint_values="controller")
@@ -480,11 +549,23 @@ def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> 
         other = {"controller": "serial", "serial": "controller"}[values]
         with pytest.raises(UsageError, match=f"header says that the joint values are {values}"):
             import_table(stated, "t", fanuc, frame="base", joint_values=other)  # type: ignore[arg-type]
-    targets = "".join(f'[[targets]]\nmeasured = ["t{i}_x_m", "t{i}_y_m", "t{i}_z_m"]\nunit = "m"\n' for i in (1, 2, 3))
-    joints = f'[joints]\ncolumns = {header[:6]}\nunit = "rad"\nvalues = "controller"\n{targets}'.replace("'", '"')
+    targets = "".join(
+        f'[[targets]]\nmeasured = ["t{i}_x_m", "t{i}_y_m", "t{i}_z_m"]\nunit = "m"\n'
+        for i in (1, 2, 3)
+    )
+    joints = (
+        f'[joints]\ncolumns = {header[:6]}\nunit = "rad"\nvalues = "controller"\n{targets}'.replace(
+            "'", '"'
+        )
+    )
     mapped, *_ = import_table(shown, "t", fanuc, parse_column_map(joints, "map.toml"), frame="base")
     np.testing.assert_allclose(mapped.q, measured.q, atol=1e-12)
     overridden, *_ = import_table(
-        text(measured.q), "t", fanuc, parse_column_map(joints, "map.toml"), frame="base", joint_values="serial"
+        text(measured.q),
+        "t",
+        fanuc,
+        parse_column_map(joints, "map.toml"),
+        frame="base",
+        joint_values="serial",
     )
     np.testing.assert_array_equal(overridden.q, measured.q)

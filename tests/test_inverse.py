@@ -43,12 +43,16 @@ def assert_arrived(robot: Robot, result: InverseResult, target: Array) -> None:
     assert max(result.position.max(), result.orientation.max()) < 1e-7
 
 
-def test_every_pose_of_the_joint_range_is_reached_inside_the_limits(robot: Robot, rng: np.random.Generator) -> None:
+def test_every_pose_of_the_joint_range_is_reached_inside_the_limits(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     target = forward(robot, random_positions(robot, rng, 60))
     assert_arrived(robot, inverse_kinematics(robot, target), target)
 
 
-def test_a_seed_beside_an_answer_leads_to_this_answer(robot: Robot, rng: np.random.Generator) -> None:
+def test_a_seed_beside_an_answer_leads_to_this_answer(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     q = random_positions(robot, rng, 400)
     q = q[least_singular_value(robot, q) > 0.1][:20]  # branches meet in singularities
     assert len(q) == 20
@@ -69,10 +73,15 @@ def test_an_answer_itself_as_seed_comes_back(robot: Robot, rng: np.random.Genera
     np.testing.assert_allclose(result.q, q, atol=1e-7)
 
 
-def test_several_seeds_and_one_seed_for_all_are_both_accepted(fanuc: Robot, rng: np.random.Generator) -> None:
+def test_several_seeds_and_one_seed_for_all_are_both_accepted(
+    fanuc: Robot, rng: np.random.Generator
+) -> None:
     seed = np.array([0.1, 0.2, -0.3, 0.4, -0.8, 0.2])
     target = forward(fanuc, seed + rng.uniform(-0.05, 0.05, size=(5, 6)))
-    one, many = inverse_kinematics(fanuc, target, seed), inverse_kinematics(fanuc, target, np.tile(seed, (5, 1)))
+    one, many = (
+        inverse_kinematics(fanuc, target, seed),
+        inverse_kinematics(fanuc, target, np.tile(seed, (5, 1))),
+    )
     np.testing.assert_array_equal(one.q, many.q)
     assert one.reached.all()
 
@@ -87,7 +96,9 @@ def test_an_angle_is_returned_within_half_a_turn_of_its_seed(angle: float, turns
 
 
 @pytest.mark.parametrize("name", ["ur5", "fanuc-m1000ia", "xarm7"])
-def test_far_answers_are_turned_to_within_half_a_turn_of_the_seed(name: str, rng: np.random.Generator) -> None:
+def test_far_answers_are_turned_to_within_half_a_turn_of_the_seed(
+    name: str, rng: np.random.Generator
+) -> None:
     robot = load_robot(name)
     seed = random_positions(robot, rng, 30)
     target = forward(robot, random_positions(robot, rng, 30))
@@ -135,7 +146,9 @@ def test_a_pose_beyond_a_joint_limit_is_not_reached() -> None:
     assert result.q[0, 0] == pytest.approx(3.0)
 
 
-def test_one_pose_out_of_reach_does_not_disturb_the_others(fanuc: Robot, rng: np.random.Generator) -> None:
+def test_one_pose_out_of_reach_does_not_disturb_the_others(
+    fanuc: Robot, rng: np.random.Generator
+) -> None:
     target = forward(fanuc, random_positions(fanuc, rng, 6))
     with_outlier = np.insert(target, 3, translation(np.array([9.0, 0.0, 0.0])), axis=0)
     result = inverse_kinematics(fanuc, with_outlier, starts=15)
@@ -144,7 +157,9 @@ def test_one_pose_out_of_reach_does_not_disturb_the_others(fanuc: Robot, rng: np
 
 
 @pytest.mark.parametrize("name", ["gantry", "scara", "planar-3r"])
-def test_with_too_few_joints_no_small_motion_comes_nearer(name: str, rng: np.random.Generator) -> None:
+def test_with_too_few_joints_no_small_motion_comes_nearer(
+    name: str, rng: np.random.Generator
+) -> None:
     robot = load_robot(name)
     q = robot.lower + (robot.upper - robot.lower) * rng.uniform(0.2, 0.8, size=(60, robot.n))
     q = q[least_singular_value(robot, q) > 0.2][:20]
@@ -163,9 +178,13 @@ def test_with_too_few_joints_no_small_motion_comes_nearer(name: str, rng: np.ran
             assert (weighted_error(robot, result.q + step, target) > left).all()
 
 
-@pytest.mark.parametrize(("name", "q"), [("scara", [0.3, 0.1, 0.1, 0.2]), ("planar-3r", [0.3, 0.1, 0.4])])
+@pytest.mark.parametrize(
+    ("name", "q"), [("scara", [0.3, 0.1, 0.1, 0.2]), ("planar-3r", [0.3, 0.1, 0.4])]
+)
 @pytest.mark.parametrize("beyond", [0.005, 0.01, 0.02])
-def test_beyond_a_stretched_elbow_the_nearest_pose_is_found(name: str, q: list[float], beyond: float) -> None:
+def test_beyond_a_stretched_elbow_the_nearest_pose_is_found(
+    name: str, q: list[float], beyond: float
+) -> None:
     robot, seed = load_robot(name), np.array([q])
     target = forward(robot, seed)
     outwards = target[0, :2, 3] / np.linalg.norm(target[0, :2, 3])
@@ -173,7 +192,12 @@ def test_beyond_a_stretched_elbow_the_nearest_pose_is_found(name: str, q: list[f
     target[0, :3, :3] = Rotation.from_rotvec([0.05, 0.0, 0.1]).as_matrix() @ target[0, :3, :3]
     left = weighted_error(robot, inverse_kinematics(robot, target, seed, starts=2).q, target)[0]
     nearest = min(
-        minimize(lambda x: float(weighted_error(robot, x[None], target)[0]), start, method="Nelder-Mead", tol=1e-9).fun
+        minimize(
+            lambda x: float(weighted_error(robot, x[None], target)[0]),
+            start,
+            method="Nelder-Mead",
+            tol=1e-9,
+        ).fun
         for start in (seed[0], seed[0] * [1, -1, *[1] * (robot.n - 2)])  # either elbow
     )
     assert left <= 1.005 * nearest
@@ -194,7 +218,10 @@ def test_what_no_joint_can_turn_is_left_and_no_shift_is_given_for_it() -> None:
 
 def test_the_same_question_has_the_same_answer(robot: Robot, rng: np.random.Generator) -> None:
     target = forward(robot, random_positions(robot, rng, 10))
-    first, second = inverse_kinematics(robot, target, starts=4), inverse_kinematics(robot, target, starts=4)
+    first, second = (
+        inverse_kinematics(robot, target, starts=4),
+        inverse_kinematics(robot, target, starts=4),
+    )
     np.testing.assert_array_equal(first.q, second.q)
     np.testing.assert_array_equal(first.iterations, second.iterations)
 
@@ -218,7 +245,9 @@ def test_no_pose_has_no_answer(fanuc: Robot) -> None:
 def test_newton_without_limits_may_leave_the_joint_range(fanuc: Robot) -> None:
     beyond = np.array([[0.2, 0.3, -0.2, 0.1, -2.3, 0.2]])  # J5 ends at −122° = −2.129 rad
     target = forward(fanuc, beyond)
-    free = solve_poses(fanuc.mechanism.forward_and_jacobian, target, beyond + 0.02, length=fanuc.length)
+    free = solve_poses(
+        fanuc.mechanism.forward_and_jacobian, target, beyond + 0.02, length=fanuc.length
+    )
     assert free.reached[0]
     np.testing.assert_allclose(free.q, beyond, atol=1e-6)
     kept = solve_poses(

@@ -40,7 +40,9 @@ def definition(attained: np.ndarray, commanded: np.ndarray) -> tuple[float, floa
 
 
 @pytest.mark.parametrize("truth", [True, False])
-def test_the_definitions(cycles: Measurements, fanuc: Robot, fanuc_local_poe: Calibration, truth: bool) -> None:
+def test_the_definitions(
+    cycles: Measurements, fanuc: Robot, fanuc_local_poe: Calibration, truth: bool
+) -> None:
     """Simulated and real files alike: from the measured points, never from a drive without noise."""
     measurements = cycles if truth else replace(cycles, truth=None)
     test = evaluate([("poe", fanuc_local_poe)], measurements).as_json()["iso9283"]
@@ -87,13 +89,17 @@ def test_groups_among_other_rows() -> None:
     assert poses[0].rows.tolist() == [4, 9, 15]
 
 
-@pytest.mark.parametrize(("first", "names"), [(0, "P1 P2 P3 P4 P5"), (4, "P1 P2 P3 P4 P5"), (2, None)])
+@pytest.mark.parametrize(
+    ("first", "names"), [(0, "P1 P2 P3 P4 P5"), (4, "P1 P2 P3 P4 P5"), (2, None)]
+)
 def test_the_cube_is_recognised_by_its_centre(first: int, names: str | None) -> None:
     places = np.array([[1, 1, 1], [1, -1, 1], [-1, -1, -1], [-1, 1, -1]], dtype=float)
     places = np.insert(places, first, 0.0, axis=0)
     order = np.tile(np.arange(5), 3)
     poses = repeated_poses(places[order] + 2.0, places[order])
-    assert " ".join(pose.name for pose in poses) == (names or " ".join(f"configuration {k}" for k in range(1, 6)))
+    assert " ".join(pose.name for pose in poses) == (
+        names or " ".join(f"configuration {k}" for k in range(1, 6))
+    )
     if first == 4:
         assert poses[0].rows.tolist() == [4, 9, 14]
 
@@ -111,7 +117,8 @@ def test_targets_that_were_not_seen_leave_their_rows_out(cycles: Measurements) -
     points[:5, 1] = np.nan
     lacking = replace(cycles, points=readonly(points), truth=None)
     test, rest = (
-        evaluate([], m).pose_test for m in (lacking, replace(cycles, truth=None).rows(np.arange(5, len(cycles))))
+        evaluate([], m).pose_test
+        for m in (lacking, replace(cycles, truth=None).rows(np.arange(5, len(cycles))))
     )
     assert test is not None
     assert rest is not None

@@ -52,7 +52,9 @@ def test_names_under_other_headers() -> None:
 
 def test_nearest_stamps_within_the_tolerance() -> None:
     a = table("a.csv", "time_s,id", ["10.04,1", "12.3,2", "13.96,3", ",4", "0,5", "99,6"])
-    b = table("b.csv", "id,time_ms", [f"{k},{1000 * k}" for k in (14, 13, 12, 11, 10)])  # a log may run backwards
+    b = table(
+        "b.csv", "id,time_ms", [f"{k},{1000 * k}" for k in (14, 13, 12, 11, 10)]
+    )  # a log may run backwards
     measured, joints, warnings = join_rows(a, b, "time", tolerance_s=0.1)
     assert pairs(measured, joints) == [("1", "10"), ("3", "14")]
     assert warnings[0].endswith("within 0.1 s in b.csv and are left out: line 3, 5-7")
@@ -84,7 +86,9 @@ def test_iso_stamps_count_seconds() -> None:
     column = TimeColumn(column="time_iso", unit="iso")
     found = times(
         table(
-            "a.csv", "time_iso;n", ["1970-01-02T00:00:01.25Z;1", "1970-01-02 00:00:02,5;2", ";3", "1970-01-02T00:01;4"]
+            "a.csv",
+            "time_iso;n",
+            ["1970-01-02T00:00:01.25Z;1", "1970-01-02 00:00:02,5;2", ";3", "1970-01-02T00:01;4"],
         ),
         column,
     )

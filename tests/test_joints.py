@@ -20,7 +20,9 @@ SMALL = [name for name in robot_names() if load_robot(name).n < 6]
 
 
 def configurations(robot: Robot, count: int = 60, seed: int = 11) -> Array:
-    return sample_configurations(robot, robot.workspace(None)[1], count, np.random.default_rng(seed))
+    return sample_configurations(
+        robot, robot.workspace(None)[1], count, np.random.default_rng(seed)
+    )
 
 
 def elementary(name: str) -> Array:
@@ -122,12 +124,19 @@ def test_an_arm_of_six_or_more_joints_gets_none(name: str) -> None:
 
 
 def test_the_description_s_choice_is_honoured() -> None:
-    assert equivalent_robot(with_virtual_joints("scara", '"rx", "rz"')).virtual_joints == ("rx", "rz")
+    assert equivalent_robot(with_virtual_joints("scara", '"rx", "rz"')).virtual_joints == (
+        "rx",
+        "rz",
+    )
 
 
-@pytest.mark.parametrize(("name", "joints"), [("scara", '"rx"'), ("scara", '"rx", "rx"'), ("ur5", '"rx"')])
+@pytest.mark.parametrize(
+    ("name", "joints"), [("scara", '"rx"'), ("scara", '"rx", "rx"'), ("ur5", '"rx"')]
+)
 def test_a_choice_of_another_number_is_refused(name: str, joints: str) -> None:
-    with pytest.raises(InputError, match=r"equivalent\.virtual_joints: \d different ones are needed"):
+    with pytest.raises(
+        InputError, match=r"equivalent\.virtual_joints: \d different ones are needed"
+    ):
         with_virtual_joints(name, joints)
 
 

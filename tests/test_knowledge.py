@@ -32,7 +32,9 @@ def test_rows_carry_the_information_of_the_normal_equations(name: str, unregiste
     setup = replace(measurements.setup, T_instrument_base=np.eye(4), targets=robot.targets)
     measurements = replace(measurements, setup=setup)
     rows = knowledge.rows(measurements.q).reshape(-1, knowledge.parameters.count)
-    H = normal_equations(measurements, knowledge.parameters, knowledge.state, np.ones(12)).information
+    H = normal_equations(
+        measurements, knowledge.parameters, knowledge.state, np.ones(12)
+    ).information
     expected = H * np.outer(knowledge.prior_std, knowledge.prior_std)
     assert np.abs(rows.T @ rows - expected).max() < 1e-9 * np.abs(expected).max()
 
@@ -44,7 +46,9 @@ def test_known_targets_need_six_rows_and_free_ones_all(fanuc: Robot) -> None:
 
 
 def complete(measurements: Measurements) -> Calibration:
-    options = CompleteOptions(orders={"harmonics": HARMONICS, "gravity": 1, "twists": 1}, estimate_priors=False)
+    options = CompleteOptions(
+        orders={"harmonics": HARMONICS, "gravity": 1, "twists": 1}, estimate_priors=False
+    )
     return identify(measurements, BaseOptions("complete", options))
 
 
@@ -53,12 +57,16 @@ def posterior_deviation(calibration: Calibration, q: np.ndarray) -> np.ndarray:
     covariance = predicted_uncertainty(calibration, q).covariance
     arms = calibration.robot.targets @ np.swapaxes(calibration.forward(q)[:, :3, :3], 1, 2)
     moves = np.concatenate([np.broadcast_to(np.eye(3), (*arms.shape, 3)), -skew(arms)], axis=-1)
-    return np.sqrt(np.einsum("kmai,kij,kmaj->k", moves, covariance, moves) / len(calibration.robot.targets))
+    return np.sqrt(
+        np.einsum("kmai,kij,kmaj->k", moves, covariance, moves) / len(calibration.robot.targets)
+    )
 
 
 def test_with_an_unknown_set_up_targets_can_be_predicted_all_the_same(fanuc: Robot) -> None:
     q = simulate(fanuc, Simulation(configurations=40)).q
-    known, unknown = (Knowledge.of_tolerances(fanuc, NOISE, unregistered) for unregistered in (False, True))
+    known, unknown = (
+        Knowledge.of_tolerances(fanuc, NOISE, unregistered) for unregistered in (False, True)
+    )
     sure, less_sure = (k.after(k.rows(q)).target_deviation(q) for k in (known, unknown))
     assert (sure < less_sure * 1.001).all()
     assert less_sure.max() < 0.2e-3
@@ -102,7 +110,9 @@ def test_many_harmonics_of_a_calibration_stay_as_they_are(fanuc: Robot) -> None:
     names = base.posterior.parameters.names
     for name in ("ζ3.x", "cos2q4", "gravity2"):
         i, j = knowledge.parameters.names.index(name), names.index(name)
-        assert np.sqrt(knowledge.covariance[i, i]) * knowledge.prior_std[i] == pytest.approx(base.posterior.std[j])
+        assert np.sqrt(knowledge.covariance[i, i]) * knowledge.prior_std[i] == pytest.approx(
+            base.posterior.std[j]
+        )
 
 
 def test_a_model_without_posterior_is_no_start(fanuc: Robot, fanuc_local_poe: Calibration) -> None:
@@ -113,4 +123,6 @@ def test_a_model_without_posterior_is_no_start(fanuc: Robot, fanuc_local_poe: Ca
 def test_without_measurements_the_tolerances_are_all_that_is_known(fanuc: Robot) -> None:
     knowledge = Knowledge.of_tolerances(fanuc, NOISE)
     assert knowledge.effective == 0.0
-    assert np.array_equal(knowledge.prior_std, knowledge.parameters.prior_std(Tolerances.of_robot(fanuc)))
+    assert np.array_equal(
+        knowledge.prior_std, knowledge.parameters.prior_std(Tolerances.of_robot(fanuc))
+    )

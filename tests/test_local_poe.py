@@ -32,7 +32,9 @@ def actual_robot(robot: Robot, seed: int, size: float = 0.5e-3) -> ActualRobot:
     return ActualRobot(RobotErrors.of(robot, placements=placements))
 
 
-def truth_of(robot: Robot, seed: int = 0, unregistered: bool = False, size: float = 0.5e-3) -> Truth:
+def truth_of(
+    robot: Robot, seed: int = 0, unregistered: bool = False, size: float = 0.5e-3
+) -> Truth:
     rng = np.random.default_rng(seed)
     if not unregistered:
         return Truth(actual_robot(robot, seed, size), Setup(np.eye(4), robot.targets))
@@ -40,19 +42,28 @@ def truth_of(robot: Robot, seed: int = 0, unregistered: bool = False, size: floa
     T[:3, :3] = Rotation.random(rng=rng).as_matrix()
     T[:3, 3] = rng.uniform(-3, 3, 3)
     targets = robot.targets + rng.uniform(-0.2, 0.2, 3)
-    return Truth(actual_robot(robot, seed, size), Setup(T, targets, frame_known=False, targets_known=False))
+    return Truth(
+        actual_robot(robot, seed, size), Setup(T, targets, frame_known=False, targets_known=False)
+    )
 
 
-def measured(truth: Truth, count: int = 60, noise: float = 0.0, at: Array | None = None) -> Measurements:
+def measured(
+    truth: Truth, count: int = 60, noise: float = 0.0, at: Array | None = None
+) -> Measurements:
     robot = truth.actual.robot
     workspace = robot.workspace(None)[1]
     return simulate(
-        robot, Simulation(seed=5, workspace=workspace, configurations=count, noise=noise, same_robot=truth, at=at)
+        robot,
+        Simulation(
+            seed=5, workspace=workspace, configurations=count, noise=noise, same_robot=truth, at=at
+        ),
     )
 
 
 def fresh_configurations(robot: Robot, workspace: str | None = "full") -> Array:
-    return sample_configurations(robot, robot.workspace(workspace)[1], 50, np.random.default_rng(99))
+    return sample_configurations(
+        robot, robot.workspace(workspace)[1], 50, np.random.default_rng(99)
+    )
 
 
 def design_configurations(robot: Robot, design: str) -> Array:
@@ -75,7 +86,13 @@ def sensitivity(name: str, design: str, locked: int | None = None) -> Array:
     for c, (a, b) in enumerate([(2, 1), (0, 2), (1, 0)]):
         unit[3 + c, a, b], unit[3 + c, b, a] = 1.0, -1.0
     moves = np.array(
-        [[expm(np.einsum("c,cab", twist, unit) * qj[j]) for j, twist in enumerate(robot.chain.twists)] for qj in q]
+        [
+            [
+                expm(np.einsum("c,cab", twist, unit) * qj[j])
+                for j, twist in enumerate(robot.chain.twists)
+            ]
+            for qj in q
+        ]
     )
     targets = np.column_stack([robot.targets, np.ones(len(robot.targets))]).T
 
@@ -89,7 +106,11 @@ def sensitivity(name: str, design: str, locked: int | None = None) -> Array:
                 T = T @ moves[:, j]
         return np.swapaxes((T @ targets)[:, :3], -1, -2).ravel()
 
-    columns = [(points(j, c, 1e-5) - points(j, c, -1e-5)) / 2e-5 for j in range(robot.n + 1) for c in range(6)]
+    columns = [
+        (points(j, c, 1e-5) - points(j, c, -1e-5)) / 2e-5
+        for j in range(robot.n + 1)
+        for c in range(6)
+    ]
     return np.stack(columns, axis=-1)
 
 
@@ -147,7 +168,9 @@ def test_poses_of_a_sensor_identify_the_robot_as_points_do(fanuc: Robot, known: 
     points = (seen[:, :3, :3] @ origin[0] + seen[:, :3, 3])[:, None]
     setup = Setup(T_instrument_base, origin, sensor)
     if not known:
-        setup = Setup(np.eye(4), np.zeros((1, 3)), np.eye(3), frame_known=False, targets_known=False)
+        setup = Setup(
+            np.eye(4), np.zeros((1, 3)), np.eye(3), frame_known=False, targets_known=False
+        )
     measurements = Measurements(fanuc, q, points, seen[:, :3, :3] @ sensor, setup, 0.05e-3, 0.1e-3)
     result = identify(replace(measurements, setup=register(measurements)), "local-poe")
     assert result.base.rank == expected_rank(fanuc)
@@ -156,7 +179,10 @@ def test_poses_of_a_sensor_identify_the_robot_as_points_do(fanuc: Robot, known: 
     assert result.base.residual_rms[1] < 1e-11
     found = result.setup
     assert found.R_tool_sensor is not None
-    after, real = found.T_instrument_base @ result.forward(fresh), T_instrument_base @ truth.actual.forward(fresh)
+    after, real = (
+        found.T_instrument_base @ result.forward(fresh),
+        T_instrument_base @ truth.actual.forward(fresh),
+    )
     assert np.abs(after[:, :3, :3] @ found.R_tool_sensor - real[:, :3, :3] @ sensor).max() < 1e-9
     for T, place in ((after, found.targets[0]), (real, origin[0])):
         T[:, :3, 3] += T[:, :3, :3] @ place
@@ -167,7 +193,9 @@ def test_poses_of_a_sensor_identify_the_robot_as_points_do(fanuc: Robot, known: 
 
 
 @pytest.mark.parametrize("unregistered", [False, True])
-def test_weighted_residuals_are_chi_square_with_the_equations_less_the_rank(fanuc: Robot, unregistered: bool) -> None:
+def test_weighted_residuals_are_chi_square_with_the_equations_less_the_rank(
+    fanuc: Robot, unregistered: bool
+) -> None:
     measurements = measured(truth_of(fanuc, unregistered=unregistered), noise=0.05e-3)
     base = identify_local_poe(measurements)
     poses = base.errors.forward(measurements.q)
@@ -178,12 +206,19 @@ def test_weighted_residuals_are_chi_square_with_the_equations_less_the_rank(fanu
     assert np.isclose(base.residual_rms[0], 0.05e-3 * np.sqrt((left**2).mean()), rtol=1e-9)
 
 
-def test_the_fit_is_a_minimum_of_the_weighted_squares(fanuc: Robot, fanuc_measurements: Measurements) -> None:
+def test_the_fit_is_a_minimum_of_the_weighted_squares(
+    fanuc: Robot, fanuc_measurements: Measurements
+) -> None:
     base = identify_local_poe(fanuc_measurements)
 
     def cost(placements: Array) -> float:
         poses = base.errors.having(placements=placements).forward(fanuc_measurements.q)
-        return float(((residuals(fanuc_measurements, base.setup, poses) * weights(fanuc_measurements)) ** 2).sum())
+        return float(
+            (
+                (residuals(fanuc_measurements, base.setup, poses) * weights(fanuc_measurements))
+                ** 2
+            ).sum()
+        )
 
     rng = np.random.default_rng(3)
     lowest = cost(base.errors["placements"])
@@ -197,7 +232,12 @@ def test_a_smaller_noise_gives_a_smaller_error(fanuc: Robot) -> None:
     truth = truth_of(fanuc)
     q = fresh_configurations(fanuc, None)
     off = [
-        float(np.abs(identify(measured(truth, noise=noise), "local-poe").forward(q) - truth.actual.forward(q)).max())
+        float(
+            np.abs(
+                identify(measured(truth, noise=noise), "local-poe").forward(q)
+                - truth.actual.forward(q)
+            ).max()
+        )
         for noise in (0.1e-3, 0.01e-3)
     ]
     assert 5 < off[0] / off[1] < 20  # linear in the noise, which is the same but for its size
@@ -230,7 +270,9 @@ def test_singular_values_are_those_of_the_weighted_sensitivity(fanuc: Robot) -> 
 
 
 @pytest.mark.parametrize("locked", [0, 2, 5])
-def test_a_joint_that_never_moves_leaves_directions_that_are_named(fanuc: Robot, locked: int) -> None:
+def test_a_joint_that_never_moves_leaves_directions_that_are_named(
+    fanuc: Robot, locked: int
+) -> None:
     truth = truth_of(fanuc)
     q = measured(truth).q.copy()
     q[:, locked] = 0.3
@@ -250,7 +292,9 @@ def test_a_joint_that_never_moves_leaves_directions_that_are_named(fanuc: Robot,
 
 
 @pytest.mark.parametrize("locked", [0, 2, 5])
-def test_named_directions_are_those_that_a_better_design_would_see(fanuc: Robot, locked: int) -> None:
+def test_named_directions_are_those_that_a_better_design_would_see(
+    fanuc: Robot, locked: int
+) -> None:
     q = measured(truth_of(fanuc)).q.copy()
     q[:, locked] = 0.3
     base = identify_local_poe(measured(truth_of(fanuc), at=q, noise=0.05e-3))
@@ -258,14 +302,18 @@ def test_named_directions_are_those_that_a_better_design_would_see(fanuc: Robot,
     seen = np.linalg.svd(sensitivity("fanuc-m1000ia", "full"))[2][:30]
     here = np.linalg.svd(sensitivity("fanuc-m1000ia", "workspace", locked))[2][:26]
     missing = np.linalg.svd(seen - seen @ here.T @ here)[2][:4]
-    reach = np.linalg.norm(missing, axis=0)  # largest value of each parameter in a unit vector of these directions
+    reach = np.linalg.norm(
+        missing, axis=0
+    )  # largest value of each parameter in a unit vector of these directions
     names = [f"ζ{j + 1}.{c}" for j in range(7) for c in ("x", "y", "z", "rx", "ry", "rz")]
     assert base.unobservable
     for text in base.unobservable:
         terms = re.findall(r"([+-]\d\.\d\d)·(\S+)", text)
         assert len(terms) == 3
         for coefficient, name in terms:
-            assert abs(float(coefficient)) <= reach[names.index(name)] + 0.006, f"{text}: {name} is no part of it"
+            assert abs(float(coefficient)) <= reach[names.index(name)] + 0.006, (
+                f"{text}: {name} is no part of it"
+            )
 
 
 def test_the_step_has_no_component_that_the_data_cannot_see(fanuc: Robot) -> None:
@@ -284,7 +332,9 @@ def test_the_step_has_no_component_that_the_data_cannot_see(fanuc: Robot) -> Non
 
 
 @pytest.mark.parametrize("count", [1, 3, 4])
-def test_too_few_configurations_are_refused_with_a_number_that_is_enough(fanuc: Robot, count: int) -> None:
+def test_too_few_configurations_are_refused_with_a_number_that_is_enough(
+    fanuc: Robot, count: int
+) -> None:
     # Three targets on a rigid tool show six things of a configuration, however many coordinates are read.
     truth = truth_of(fanuc)
     with pytest.raises(NoSolutionError, match=f"{count} configurations give") as error:
@@ -296,7 +346,9 @@ def test_too_few_configurations_are_refused_with_a_number_that_is_enough(fanuc: 
 
 def test_points_of_another_robot_do_not_converge(fanuc: Robot) -> None:
     measurements = measured(truth_of(fanuc), 20)
-    shuffled = replace(measurements, points=measurements.points[np.random.default_rng(0).permutation(20)])
+    shuffled = replace(
+        measurements, points=measurements.points[np.random.default_rng(0).permutation(20)]
+    )
     with pytest.raises(NoSolutionError, match=r"no convergence in \d+ iterations"):
         identify_local_poe(shuffled)
 
@@ -311,4 +363,8 @@ def test_the_nominal_model_is_the_drawing(fanuc_measurements: Measurements) -> N
     poses = fanuc_measurements.robot.mechanism.forward(fanuc_measurements.q)
     targets = fanuc_measurements.robot.targets
     expected = np.einsum("kab,mb->kma", poses[:, :3, :3], targets) + poses[:, None, :3, 3]
-    assert np.isclose(model.residual_rms[0], np.sqrt(((fanuc_measurements.points - expected) ** 2).mean()), rtol=1e-12)
+    assert np.isclose(
+        model.residual_rms[0],
+        np.sqrt(((fanuc_measurements.points - expected) ** 2).mean()),
+        rtol=1e-12,
+    )

@@ -14,13 +14,20 @@ Array = np.ndarray
 LOSSES = {"task": task_loss, "joint": joint_loss}
 
 
-def problem(rng: np.random.Generator, n: int, d: int, K: int = 12) -> tuple[Array, Array, Array, Network]:
+def problem(
+    rng: np.random.Generator, n: int, d: int, K: int = 12
+) -> tuple[Array, Array, Array, Network]:
     """Configurations, weighted matrices of very unlike columns, weighted residuals, and a network."""
     p = max(n, 6)
     q = rng.normal(size=(K, n))
     G = rng.normal(size=(K, d, p)) * 10.0 ** rng.uniform(2, 4, p)
     network = Network.initial(q, rng.uniform(1e-4, 1e-3, p), 4, rng)
-    return q, G, rng.normal(size=(K, d)), network.with_weights(rng.normal(size=network.weights.size))
+    return (
+        q,
+        G,
+        rng.normal(size=(K, d)),
+        network.with_weights(rng.normal(size=network.weights.size)),
+    )
 
 
 def weighted_task_error(q: Array, G: Array, y: Array, network: Network) -> float:
@@ -34,7 +41,9 @@ def weighted_task_error(q: Array, G: Array, y: Array, network: Network) -> float
 
 @given(seed=st.integers(0, 10_000), n=st.integers(3, 7), d=st.sampled_from([3, 6, 9]))
 @examples(25)
-def test_the_task_loss_and_a_constant_are_the_weighted_error_of_the_targets(seed: int, n: int, d: int) -> None:
+def test_the_task_loss_and_a_constant_are_the_weighted_error_of_the_targets(
+    seed: int, n: int, d: int
+) -> None:
     rng = np.random.default_rng(seed)
     q, G, y, network = problem(rng, n, d)
     other = network.with_weights(rng.normal(size=network.weights.size))
@@ -42,7 +51,9 @@ def test_the_task_loss_and_a_constant_are_the_weighted_error_of_the_targets(seed
     none = float((y**2).sum() / len(q))
     for given_network in (network, other):
         direct = weighted_task_error(q, G, y, given_network)
-        assert np.isclose(loss.value(given_network) + (none - loss.without_network), direct, rtol=1e-10, atol=0)
+        assert np.isclose(
+            loss.value(given_network) + (none - loss.without_network), direct, rtol=1e-10, atol=0
+        )
     assert none - loss.without_network >= -1e-9  # what no joint motion can explain
 
 
@@ -60,7 +71,9 @@ def test_with_one_target_nothing_is_left_unexplained(rng: np.random.Generator) -
 
 @given(seed=st.integers(0, 10_000), n=st.integers(3, 7), d=st.sampled_from([3, 6, 9]))
 @examples(15)
-def test_the_joint_loss_is_the_distance_from_the_pseudo_inverse_solution(seed: int, n: int, d: int) -> None:
+def test_the_joint_loss_is_the_distance_from_the_pseudo_inverse_solution(
+    seed: int, n: int, d: int
+) -> None:
     rng = np.random.default_rng(seed)
     q, G, y, network = problem(rng, n, d)
     loss = joint_loss(q, G, y)
@@ -83,13 +96,19 @@ def test_the_joint_target_of_minimum_norm_explains_the_data(rng: np.random.Gener
 @pytest.mark.parametrize("d", [3, 9])
 @pytest.mark.parametrize("n", [4, 6, 7])
 @pytest.mark.parametrize("kind", LOSSES)
-def test_the_jacobian_is_the_derivative_by_the_weights(kind: str, n: int, d: int, rng: np.random.Generator) -> None:
+def test_the_jacobian_is_the_derivative_by_the_weights(
+    kind: str, n: int, d: int, rng: np.random.Generator
+) -> None:
     q, G, y, network = problem(rng, n, d, K=5)
     loss = LOSSES[kind](q, G / 1e3, y / 1e3)
     residual, J = loss.residual_and_jacobian(network)
     assert np.allclose(residual, loss.residual(network).ravel(), rtol=1e-13, atol=1e-15)
     assert_derivative(
-        lambda w: -loss.residual(network.with_weights(w)).ravel(), J, network.weights, tolerance=1e-8, step=1e-3
+        lambda w: -loss.residual(network.with_weights(w)).ravel(),
+        J,
+        network.weights,
+        tolerance=1e-8,
+        step=1e-3,
     )
 
 
@@ -101,8 +120,12 @@ def test_the_value_is_the_mean_square_of_the_residual(rng: np.random.Generator) 
 
 
 @pytest.mark.parametrize("kind", LOSSES)
-def test_losses_of_parts_weighted_by_their_rows_are_the_loss_of_the_whole(kind: str, rng: np.random.Generator) -> None:
+def test_losses_of_parts_weighted_by_their_rows_are_the_loss_of_the_whole(
+    kind: str, rng: np.random.Generator
+) -> None:
     q, G, y, network = problem(rng, 6, 9)
     loss: Loss = LOSSES[kind](q, G, y)
     part, rest = loss.rows(np.arange(4)), loss.rows(np.arange(4, 12))
-    assert np.isclose((4 * part.value(network) + 8 * rest.value(network)) / 12, loss.value(network), rtol=1e-12)
+    assert np.isclose(
+        (4 * part.value(network) + 8 * rest.value(network)) / 12, loss.value(network), rtol=1e-12
+    )

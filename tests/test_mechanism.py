@@ -33,14 +33,18 @@ def far_from_singular(robot: Robot, rng: np.random.Generator, count: int) -> Arr
     return far[:count]
 
 
-def test_the_tool_is_where_the_matrix_exponentials_put_it(robot: Robot, rng: np.random.Generator) -> None:
+def test_the_tool_is_where_the_matrix_exponentials_put_it(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     chain, q = robot.chain, random_positions(robot, rng, 5)
     pose = robot.mechanism.forward(q)
     np.testing.assert_allclose(pose, expm_chain(chain.placements, chain.twists, q), atol=1e-12)
     np.testing.assert_allclose(pose, poe_frames(chain.placements, chain.twists, q).tool, atol=1e-12)
 
 
-def test_the_jacobian_is_the_derivative_of_the_spatial_twist(robot: Robot, rng: np.random.Generator) -> None:
+def test_the_jacobian_is_the_derivative_of_the_spatial_twist(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     for q in random_positions(robot, rng, 3):
         pose, jacobian = robot.mechanism.forward_and_jacobian(q[None])
         np.testing.assert_array_equal(pose, robot.mechanism.forward(q[None]))
@@ -51,12 +55,18 @@ def test_the_jacobian_is_the_derivative_of_the_spatial_twist(robot: Robot, rng: 
         assert_derivative(twist, jacobian[0], q)
 
 
-def test_at_the_tool_point_the_jacobian_gives_its_velocity(robot: Robot, rng: np.random.Generator) -> None:
+def test_at_the_tool_point_the_jacobian_gives_its_velocity(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     q = random_positions(robot, rng, 1)
-    assert_derivative(lambda x: robot.mechanism.forward(x[None])[0, :3, 3], tool_jacobian(robot, q)[0, :3], q[0])
+    assert_derivative(
+        lambda x: robot.mechanism.forward(x[None])[0, :3, 3], tool_jacobian(robot, q)[0, :3], q[0]
+    )
 
 
-def test_seen_at_a_point_a_twist_keeps_its_rotation_and_moves_that_point(rng: np.random.Generator) -> None:
+def test_seen_at_a_point_a_twist_keeps_its_rotation_and_moves_that_point(
+    rng: np.random.Generator,
+) -> None:
     twists, points = rng.normal(size=(3, 6, 2)), rng.normal(size=(3, 3))
     original = twists.copy()
     seen = at_point(twists, points)
@@ -112,27 +122,41 @@ def test_scaling_rows_leaves_rotations_and_the_argument_alone(rng: np.random.Gen
 
 
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "ur5", "kinova"])
-def test_far_from_a_singularity_six_joints_solve_exactly(name: str, rng: np.random.Generator) -> None:
+def test_far_from_a_singularity_six_joints_solve_exactly(
+    name: str, rng: np.random.Generator
+) -> None:
     robot = load_robot(name)
-    jacobian, error = tool_jacobian(robot, far_from_singular(robot, rng, 20)), rng.normal(size=(20, 6)) * 1e-3
+    jacobian, error = (
+        tool_jacobian(robot, far_from_singular(robot, rng, 20)),
+        rng.normal(size=(20, 6)) * 1e-3,
+    )
     x, distance = damped_solution(jacobian, error, robot.length)
     assert (distance >= MIN_SINGULARITY_DISTANCE).all()
-    np.testing.assert_allclose(x, np.linalg.solve(jacobian, error[..., None])[..., 0], rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(
+        x, np.linalg.solve(jacobian, error[..., None])[..., 0], rtol=1e-7, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
 def test_seven_joints_move_as_little_as_possible(name: str, rng: np.random.Generator) -> None:
     robot = load_robot(name)
-    jacobian, error = tool_jacobian(robot, far_from_singular(robot, rng, 20)), rng.normal(size=(20, 6)) * 1e-3
+    jacobian, error = (
+        tool_jacobian(robot, far_from_singular(robot, rng, 20)),
+        rng.normal(size=(20, 6)) * 1e-3,
+    )
     x, _ = damped_solution(jacobian, error, robot.length)
     np.testing.assert_allclose((jacobian @ x[..., None])[..., 0], error, atol=1e-10)
-    idle = np.linalg.svd(jacobian)[2][:, -1]  # the motion of the elbow that leaves the tool where it is
+    idle = np.linalg.svd(jacobian)[2][
+        :, -1
+    ]  # the motion of the elbow that leaves the tool where it is
     assert np.abs((jacobian @ idle[..., None])[..., 0]).max() < 1e-12
     assert np.abs((x * idle).sum(axis=-1)).max() < 1e-12
 
 
 @pytest.mark.parametrize("wrist", [0.0, 1e-9, 1e-6, 1e-4, 1e-2])
-def test_near_a_singularity_joint_motions_stay_bounded(fanuc: Robot, wrist: float, rng: np.random.Generator) -> None:
+def test_near_a_singularity_joint_motions_stay_bounded(
+    fanuc: Robot, wrist: float, rng: np.random.Generator
+) -> None:
     q = np.tile([0.1, 0.2, -0.3, 0.4, wrist, 0.5], (200, 1))
     error = rng.normal(size=(200, 6)) * np.array([fanuc.length] * 3 + [1.0] * 3)
     jacobian = tool_jacobian(fanuc, q)
@@ -167,11 +191,15 @@ def test_a_robot_of_one_joint_has_a_jacobian_of_one_column() -> None:
 
 @pytest.mark.parametrize("count", range(2, 9))
 def test_slides_side_by_side_are_singular_and_can_be_solved_all_the_same(count: int) -> None:
-    robot = DrawnChain((SLIDE,) * count, TOOL, TARGETS).robot(scale=1e-3)  # short: large entries, much rounding
+    robot = DrawnChain((SLIDE,) * count, TOOL, TARGETS).robot(
+        scale=1e-3
+    )  # short: large entries, much rounding
     q = np.full((1, count), 1e-4)
     assert robot.singularity_distance(q)[0] < 1e-3
     pose, jacobian = robot.mechanism.forward_and_jacobian(q)
     solved = solve_poses(robot.mechanism.forward_and_jacobian, pose, q, length=robot.length)
     assert solved.reached.all()
-    motion, _ = damped_solution(np.concatenate([jacobian] * 6, axis=-1), np.zeros((1, 6)), robot.length)
+    motion, _ = damped_solution(
+        np.concatenate([jacobian] * 6, axis=-1), np.zeros((1, 6)), robot.length
+    )
     assert np.isfinite(motion).all()

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from calibtool.evaluation.metrics import STATISTICS, MethodErrors, error_rows, statistics, summary
 
 
-def method(name: str, position: list[list[list[float]]], turn: list[list[float]] | None = None) -> MethodErrors:
+def method(
+    name: str, position: list[list[list[float]]], turn: list[list[float]] | None = None
+) -> MethodErrors:
     return MethodErrors(name, np.array(position), None if turn is None else np.array(turn))
 
 
@@ -25,7 +27,9 @@ def test_statistics_are_those_of_a_hand_calculation(values: list[float]) -> None
     assert tuple(found) == STATISTICS
     assert math.isclose(found["mean"], mean, rel_tol=1e-9)
     assert math.isclose(found["rms"], math.sqrt(math.fsum(v * v for v in scaled) / n), rel_tol=1e-9)
-    variance = math.fsum((v - mean) ** 2 for v in scaled) / n  # of these rows, not of a population behind them
+    variance = (
+        math.fsum((v - mean) ** 2 for v in scaled) / n
+    )  # of these rows, not of a population behind them
     assert math.isclose(found["std"], math.sqrt(variance), rel_tol=1e-6, abs_tol=1e-6 * mean)
     assert found["max"] == pytest.approx(scaled[-1], rel=1e-12)
     at = 0.95 * (n - 1)
@@ -34,7 +38,9 @@ def test_statistics_are_those_of_a_hand_calculation(values: list[float]) -> None
 
 
 def test_the_size_of_several_points_is_their_root_mean_square_length() -> None:
-    errors = method("a", [[[3e-3, 4e-3, 0.0], [0.0, 0.0, 0.0]], [[1e-3, 2e-3, 2e-3], [0.0, 3e-3, 0.0]]])
+    errors = method(
+        "a", [[[3e-3, 4e-3, 0.0], [0.0, 0.0, 0.0]], [[1e-3, 2e-3, 2e-3], [0.0, 3e-3, 0.0]]]
+    )
     assert np.allclose(errors.position_size, [5e-3 / math.sqrt(2), 3e-3])
 
 
@@ -84,7 +90,9 @@ def test_a_perfect_nominal_robot_has_nothing_to_reduce() -> None:
 
 def test_error_rows_keep_sign_and_direction() -> None:
     a = method(
-        "nominal", [[[1e-3, -2e-3, 3e-3], [0, 0, 0]], [[0, 0, -1e-6], [5e-4, 0, 0]]], [[1e-3, 0, 0], [0, 0, -2e-3]]
+        "nominal",
+        [[[1e-3, -2e-3, 3e-3], [0, 0, 0]], [[0, 0, -1e-6], [5e-4, 0, 0]]],
+        [[1e-3, 0, 0], [0, 0, -2e-3]],
     )
     b = method("b", [[[0, 0, 0], [0, 0, 0]], [[0, 0, 0], [0, 0, 0]]], [[0, 0, 0], [0, 0, 0]])
     header, rows = error_rows([a, b])

@@ -22,7 +22,9 @@ def tool_poses(model: pin.Model, configuration: Array) -> Array:
     return np.array(poses)
 
 
-def test_the_nominal_model_takes_joint_positions_and_has_the_limits(robot: Robot, rng: np.random.Generator) -> None:
+def test_the_nominal_model_takes_joint_positions_and_has_the_limits(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     model, q = robot.model, random_positions(robot, rng, 3)
     expected = poe_frames(robot.chain.placements, robot.chain.twists, q).tool
     np.testing.assert_allclose(tool_poses(model, q), expected, atol=1e-12)
@@ -31,16 +33,22 @@ def test_the_nominal_model_takes_joint_positions_and_has_the_limits(robot: Robot
     assert model.frames[model.nframes - 1].name == robot.source.description.kinematics.tool_frame
 
 
-def test_an_actual_robot_is_its_model_at_its_configuration(robot: Robot, rng: np.random.Generator) -> None:
+def test_an_actual_robot_is_its_model_at_its_configuration(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     truth = random_actual(robot, ErrorScales(), rng)
     q = random_positions(robot, rng, 3)
     errors, chain = truth.errors, robot.chain
     placements = chain.placements @ exp6(errors["placements"])
     expected = poe_frames(placements, chain.twists + errors["twists"], q + errors["offsets"]).tool
-    np.testing.assert_allclose(tool_poses(truth.model, truth.mechanism.configuration(q)), expected, atol=1e-12)
+    np.testing.assert_allclose(
+        tool_poses(truth.model, truth.mechanism.configuration(q)), expected, atol=1e-12
+    )
 
 
-def test_a_calibration_says_what_its_model_leaves_out(fanuc_local_poe: Calibration, fanuc_network: Calibration) -> None:
+def test_a_calibration_says_what_its_model_leaves_out(
+    fanuc_local_poe: Calibration, fanuc_network: Calibration
+) -> None:
     q = fanuc_local_poe.q[:5]
     assert fanuc_local_poe.beyond_model == ()
     found = tool_poses(fanuc_local_poe.model, fanuc_local_poe.base_mechanism.configuration(q))
@@ -55,7 +63,9 @@ def test_a_model_that_was_handed_out_can_be_changed(fanuc: Robot) -> None:
     np.testing.assert_array_equal(fanuc.mechanism.forward(q), before)
 
 
-def test_columns_of_placement_errors_are_those_of_pinocchios_regressor(robot: Robot, rng: np.random.Generator) -> None:
+def test_columns_of_placement_errors_are_those_of_pinocchios_regressor(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     """`computeFrameKinematicRegressor` has them at the tool, in the tool's frame."""
     q = random_positions(robot, rng, 2)
     frames, model = robot.mechanism.frames(q), robot.model
@@ -69,7 +79,9 @@ def test_columns_of_placement_errors_are_those_of_pinocchios_regressor(robot: Ro
         np.testing.assert_allclose(found[:, : 6 * robot.n], expected, atol=1e-11)
 
 
-def test_gravity_loads_are_the_slope_of_the_potential_energy(robot: Robot, rng: np.random.Generator) -> None:
+def test_gravity_loads_are_the_slope_of_the_potential_energy(
+    robot: Robot, rng: np.random.Generator
+) -> None:
     """By Pinocchio's `computePotentialEnergy`, along one direction."""
     model = gravity_model(robot)
     data = model.createData()
@@ -78,4 +90,6 @@ def test_gravity_loads_are_the_slope_of_the_potential_energy(robot: Robot, rng: 
     energies = [pin.computePotentialEnergy(model, data, q + k * step) for k in (-2, -1, 1, 2)]
     slope = (8 * (energies[2] - energies[1]) - (energies[3] - energies[0])) / 12e-5
     torque = gravity_torque(robot, q[None])[0]
-    assert slope == pytest.approx(torque @ direction, rel=1e-6, abs=1e-6 * (1 + np.abs(torque).max()))
+    assert slope == pytest.approx(
+        torque @ direction, rel=1e-6, abs=1e-6 * (1 + np.abs(torque).max())
+    )

@@ -24,7 +24,9 @@ def test_the_output_is_the_sum_over_nodes_written_out(seed: int, n: int, hidden:
             for h in range(hidden):
                 inner = w.hidden_bias[h]
                 for j in range(n):
-                    inner += w.hidden_weights[h, j] * (row[j] - w.input_centre[j]) / w.input_scale[j]
+                    inner += (
+                        w.hidden_weights[h, j] * (row[j] - w.input_centre[j]) / w.input_scale[j]
+                    )
                 total += w.output_weights[i, h] * np.tanh(inner)
             assert np.isclose(output[i], total * w.output_scale[i], rtol=1e-10, atol=1e-18)
 
@@ -38,13 +40,19 @@ def test_weights_make_a_round_trip_and_each_one_matters(seed: int, n: int, hidde
     assert network.weights.size == hidden * n + hidden + p * hidden + p
     other = rng.normal(size=network.weights.size)
     assert np.array_equal(network.with_weights(other).weights, other)
-    assert np.array_equal(network.with_weights(network.weights)(np.ones((1, n))), network(np.ones((1, n))))
-    assert not np.array_equal(network.with_weights(other)(np.ones((1, n))), network(np.ones((1, n))))
+    assert np.array_equal(
+        network.with_weights(network.weights)(np.ones((1, n))), network(np.ones((1, n)))
+    )
+    assert not np.array_equal(
+        network.with_weights(other)(np.ones((1, n))), network(np.ones((1, n)))
+    )
 
 
 def test_weights_are_stacked_layer_by_layer(rng: np.random.Generator) -> None:
     # Part of the exported format: W₁ row by row, b₁, W₂ row by row, b₂.
-    network = Network.initial(rng.normal(size=(5, 2)), np.ones(6), 3, rng).with_weights(np.arange(33.0))
+    network = Network.initial(rng.normal(size=(5, 2)), np.ones(6), 3, rng).with_weights(
+        np.arange(33.0)
+    )
     assert network.hidden_weights.tolist() == [[0, 1], [2, 3], [4, 5]]
     assert network.hidden_bias.tolist() == [6, 7, 8]
     assert network.output_weights[1].tolist() == [12, 13, 14]
@@ -74,7 +82,9 @@ def test_the_number_of_hidden_nodes_is_the_root_of_six_n(n: int) -> None:
 
 def test_the_same_generator_makes_the_same_network(rng: np.random.Generator) -> None:
     q = rng.normal(size=(10, 6))
-    a, b, c = (Network.initial(q, np.ones(6), 6, np.random.default_rng(seed)).weights for seed in (1, 1, 2))
+    a, b, c = (
+        Network.initial(q, np.ones(6), 6, np.random.default_rng(seed)).weights for seed in (1, 1, 2)
+    )
     assert np.array_equal(a, b)
     assert not np.array_equal(a, c)
 

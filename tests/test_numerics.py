@@ -31,14 +31,21 @@ from calibtool.robot.se3 import Array, exp6, readonly, transform_points
 # --- singularities ---------------------------------------------------------------------------------------------------
 
 DISTANCES = np.concatenate([-(10.0 ** -np.arange(1, 9)), [0.0], 10.0 ** -np.arange(8, 0, -1)])
-SINGULAR = [("fanuc-m1000ia", 4), ("ur5", 4), ("scara", 1), ("planar-3r", 1)]  # joint that is singular at zero
+SINGULAR = [
+    ("fanuc-m1000ia", 4),
+    ("ur5", 4),
+    ("scara", 1),
+    ("planar-3r", 1),
+]  # joint that is singular at zero
 _KEPT: dict[str, Calibration] = {}
 
 
 def calibrated(name: str) -> Calibration:
     if name not in _KEPT:
         robot = load_robot(name)
-        data = simulate(robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=40))
+        data = simulate(
+            robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=40)
+        )
         _KEPT[name] = identify(data, "complete")
     return _KEPT[name]
 
@@ -51,7 +58,9 @@ def towards_singularity(robot: Robot, joint: int) -> Array:
 
 @pytest.mark.parametrize(("name", "joint"), SINGULAR)
 @pytest.mark.parametrize("method", ["exact", "one-step"])
-def test_corrections_are_bounded_and_honest_near_singularities(name: str, joint: int, method: str) -> None:
+def test_corrections_are_bounded_and_honest_near_singularities(
+    name: str, joint: int, method: str
+) -> None:
     calibration = calibrated(name)
     robot = calibration.robot
     q = towards_singularity(robot, joint)
@@ -91,7 +100,9 @@ def errors(calibration: Calibration, corrected: Array, q: Array) -> Array:
     """Weighted pose errors of the calibrated robot at corrected joints, against the nominal one at q: (N,)."""
     pose, aim = calibration.forward(corrected), calibration.robot.mechanism.forward(q)
     turn = Rotation.from_matrix(pose[:, :3, :3] @ np.swapaxes(aim[:, :3, :3], -1, -2)).magnitude()
-    return np.hypot(np.linalg.norm((pose - aim)[:, :3, 3], axis=-1) / calibration.robot.length, turn)
+    return np.hypot(
+        np.linalg.norm((pose - aim)[:, :3, 3], axis=-1) / calibration.robot.length, turn
+    )
 
 
 def test_poses_at_a_singularity_have_a_verdict() -> None:
@@ -107,7 +118,9 @@ def test_poses_at_a_singularity_have_a_verdict() -> None:
 STRAIGHT = (0.0, 0.0, 0.0)
 
 
-def joint(kind: str, xyz: tuple[float, float, float], axis: tuple[float, float, float]) -> DrawnJoint:
+def joint(
+    kind: str, xyz: tuple[float, float, float], axis: tuple[float, float, float]
+) -> DrawnJoint:
     return DrawnJoint(kind, xyz, STRAIGHT, axis, 0.0)
 
 
@@ -121,7 +134,10 @@ ARM = [
     joint("revolute", (0.1, 0, 0), (0, 1, 0)),
     joint("revolute", (0, 0, 0.4), (0, 1, 0)),
 ]
-SLIDES = [joint("prismatic", STRAIGHT, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))]
+SLIDES = [
+    joint("prismatic", STRAIGHT, axis)
+    for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
+]
 TOOL = joint("fixed", (0.1, 0, 0.05), (0, 0, 1))
 TARGETS = ((100.0, 0.0, 20.0), (-50.0, 86.6, 20.0), (-50.0, -86.6, 20.0))
 
@@ -134,10 +150,17 @@ def test_a_micro_manipulator_and_a_crane_are_calibrated_as_well(
 ) -> None:
     """Links of about 1 m times 0.005 and 50, slides of 1 m likewise; errors and noise grow with them."""
     tolerance = 1.0 if tolerances == "default" else scale
-    robot = DrawnChain(tuple(first + WRIST), TOOL, TARGETS).robot(scale=scale, tolerance_mm=tolerance)
+    robot = DrawnChain(tuple(first + WRIST), TOOL, TARGETS).robot(
+        scale=scale, tolerance_mm=tolerance
+    )
     data = simulate(
         robot,
-        Simulation(seed=1, configurations=50, scales=ErrorScales(length=0.5e-3 * scale), noise=0.05e-3 * scale),
+        Simulation(
+            seed=1,
+            configurations=50,
+            scales=ErrorScales(length=0.5e-3 * scale),
+            noise=0.05e-3 * scale,
+        ),
     )
     fresh = simulate(robot, Simulation(seed=2, configurations=60, noise=0.0, same_robot=data.truth))
     calibration = identify(data, "complete")
@@ -169,7 +192,9 @@ def test_robots_that_differ_by_five_micrometres_are_not_the_same() -> None:
 # --- many turns ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("turned", "bound"), [(1e3, 1e-12), (1e4, 1e-11), (1e5, 1e-10), (1e6, 1e-9)])
+@pytest.mark.parametrize(
+    ("turned", "bound"), [(1e3, 1e-12), (1e4, 1e-11), (1e5, 1e-10), (1e6, 1e-9)]
+)
 def test_joint_values_of_many_turns_lose_digits_only(turned: float, bound: float) -> None:
     """Metres and elements of rotations, on an arm of 3 m whose last three joints have turned so far."""
     calibration = calibrated("fanuc-m1000ia")
@@ -202,7 +227,9 @@ def seen_with(data: Measurements, targets: Array) -> Measurements:
 
 
 @pytest.mark.parametrize("width", 10.0 ** -np.arange(1, 10))
-def test_targets_almost_on_a_line_are_refused_or_serve(width: float, fanuc_measurements: Measurements) -> None:
+def test_targets_almost_on_a_line_are_refused_or_serve(
+    width: float, fanuc_measurements: Measurements
+) -> None:
     """Three targets on 0.2 m, the middle one `width` times 0.2 m off the line."""
     targets = np.array([[-0.1, 0, 0.05], [0.1, 0, 0.05], [0, 0.2 * width, 0.05]])
     if width < 0.8e-3:
@@ -228,12 +255,17 @@ def test_no_noise_and_huge_noise_give_the_truth_and_the_drawing(noise: float, fa
     found = identify(data, "complete")
     assert data.truth is not None
     true, nominal = data.truth.actual.forward(data.q), fanuc.mechanism.forward(data.q)
-    left, before = (np.linalg.norm((true - pose)[:, :3, 3], axis=-1).max() for pose in (found.forward(data.q), nominal))
+    left, before = (
+        np.linalg.norm((true - pose)[:, :3, 3], axis=-1).max()
+        for pose in (found.forward(data.q), nominal)
+    )
     assert left < {0.0: 1e-9, 1e-15: 1e-9, 1e-9: 1e-8}.get(noise, 1.3 * before)
 
 
 @pytest.mark.parametrize("stated", [0.0, -1.0, 1e-200, 1e200, np.inf, np.nan])
-def test_stated_noise_that_cannot_be_a_weight_is_refused(stated: float, fanuc_measurements: Measurements) -> None:
+def test_stated_noise_that_cannot_be_a_weight_is_refused(
+    stated: float, fanuc_measurements: Measurements
+) -> None:
     with pytest.raises(InputError, match="stated noise"):
         replace(fanuc_measurements, noise_position=stated)
 
@@ -249,9 +281,13 @@ def test_stated_noise_far_from_the_real_one_is_put_right(fanuc_measurements: Mea
 # --- one configuration, and the same one again -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rows", [[0], [0] * 30, [0] * 15 + [1] * 15], ids=["one", "the same", "two"])
+@pytest.mark.parametrize(
+    "rows", [[0], [0] * 30, [0] * 15 + [1] * 15], ids=["one", "the same", "two"]
+)
 @pytest.mark.parametrize("base", ["nominal", "local-poe", "complete"])
-def test_few_configurations_are_fitted_or_refused(rows: list[int], base: str, fanuc_measurements: Measurements) -> None:
+def test_few_configurations_are_fitted_or_refused(
+    rows: list[int], base: str, fanuc_measurements: Measurements
+) -> None:
     data = fanuc_measurements.rows(np.array(rows))
     if base == "local-poe" and len(rows) == 1:
         with pytest.raises(NoSolutionError, match="measure at least 5"):
@@ -260,7 +296,9 @@ def test_few_configurations_are_fitted_or_refused(rows: list[int], base: str, fa
     found = identify(data, base)
     poses = found.forward(data.q)
     left = data.points - transform_points(poses, data.setup.targets)
-    nominal = data.points - transform_points(data.robot.mechanism.forward(data.q), data.setup.targets)
+    nominal = data.points - transform_points(
+        data.robot.mechanism.forward(data.q), data.setup.targets
+    )
     assert np.abs(left).max() <= np.abs(nominal).max()
     assert np.isfinite(compensate_joints(found, fanuc_measurements.q[:5]).q).all()
 
@@ -271,7 +309,9 @@ def test_a_network_is_trained_on_one_configuration_or_refused(
     base: str, regularisation: str, fanuc_measurements: Measurements
 ) -> None:
     options = TrainingOptions(restarts=2, regularisation=regularisation)  # type: ignore[arg-type]
-    repeated = fanuc_measurements.rows(np.zeros(20, dtype=int))  # the very same reading: fitted to the last digit
+    repeated = fanuc_measurements.rows(
+        np.zeros(20, dtype=int)
+    )  # the very same reading: fitted to the last digit
     assert np.isfinite(train(repeated, base, options).forward(fanuc_measurements.q)).all()
     if regularisation == "bayes":
         with pytest.raises(NoSolutionError, match="one configuration"):
@@ -281,7 +321,9 @@ def test_a_network_is_trained_on_one_configuration_or_refused(
 def test_without_errors_nothing_is_left_to_correct_at_any_size() -> None:
     for scale in (0.005, 50.0):
         robot = DrawnChain(tuple(SLIDES + WRIST), TOOL, TARGETS).robot(scale=scale)
-        data = simulate(robot, Simulation(configurations=20, scales=ErrorScales(kinds=()), noise=0.0))
+        data = simulate(
+            robot, Simulation(configurations=20, scales=ErrorScales(kinds=()), noise=0.0)
+        )
         found = identify(data, "complete")
         assert np.abs(found.base.errors["placements"]).max() < 1e-9
         still = replace(found, base=replace(found.base, errors=RobotErrors.of(robot)))

@@ -42,7 +42,9 @@ def test_the_complete_model_sees_more_than_local_poe_where_everything_moves(name
     robot = load_robot(name)
     q = anywhere(robot)
     setup = seen_by(robot.targets)
-    geometric, complete = (observability(robot, setup, q, q, model) for model in ("local-poe", "complete"))
+    geometric, complete = (
+        observability(robot, setup, q, q, model) for model in ("local-poe", "complete")
+    )
     assert geometric.rank < complete.rank == complete.possible
 
 

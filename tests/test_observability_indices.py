@@ -18,7 +18,9 @@ def fanuc_configurations(fanuc: Robot) -> np.ndarray:
     return sample_configurations(fanuc, None, 300, np.random.default_rng(0))
 
 
-def test_they_are_those_of_the_geometry_by_finite_differences(fanuc: Robot, fanuc_configurations: np.ndarray) -> None:
+def test_they_are_those_of_the_geometry_by_finite_differences(
+    fanuc: Robot, fanuc_configurations: np.ndarray
+) -> None:
     """Target points of robots with one placement error each: 30 of 42 directions are seen, their singular values."""
     q, step = fanuc_configurations[:20], 1e-6
 
@@ -28,7 +30,9 @@ def test_they_are_those_of_the_geometry_by_finite_differences(fanuc: Robot, fanu
         ).ravel()
 
     # Tolerances are 1 mm and 1 mrad for every element.
-    columns = [(points(step * e) - points(-step * e)) / (2 * step) * 1e-3 / NOISE for e in np.eye(42)]
+    columns = [
+        (points(step * e) - points(-step * e)) / (2 * step) * 1e-3 / NOISE for e in np.eye(42)
+    ]
     sigma = np.linalg.svd(np.stack(columns, axis=-1), compute_uv=False)
     assert sigma[30] < 1e-6 * sigma[0]
     sigma = sigma[:30]
@@ -43,15 +47,24 @@ def test_they_are_those_of_the_geometry_by_finite_differences(fanuc: Robot, fanu
     assert found == pytest.approx(expected, rel=1e-4)
 
 
-def test_more_configurations_are_never_worse(fanuc: Robot, fanuc_configurations: np.ndarray) -> None:
+def test_more_configurations_are_never_worse(
+    fanuc: Robot, fanuc_configurations: np.ndarray
+) -> None:
     knowledge = Knowledge.of_tolerances(fanuc, NOISE)
-    few, more = (observability_indices(knowledge, fanuc_configurations[:k], fanuc_configurations) for k in (10, 40))
+    few, more = (
+        observability_indices(knowledge, fanuc_configurations[:k], fanuc_configurations)
+        for k in (10, 40)
+    )
     assert more["O3"] > few["O3"]
     assert more["O5"] > few["O5"]
 
 
-def test_too_few_configurations_observe_nothing(fanuc: Robot, fanuc_configurations: np.ndarray) -> None:
-    found = observability_indices(Knowledge.of_tolerances(fanuc, NOISE), fanuc_configurations[:3], fanuc_configurations)
+def test_too_few_configurations_observe_nothing(
+    fanuc: Robot, fanuc_configurations: np.ndarray
+) -> None:
+    found = observability_indices(
+        Knowledge.of_tolerances(fanuc, NOISE), fanuc_configurations[:3], fanuc_configurations
+    )
     assert set(found.values()) == {0.0}
 
 

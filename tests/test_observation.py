@@ -9,7 +9,13 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.measurement.observation import measured_in_base, observation_matrix, residuals, target_columns, weights
+from calibtool.measurement.observation import (
+    measured_in_base,
+    observation_matrix,
+    residuals,
+    target_columns,
+    weights,
+)
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
@@ -53,7 +59,9 @@ def predicted(setup: Setup, pose: Array, turned_from: Array) -> Array:
     """Observation (d,) in K_0: target points, and the sensor's turn from a reference orientation."""
     parts = [pose[:3, :3] @ target + pose[:3, 3] for target in setup.targets]
     if setup.R_tool_sensor is not None:
-        parts.append(Rotation.from_matrix(pose[:3, :3] @ setup.R_tool_sensor @ turned_from.T).as_rotvec())
+        parts.append(
+            Rotation.from_matrix(pose[:3, :3] @ setup.R_tool_sensor @ turned_from.T).as_rotvec()
+        )
     return np.concatenate(parts)
 
 
@@ -62,7 +70,9 @@ def sensor_in_base(setup: Setup, pose: Array) -> Array:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_observation_matrix_is_the_derivative_by_the_pose_error(kind: str, rng: np.random.Generator) -> None:
+def test_observation_matrix_is_the_derivative_by_the_pose_error(
+    kind: str, rng: np.random.Generator
+) -> None:
     setup = random_setup(kind, rng)
     poses = np.stack([random_pose(rng) for _ in range(4)])
     P = observation_matrix(setup, poses)
@@ -76,7 +86,9 @@ def test_observation_matrix_is_the_derivative_by_the_pose_error(kind: str, rng: 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_target_columns_are_the_derivative_by_targets_and_sensor_turn(kind: str, rng: np.random.Generator) -> None:
+def test_target_columns_are_the_derivative_by_targets_and_sensor_turn(
+    kind: str, rng: np.random.Generator
+) -> None:
     setup = random_setup(kind, rng)
     m = len(setup.targets)
     poses = np.stack([random_pose(rng) for _ in range(4)])
@@ -95,7 +107,9 @@ def test_target_columns_are_the_derivative_by_targets_and_sensor_turn(kind: str,
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_residuals_of_exact_data_are_zero_wherever_the_instrument_stands(kind: str, rng: np.random.Generator) -> None:
+def test_residuals_of_exact_data_are_zero_wherever_the_instrument_stands(
+    kind: str, rng: np.random.Generator
+) -> None:
     robot = load_robot("ur5")
     q = robot.lower + (robot.upper - robot.lower) * rng.random((7, robot.n))
     poses = robot.mechanism.forward(q)
@@ -106,7 +120,9 @@ def test_residuals_of_exact_data_are_zero_wherever_the_instrument_stands(kind: s
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_residuals_are_measured_minus_predicted_along_the_axes_of_the_base(kind: str, rng: np.random.Generator) -> None:
+def test_residuals_are_measured_minus_predicted_along_the_axes_of_the_base(
+    kind: str, rng: np.random.Generator
+) -> None:
     robot = load_robot("ur5")
     q = robot.lower + (robot.upper - robot.lower) * rng.random((5, robot.n))
     poses = robot.mechanism.forward(q)
@@ -130,7 +146,9 @@ def test_measured_values_come_back_to_the_base_frame(rng: np.random.Generator) -
     setup = random_setup("6-D sensor", rng)
     points, rotations = measured_in_base(exact_measurements(robot, setup, q, poses), setup)
     assert rotations is not None
-    assert np.allclose(points[:, 0], poses[:, :3, :3] @ setup.targets[0] + poses[:, :3, 3], atol=1e-12)
+    assert np.allclose(
+        points[:, 0], poses[:, :3, :3] @ setup.targets[0] + poses[:, :3, 3], atol=1e-12
+    )
     assert np.allclose(rotations, poses[:, :3, :3] @ setup.R_tool_sensor, atol=1e-12)
 
 
@@ -139,7 +157,9 @@ def test_weights_turn_the_stated_noise_into_one(kind: str, rng: np.random.Genera
     robot = load_robot("ur5")
     q = np.zeros((2, 6))
     setup = random_setup(kind, rng)
-    measurements = exact_measurements(robot, setup, q, robot.mechanism.forward(q))  # 0.02 mm, 0.3 mrad
+    measurements = exact_measurements(
+        robot, setup, q, robot.mechanism.forward(q)
+    )  # 0.02 mm, 0.3 mrad
     sigma = [0.02e-3] * (3 * len(setup.targets)) + [0.3e-3] * (3 * (kind == "6-D sensor"))
     assert np.allclose(weights(measurements) * sigma, 1.0, atol=0, rtol=1e-14)
 
@@ -168,10 +188,14 @@ def test_deviations_of_axes_weigh_along_the_instrument_s_axes(rng: np.random.Gen
     np.testing.assert_allclose(left - moved, columns @ step, atol=1e-12)
     even = replace(measurements, deviations=np.full((5, 9), measurements.noise_position))
     same = (weighted_residuals(even, even.setup, pose) ** 2).sum(axis=-1)
-    np.testing.assert_allclose(same, (weighted_residuals(measurements, measurements.setup, pose) ** 2).sum(axis=-1))
+    np.testing.assert_allclose(
+        same, (weighted_residuals(measurements, measurements.setup, pose) ** 2).sum(axis=-1)
+    )
 
 
-def test_an_instrument_that_is_bad_along_one_axis_is_believed_along_the_others(rng: np.random.Generator) -> None:
+def test_an_instrument_that_is_bad_along_one_axis_is_believed_along_the_others(
+    rng: np.random.Generator,
+) -> None:
     from calibtool.calibration import identify
     from calibtool.measurement.simulate import Simulation, simulate
 
@@ -181,8 +205,12 @@ def test_an_instrument_that_is_bad_along_one_axis_is_believed_along_the_others(r
         exact = simulate(robot, Simulation(seed=seed, configurations=60, noise=0.0))
         deviations = np.tile([2e-3, 0.02e-3, 0.02e-3], (60, 3))
         noisy = exact.points + rng.normal(size=exact.points.shape) * deviations.reshape(60, 3, 3)
-        measurements = replace(exact, points=noisy, noise_position=float(np.sqrt((deviations**2).mean())))
-        fresh = simulate(robot, Simulation(seed=9, configurations=200, noise=0.0, same_robot=exact.truth))
+        measurements = replace(
+            exact, points=noisy, noise_position=float(np.sqrt((deviations**2).mean()))
+        )
+        fresh = simulate(
+            robot, Simulation(seed=9, configurations=200, noise=0.0, same_robot=exact.truth)
+        )
         for told in (replace(measurements, deviations=deviations), measurements):
             poses = identify(told, "complete").forward(fresh.q)
             truth = fresh.truth.actual.forward(fresh.q)  # type: ignore[union-attr]

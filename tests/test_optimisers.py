@@ -86,7 +86,9 @@ def test_gradient_descent_follows_the_gradient() -> None:
 def test_gradient_descent_shortens_a_step_that_would_go_uphill() -> None:
     loss, network, _ = taught(1)
     before = loss.value(network)
-    for (candidate, _), _ in zip(gradient_descent(network, loss, rate=1e4), range(20), strict=False):
+    for (candidate, _), _ in zip(
+        gradient_descent(network, loss, rate=1e4), range(20), strict=False
+    ):
         assert loss.value(candidate) <= before
         before = loss.value(candidate)
     assert before < loss.value(network)
@@ -103,7 +105,9 @@ def test_gradient_descent_does_not_depend_on_the_units_of_the_loss() -> None:
 
 def test_gradient_descent_gets_near_the_solution_with_patience() -> None:
     loss, _, teacher = taught(0)
-    start = teacher.with_weights(teacher.weights + 0.05 * np.random.default_rng(0).normal(size=teacher.weights.size))
+    start = teacher.with_weights(
+        teacher.weights + 0.05 * np.random.default_rng(0).normal(size=teacher.weights.size)
+    )
     best, _ = run(gradient_descent, start, loss, None, Stopping(1500, 1500, 0.0))
     assert loss.value(best) < 0.05 * loss.value(start)
     assert GD_STOPPING.max_iterations > 1500
@@ -125,9 +129,16 @@ def scripted(values: list[float]) -> tuple[Loss, Network, object]:
 
 @pytest.mark.parametrize(
     ("values", "lowest"),
-    [([5.0, 3.0, 2.0, 4.0, 6.0], 3), ([1.0, 2.0, 3.0], 1), ([4.0, 3.0, 2.0, 1.0], 4), ([5.0, 1.0, 4.0, 0.5, 9.0], 4)],
+    [
+        ([5.0, 3.0, 2.0, 4.0, 6.0], 3),
+        ([1.0, 2.0, 3.0], 1),
+        ([4.0, 3.0, 2.0, 1.0], 4),
+        ([5.0, 1.0, 4.0, 0.5, 9.0], 4),
+    ],
 )
-def test_early_stopping_hands_back_the_lowest_validation_loss(values: list[float], lowest: int) -> None:
+def test_early_stopping_hands_back_the_lowest_validation_loss(
+    values: list[float], lowest: int
+) -> None:
     loss, network, steps = scripted(values)
     best, history = run(steps, constant(network, 10.0), loss, loss, Stopping(100, 100, 1e-7))  # type: ignore[arg-type]
     assert history.chosen == lowest
@@ -205,7 +216,9 @@ def test_bayesian_training_gives_up_where_every_step_goes_uphill() -> None:
     assert found.history.reason == "the regularised loss cannot be lowered further"
 
 
-def test_bayesian_training_has_a_largest_number_of_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bayesian_training_has_a_largest_number_of_iterations(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     loss, network, _ = taught(0)
     monkeypatch.setattr("calibtool.equivalent.bayesian._MAX_ITERATIONS", 2)
     found = train_bayesian(network, loss)

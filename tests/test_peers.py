@@ -37,7 +37,9 @@ def test_scripts_compile(script, tmp_path):
 def test_requirements_are_pinned_and_name_no_address():
     lines = (PEERS / "requirements.txt").read_text(encoding="utf-8").splitlines()
     packages = [line for line in lines if line and not line.startswith("#")]
-    assert all(line.count("==") == 1 and "/" not in line and not line.startswith("-") for line in packages)
+    assert all(
+        line.count("==") == 1 and "/" not in line and not line.startswith("-") for line in packages
+    )
 
 
 def test_a_missing_peer_is_a_line_of_the_table(peer, tmp_path, capsys):
@@ -46,7 +48,10 @@ def test_a_missing_peer_is_a_line_of_the_table(peer, tmp_path, capsys):
     geometry.ENTRIES = (geometry.Entry("nobody's tool", "no_such_package", {}, 1),)
     geometry.table([tmp_path], 1)
     out = capsys.readouterr().out
-    assert "nobody's tool | skipped: no_such_package is not installed (pip install -r benchmarks/peers/" in out
+    assert (
+        "nobody's tool | skipped: no_such_package is not installed (pip install -r benchmarks/peers/"
+        in out
+    )
 
 
 def test_run_says_why_a_table_is_missing(peer, monkeypatch):
@@ -72,12 +77,18 @@ def test_the_urdf_is_the_mdh_robot(peer, tmp_path):
 
     q = np.random.default_rng(1).uniform(-3, 3, 6)
     T = np.eye(4)
-    for (alpha, a, theta, d), angle in zip(geometry.MDH, q, strict=True):  # Craig: Rx(α) Tx(a) Rz(θ + q) Tz(d)
+    for (alpha, a, theta, d), angle in zip(
+        geometry.MDH, q, strict=True
+    ):  # Craig: Rx(α) Tx(a) Rz(θ + q) Tz(d)
         link = np.eye(4)
-        link[:3, :3] = (Rotation.from_rotvec([alpha, 0, 0]) * Rotation.from_rotvec([0, 0, theta + angle])).as_matrix()
+        link[:3, :3] = (
+            Rotation.from_rotvec([alpha, 0, 0]) * Rotation.from_rotvec([0, 0, theta + angle])
+        ).as_matrix()
         link[:3, 3] = [a / 1e3, *Rotation.from_rotvec([alpha, 0, 0]).apply([0, 0, d / 1e3])[1:]]
         T = T @ link
-    np.testing.assert_allclose(load_robot(str(tmp_path / "robot.urdf")).mechanism.forward(q[None])[0], T, atol=1e-12)
+    np.testing.assert_allclose(
+        load_robot(str(tmp_path / "robot.urdf")).mechanism.forward(q[None])[0], T, atol=1e-12
+    )
 
 
 def test_the_simulated_mdh_robot_has_mdh_parameters(peer):
@@ -88,6 +99,8 @@ def test_the_simulated_mdh_robot_has_mdh_parameters(peer):
     errors = geometry.geometric_errors("mdh", load_robot("ur10"), np.random.default_rng(0))
 
     placements = geometry.mdh_placements(geometry.MDH) @ exp6(errors["placements"][:6])
-    np.testing.assert_allclose(placements[:, 0, 2], 0.0, atol=1e-12)  # a turn about the common normal, then about z
+    np.testing.assert_allclose(
+        placements[:, 0, 2], 0.0, atol=1e-12
+    )  # a turn about the common normal, then about z
     assert not errors["twists"].any()
     assert not errors["offsets"].any()

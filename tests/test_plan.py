@@ -19,14 +19,25 @@ NOISE = 0.05e-3
 
 
 def planned(
-    robot: Robot, count: int = 8, criterion: Criterion = "d", workspace: str | None = None, **options: bool
+    robot: Robot,
+    count: int = 8,
+    criterion: Criterion = "d",
+    workspace: str | None = None,
+    **options: bool,
 ) -> Plan:
     knowledge = Knowledge.of_tolerances(robot, NOISE)
     space = robot.workspace(workspace)[1]
     constraints = Constraints(singularity_distance=0.05, joint_margin=0.02)
     rng = np.random.default_rng(0)
     return make_plan(
-        knowledge, space, count, constraints=constraints, criterion=criterion, candidates=100, rng=rng, **options
+        knowledge,
+        space,
+        count,
+        constraints=constraints,
+        criterion=criterion,
+        candidates=100,
+        rng=rng,
+        **options,
     )
 
 

@@ -78,7 +78,9 @@ def test_constraints_make_it_smaller(fanuc: Robot) -> None:
     shelf = Constraints(keep_out=((*(corner - 0.1), *(corner + 0.1)),))
     bound = plan_test(fanuc, space, shelf, fanuc.targets)
     assert 0 < bound.edge < free.edge
-    with pytest.raises(NoSolutionError, match="P4 of a 1000 mm cube fails --keep-out; give a smaller --cube-mm"):
+    with pytest.raises(
+        NoSolutionError, match="P4 of a 1000 mm cube fails --keep-out; give a smaller --cube-mm"
+    ):
         plan_test(fanuc, space, shelf, fanuc.targets, edge=free.edge)
 
 

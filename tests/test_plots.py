@@ -29,19 +29,25 @@ from calibtool.robot.model import Robot
 WIDTH = 120.0
 
 
-def evaluation(names: list[str], oriented: bool = True, rows: int = 30, exact: bool = False) -> Evaluation:
+def evaluation(
+    names: list[str], oriented: bool = True, rows: int = 30, exact: bool = False
+) -> Evaluation:
     rng = np.random.default_rng(0)
     size = 0.0 if exact else 1e-3
     methods = [
         MethodErrors(
-            name, rng.normal(size=(rows, 1, 3)) * size, rng.normal(size=(rows, 3)) * size if oriented else None
+            name,
+            rng.normal(size=(rows, 1, 3)) * size,
+            rng.normal(size=(rows, 3)) * size if oriented else None,
         )
         for name in names
     ]
     return Evaluation("ur5", rows, "compensated", methods, [0] * len(names))
 
 
-def judged(measurements: Measurements, names: list[str], oriented: bool = True, **extra: object) -> Subject:
+def judged(
+    measurements: Measurements, names: list[str], oriented: bool = True, **extra: object
+) -> Subject:
     """A subject with made-up errors at real configurations."""
     return Subject([], measurements, evaluation(names, oriented, len(measurements)), **extra)  # type: ignore[arg-type]
 
@@ -50,7 +56,9 @@ def texts(svg: bytes) -> str:
     """What is written in an SVG whose text is text."""
     root = ElementTree.fromstring(svg)
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
-    return " ".join("".join(element.itertext()) for element in root.iter("{http://www.w3.org/2000/svg}text"))
+    return " ".join(
+        "".join(element.itertext()) for element in root.iter("{http://www.w3.org/2000/svg}text")
+    )
 
 
 def written(kind: str, subject: Subject) -> str:
@@ -83,7 +91,9 @@ def test_any_other_extension_is_wrong_usage(name: str) -> None:
         image_format(name)
 
 
-def test_a_picture_has_the_width_asked_for_and_something_on_it(fanuc_measurements: Measurements) -> None:
+def test_a_picture_has_the_width_asked_for_and_something_on_it(
+    fanuc_measurements: Measurements,
+) -> None:
     image = picture(draw("errors", judged(fanuc_measurements, ["nominal", "paper"]), "png", 85.0))
     assert image.shape[1] == pytest.approx(85 / 25.4 * 300, abs=1)
     assert image[..., :3].std() > 0.01
@@ -91,13 +101,23 @@ def test_a_picture_has_the_width_asked_for_and_something_on_it(fanuc_measurement
 
 def test_errors_name_methods_units_and_axes(fanuc_measurements: Measurements) -> None:
     found = written("errors", judged(fanuc_measurements, ["nominal", "paper", "local-poe"]))
-    for word in ("nominal", "paper", "local-poe", "position error, mm", "orientation error, mrad", "configuration"):
+    for word in (
+        "nominal",
+        "paper",
+        "local-poe",
+        "position error, mm",
+        "orientation error, mrad",
+        "configuration",
+    ):
         assert word in found
 
 
 def test_without_orientation_there_is_no_panel_for_it(fanuc_measurements: Measurements) -> None:
     subject = judged(
-        fanuc_measurements, ["nominal", "a"], oriented=False, limits=(parse_limit("orientation_max_mrad=1"),)
+        fanuc_measurements,
+        ["nominal", "a"],
+        oriented=False,
+        limits=(parse_limit("orientation_max_mrad=1"),),
     )
     for kind in ("errors", "distribution"):
         assert "orientation" not in written(kind, subject)
@@ -117,7 +137,9 @@ def test_names_of_many_methods_are_shown_as_they_are(fanuc_measurements: Measure
 
 def test_the_limit_is_drawn(fanuc_measurements: Measurements) -> None:
     limits = (parse_limit("position_p95_mm=0.7"),)
-    assert "p95 ≤ 0.7 mm" in written("distribution", judged(fanuc_measurements, ["nominal", "a"], limits=limits))
+    assert "p95 ≤ 0.7 mm" in written(
+        "distribution", judged(fanuc_measurements, ["nominal", "a"], limits=limits)
+    )
 
 
 def test_an_arrow_is_magnified_to_a_tenth_of_the_workspace_at_most() -> None:
@@ -135,11 +157,19 @@ def test_a_training_shows_both_losses_and_the_kept_iteration(fanuc_network: Cali
     assert fanuc_network.training is not None
     found = written("training", Subject([("paper", fanuc_network)]))
     chosen = fanuc_network.training.history.chosen
-    for word in ("paper: task loss, lm", "training", "validation", "without network", f"kept: iteration {chosen}"):
+    for word in (
+        "paper: task loss, lm",
+        "training",
+        "validation",
+        "without network",
+        f"kept: iteration {chosen}",
+    ):
         assert word in found
 
 
-def test_only_calibrations_with_a_network_are_drawn(fanuc_network: Calibration, fanuc_local_poe: Calibration) -> None:
+def test_only_calibrations_with_a_network_are_drawn(
+    fanuc_network: Calibration, fanuc_local_poe: Calibration
+) -> None:
     both = Subject([("poe", fanuc_local_poe), ("paper", fanuc_network)])
     assert "paper: task loss" in written("training", both)
     assert "poe" not in written("training", both)
@@ -171,7 +201,13 @@ def test_figures_of_errors_need_measurements(fanuc_local_poe: Calibration) -> No
 def test_every_family_of_parameters_is_drawn(fanuc_measurements: Measurements) -> None:
     complete = identify(fanuc_measurements, "complete")
     found = written("parameters", Subject([("complete", complete)]))
-    for word in ("placement errors, mm", "placement errors, mrad", "joint offsets, mrad", "ζ1.x", "q6"):
+    for word in (
+        "placement errors, mm",
+        "placement errors, mrad",
+        "joint offsets, mrad",
+        "ζ1.x",
+        "q6",
+    ):
         assert word in found
 
 
@@ -182,7 +218,13 @@ def test_everything_that_moves_a_joint_is_drawn_with_its_own_name(fanuc: Robot) 
     options = CompleteOptions(orders={"harmonics": 2, "gravity": 1, "backlash": 1, "twists": 1})
     complete = identify(measurements, BaseOptions("complete", options))
     found = written("parameters", Subject([("complete", complete)]))
-    units = {"placements": "mm", "twists": "mm/rad", "harmonics": "mrad", "gravity": "mrad", "backlash": "mrad"}
+    units = {
+        "placements": "mm",
+        "twists": "mm/rad",
+        "harmonics": "mrad",
+        "gravity": "mrad",
+        "backlash": "mrad",
+    }
     for family, unit in units.items():
         assert f"{BY_ID[family].words}, {unit}" in found
     assert "δρ2, mrad" in written("motions", Subject([("complete", complete)]))
@@ -192,7 +234,9 @@ def test_coverage_counts_one_set_of_the_training_once(
     fanuc_measurements: Measurements, fanuc_local_poe: Calibration, fanuc_network: Calibration
 ) -> None:
     both = [("poe", fanuc_local_poe), ("paper", fanuc_network)]
-    found = written("coverage", Subject(both, fanuc_measurements, evaluation(["nominal"], rows=100)))
+    found = written(
+        "coverage", Subject(both, fanuc_measurements, evaluation(["nominal"], rows=100))
+    )
     assert "training of poe, paper" in found
     assert "joint 6, deg" in found
 
@@ -201,7 +245,9 @@ def test_pose_accuracy_and_repeatability(fanuc_measurements: Measurements) -> No
     rows = fanuc_measurements.rows(np.repeat(np.arange(5), 4))
     made = evaluation(["nominal", "a"], rows=20)
     poses = repeated_poses(rows.q, rows.robot.mechanism.forward(rows.q)[:, :3, 3])
-    tested = Evaluation("x", 20, "predicted", made.methods, [0, 0], pose_test=pose_test(made.methods, poses))
+    tested = Evaluation(
+        "x", 20, "predicted", made.methods, [0, 0], pose_test=pose_test(made.methods, poses)
+    )
     found = written("iso9283", Subject([], rows, tested))
     for word in ("AP nominal", "AP a", "RP", "configuration 1", "position, mm"):
         assert word in found
@@ -237,6 +283,8 @@ def test_colours_are_those_of_the_palette(fanuc_measurements: Measurements) -> N
     greys = {
         c
         for c in used
-        if max(int(c[i : i + 2], 16) for i in (1, 3, 5)) - min(int(c[i : i + 2], 16) for i in (1, 3, 5)) < 3
+        if max(int(c[i : i + 2], 16) for i in (1, 3, 5))
+        - min(int(c[i : i + 2], 16) for i in (1, 3, 5))
+        < 3
     }
     assert used - greys == set(COLOURS[1:])

@@ -29,7 +29,11 @@ class CompensatedTable(NamedTuple):
 
 
 def compensate_table(
-    calibration: Calibration, text: str, name: str, method: Method, joint_values: JointValues = "serial"
+    calibration: Calibration,
+    text: str,
+    name: str,
+    method: Method,
+    joint_values: JointValues = "serial",
 ) -> CompensatedTable:
     options = StreamOptions(method=method, joint_values=joint_values)
     corrected, report = compensate_text(calibration, text, name, options)
@@ -43,7 +47,8 @@ UR5_HOME = np.array([0.0, -80.0, 100.0, -110.0, -90.0, 0.0])
 def calibrated(name: str = "ur5") -> Calibration:
     robot = load_robot(name)
     return identify(
-        simulate(robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=30)), "local-poe"
+        simulate(robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=30)),
+        "local-poe",
     )
 
 
@@ -110,7 +115,9 @@ def test_joint_columns_keep_their_order() -> None:
     header = joint_header()
     turned = header[::-1]
     straight = compensate_table(calibrated(), csv(header, np.rad2deg(q)), "t.csv", "exact")
-    backwards = compensate_table(calibrated(), csv(turned, np.rad2deg(q)[:, ::-1]), "t.csv", "exact")
+    backwards = compensate_table(
+        calibrated(), csv(turned, np.rad2deg(q)[:, ::-1]), "t.csv", "exact"
+    )
     assert cells(backwards)[0][:6] == turned
     assert np.array_equal(numbers(straight, header), numbers(backwards, header))
 
@@ -118,7 +125,9 @@ def test_joint_columns_keep_their_order() -> None:
 def test_other_columns_pass_through_untouched() -> None:
     text = "point;j1_deg;j2_deg;j3_deg;speed;j4_deg;j5_deg;j6_deg;note\n"
     text += "P1;0,5;-80;100;250,0;-110;-90;0;weld, slowly\n\nP2;1,5;-80;100;0100;-110;-90;0;\n"
-    header, rows = cells(compensate_table(calibrated(), text.replace(", slowly", " slowly"), "t.csv", "exact"))
+    header, rows = cells(
+        compensate_table(calibrated(), text.replace(", slowly", " slowly"), "t.csv", "exact")
+    )
     kept = [[row[header.index(name)] for name in ("point", "speed", "note")] for row in rows[:2]]
     assert header[-1] == "status"
     assert [row[0] for row in kept] == ["P1", "P2"]
@@ -127,17 +136,22 @@ def test_other_columns_pass_through_untouched() -> None:
 
 def test_a_text_with_commas_passes_through_in_quotes() -> None:
     values = ",".join(map(str, UR5_HOME))
-    result = compensate_table(calibrated(), f'note,{",".join(joint_header())}\n"a, b",{values}\n', "t.csv", "exact")
+    result = compensate_table(
+        calibrated(), f'note,{",".join(joint_header())}\n"a, b",{values}\n', "t.csv", "exact"
+    )
     assert '"a, b"' in result.text
 
 
 def test_rows_keep_their_order_and_do_not_touch_each_other() -> None:
     q = configurations(count=4)
     together = numbers(
-        compensate_table(calibrated(), csv(joint_header(), np.rad2deg(q)), "t.csv", "exact"), joint_header()
+        compensate_table(calibrated(), csv(joint_header(), np.rad2deg(q)), "t.csv", "exact"),
+        joint_header(),
     )
     for k in range(4):
-        alone = compensate_table(calibrated(), csv(joint_header(), np.rad2deg(q[k : k + 1])), "t.csv", "exact")
+        alone = compensate_table(
+            calibrated(), csv(joint_header(), np.rad2deg(q[k : k + 1])), "t.csv", "exact"
+        )
         assert np.allclose(numbers(alone, joint_header())[0], together[k], atol=1e-9)
 
 
@@ -158,7 +172,9 @@ def test_poses_of_a_robot_with_prismatic_joints_become_degrees_and_millimetres()
     robot = load_robot("gantry")
     q = configurations("gantry")
     T = robot.mechanism.forward(q)
-    result = compensate_table(calibrated("gantry"), csv(POSE_HEADER, pose_values(T)), "t.csv", "exact")
+    result = compensate_table(
+        calibrated("gantry"), csv(POSE_HEADER, pose_values(T)), "t.csv", "exact"
+    )
     columns = ["j1_mm", "j2_mm", "j3_mm", "j4_deg", "j5_deg"]
     assert cells(result)[0] == [*columns, "status", "left_mm", "left_mrad"]
     found = numbers(result, columns) * [1e-3, 1e-3, 1e-3, np.pi / 180, np.pi / 180]
@@ -212,16 +228,25 @@ def doubtful() -> tuple[str, list[str]]:
     singular[4] = 0.1
     beyond[0] = 375.0
     rows = [",".join(map(str, row)) for row in (UR5_HOME, singular, beyond, UR5_HOME)]
-    return "\n".join([",".join(joint_header()), rows[0], "", rows[1], rows[2], rows[3]]) + "\n", rows
+    return "\n".join(
+        [",".join(joint_header()), rows[0], "", rows[1], rows[2], rows[3]]
+    ) + "\n", rows
 
 
 def test_the_status_column_and_the_remarks_tell_of_doubtful_rows() -> None:
     result = compensate_table(calibrated(), doubtful()[0], "t.csv", "exact")
     header, rows = cells(result)
-    assert [row[header.index("status")] for row in rows] == ["ok", "near-singular", "out-of-limits", "ok"]
+    assert [row[header.index("status")] for row in rows] == [
+        "ok",
+        "near-singular",
+        "out-of-limits",
+        "ok",
+    ]
     assert len(result.remarks) == 2
     assert result.remarks[0].startswith("t.csv:4: near a singularity")
-    assert result.remarks[1].startswith("t.csv:5: a joint is held at its limit, or outside its limits")
+    assert result.remarks[1].startswith(
+        "t.csv:5: a joint is held at its limit, or outside its limits"
+    )
     assert result.unreachable == 0
 
 
@@ -244,8 +269,15 @@ def test_what_fewer_joints_cannot_correct_is_told_for_every_row() -> None:
     left = numbers(result, ["left_mm", "left_mrad"])
     reached = calibrated("scara").forward(numbers(result, header))
     wanted = load_robot("scara").mechanism.forward(q)
-    turn = Rotation.from_matrix(reached[:, :3, :3] @ np.swapaxes(wanted[:, :3, :3], -1, -2)).magnitude()
-    assert np.allclose(left[:, 0], np.linalg.norm((reached - wanted)[:, :3, 3], axis=-1) * 1e3, rtol=1e-4, atol=1e-6)
+    turn = Rotation.from_matrix(
+        reached[:, :3, :3] @ np.swapaxes(wanted[:, :3, :3], -1, -2)
+    ).magnitude()
+    assert np.allclose(
+        left[:, 0],
+        np.linalg.norm((reached - wanted)[:, :3, 3], axis=-1) * 1e3,
+        rtol=1e-4,
+        atol=1e-6,
+    )
     assert np.allclose(left[:, 1], turn * 1e3, rtol=1e-4, atol=1e-6)
     assert left[:, 1].min() > 1e-3
 
@@ -270,7 +302,9 @@ def test_an_output_is_not_corrected_twice(column: str) -> None:
 
 def test_a_bad_cell_is_named_by_line_and_column() -> None:
     text = csv(joint_header(), UR5_HOME[None]).rstrip() + "\n0,-80,n/a,-110,-90,0\n"
-    with pytest.raises(InputError, match=r"^poses\.csv:3: column 'j3_deg' holds 'n/a'; expected a number"):
+    with pytest.raises(
+        InputError, match=r"^poses\.csv:3: column 'j3_deg' holds 'n/a'; expected a number"
+    ):
         compensate_table(calibrated(), text, "poses.csv", "exact")
 
 
@@ -280,7 +314,9 @@ def test_a_bad_cell_is_named_by_line_and_column() -> None:
 def test_configurations_are_read_from_joints_or_poses() -> None:
     robot = load_robot("ur5")
     q = configurations()
-    assert np.allclose(read_configurations(csv(joint_header(), np.rad2deg(q)), "t.csv", robot), q, atol=1e-12)
+    assert np.allclose(
+        read_configurations(csv(joint_header(), np.rad2deg(q)), "t.csv", robot), q, atol=1e-12
+    )
     T = robot.mechanism.forward(q)
     found = read_configurations(csv(POSE_HEADER, pose_values(T)), "t.csv", robot)
     assert np.abs(robot.mechanism.forward(found) - T).max() < 1e-7

@@ -212,7 +212,10 @@ def test_both_points_of_a_circle(instruction: str) -> None:
         (f"Gripper {A},1;", "its tool: Gripper is no instruction whose tool is known"),
         (f"rPick {A};", "its tool: rPick is no instruction whose tool is known"),
         (f"MoveL {A},v1,fine,tools{{i}};", "its tool: an expression"),
-        (f"MoveL {A},v1,fine,gripper;", "tool 'gripper' is not known; give it with --frames, [tools.gripper]"),
+        (
+            f"MoveL {A},v1,fine,gripper;",
+            "tool 'gripper' is not known; give it with --frames, [tools.gripper]",
+        ),
         (f"MoveL {A},v1,fine,tool0\\WObj:=table;", "frame 'table' is not known; give it with"),
         (f"list.start := {A};", "stands in something that is not followed"),
     ],
@@ -222,16 +225,27 @@ def test_no_position_is_passed_over(instruction: str, why: str) -> None:
 
 
 def test_a_position_found_by_a_search_is_no_constant() -> None:
-    text = procedure("SearchL di1,s,p,v1,tool0;", "MoveL s,v1,fine,tool0;", before=CELL + "VAR robtarget s;")
+    text = procedure(
+        "SearchL di1,s,p,v1,tool0;", "MoveL s,v1,fine,tool0;", before=CELL + "VAR robtarget s;"
+    )
     assert whys(text)[5] == "is found by SearchL (line 4)"
 
 
 def test_assignments_are_followed() -> None:
     before = f"{GUN} VAR robtarget v:={A}; CONST robtarget r:={B};"
     program, flow, _, left = followed(
-        procedure("IF di1=1 v:=r;", "MoveL v,v1,fine,tool0;", "v:=CRobT();", "MoveL v,v1,fine,tool0;", before=before)
+        procedure(
+            "IF di1=1 v:=r;",
+            "MoveL v,v1,fine,tool0;",
+            "v:=CRobT();",
+            "MoveL v,v1,fine,tool0;",
+            before=before,
+        )
     )
-    assert sorted((use.line, program.literals[use.literal].name) for use in flow.uses) == [(5, "r"), (5, "v")]
+    assert sorted((use.line, program.literals[use.literal].name) for use in flow.uses) == [
+        (5, "r"),
+        (5, "v"),
+    ]
     assert left == {}
     assert {r.line: r.why for r in flow.remarks} == {
         5: "is computed (line 6)",  # in the next cycle
@@ -250,8 +264,12 @@ def test_assignments_are_followed() -> None:
     ],
 )
 def test_a_component_that_is_assigned(change: str, left: bool) -> None:
-    text = procedure(change, "MoveL v,v1,fine,tool0;", before=f"VAR robtarget v:={A}; VAR robtarget w;")
-    text = text.replace("ENDMODULE", "PROC change(INOUT robtarget v)\nv.trans.x:=1;\nENDPROC\nENDMODULE")
+    text = procedure(
+        change, "MoveL v,v1,fine,tool0;", before=f"VAR robtarget v:={A}; VAR robtarget w;"
+    )
+    text = text.replace(
+        "ENDMODULE", "PROC change(INOUT robtarget v)\nv.trans.x:=1;\nENDPROC\nENDMODULE"
+    )
     assert ("(line 4)" in whys(text).get(2, "")) == left
 
 
@@ -267,9 +285,13 @@ def test_a_component_that_is_assigned(change: str, left: bool) -> None:
     ],
 )
 def test_a_work_object_is_the_one_in_force(change: str, after: list[float]) -> None:
-    text = procedure(change, "MoveL p,v1,fine,tool0\\WObj:=fix;", before=CELL + "VAR wobjdata other;")
+    text = procedure(
+        change, "MoveL p,v1,fine,tool0\\WObj:=fix;", before=CELL + "VAR wobjdata other;"
+    )
     if "place" in change:
-        text = text.replace("ENDMODULE", "PROC place()\nfix.uframe.trans:=[900,0,0];\nENDPROC\nENDMODULE")
+        text = text.replace(
+            "ENDMODULE", "PROC place()\nfix.uframe.trans:=[900,0,0];\nENDPROC\nENDMODULE"
+        )
     found = next(position for position in followed(text)[2] if position.frame is not None)
     np.testing.assert_allclose(found.frame.T[:3, 3], after, atol=1e-12)
 
@@ -278,10 +300,16 @@ def test_a_work_object_is_the_one_in_force(change: str, after: list[float]) -> N
     ("lines", "why"),
     [
         (["IF di1=1 fix.uframe.trans:=[700,0,0];"], "several frames"),
-        (["FOR i FROM 1 TO 3 DO", "fix.oframe.trans.x:=i*100;", "ENDFOR"], "a component of it is assigned (line 5)"),
+        (
+            ["FOR i FROM 1 TO 3 DO", "fix.oframe.trans.x:=i*100;", "ENDFOR"],
+            "a component of it is assigned (line 5)",
+        ),
         (["fix:=measured();"], "is computed (line 4)"),
         (["gun.tframe.trans.z:=160;", "IF a gun:=other;"], "its tool: "),
-        (["TEST part", "CASE 1:", "gun:=long;", "DEFAULT:", "gun:=short;", "ENDTEST"], "several tools"),
+        (
+            ["TEST part", "CASE 1:", "gun:=long;", "DEFAULT:", "gun:=short;", "ENDTEST"],
+            "several tools",
+        ),
         (["PDispOn p,tool0;"], "a program displacement (line 4)"),
     ],
 )
@@ -293,7 +321,12 @@ def test_a_frame_that_is_not_known_at_a_motion(lines: list[str], why: str) -> No
 
 
 def test_a_displacement_by_a_constant_is_taken_in() -> None:
-    lines = ["PDispSet [[10,0,0],[1,0,0,0]];", "MoveL p,v1,fine,tool0;", "PDispOff;", "MoveL r,v1,fine,tool0;"]
+    lines = [
+        "PDispSet [[10,0,0],[1,0,0,0]];",
+        "MoveL p,v1,fine,tool0;",
+        "PDispOff;",
+        "MoveL r,v1,fine,tool0;",
+    ]
     assert uses(*lines) == [(5, "p", [0.01, 0, 0], HERE), (7, "r", HERE, HERE)]
 
 
@@ -317,7 +350,10 @@ def test_a_work_piece_in_the_robots_hand(data: str) -> None:
         ("[[0,0,0],[0,0,0,0],[0,0,0,0],[0,0,0,0,0,0]]", "not taught"),
         (f"[[x,2,3],[1,0,0,0],[0,0,0,0],{EXTERNAL}]", "a variable or an expression (x)"),
         (f"[spot,[1,0,0,0],[0,0,0,0],{EXTERNAL}]", "a variable or an expression (spot)"),
-        (f"[[1,2,3],OrientZYX(0,0,0),[0,0,0,0],{EXTERNAL}]", "a variable or an expression (OrientZYX(0,0,0))"),
+        (
+            f"[[1,2,3],OrientZYX(0,0,0),[0,0,0,0],{EXTERNAL}]",
+            "a variable or an expression (OrientZYX(0,0,0))",
+        ),
         ("[[1,2,3],[1,0,0,0],[0,0,0,0],[0,350.5,9E9,9E9,9E9,9E9]]", "external axes beside a pose"),
     ],
 )
@@ -329,7 +365,9 @@ def test_a_position_that_is_none_does_not_stop_the_others(target: str, why: str)
     assert bad(text) == {}
 
 
-@pytest.mark.parametrize("external", ["[9E9,9E9,9E9,9E9,9E9,9E9]", "[0,0,0,0,0,0]", "[0.0,9E+09,1E10,0,9e9,0]"])
+@pytest.mark.parametrize(
+    "external", ["[9E9,9E9,9E9,9E9,9E9,9E9]", "[0,0,0,0,0,0]", "[0.0,9E+09,1E10,0,9e9,0]"]
+)
 def test_values_of_no_external_axis(external: str) -> None:
     assert whys(procedure(f"MoveL {A.replace(EXTERNAL, external)},v1,fine,tool0;")) == {}
 
@@ -342,7 +380,11 @@ def test_names_of_modules_and_routines_hide_others() -> None:
     )
     program, flow, _, left = followed(text)
     assert left == {}
-    assert sorted((use.line, program.literals[use.literal].line) for use in flow.uses) == [(5, 4), (8, 2), (14, 12)]
+    assert sorted((use.line, program.literals[use.literal].line) for use in flow.uses) == [
+        (5, 4),
+        (8, 2),
+        (14, 12),
+    ]
 
 
 def test_arguments_of_routines() -> None:
@@ -357,8 +399,18 @@ def test_arguments_of_routines() -> None:
 
 
 def test_uses_follow_the_order_of_execution() -> None:
-    text = procedure("near;", "MoveL p,v1,fine,tool0;", "WHILE TRUE DO", "MoveL r,v1,fine,tool0;", "ENDWHILE", before=CELL)
-    text = text.replace("PROC main", f"PROC near()\nMoveAbsJ [[1,2,3,4,5,6],{EXTERNAL}],v1,fine,tool0;\nENDPROC\nPROC main")
+    text = procedure(
+        "near;",
+        "MoveL p,v1,fine,tool0;",
+        "WHILE TRUE DO",
+        "MoveL r,v1,fine,tool0;",
+        "ENDWHILE",
+        before=CELL,
+    )
+    text = text.replace(
+        "PROC main",
+        f"PROC near()\nMoveAbsJ [[1,2,3,4,5,6],{EXTERNAL}],v1,fine,tool0;\nENDPROC\nPROC main",
+    )
     _, flow, _, _ = followed(text)
     line = {number: use.line for number, use in enumerate(flow.uses)}
     came = {use.line: sorted(line[number] for number in use.before) for use in flow.uses}
@@ -375,12 +427,22 @@ def test_line_ends(end: str) -> None:
 
 
 def test_recursion_is_followed_and_refused_without_end() -> None:
-    menu = procedure("MoveL p,v1,fine,tool0;", "IF a THEN", "main;", "ENDIF", "MoveL r,v1,fine,tool0;", before=CELL)
+    menu = procedure(
+        "MoveL p,v1,fine,tool0;",
+        "IF a THEN",
+        "main;",
+        "ENDIF",
+        "MoveL r,v1,fine,tool0;",
+        before=CELL,
+    )
     _, flow, _, _ = followed(menu)
     came = {use.line: {flow.uses[k].line for k in use.before} for use in flow.uses}
     assert came[8] == {4, 8}
     assert bad(menu) == {}
-    assert "calls itself without end" in whys(procedure("MoveL p,v1,fine,tool0;", "main;", before=CELL))[5]
+    assert (
+        "calls itself without end"
+        in whys(procedure("MoveL p,v1,fine,tool0;", "main;", before=CELL))[5]
+    )
 
 
 # --- data that are changed where no assignment says so --------------------------------------------
@@ -406,7 +468,9 @@ TO_FIX = "MoveL p,v1,fine,grip\\WObj:=fix;"
         ("MyOwnCalibration a,grip;", TO_FIX, 3),
     ],
 )
-def test_what_an_instruction_may_change_is_no_constant(instruction: str, move: str, line: int) -> None:
+def test_what_an_instruction_may_change_is_no_constant(
+    instruction: str, move: str, line: int
+) -> None:
     left = followed(procedure(instruction, move, before=CHANGING))[3]
     names = ("Add", "StrToVal", "SetDataVal", "Clear", "MyOwnCalibration")
     (name,) = (name for name in names if name in instruction)
@@ -427,11 +491,15 @@ def test_what_an_instruction_may_change_is_no_constant(instruction: str, move: s
     ],
 )
 def test_what_only_reads_leaves_its_arguments_constant(instruction: str) -> None:
-    _, _, found, _ = followed(procedure(instruction, TO_FIX, "MoveL v,v1,fine,grip\\WObj:=fix;", before=CHANGING))
+    _, _, found, _ = followed(
+        procedure(instruction, TO_FIX, "MoveL v,v1,fine,grip\\WObj:=fix;", before=CHANGING)
+    )
     assert len(found) == 2
 
 
-@pytest.mark.parametrize(("pace", "moves"), [("vmax", True), ("v200", True), ("z5", True), ("3", False)])
+@pytest.mark.parametrize(
+    ("pace", "moves"), [("vmax", True), ("v200", True), ("z5", True), ("3", False)]
+)
 def test_what_gets_a_speed_or_a_zone_is_a_motion_and_only_reads(pace: str, moves: bool) -> None:
     text = procedure(f"OwnMove v,{pace},grip;", "MoveL v,v1,fine,grip;", before=CHANGING)
     assert (len(followed(text)[2]) == 1) == moves
@@ -446,12 +514,19 @@ def test_what_gets_a_speed_or_a_zone_is_a_motion_and_only_reads(pace: str, moves
         ("%name%;", "PROC setw()\nfix.uframe.trans.x:=700;\nENDPROC"),
         ('CallByVar "set",n;', "PROC set3()\nfix.uframe.trans.x:=700;\nENDPROC"),
         ("CONNECT i WITH t;", "TRAP t\nfix.uframe.trans.x:=700;\nENDTRAP"),
-        ("CONNECT i WITH t;", "TRAP t\nsetw;\nENDTRAP\nPROC setw()\nfix.uframe.trans.x:=7;\nENDPROC"),
+        (
+            "CONNECT i WITH t;",
+            "TRAP t\nsetw;\nENDTRAP\nPROC setw()\nfix.uframe.trans.x:=7;\nENDPROC",
+        ),
     ],
 )
-def test_frames_that_routines_change_at_times_that_are_not_followed(call: str, routine: str) -> None:
+def test_frames_that_routines_change_at_times_that_are_not_followed(
+    call: str, routine: str
+) -> None:
     first = "fix.uframe:=[[600,100,-200],[1,0,0,0]];"
-    text = procedure(first, call, TO_FIX, before=CHANGING) + "MODULE B\n" + routine + "\nENDMODULE\n"
+    text = (
+        procedure(first, call, TO_FIX, before=CHANGING) + "MODULE B\n" + routine + "\nENDMODULE\n"
+    )
     line = text[: text.index("trans.x:=7")].count("\n") + 1
     why = followed(text)[3][3]
     assert why.startswith("its frame: ")

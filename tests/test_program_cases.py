@@ -121,7 +121,10 @@ RIGHT: dict[str, dict[int, Sequence[float] | str]] = {
     "lin_status.src": {5: JOINTS, 6: (2300.400, 707.454, 458.716)},
     "untaught.dat": {3: "not taught", 5: (2301.123, 439.518, 608.298)},
     "declared_order.src": {6: (2301.487, 704.841, 458.732), 7: ()},
-    "fixed_tool.src": {6: JOINTS, 7: r"the robot holds the work piece.*\(\$IPO_MODE=#TCP, line 5\)"},
+    "fixed_tool.src": {
+        6: JOINTS,
+        7: r"the robot holds the work piece.*\(\$IPO_MODE=#TCP, line 5\)",
+    },
 }
 
 

@@ -34,7 +34,9 @@ SPAN = re.compile(r" *[-+]?\d*\.?\d+")
 @cache
 def bench() -> ModuleType:
     """benchmarks/programs.py, which writes programs of any length."""
-    spec = importlib.util.spec_from_file_location("bench_programs", ROOT / "benchmarks" / "programs.py")
+    spec = importlib.util.spec_from_file_location(
+        "bench_programs", ROOT / "benchmarks" / "programs.py"
+    )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -117,7 +119,9 @@ def test_only_numbers_change(sample: str) -> None:
         for target in reader(program_format)(before, load_robot(SAMPLES[sample])).literals
         for k in range(7)
     }
-    for k, (one, other) in enumerate(zip(before.splitlines(), after.splitlines(), strict=True), start=1):
+    for k, (one, other) in enumerate(
+        zip(before.splitlines(), after.splitlines(), strict=True), start=1
+    ):
         assert one == other or k in lines
 
 
@@ -127,13 +131,17 @@ def test_columns_stay_columns() -> None:
     result = compensate_program(calibrations("fanuc-m1000ia")[1], data, "weld.ls", program_format)
     before, after = data.splitlines(), result.data.splitlines()
     assert [len(line) for line in after[20:22]] == [len(line) for line in before[20:22]]
-    assert all(len(one) <= len(other) <= len(one) + 3 for one, other in zip(before, after, strict=True))
+    assert all(
+        len(one) <= len(other) <= len(one) + 3 for one, other in zip(before, after, strict=True)
+    )
 
 
 def test_bytes_of_any_encoding_pass_through() -> None:
     text = "DEF a()\n; Türe öffnen\nPTP {A1 0,A2 10,A3 -10,A4 0,A5 -70,A6 0}\nEND\n"
     for encoding in ("utf-8", "latin-1"):
-        result = compensate_program(calibrations("fanuc-m1000ia")[1], text.encode(encoding), "a.src", "kuka-krl")
+        result = compensate_program(
+            calibrations("fanuc-m1000ia")[1], text.encode(encoding), "a.src", "kuka-krl"
+        )
         assert result.data.splitlines()[1] == text.encode(encoding).splitlines()[1]
         assert result.changed == 1
 
@@ -144,10 +152,15 @@ def test_bytes_of_any_encoding_pass_through() -> None:
 def test_frames_and_tools() -> None:
     """The same flange pose, written in a frame and with a tool, gets the same corrected joints."""
     robot, calibration = load_robot("fanuc-m1000ia"), calibrations("fanuc-m1000ia")[1]
-    frames = read_frames("[frames.3]\nx_mm=900\nyaw_deg=20\n[tools.2]\nz_mm=150\npitch_deg=30\n", "f")
+    frames = read_frames(
+        "[frames.3]\nx_mm=900\nyaw_deg=20\n[tools.2]\nz_mm=150\npitch_deg=30\n", "f"
+    )
     q = np.deg2rad([[20.0, 20, -30, 5, -60, 10]])
     T = inverse(frames.frames["3"]) @ robot.mechanism.forward(q)[0] @ frames.tools["2"]
-    numbers = [*T[:3, 3] * 1e3, *bench().Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)]
+    numbers = [
+        *T[:3, 3] * 1e3,
+        *bench().Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True),
+    ]
     text = (FOLDER / "weld.ls").read_bytes().decode("ascii")
     old = ["100.000", "200.000", "50.000", "180.000", "0.000", "0.000"]
     head, tail = text[: text.index("P[5]{")], text[text.index("P[5]{") :]
@@ -155,9 +168,13 @@ def test_frames_and_tools() -> None:
         tail = re.sub(rf"{key} = +{was}", f"{key} = {value:.7f}", tail, count=1)
     options = ProgramOptions(frames=frames)
     result = compensate_program(calibration, (head + tail).encode(), "a", "fanuc-ls", options)
-    framed = next(t for t in reader("fanuc-ls")(result.data.decode(), robot).literals if t.name == "P[5]")
+    framed = next(
+        t for t in reader("fanuc-ls")(result.data.decode(), robot).literals if t.name == "P[5]"
+    )
     T_new = frames.frames["3"] @ pose(framed.values, "wpr") @ inverse(frames.tools["2"])
-    np.testing.assert_allclose(T_new, robot.mechanism.forward(compensate_joints(calibration, q).q)[0], atol=2e-7)
+    np.testing.assert_allclose(
+        T_new, robot.mechanism.forward(compensate_joints(calibration, q).q)[0], atol=2e-7
+    )
 
 
 def test_default_frame_and_tool() -> None:
@@ -165,7 +182,9 @@ def test_default_frame_and_tool() -> None:
     calibration = calibrations("fanuc-m1000ia")[1]
     result = compensate_program(calibration, text.encode(), "a", "kuka-krl")
     (remark,) = result.left_alone
-    assert remark.why == "the program does not say its frame; give it with --frames, [frames.default]"
+    assert (
+        remark.why == "the program does not say its frame; give it with --frames, [frames.default]"
+    )
     assert result.data == text.encode()
     options = ProgramOptions(frames=read_frames("[frames.default]\n[tools.default]\n", "f"))
     assert compensate_program(calibration, text.encode(), "a", "kuka-krl", options).changed == 1
@@ -180,7 +199,9 @@ def test_joint_values_of_the_controller_and_of_the_chain() -> None:
     data, _ = program_of("weld.ls")
     written = np.array([0.0, 10, -20, 0, -70, 0])
     for joint_values, j3 in (("controller", -10.0), ("serial", -20.0)):
-        result = compensate_program(calibration, data, "a", "fanuc-ls", ProgramOptions(joint_values=joint_values))
+        result = compensate_program(
+            calibration, data, "a", "fanuc-ls", ProgramOptions(joint_values=joint_values)
+        )
         target = reader("fanuc-ls")(result.data.decode(), robot).literals[0]
         chain = written.copy()
         chain[2] = j3
@@ -194,7 +215,12 @@ def test_a_turn_that_changes_is_written_and_said() -> None:
     """A3 is commanded at 0, which T may call negative or not; once corrected only one of the two is true."""
     data, program_format = program_of("drill.dat")
     results = [
-        compensate_program(calibrations("fanuc-m1000ia")[1], data.replace(b"T 25", turn), "drill.dat", program_format)
+        compensate_program(
+            calibrations("fanuc-m1000ia")[1],
+            data.replace(b"T 25", turn),
+            "drill.dat",
+            program_format,
+        )
         for turn in (b"T 25", b"T 29")
     ]
     assert results[0].data.splitlines()[9] == results[1].data.splitlines()[9]
@@ -217,7 +243,9 @@ def test_poses_without_configuration_data_are_corrected_as_poses() -> None:
     q_near = np.array([before.literals[0].values])
     T = pose(before.literals[1].values, "rotation vector") @ inverse(tool)
     expected = robot.mechanism.forward(compensate_poses(calibration, T[None], q_near).q)[0]
-    np.testing.assert_allclose(pose(after.literals[1].values, "rotation vector") @ inverse(tool), expected, atol=1e-7)
+    np.testing.assert_allclose(
+        pose(after.literals[1].values, "rotation vector") @ inverse(tool), expected, atol=1e-7
+    )
 
 
 def test_the_summary() -> None:
@@ -225,10 +253,14 @@ def test_the_summary() -> None:
     result = compensate_program(calibrations("fanuc-m1000ia")[1], data, "weld.ls", program_format)
     lines = result.summary("weld.ls")
     assert re.fullmatch(
-        r"weld\.ls: 4 of 5 targets changed, at most \d\.\d{3} mm and 0\.\d{4} deg; 4 left alone", lines[0]
+        r"weld\.ls: 4 of 5 targets changed, at most \d\.\d{3} mm and 0\.\d{4} deg; 4 left alone",
+        lines[0],
     )
     assert "weld.ls: left alone: a relative motion (INC in line 12): line 30 (P[3])" in lines
-    assert "weld.ls: left alone: frame '3' is not known; give it with --frames, [frames.3]: line 45 (P[5])" in lines
+    assert (
+        "weld.ls: left alone: frame '3' is not known; give it with --frames, [frames.3]: line 45 (P[5])"
+        in lines
+    )
     assert "weld.ls: note: line 13: P[4] is corrected without its offset" in lines
 
 
@@ -253,7 +285,11 @@ BAD = FAR.replace("[1,0,0,0]", "[1,1,0,0]")
     ("line", "error", "why"),
     [
         (FAR, NoSolutionError, r"^a\.mod:2: .*the pose is unreachable"),
-        (BEYOND, NoSolutionError, r"^a\.mod:2: .*joint 2 at 95 deg is outside its limits \(-64 … 90 deg\)"),
+        (
+            BEYOND,
+            NoSolutionError,
+            r"^a\.mod:2: .*joint 2 at 95 deg is outside its limits \(-64 … 90 deg\)",
+        ),
         (BAD, InputError, r"^a\.mod:2: .*length 1.414"),
     ],
 )
@@ -262,7 +298,9 @@ def test_a_target_without_an_answer(line: str, error: type[Exception], why: str)
     data = f"{GOOD}\n{line}\n{GOOD}\n".encode()
     with pytest.raises(error, match=why):
         compensate_program(calibration, data, "a.mod", "abb-rapid")
-    result = compensate_program(calibration, data, "a.mod", "abb-rapid", ProgramOptions(on_error="skip"))
+    result = compensate_program(
+        calibration, data, "a.mod", "abb-rapid", ProgramOptions(on_error="skip")
+    )
     assert result.data.splitlines()[1] == line.encode()
     assert result.changed == 2
     assert [remark.line for remark in result.left_alone] == [2]
@@ -279,13 +317,23 @@ def test_corrections_that_lead_over_a_limit() -> None:
             q = np.deg2rad([degrees])
             corrected = compensate_joints(calibration, q)
             text = f"MoveAbsJ [[{','.join(map(repr, degrees))}],{REST}], v100, fine, tool0;\n"
-            result = compensate_program(calibration, text.encode(), "a", "abb-rapid", ProgramOptions())
-            written = np.deg2rad([[float(v) for v in result.data.decode().split("[[")[1].split("]")[0].split(",")]])
+            result = compensate_program(
+                calibration, text.encode(), "a", "abb-rapid", ProgramOptions()
+            )
+            written = np.deg2rad(
+                [[float(v) for v in result.data.decode().split("[[")[1].split("]")[0].split(",")]]
+            )
             assert robot.within_limits(np.round(written, 9))[0]
             np.testing.assert_allclose(written, corrected.q, atol=1e-6)
             held.append(bool(abs(corrected.q[0, j] - q[0, j]) < 1e-9))
-            named = [remark.why for remark in result.remarks if "limit" in remark.why or "singular" in remark.why]
-            assert len(named) >= held[-1]  # a joint stays at its limit near a singularity: that is said first
+            named = [
+                remark.why
+                for remark in result.remarks
+                if "limit" in remark.why or "singular" in remark.why
+            ]
+            assert (
+                len(named) >= held[-1]
+            )  # a joint stays at its limit near a singularity: that is said first
     assert True in held
     assert False in held
 
@@ -294,7 +342,9 @@ def test_outside_of_the_training_is_refused_on_request() -> None:
     data = GOOD.replace("[[0,", "[[170,").encode()
     calibration = calibrations("fanuc-m1000ia")[1]
     marked = compensate_program(calibration, data, "a", "abb-rapid")
-    assert [remark.why for remark in marked.remarks] == ["outside the configurations of the training"]
+    assert [remark.why for remark in marked.remarks] == [
+        "outside the configurations of the training"
+    ]
     with pytest.raises(NoSolutionError, match="--outside refuse"):
         compensate_program(calibration, data, "a", "abb-rapid", ProgramOptions(outside="refuse"))
 
@@ -305,7 +355,11 @@ def test_a_pose_that_is_left_beside_corrected_ones(change: str) -> None:
     calibration = calibrations("fanuc-m1000ia")[1]
     head = "{\n GP1:\n UF : 0, UT : 0, CONFIG : 'N U T, 0, 0, 0',\n"
     place = " X = {} mm, Y = 438.964 mm, Z = 606.965 mm,\n W = -171.751 deg, P = 1.716 deg, R = -149.873 deg\n}};\n"
-    joints = "{\n GP1:\n UF : 0, UT : 0,\n" + ", ".join(f"J{k + 1}= {5 - 10 * k} deg" for k in range(6)) + "\n};\n"
+    joints = (
+        "{\n GP1:\n UF : 0, UT : 0,\n"
+        + ", ".join(f"J{k + 1}= {5 - 10 * k} deg" for k in range(6))
+        + "\n};\n"
+    )
     first, pose_there = (f"P[{k}]{head}{place.format(x)}" for k, x in ((1, 2300.597), (2, 2280.0)))
     for second, steps in ((f"P[2]{joints}", 0), (pose_there, 1)):
         code = f"/PROG A\n/MN\n1:J P[2] 20% FINE ;\n2:{change} ;\n3:L P[1] 100mm/sec FINE ;\n/POS\n{first}{second}/END\n"
@@ -316,7 +370,9 @@ def test_a_pose_that_is_left_beside_corrected_ones(change: str) -> None:
 
 def test_a_program_for_another_number_of_axes() -> None:
     data, program_format = program_of("weld.ls")
-    with pytest.raises(InputError, match=r"^weld\.ls:21: P\[1\]: holds J1, .* but scara has 4 joints"):
+    with pytest.raises(
+        InputError, match=r"^weld\.ls:21: P\[1\]: holds J1, .* but scara has 4 joints"
+    ):
         compensate_program(calibrations("scara")[1], data, "weld.ls", program_format)
 
 

@@ -76,7 +76,9 @@ def means(controller: Controller, configuration: Configuration, degrees: list[fl
 def test_kuka(degrees: list[float], status: int, turn: int) -> None:
     controller = controller_of(kuka())
     assert means(controller, Kuka(status, digit(turn)), degrees)
-    assert means(controller, Kuka(status | 16, digit(turn)), degrees)  # bit 4: a robot with absolute accuracy
+    assert means(
+        controller, Kuka(status | 16, digit(turn)), degrees
+    )  # bit 4: a robot with absolute accuracy
     for bit in range(3):
         assert not means(controller, Kuka(status ^ 1 << bit, None), degrees)
     for bit in range(6):
@@ -103,9 +105,9 @@ def test_fanuc_couples_joints_2_and_3() -> None:
     """J3 is the forearm's angle against the horizontal: with J3 unchanged, moving J2 does not tilt it."""
     controller = fanuc()
     forearm = [
-        controller.robot.mechanism.forward(controller.to_serial(np.deg2rad([[0.0, j2, -15.0, 0.0, 0.0, 0.0]])))[
-            0, :3, 2
-        ]
+        controller.robot.mechanism.forward(
+            controller.to_serial(np.deg2rad([[0.0, j2, -15.0, 0.0, 0.0, 0.0]]))
+        )[0, :3, 2]
         for j2 in (0.0, 40.0)
     ]
     np.testing.assert_allclose(forearm[0], forearm[1], atol=1e-12)
@@ -113,7 +115,9 @@ def test_fanuc_couples_joints_2_and_3() -> None:
     np.testing.assert_allclose(controller.to_controller(controller.to_serial(q)), q, atol=1e-12)
     np.testing.assert_allclose(coupling_of(controller.robot, "fanuc-ls", "serial"), np.eye(6))
     np.testing.assert_allclose(coupling_of(controller.robot, "abb-rapid", None), np.eye(6))
-    np.testing.assert_allclose(coupling_of(controller.robot, "fanuc-ls", None), controller.robot.coupling)
+    np.testing.assert_allclose(
+        coupling_of(controller.robot, "fanuc-ls", None), controller.robot.coupling
+    )
 
 
 @pytest.mark.parametrize(
@@ -130,7 +134,9 @@ def test_abb(degrees: list[float], quadrants: tuple[int, int, int], cfx: int) ->
     first, second, third = quadrants
     assert means(controller, Abb((digit(first), digit(second), digit(third)), cfx), degrees)
     assert means(controller, Abb((digit(first), digit(second), digit(third)), 0), degrees)
-    assert not means(controller, Abb((digit(first), digit(second), digit(third)), cfx ^ 1 or 3), degrees)
+    assert not means(
+        controller, Abb((digit(first), digit(second), digit(third)), cfx ^ 1 or 3), degrees
+    )
     assert not means(controller, Abb((digit(first + 1), digit(second), digit(third)), cfx), degrees)
 
 
@@ -151,7 +157,8 @@ def test_turn_bits_and_quadrants_follow_the_joints() -> None:
 
 
 @pytest.mark.parametrize(
-    "degrees", [[-10, -60, 100, 5, 45, -20], [-10, -60, 100, -175, -45, 160], [10, -120, 20, 5, 45, 20]]
+    "degrees",
+    [[-10, -60, 100, 5, 45, -20], [-10, -60, 100, -175, -45, 160], [10, -120, 20, 5, 45, 20]],
 )
 def test_the_branch_that_is_asked_for(degrees: list[float]) -> None:
     """From a home on another branch, and into the turn that T names."""
@@ -161,7 +168,9 @@ def test_the_branch_that_is_asked_for(degrees: list[float]) -> None:
     status = (not here.front) | here.bent << 1 | (not here.flexed) << 2
     turn = sum(1 << k for k, value in enumerate(q) if value < 0)
     T = robot.mechanism.forward(q[None])[0]
-    found = solve_pose(controller_of(robot), T, Kuka(status, digit(turn)), np.deg2rad([20.0, -80, 80, 60, 60, 60]))
+    found = solve_pose(
+        controller_of(robot), T, Kuka(status, digit(turn)), np.deg2rad([20.0, -80, 80, 60, 60, 60])
+    )
     np.testing.assert_allclose(np.rad2deg(found), degrees, atol=1e-5)
 
 

@@ -62,7 +62,9 @@ def rapid(q: Array) -> str:
     for row, T in zip(q, robot().mechanism.forward(q), strict=True):
         beside = f"[{row[0] * 1e3:.1f},9E9,9E9,9E9,9E9,9E9]"
         degrees = np.rad2deg(row[1:])
-        lines.append(f"MoveAbsJ [[{','.join(f'{v:.3f}' for v in degrees)}],{beside}],v1,fine,tool0;")
+        lines.append(
+            f"MoveAbsJ [[{','.join(f'{v:.3f}' for v in degrees)}],{beside}],v1,fine,tool0;"
+        )
         here, zero = (posture(robot(), x, x) for x in (row, np.zeros(7)))
         cfx = (not here.front) << 2 | (here.bent != zero.bent) << 1 | (not here.flexed)
         quadrants = ",".join(str(int(np.floor(degrees[j] / 90))) for j in (0, 3, 5))
@@ -89,7 +91,10 @@ def fanuc(q: Array) -> str:
     moves, positions = [], []
     for k, (row, T) in enumerate(zip(q, robot().mechanism.forward(q), strict=True)):
         joints = row[1:].copy()
-        moves += [f"   {2 * k + 1}:J P[{2 * k + 1}] 100% FINE ;", f"   {2 * k + 2}:L P[{2 * k + 2}] 9mm/sec FINE ;"]
+        moves += [
+            f"   {2 * k + 1}:J P[{2 * k + 1}] 100% FINE ;",
+            f"   {2 * k + 2}:L P[{2 * k + 2}] 9mm/sec FINE ;",
+        ]
         axes = ", ".join(f"J{j + 1}= {v:.3f} deg" for j, v in enumerate(np.rad2deg(joints)))
         beside = f"E1= {row[0] * 1e3:.1f} mm"
         head = f"P[{2 * k + 1}]{{\n GP1:\n UF : 0, UT : 0,\n"
@@ -140,7 +145,9 @@ def test_the_tool_comes_to_where_it_was_to_be(program_format: str) -> None:
         for driven in (np.array(joints.values), joints_of_pose(turned, start)):
             reached = calibration().forward(driven[None])[0]
             np.testing.assert_allclose(reached[:3, 3], commanded[:3, 3], atol=3e-7)
-            np.testing.assert_allclose(log3(reached[:3, :3] @ commanded[:3, :3].T), np.zeros(3), atol=3e-7)
+            np.testing.assert_allclose(
+                log3(reached[:3, :3] @ commanded[:3, :3].T), np.zeros(3), atol=3e-7
+            )
         assert before[2 * k].values[0] == pytest.approx(row[0])
 
 
@@ -152,14 +159,20 @@ def test_an_external_axis_without_a_value_or_beyond_its_limits() -> None:
     assert {remark.why for remark in result.left_alone} == {"the external axis e1 has no value"}
     pose = "\n".join(line for line in text.split("\n") if "AbsJ" not in line)
     far = pose.replace(beside, beside.replace(beside.split(",")[0], "5000"))
-    with pytest.raises(NoSolutionError, match=r"external axis at joint 1 is outside its limits|unreachable"):
+    with pytest.raises(
+        NoSolutionError, match=r"external axis at joint 1 is outside its limits|unreachable"
+    ):
         compensate_program(calibration(), far.encode(), "a", "abb-rapid")
 
 
 def test_the_description_is_checked() -> None:
     assert robot().external == {0: 0}
     assert robot().arm == [1, 2, 3, 4, 5, 6]
-    for bad in ('[external]\ne1 = "j8"\n', '[external]\ne1 = "j1"\ne2 = "j1"\n', '[external]\nx = "j1"\n'):
+    for bad in (
+        '[external]\ne1 = "j8"\n',
+        '[external]\ne1 = "j1"\ne2 = "j1"\n',
+        '[external]\nx = "j1"\n',
+    ):
         with pytest.raises(InputError, match="external"):
             robot(bad)
 

@@ -15,7 +15,9 @@ from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 
 FOLDER = Path(__file__).parent / "programs"
-ANY_FRAME = read_frames("".join(f"[frames.{k}]\nx_mm={k}\n[tools.{k}]\nz_mm={k}\n" for k in range(1, 5)), "f")
+ANY_FRAME = read_frames(
+    "".join(f"[frames.{k}]\nx_mm={k}\n[tools.{k}]\nz_mm={k}\n" for k in range(1, 5)), "f"
+)
 
 
 @cache
@@ -28,7 +30,9 @@ def read(*texts: str, name: str = "fanuc-m1000ia") -> Program:
     return read_program("fanuc-ls", sources, robot(name))
 
 
-def followed(*texts: str, given: Frames = ANY_FRAME) -> tuple[Program, Flow, list[Position], dict[str, str]]:
+def followed(
+    *texts: str, given: Frames = ANY_FRAME
+) -> tuple[Program, Flow, list[Position], dict[str, str]]:
     """The program, its uses, positions that can be corrected, and why others are left, by name."""
     program = read(*texts)
     flow = follow(program, given)
@@ -51,7 +55,11 @@ def order(*texts: str) -> list[list[str]]:
     """For every use of a position, in the order of the text: the position and those that the robot comes from."""
     program, flow, _, _ = followed(*texts)
     names = [program.literals[use.literal].name for use in flow.uses]
-    uses = [(use.line, [names[k], *(names[b] for b in use.before)]) for k, use in enumerate(flow.uses) if use.line]
+    uses = [
+        (use.line, [names[k], *(names[b] for b in use.before)])
+        for k, use in enumerate(flow.uses)
+        if use.line
+    ]
     return [use for _, use in sorted(uses)]
 
 
@@ -75,7 +83,9 @@ POSE = (
 JOINTS = "\tUF : F, UT : F,\n\tJ1= 1 deg, J2= 2 deg, J3= 3 deg,\n\tJ4= 4 deg, J5= -50 deg, J6= 6 deg{more}\n"
 
 
-def pose(uf: str = "0", ut: str = "0", config: str = "N U T, 0, 0, 0", z: str = "3 mm", more: str = "") -> str:
+def pose(
+    uf: str = "0", ut: str = "0", config: str = "N U T, 0, 0, 0", z: str = "3 mm", more: str = ""
+) -> str:
     return POSE.format(uf=uf, ut=ut, config=config, z=z, more=more)
 
 
@@ -164,7 +174,9 @@ def test_positions_left_alone(group: str, why: str) -> None:
 
 def test_external_axes_of_zero_are_none_and_beside_joints_they_do_not_matter() -> None:
     assert corrected(one(more=",\n\tE1 = 0.000 mm, E2 = .000 deg")) == ["P[1]"]
-    assert corrected(written("J P[1] 100% FINE", P1=JOINTS.format(more=",\n\tE1= 250 mm"))) == ["P[1]"]
+    assert corrected(written("J P[1] 100% FINE", P1=JOINTS.format(more=",\n\tE1= 250 mm"))) == [
+        "P[1]"
+    ]
 
 
 def test_other_groups_are_another_robot() -> None:
@@ -183,7 +195,9 @@ def test_other_groups_are_another_robot() -> None:
 
 def test_a_mastering_position_stays() -> None:
     zero = "\tUF : 0, UT : 0,\n" + ", ".join(f"J{k + 1}= 0.000 deg" for k in range(6)) + "\n"
-    assert left(written("J P[1] 20% FINE", P1=zero)) == {"P[1]": "a mastering position: all joints are zero"}
+    assert left(written("J P[1] 20% FINE", P1=zero)) == {
+        "P[1]": "a mastering position: all joints are zero"
+    }
 
 
 def test_a_position_that_is_written_twice() -> None:
@@ -194,7 +208,11 @@ def test_a_position_that_is_written_twice() -> None:
 
 @pytest.mark.parametrize(
     ("begin", "end"),
-    [("TOUCH OFFSET PR[1]", "TOUCH OFFSET END"), ("TRACK DPM[1]", "DPM END"), ("Track TAST[2:a]", "Track End")],
+    [
+        ("TOUCH OFFSET PR[1]", "TOUCH OFFSET END"),
+        ("TRACK DPM[1]", "DPM END"),
+        ("Track TAST[2:a]", "Track End"),
+    ],
 )
 def test_motions_that_a_sensor_shifts(begin: str, end: str) -> None:
     """They are corrected without the offset, which is noted; motions before and behind are not."""
@@ -211,10 +229,14 @@ def test_pallets_are_said(letter: str, point: str) -> None:
     assert said(text) == {4: f"a position of a pallet: its value is not in the program ({point})"}
 
 
-@pytest.mark.parametrize("condition", ["", "IF R[1]=1,", "IF (DI[1] AND R[2,1]>3),", "WENN DI[1]=ON,"])
+@pytest.mark.parametrize(
+    "condition", ["", "IF R[1]=1,", "IF (DI[1] AND R[2,1]>3),", "WENN DI[1]=ON,"]
+)
 @pytest.mark.parametrize("value", ["P[1]=LPOS", "P[1:there]=PR[2]", "P[1,3]=10"])
 def test_positions_that_are_assigned_also_behind_a_condition(condition: str, value: str) -> None:
-    text = written("L P[2] 100mm/sec FINE", condition + value, "L P[1] 100mm/sec FINE", P1=pose(), P2=pose())
+    text = written(
+        "L P[2] 100mm/sec FINE", condition + value, "L P[1] 100mm/sec FINE", P1=pose(), P2=pose()
+    )
     assert left(text) == {"P[1]": "it is assigned (line 5)"}
 
 
@@ -229,9 +251,13 @@ def test_an_assignment_to_some_position(condition: str, target: str) -> None:
 
 
 def test_positions_that_no_motion_goes_to_are_corrected_in_their_own_frame() -> None:
-    _, _, found, whys = followed(written(P1=pose(uf="2", ut="1"), P2=pose(uf="F"), P3=JOINTS.format(more="")))
+    _, _, found, whys = followed(
+        written(P1=pose(uf="2", ut="1"), P2=pose(uf="F"), P3=JOINTS.format(more=""))
+    )
     assert [p.frame.name if p.frame else None for p in found] == ["2", None]
-    assert whys == {"P[2]": "the program does not say its frame; give it with --frames, [frames.default]"}
+    assert whys == {
+        "P[2]": "the program does not say its frame; give it with --frames, [frames.default]"
+    }
 
 
 # --- motions ---------------------------------------------------------------------------------------------------------
@@ -239,11 +265,20 @@ def test_positions_that_no_motion_goes_to_are_corrected_in_their_own_frame() -> 
 
 @pytest.mark.parametrize(
     "circle",
-    ["C P[2] P[3] 250mm/sec FINE", "C P[2] : P[3] 250mm/sec FINE", "C P[2:via]    \n    :  P[3:end] 250mm/sec FINE"],
+    [
+        "C P[2] P[3] 250mm/sec FINE",
+        "C P[2] : P[3] 250mm/sec FINE",
+        "C P[2:via]    \n    :  P[3:end] 250mm/sec FINE",
+    ],
 )
 def test_both_points_of_a_circle(circle: str) -> None:
     """In this order; as relative motions both are left."""
-    text = written("L P[1] 100mm/sec FINE", circle, "L P[4] 100mm/sec FINE", **{f"P{k}": pose() for k in range(1, 5)})
+    text = written(
+        "L P[1] 100mm/sec FINE",
+        circle,
+        "L P[4] 100mm/sec FINE",
+        **{f"P{k}": pose() for k in range(1, 5)},
+    )
     assert corrected(text) == ["P[1]", "P[2]", "P[3]", "P[4]"]
     assert order(text) == [["P[1]"], ["P[2]", "P[1]"], ["P[3]", "P[2]"], ["P[4]", "P[3]"]]
     whys = left(text.replace("250mm/sec FINE", "250mm/sec FINE INC"))
@@ -272,9 +307,13 @@ def test_inc_is_the_option_alone(options: str) -> None:
     assert corrected(written(f"L P[1] R[2:INC]mm/sec FINE {options}", P1=pose())) == ["P[1]"]
 
 
-@pytest.mark.parametrize("options", ["INC", "Offset,PR[1] INC", "inc TB .10sec,CALL GRIP(1)", "RTCP INC"])
+@pytest.mark.parametrize(
+    "options", ["INC", "Offset,PR[1] INC", "inc TB .10sec,CALL GRIP(1)", "RTCP INC"]
+)
 def test_relative_motions(options: str) -> None:
-    text = written("L P[1] 100mm/sec FINE", f"L P[2] 100mm/sec FINE {options}", P1=pose(), P2=pose())
+    text = written(
+        "L P[1] 100mm/sec FINE", f"L P[2] 100mm/sec FINE {options}", P1=pose(), P2=pose()
+    )
     assert left(text) == {"P[2]": "a relative motion (INC in line 5)"}
     assert "corrected without" not in "".join(read(text).notes)
 
@@ -291,22 +330,35 @@ def test_registers_and_indirect_positions_are_said() -> None:
         7: "P[9] is not among the positions for group 1",
         8: "which position it is, a register tells (P[R[2:i]])",
     }
-    assert left(text) == {"P[2]": "may be used by a relative motion (P[R[AR[1]]] with INC in line 6)"}
+    assert left(text) == {
+        "P[2]": "may be used by a relative motion (P[R[AR[1]]] with INC in line 6)"
+    }
 
 
 @pytest.mark.parametrize(
-    "option", ["Offset,PR[1]", "Tool_Offset,PR[1]", "WKZ_Offset ,PR[1]", "OFFSET", "VOFFSET,VR[1]", "Search[X]"]
+    "option",
+    [
+        "Offset,PR[1]",
+        "Tool_Offset,PR[1]",
+        "WKZ_Offset ,PR[1]",
+        "OFFSET",
+        "VOFFSET,VR[1]",
+        "Search[X]",
+    ],
 )
 def test_offsets_are_noted(option: str) -> None:
     text = written(f"L P[1] 100mm/sek FEIN {option}", P1=pose())
     assert corrected(text) == ["P[1]"]
     assert read(text).notes == ("line 4: P[1] is corrected without its offset",)
     many = written(*[f"L P[1] 100mm/sec FINE {option}"] * 9, P1=pose())
-    assert read(many).notes == ("lines 4, 5, 6, 7, 8 and 4 more: positions are corrected without their offsets",)
+    assert read(many).notes == (
+        "lines 4, 5, 6, 7, 8 and 4 more: positions are corrected without their offsets",
+    )
 
 
 @pytest.mark.parametrize(
-    "line", ["L P[1] 100mm/sec FINE RTCP", "L P[1] 100mm/sec CNT0 ACC100\n    :  TB .1sec,P-SPS RTCP"]
+    "line",
+    ["L P[1] 100mm/sec FINE RTCP", "L P[1] 100mm/sec CNT0 ACC100\n    :  TB .1sec,P-SPS RTCP"],
 )
 def test_remote_tcp(line: str) -> None:
     assert left(written(line, P1=pose())) == {
@@ -315,7 +367,9 @@ def test_remote_tcp(line: str) -> None:
 
 
 def test_line_tracking() -> None:
-    text = written("L P[1] 100mm/sec FINE", attributes="\nLINE_TRACK_SCHEDULE_NUMBER\t: 2;", P1=pose())
+    text = written(
+        "L P[1] 100mm/sec FINE", attributes="\nLINE_TRACK_SCHEDULE_NUMBER\t: 2;", P1=pose()
+    )
     assert left(text) == {"P[1]": "its frame: line tracking: a conveyor moves it"}
     assert corrected(text.replace(": 2;", ": 0;")) == ["P[1]"]
 
@@ -339,14 +393,18 @@ def test_current_frames_are_those_that_are_selected() -> None:
 
 
 @pytest.mark.parametrize(
-    ("frame", "tool"), [("UFRAME_NUM", "UTOOL_NUM"), ("BENUTZER_NUM", "WKZ_NUM"), ("UFRAME_NUM[GP1]", "UTOOL_NUM[1]")]
+    ("frame", "tool"),
+    [("UFRAME_NUM", "UTOOL_NUM"), ("BENUTZER_NUM", "WKZ_NUM"), ("UFRAME_NUM[GP1]", "UTOOL_NUM[1]")],
 )
 def test_a_position_goes_with_the_frame_that_it_names(frame: str, tool: str) -> None:
     """Whatever is selected: with another selection the controller does not move. `F` goes with the selection."""
     text = written(f"{frame}=1", f"{tool}=3", "UFRAME_NUM[GP2]=4", "L P[1] 1mm/sec FINE", "L P[2] 1mm/sec FINE",
                    P1=pose(uf="2"), P2=pose(uf="F", ut="F"))  # fmt: skip
     _, _, found, _ = followed(text)
-    assert [(p.frame.name, p.tool.name) for p in found if p.frame and p.tool] == [("2", ""), ("1", "3")]
+    assert [(p.frame.name, p.tool.name) for p in found if p.frame and p.tool] == [
+        ("2", ""),
+        ("1", "3"),
+    ]
 
 
 def test_branches_that_select_and_jumps() -> None:
@@ -355,7 +413,15 @@ def test_branches_that_select_and_jumps() -> None:
     for several in (
         ("UFRAME_NUM=2", "IF R[1]=1 OR R[3,2]=1,UFRAME_NUM=1", go),
         ("IF (R[1]=1) THEN", "UFRAME_NUM=1", "ELSE", "UFRAME_NUM=2", "ENDIF", go),
-        ("UFRAME_NUM=2", "SELECT R[1]=1,JMP LBL[1]", "       =2,JMP LBL[2]", "UFRAME_NUM=1", "LBL[1]", go, "LBL[2]"),
+        (
+            "UFRAME_NUM=2",
+            "SELECT R[1]=1,JMP LBL[1]",
+            "       =2,JMP LBL[2]",
+            "UFRAME_NUM=1",
+            "LBL[1]",
+            go,
+            "LBL[2]",
+        ),
         ("UFRAME_NUM=2", "LBL[1]", go, "UFRAME_NUM=1", "IF R[1]<4,JMP LBL[1]"),
         ("UFRAME_NUM=2", "JMP LBL[R[1]]", "LBL[1]", "UFRAME_NUM=1", "LBL[2]", go),
         ("UFRAME_NUM=2", "FOR R[1]=1 TO 5", go, "UFRAME_NUM=1", "ENDFOR"),
@@ -364,7 +430,10 @@ def test_branches_that_select_and_jumps() -> None:
         ("BENUTZER_NUM=2", "WENN E[1]=AN,SPRUNG LABEL[1]", "BENUTZER_NUM=1", "LABEL[1]", go),
     ):
         assert "several frames" in left(written(*several, P1=taught, P2=pose()))["P[1]"]
-    for word, jump, label in (("UFRAME", "JMP LBL[1]", "LBL[1:go]"), ("BENUTZER", "SPRUNG LABEL[1]", "LABEL[1]")):
+    for word, jump, label in (
+        ("UFRAME", "JMP LBL[1]", "LBL[1:go]"),
+        ("BENUTZER", "SPRUNG LABEL[1]", "LABEL[1]"),
+    ):
         text = written(f"{word}_NUM=2", jump, f"{word}_NUM=1", label, go, P1=taught)
         assert [p.frame.name for p in followed(text)[2] if p.frame] == ["2"]
     ended = written("UFRAME_NUM=2", go, "END", "UFRAME_NUM=1", P1=taught)
@@ -377,7 +446,9 @@ def test_calls() -> None:
     setup = written("UFRAME_NUM=3", name="SETUP")
     _, _, found, _ = followed(main, setup)
     assert [p.frame.name for p in found if p.frame] == ["3"]
-    assert left(main) == {"P[1]": "its frame: may be selected by SETUP, which is not at hand (line 5)"}
+    assert left(main) == {
+        "P[1]": "its frame: may be selected by SETUP, which is not at hand (line 5)"
+    }
     german = main.replace("UFRAME", "BENUTZER").replace("CALL", "AUFRUF")
     assert followed(german, setup)[2][0].frame == found[0].frame
     own = written("UFRAME_NUM=2", "CALL SETUP", "L P[1] 1mm/sec FINE", P1=pose(uf="1"))
@@ -415,7 +486,9 @@ LISTING = """[*SYSTEM*]$MNUFRAME  Storage: SHADOW  Access: RW  : ARRAY[2,20] OF 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_frames_from_listings(end: str) -> None:
-    text = written("L P[1] 1mm/sec FINE", "L P[2] 1mm/sec FINE", P1=pose(uf="1", ut="1"), P2=pose(uf="2"))
+    text = written(
+        "L P[1] 1mm/sec FINE", "L P[2] 1mm/sec FINE", P1=pose(uf="1", ut="1"), P2=pose(uf="2")
+    )
     _, _, found, whys = followed(text, LISTING.replace("\n", end), given=Frames())
     (position,) = found
     assert position.frame is not None
@@ -423,7 +496,9 @@ def test_frames_from_listings(end: str) -> None:
     quarter = [[0, -1, 0, 1.0245], [1, 0, 0, -0.0005], [0, 0, 1, 0.084], [0, 0, 0, 1]]
     np.testing.assert_allclose(position.frame.T, quarter, atol=1e-12)
     half, root = 0.5, np.sqrt(0.75)
-    np.testing.assert_allclose(position.tool.T[:3, :3], [[root, 0, -half], [0, 1, 0], [half, 0, root]], atol=1e-12)
+    np.testing.assert_allclose(
+        position.tool.T[:3, :3], [[root, 0, -half], [0, 1, 0], [half, 0, root]], atol=1e-12
+    )
     assert whys == {"P[2]": "frame '2' is not known; give it with --frames, [frames.2]"}
     given = followed(text, LISTING, given=ANY_FRAME)[2][0].frame
     assert given is not None
@@ -442,13 +517,19 @@ def test_listings_that_differ_are_an_error() -> None:
 
 def axes(*configs: str, listing: str = "", name: str = "fanuc-m1000ia") -> set[tuple[int, ...]]:
     text = written(**{f"P{k}": pose(config=config) for k, config in enumerate(configs, start=1)})
-    return {one.configuration.axes for one in read(text, listing, name=name).literals if one.configuration}
+    return {
+        one.configuration.axes
+        for one in read(text, listing, name=name).literals
+        if one.configuration
+    }
 
 
 def test_which_joints_turn_numbers_count() -> None:
     assert axes("N U T, 0, 0, 1") == {(0, 3, 5)}
     assert axes("N U T, 0, -1, 0") == {(0, 3, 5)}
-    assert axes("N U T, 1, 0, 0", "N U T, 0, 0, 0") == {(3, 4, 5)}  # joint 1 of this robot ends at 180 deg
+    assert axes("N U T, 1, 0, 0", "N U T, 0, 0, 0") == {
+        (3, 4, 5)
+    }  # joint 1 of this robot ends at 180 deg
     assert axes("N U T, 1, 0, 0", name="ur5") == {(0, 3, 5)}
     setting = (
         "[*SYSTEM*]$SCR_GRP  Storage: CMOS  Access: RW  : ARRAY[8] OF SCR_GRP_T\n"
@@ -475,7 +556,12 @@ def test_ways_to_write_a_configuration(word: str, config: str) -> None:
 @pytest.mark.parametrize("encoding", ["cp932", "gbk", "utf-8"])
 @pytest.mark.parametrize("name", ["一", "ー", "ソ", "能ゾーン"])
 def test_names_in_any_encoding(name: str, encoding: str) -> None:
-    text = written(f"L P[1:{name}] 100mm/sec FINE", f"L P[2:{name}] R[1:{name}]mm/sec INC", P1=pose(), P2=pose())
+    text = written(
+        f"L P[1:{name}] 100mm/sec FINE",
+        f"L P[2:{name}] R[1:{name}]mm/sec INC",
+        P1=pose(),
+        P2=pose(),
+    )
     text = text.replace("P[1]{", f'P[1:"{name}"]{{').replace("P[2]{", f'P[2:"{name}"]{{')
     data = text.encode(encoding).decode("latin-1")
     assert corrected(data) == ["P[1]"]
@@ -484,7 +570,13 @@ def test_names_in_any_encoding(name: str, encoding: str) -> None:
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_line_ends(end: str) -> None:
-    text = written("UFRAME_NUM=1", "C P[1] \n  : P[2] 1mm/sec FINE", "UTOOL[2]=PR[1]", P1=pose(), P2=pose(ut="2"))
+    text = written(
+        "UFRAME_NUM=1",
+        "C P[1] \n  : P[2] 1mm/sec FINE",
+        "UTOOL[2]=PR[1]",
+        P1=pose(),
+        P2=pose(ut="2"),
+    )
     program, _, found, whys = followed(text.replace("\n", end))
     assert [program.literals[p.literal].name for p in found] == ["P[1]"]
     assert whys == {"P[2]": "its tool: it is assigned (line 7)"}
@@ -492,7 +584,9 @@ def test_line_ends(end: str) -> None:
 
 def test_programs_one_after_the_other_in_a_text() -> None:
     """Each has positions of its own."""
-    text = written("CALL B", "L P[1] 1mm/sec FINE", P1=pose()) + written("L P[1] 1mm/sec FINE", name="B", P1=pose())
+    text = written("CALL B", "L P[1] 1mm/sec FINE", P1=pose()) + written(
+        "L P[1] 1mm/sec FINE", name="B", P1=pose()
+    )
     assert corrected(text) == ["P[1]", "P[1]"]
     assert sorted(order(text)) == [["P[1]"], ["P[1]", "P[1]"]]
 
@@ -511,6 +605,14 @@ def test_a_statement_that_never_ends_takes_linear_time() -> None:
 
 def test_what_is_cut_off_or_wrong_is_read_as_far_as_it_goes() -> None:
     """Unclosed brackets, no semicolons, labels that are not there."""
-    for text in ("L P[1 100mm/sec", "C P[1] :", "JMP LBL[9]", "UFRAME_NUM=", "IF R[1]=1,", "CALL", "L P[1]] FINE INC]"):
+    for text in (
+        "L P[1 100mm/sec",
+        "C P[1] :",
+        "JMP LBL[9]",
+        "UFRAME_NUM=",
+        "IF R[1]=1,",
+        "CALL",
+        "L P[1]] FINE INC]",
+    ):
         assert "P[1]" in {literal.name for literal in read(written(text, P1=pose())).literals}
         read(written(text, P1=pose()).split("/POS")[0])

@@ -24,7 +24,9 @@ from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, inverse
 
-FRAMES = read_frames("[frames.1]\nx_mm=300\nyaw_deg=30\n[frames.2]\n[tools.1]\nz_mm=150\npitch_deg=20\n", "f")
+FRAMES = read_frames(
+    "[frames.1]\nx_mm=300\nyaw_deg=30\n[frames.2]\n[tools.1]\nz_mm=150\npitch_deg=20\n", "f"
+)
 NUMBER = re.compile(rb" *[-+]?\d*\.\d+")
 TURNS = re.compile(r"CONFIG : '\w \w \w, (-?\d+), (-?\d+), (-?\d+)'")
 
@@ -71,7 +73,11 @@ def group(degrees: Array, uf: int = 0, ut: int = 0) -> str:
 
 
 def joints(degrees: Array) -> str:
-    return "\tUF : F, UT : F,\n" + ",\t".join(f"J{k + 1}= {v:10.3f} deg" for k, v in enumerate(degrees)) + "\n"
+    return (
+        "\tUF : F, UT : F,\n"
+        + ",\t".join(f"J{k + 1}= {v:10.3f} deg" for k, v in enumerate(degrees))
+        + "\n"
+    )
 
 
 def program(groups: list[str]) -> str:
@@ -81,7 +87,9 @@ def program(groups: list[str]) -> str:
 
 
 def corrected(data: bytes, calibration: Calibration) -> bytes:
-    return compensate_program(calibration, data, "a", "fanuc-ls", ProgramOptions(frames=FRAMES)).data
+    return compensate_program(
+        calibration, data, "a", "fanuc-ls", ProgramOptions(frames=FRAMES)
+    ).data
 
 
 # --- turns -----------------------------------------------------------------------------------------------------------
@@ -144,7 +152,10 @@ def test_external_axes_that_are_ignored() -> None:
     texts = [program([one.rstrip() + more + "\n"]) for more in ("", ",\n\tE1 = 250.000  mm")]
     for text, other in (texts, [text.replace("L P[1]", "!L P[1]") for text in texts]):
         plain = compensate_program(calibrations()[1], text.encode(), "a", "fanuc-ls")
-        assert compensate_program(calibrations()[1], other.encode(), "a", "fanuc-ls").data == other.encode()
+        assert (
+            compensate_program(calibrations()[1], other.encode(), "a", "fanuc-ls").data
+            == other.encode()
+        )
         options = ProgramOptions(ignore_external=True)
         ignored = compensate_program(calibrations()[1], other.encode(), "a", "fanuc-ls", options)
         assert ignored.data.replace(b",\n\tE1 = 250.000  mm", b"") == plain.data != text.encode()
@@ -160,17 +171,27 @@ class Made:
     data: bytes
 
 
-NAMES = st.sampled_from(["", "home", "ゾーン", "原点", "ソ", "能表", "a b", "it's", "P[3] INC", "X = 1.0 mm"])
+NAMES = st.sampled_from(
+    ["", "home", "ゾーン", "原点", "ソ", "能表", "a b", "it's", "P[3] INC", "X = 1.0 mm"]
+)
 LINE_ENDS = st.sampled_from(["\n", "\r\n", "\r"])
 ENCODINGS = st.sampled_from(["cp932", "gbk", "utf-8"])
 EXTRAS = st.sampled_from(
-    ["", ",\n\tE1 =     0.000  mm", "\n   GP2:\n\tUF : 0, UT : 0,\n\tJ1=     6.425 deg", ",\tE1=   120.000  mm"]
+    [
+        "",
+        ",\n\tE1 =     0.000  mm",
+        "\n   GP2:\n\tUF : 0, UT : 0,\n\tJ1=     6.425 deg",
+        ",\tE1=   120.000  mm",
+    ]
 )
 OPTIONS = st.sampled_from(
     ["", "INC", "Offset,PR[3:INC]", "RTCP", "TB   .10sec,CALL INC", "WKZ_Offset ,PR[11]", "COORD"]
 )
 ANGLES = st.tuples(
-    *(st.floats(low, high) for low, high in ((-60, 60), (0, 40), (-40, 0), (-300, 300), (-80, -40), (-300, 300)))
+    *(
+        st.floats(low, high)
+        for low, high in ((-60, 60), (0, 40), (-40, 0), (-300, 300), (-80, -40), (-300, 300))
+    )
 )
 
 
@@ -186,7 +207,9 @@ def programs(draw: st.DrawFn) -> Made:
         body = group(degrees, *frames) if draw(st.booleans()) else joints(degrees)
         name = draw(NAMES)
         letter, options = draw(st.sampled_from("JLAS")), draw(OPTIONS)
-        moves.append(f"{letter} P[{k}{':' * bool(name)}{name.replace('[', '(').replace(']', ')')}] 10% FINE {options}")
+        moves.append(
+            f"{letter} P[{k}{':' * bool(name)}{name.replace('[', '(').replace(']', ')')}] 10% FINE {options}"
+        )
         head = f'P[{k}:"{name}"]' if name else f"P[{k}]"
         taught.append(f"{head}{{\n   GP1:\n{body.rstrip()}{draw(EXTRAS)}\n}};\n")
     lines = "".join(f"{k:4d}:{move} ;\n" for k, move in enumerate(moves, start=1))
@@ -199,18 +222,27 @@ def programs(draw: st.DrawFn) -> Made:
 @examples(25)
 def test_the_identity_changes_no_byte(made: Made) -> None:
     options = ProgramOptions(frames=FRAMES, on_error="skip")
-    assert compensate_program(calibrations()[0], made.data, "a", "fanuc-ls", options).data == made.data
+    assert (
+        compensate_program(calibrations()[0], made.data, "a", "fanuc-ls", options).data == made.data
+    )
 
 
 @given(programs())
 @examples(25)
-def test_bytes_outside_of_numbers_stay_and_the_calibrated_robot_reaches_what_was_meant(made: Made) -> None:
+def test_bytes_outside_of_numbers_stay_and_the_calibrated_robot_reaches_what_was_meant(
+    made: Made,
+) -> None:
     """The corrected pose, solved by the nominal robot, is where the calibrated robot takes the pose that was written."""
     options = ProgramOptions(frames=FRAMES, on_error="skip")
     result = compensate_program(calibrations()[1], made.data, "a", "fanuc-ls", options)
     turns = re.compile(rb"(?<=[UDTB]), -?\d+, -?\d+, -?\d+'")
-    assert turns.sub(b"", NUMBER.sub(b"#", result.data)) == turns.sub(b"", NUMBER.sub(b"#", made.data))
-    before, after = (reader("fanuc-ls")(data.decode("latin-1"), robot()).literals for data in (made.data, result.data))
+    assert turns.sub(b"", NUMBER.sub(b"#", result.data)) == turns.sub(
+        b"", NUMBER.sub(b"#", made.data)
+    )
+    before, after = (
+        reader("fanuc-ls")(data.decode("latin-1"), robot()).literals
+        for data in (made.data, result.data)
+    )
     fates = [fate.fate for fate in result.fates]
     assert len(before) == len(after) == len(fates)
     for old, new, fate in zip(before, after, fates, strict=True):
@@ -230,4 +262,6 @@ def test_bytes_outside_of_numbers_stay_and_the_calibrated_robot_reaches_what_was
         else:
             q, q_wanted = (controller().to_serial(np.array(one.values)) for one in (new, old))
             reached = calibrations()[1].forward(q[None])[0]
-            np.testing.assert_allclose(reached, robot().mechanism.forward(q_wanted[None])[0], atol=2e-6)
+            np.testing.assert_allclose(
+                reached, robot().mechanism.forward(q_wanted[None])[0], atol=2e-6
+            )

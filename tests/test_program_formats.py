@@ -46,7 +46,9 @@ def test_anything_else_is_a_table(text: str) -> None:
     assert detected(text, "") is None
 
 
-@pytest.mark.parametrize(("name", "expected"), [("a.LS", "fanuc-ls"), ("a.src", "kuka-krl"), ("a.mod", "abb-rapid")])
+@pytest.mark.parametrize(
+    ("name", "expected"), [("a.LS", "fanuc-ls"), ("a.src", "kuka-krl"), ("a.mod", "abb-rapid")]
+)
 def test_the_name_tells_where_the_contents_do_not(name: str, expected: str) -> None:
     assert detected("; nothing here\n", name) == expected
 
@@ -65,8 +67,12 @@ def test_numbers_stand_where_they_are_said_to(sample: str) -> None:
     for literal in (literal for literal in literals if not literal.left):
         for number in literal.numbers:
             factor = {"deg": np.pi / 180, "mm": 1e-3}.get(number.unit, 1.0)
-            assert float(text[number.start : number.end]) * factor == pytest.approx(number.value, abs=1e-15)
-        assert text[: min(number.start for number in literal.numbers)].count("\n") + 1 == literal.line
+            assert float(text[number.start : number.end]) * factor == pytest.approx(
+                number.value, abs=1e-15
+            )
+        assert (
+            text[: min(number.start for number in literal.numbers)].count("\n") + 1 == literal.line
+        )
 
 
 # --- numbers -------------------------------------------------------------------------------------------------------
@@ -79,6 +85,8 @@ def test_numbers_of_programs_are_those_of_python(text: str) -> None:
     assert (found.start, found.end, found.value) == (1, 1 + len(text), float(text))
 
 
-@pytest.mark.parametrize("text", ["", ".", "-", "e5", "1e", "1.5.2", "1 2", "0x1", "1_0", "1,5", "9" * 20_000 + "z"])
+@pytest.mark.parametrize(
+    "text", ["", ".", "-", "e5", "1e", "1.5.2", "1 2", "0x1", "1_0", "1,5", "9" * 20_000 + "z"]
+)
 def test_other_texts_of_programs_are_no_numbers(text: str) -> None:
     assert number_at(text, 0, len(text), "") is None

@@ -54,22 +54,30 @@ def test_gimbal_lock(orientation: str, pitch: float) -> None:
 
 def test_a_quaternion_keeps_its_sign() -> None:
     numbers = [0, 0, 0, -0.5, 0.5, -0.5, 0.5]
-    np.testing.assert_allclose(pose_values(pose(numbers, "quaternion"), "quaternion", numbers), numbers, atol=1e-12)
+    np.testing.assert_allclose(
+        pose_values(pose(numbers, "quaternion"), "quaternion", numbers), numbers, atol=1e-12
+    )
 
 
 def test_angles_stay_in_their_turn() -> None:
     numbers = [0, 0, 0, *np.deg2rad([-180.0, 0.0, 540.0])]
-    np.testing.assert_allclose(pose_values(pose(numbers, "wpr"), "wpr", numbers), numbers, atol=1e-12)
+    np.testing.assert_allclose(
+        pose_values(pose(numbers, "wpr"), "wpr", numbers), numbers, atol=1e-12
+    )
 
 
 def test_frames_file() -> None:
-    frames = read_frames("[frames.7]\nx_mm = 100\nyaw_deg = 90\n[tools.gripper]\nz_mm = 50.5\n", "f.toml")
+    frames = read_frames(
+        "[frames.7]\nx_mm = 100\nyaw_deg = 90\n[tools.gripper]\nz_mm = 50.5\n", "f.toml"
+    )
     np.testing.assert_allclose(frames.frames["7"][:3, :3], turn("z", np.pi / 2), atol=1e-12)
     assert frames.frames["7"][0, 3] == pytest.approx(0.1)
     assert frames.tools["gripper"][2, 3] == pytest.approx(0.0505)
 
 
-@pytest.mark.parametrize("text", ["[frames", "[frames.1]\nx = 1", "[tool.1]\nx_mm = 1", "[frames.1]\nx_mm = nan"])
+@pytest.mark.parametrize(
+    "text", ["[frames", "[frames.1]\nx = 1", "[tool.1]\nx_mm = 1", "[frames.1]\nx_mm = nan"]
+)
 def test_a_bad_frames_file(text: str) -> None:
     with pytest.raises(InputError, match=r"^f\.toml: "):
         read_frames(text, "f.toml")

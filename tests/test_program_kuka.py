@@ -506,7 +506,11 @@ def test_a_position_that_a_routine_elsewhere_may_change(call: str) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    ['RET=EKI_GetFrame("a","b",$BASE)', 'SREAD(S[],ST,OF,"%r",$BASE)', "ANIN ON $BASE.Z = 1.0*$ANIN[1]"],
+    [
+        'RET=EKI_GetFrame("a","b",$BASE)',
+        'SREAD(S[],ST,OF,"%r",$BASE)',
+        "ANIN ON $BASE.Z = 1.0*$ANIN[1]",
+    ],
 )
 def test_a_base_that_is_read_from_outside(change: str) -> None:
     program, _, _, left = followed(routine(f"LIN {SECOND}", change, f"LIN {FIRST}"))
@@ -527,7 +531,14 @@ ASIDE = [
 @pytest.mark.parametrize("change", ["$BASE", "$TOOL"])
 def test_what_changes_beside_the_motions(declares: str, starts: str, change: str) -> None:
     """Base and tool that an interrupt or trigger sets are uncertain from there on, also once set anew."""
-    lines = [declares, f"LIN {SECOND}", starts, f"LIN {FIRST}", f"{change}=$NULLFRAME", f"LIN {THIRD}"]
+    lines = [
+        declares,
+        f"LIN {SECOND}",
+        starts,
+        f"LIN {FIRST}",
+        f"{change}=$NULLFRAME",
+        f"LIN {THIRD}",
+    ]
     sub = f"DEF sub(p:IN)\ninner()\nEND\nDEF inner()\n{change}={SHIFT}\nEND\n"
     found = whys(routine(*lines) + sub)
     kind = "frame" if change == "$BASE" else "tool"
@@ -558,7 +569,9 @@ def test_a_pose_that_is_left_beside_corrected_ones(change: str) -> None:
         assert result.inconsistent == steps
 
 
-@pytest.mark.parametrize(("argument", "lines"), [("P[1]", {5}), ("P[]", {5, 6}), ("P[i].X", {5, 6})])
+@pytest.mark.parametrize(
+    ("argument", "lines"), [("P[1]", {5}), ("P[]", {5, 6}), ("P[i].X", {5, 6})]
+)
 def test_elements_that_a_routine_elsewhere_may_change(argument: str, lines: set[int]) -> None:
     text = ["DECL E6POS P[2]", f"P[1]={FIRST}", f"P[2]={SECOND}", f"other({argument})"]
     assert whys(routine(*text, "LIN P[1]", "LIN P[2]")).keys() == lines
@@ -568,7 +581,13 @@ def test_elements_that_a_routine_elsewhere_may_change(argument: str, lines: set[
 def test_cyclic_reading_goes_on(what: str) -> None:
     """What is assigned behind it is overwritten again."""
     name = what.partition(".")[0]
-    lines = ["$BASE=BASE_DATA[2]", f"LIN {SECOND}", f"ANIN ON {what} = 2*VOLT", f"{name}=$NULLFRAME", "$BASE=BASE_DATA[2]"]
+    lines = [
+        "$BASE=BASE_DATA[2]",
+        f"LIN {SECOND}",
+        f"ANIN ON {what} = 2*VOLT",
+        f"{name}=$NULLFRAME",
+        "$BASE=BASE_DATA[2]",
+    ]
     text = routine("BASE_DATA[2]=$NULLFRAME", *lines, f"LIN {FIRST}")
     found = whys(text)
     assert list(found) == [10]

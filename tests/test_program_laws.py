@@ -27,13 +27,21 @@ from calibtool.robot.se3 import Array
 
 ROOT = Path(__file__).parent.parent
 NUMBER = re.compile(r" *[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-COMMENTS = {"fanuc-ls": None, "kuka-krl": ";", "abb-rapid": "!", "ur-script": "#", "ros2-trajectory": "#"}
+COMMENTS = {
+    "fanuc-ls": None,
+    "kuka-krl": ";",
+    "abb-rapid": "!",
+    "ur-script": "#",
+    "ros2-trajectory": "#",
+}
 
 
 @cache
 def bench() -> ModuleType:
     """benchmarks/programs.py, which writes programs of any length."""
-    spec = importlib.util.spec_from_file_location("bench_programs", ROOT / "benchmarks" / "programs.py")
+    spec = importlib.util.spec_from_file_location(
+        "bench_programs", ROOT / "benchmarks" / "programs.py"
+    )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -83,9 +91,13 @@ def test_corrected_there_and_back(program_format: str) -> None:
     assert once.changed == twice.changed == 24
     literals = [reader(program_format)(t, robot).literals for t in (text, twice.data.decode())]
     for old, new in zip(*literals, strict=True):
-        size = np.linalg.norm(old.values[3:]) if old.orientation == "quaternion" else 1.0  # of six digits
+        size = (
+            np.linalg.norm(old.values[3:]) if old.orientation == "quaternion" else 1.0
+        )  # of six digits
         for a, b in zip(old.numbers, new.numbers, strict=True):
-            digits = {"deg": 3e-6 * np.pi / 180, "rad": 3e-8, "mm": 3e-7, "m": 3e-7, "": 3e-9}[a.unit]
+            digits = {"deg": 3e-6 * np.pi / 180, "rad": 3e-8, "mm": 3e-7, "m": 3e-7, "": 3e-9}[
+                a.unit
+            ]
             assert abs((a.value / size if a.unit == "" else a.value) - b.value) < digits
     assert NUMBER.sub("#", text) == NUMBER.sub("#", twice.data.decode())
 
@@ -100,7 +112,11 @@ def disguised(text: str, program_format: str, choose: st.DataObject) -> bytes:
     for line in text.splitlines():
         how = choose.draw(st.integers(0, 5))
         if how == 0 and mark:
-            word = choose.draw(st.sampled_from(["[1, 2", "p[", "}", "Ü 7 \N{GREEK SMALL LETTER MU}m", "'", '"', "MoveL p;"]))
+            word = choose.draw(
+                st.sampled_from(
+                    ["[1, 2", "p[", "}", "Ü 7 \N{GREEK SMALL LETTER MU}m", "'", '"', "MoveL p;"]
+                )
+            )
             line += f"  {mark} {word}"
         if how == 1 and not line.startswith(("- ", "/", "P[")):
             line += " "
@@ -147,14 +163,18 @@ def test_a_row_of_poses_is_followed_as_one_after_the_other(kind: str) -> None:
     rng = np.random.default_rng(4)
     if kind == "near":
         corners = bench().configurations(robot, 12)
-        q = np.array([np.interp(np.linspace(0, 11, 200), np.arange(12), column) for column in corners.T]).T
+        q = np.array(
+            [np.interp(np.linspace(0, 11, 200), np.arange(12), column) for column in corners.T]
+        ).T
     else:
         q = rng.uniform(np.maximum(robot.lower, -3), np.minimum(robot.upper, 3), (200, 6))
     T = robot.mechanism.forward(q)
     controller = Controller(robot, np.eye(6))
 
     def answers(rows: np.ndarray, start: Array) -> Array:
-        found = solve(controller, T[rows], start, [None] * len(rows), np.zeros(len(rows), dtype=bool))
+        found = solve(
+            controller, T[rows], start, [None] * len(rows), np.zeros(len(rows), dtype=bool)
+        )
         return np.where(found.found[:, None], found.q, start)
 
     trees = forest([(), *((k,) for k in range(199))], [False] * 200)
@@ -174,7 +194,9 @@ def test_a_tree_of_poses() -> None:
     assert trees.parents[[0, 1, 2, 3, 6, 7]].tolist() == [-1, 0, 0, 1, 3, -1]
     assert sorted(trees.order.tolist()) == list(range(8))
     place = np.argsort(trees.order)
-    assert all(place[parent] < place[row] for row, parent in enumerate(trees.parents) if parent >= 0)
+    assert all(
+        place[parent] < place[row] for row, parent in enumerate(trees.parents) if parent >= 0
+    )
     q = follow_forest(trees, np.zeros((8, 1)), lambda rows, start: start + 1.0)
     assert q[:, 0].tolist() == [1, 2, 2, 3, *q[4:6, 0], 4, 1]
     assert sorted(q[4:6, 0]) == [1, 2]

@@ -52,18 +52,28 @@ def test_what_is_written_is_near_enough(unit: str) -> None:
 def test_columns_keep_their_width_where_there_is_room() -> None:
     text = "X =   10.000  mm, Y = 1.0 mm"
     first, second = (m.span(1) for m in re.finditer(r"= *(\S+)", text))
-    assert replaced(text, [(*first, "10.12345"), (*second, "1.23456")]) == "X = 10.12345  mm, Y = 1.23456 mm"
+    assert (
+        replaced(text, [(*first, "10.12345"), (*second, "1.23456")])
+        == "X = 10.12345  mm, Y = 1.23456 mm"
+    )
     assert replaced(text, [(*first, "7")]) == "X =        7  mm, Y = 1.0 mm"
     assert replaced(text, [(*first, "12345.1234")]) == "X = 12345.1234  mm, Y = 1.0 mm"
-    assert replaced("X   10.0", [(4, 8, "10.12345")]) == "X 10.12345"  # a blank stays between a word and its number
+    assert (
+        replaced("X   10.0", [(4, 8, "10.12345")]) == "X 10.12345"
+    )  # a blank stays between a word and its number
     assert replaced(text, [(*first, "123456.1234")]) == "X = 123456.1234  mm, Y = 1.0 mm"
 
 
 def test_only_the_spans_change() -> None:
     text = "a [1.0, 2.0] é\r\n b 3.0"
-    numbers = [Number(m.start(), m.end(), "mm", float(m[0]) * 1e-3) for m in re.finditer(r"\d\.\d", text)]
+    numbers = [
+        Number(m.start(), m.end(), "mm", float(m[0]) * 1e-3) for m in re.finditer(r"\d\.\d", text)
+    ]
     assert replaced(text, rewritten(text, numbers, [n.value for n in numbers])) == text
-    assert replaced(text, rewritten(text, numbers, [0.001, 0.0025, 0.003])) == "a [1.0, 2.5000] é\r\n b 3.0"
+    assert (
+        replaced(text, rewritten(text, numbers, [0.001, 0.0025, 0.003]))
+        == "a [1.0, 2.5000] é\r\n b 3.0"
+    )
 
 
 @pytest.mark.parametrize("text", ["nan", "NaN", "1_0", "0x10", "d2r(90)", "1+2", "", "--1", "1,5"])
@@ -86,14 +96,20 @@ def test_comments_and_strings_are_blanked_in_place() -> None:
     blanked = comments_blanked(text, r";[^\n]*")
     assert len(blanked) == len(text)
     assert blanked.split() == ["x", "y", "z"]
-    assert [k for k, c in enumerate(blanked) if c == "\n"] == [k for k, c in enumerate(text) if c == "\n"]
+    assert [k for k, c in enumerate(blanked) if c == "\n"] == [
+        k for k, c in enumerate(text) if c == "\n"
+    ]
 
 
 def test_lists() -> None:
     code = " [[1, 2], [ 3 ] , []]"
     whole = item(code, 0, len(code))
     assert whole.shape() == (2, 1, 0)
-    assert [code[p.start : p.end] for row in whole.parts or () for p in row.parts or ()] == ["1", "2", "3"]
+    assert [code[p.start : p.end] for row in whole.parts or () for p in row.parts or ()] == [
+        "1",
+        "2",
+        "3",
+    ]
     assert item("[1, [2]]", 0, 8).shape() is None
     assert item("f([1], 2)", 0, 9).parts is None
     assert closing("[(])", 0) == 3 or closing("[[]", 0) is None

@@ -246,7 +246,9 @@ def test_joints_that_are_solved_into_a_variable_are_treated_as_the_pose() -> Non
     assert corrected(changed) == {}
     assert "an argument of get_inverse_kin" in whys(changed)[3]
     elsewhere = text.replace(given, "") + f" movej({HOME})\n movej(q)\nend\n"
-    assert corrected(elsewhere) == {4: "joint"}  # solved from where the robot stands before that motion
+    assert corrected(elsewhere) == {
+        4: "joint"
+    }  # solved from where the robot stands before that motion
 
 
 @pytest.mark.parametrize(

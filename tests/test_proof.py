@@ -376,7 +376,9 @@ def test_directions_are_those_of_the_driven_joints() -> None:
         pytest.skip("no backlash was found")
     corrected = compensate_joints(calibration, q).q
     taken_up = corrected + BacklashPath(calibration.errors["backlash"]).taken_up(corrected)
-    after = replace(driven(q, taken_up, data), conditions=Conditions(readonly(directions(taken_up))))
+    after = replace(
+        driven(q, taken_up, data), conditions=Conditions(readonly(directions(taken_up)))
+    )
     found = evaluate([("c", calibration)], after)
     assert found.proof is not None
     assert found.proof.expected.position_size[1:].max() < 1e-7

@@ -89,7 +89,11 @@ def test_fields_of_public_classes_are_explained() -> None:
         value = getattr(calibtool, name)
         if dataclasses.is_dataclass(value):
             text = inspect.getdoc(value) or ""
-            missing += [f"{name}.{f.name}" for f in dataclasses.fields(value) if not re.search(rf"\b{f.name}\b", text)]
+            missing += [
+                f"{name}.{f.name}"
+                for f in dataclasses.fields(value)
+                if not re.search(rf"\b{f.name}\b", text)
+            ]
     assert missing == []
 
 
@@ -110,6 +114,15 @@ def test_arrays_have_shapes() -> None:
         "robust.find_flagged",
         "tables.Lines.floats",
     )
-    protocols = (".programs.configurations.", ".errormodel.", ".measurement.kinds.", ".random_features.")
-    left = [name for name in missing if not name.endswith(general) and not any(p in name for p in protocols)]
+    protocols = (
+        ".programs.configurations.",
+        ".errormodel.",
+        ".measurement.kinds.",
+        ".random_features.",
+    )
+    left = [
+        name
+        for name in missing
+        if not name.endswith(general) and not any(p in name for p in protocols)
+    ]
     assert left == []

@@ -16,9 +16,13 @@ from calibtool.robot.se3 import translation
 
 def test_no_pose_of_the_joint_range_is_excluded(robot: Robot, rng: np.random.Generator) -> None:
     q = random_positions(robot, rng, 300)
-    q[:100] = np.where(rng.random((100, robot.n)) < 0.7, robot.home(robot.workspace(None)[1]), q[:100])
+    q[:100] = np.where(
+        rng.random((100, robot.n)) < 0.7, robot.home(robot.workspace(None)[1]), q[:100]
+    )
     q[100:200] = np.where(rng.random((100, robot.n)) < 0.5, robot.lower, robot.upper)
-    assert not excluded(robot, expm_chain(robot.chain.placements, robot.chain.twists, q), 1e-8).any()
+    assert not excluded(
+        robot, expm_chain(robot.chain.placements, robot.chain.twists, q), 1e-8
+    ).any()
 
 
 def test_what_is_excluded_is_found_by_no_search(robot: Robot, rng: np.random.Generator) -> None:
@@ -43,12 +47,16 @@ def test_the_greatest_distance_is_nearly_taken(name: str, rng: np.random.Generat
     bounds = Reach.of(robot)
     assert bounds is not None
     pose = robot.mechanism.forward(random_positions(robot, rng, 20_000))
-    distance = np.linalg.norm(pose[:, :3, :3] @ bounds.p_tool + pose[:, :3, 3] - bounds.p_base, axis=1)
+    distance = np.linalg.norm(
+        pose[:, :3, :3] @ bounds.p_tool + pose[:, :3, 3] - bounds.p_base, axis=1
+    )
     assert 0.99 * bounds.distance[1] < distance.max() <= bounds.distance[1] + 1e-12
 
 
 @pytest.mark.parametrize("tilt", [1e-4, 0.1, 3.0])
-def test_an_arm_with_parallel_axes_cannot_tilt_its_tool(tilt: float, rng: np.random.Generator) -> None:
+def test_an_arm_with_parallel_axes_cannot_tilt_its_tool(
+    tilt: float, rng: np.random.Generator
+) -> None:
     robot = load_robot("scara")
     target = robot.mechanism.forward(random_positions(robot, rng, 10))
     assert not excluded(robot, target, 1e-5).any()
@@ -74,4 +82,6 @@ def test_slides_alone_exclude_nothing() -> None:
 def test_angles_keep_their_digits_where_vectors_are_parallel() -> None:
     tilt = np.array([0.0, 1e-9, 1e-3, 1.0, np.pi])
     a = np.stack([np.cos(tilt), np.sin(tilt), 0 * tilt], axis=-1)
-    np.testing.assert_allclose(angle_between(a, np.array([1.0, 0.0, 0.0])), tilt, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(
+        angle_between(a, np.array([1.0, 0.0, 0.0])), tilt, rtol=1e-12, atol=1e-15
+    )

@@ -17,14 +17,19 @@ from calibtool.robot.catalogue import load_robot, shipped
 REAL = Path(__file__).resolve().parents[2] / "shared" / "real"
 
 pytestmark = pytest.mark.skipif(
-    not REAL.is_dir(), reason=f"the public measurements are not in {REAL}; data/README.md says where they come from"
+    not REAL.is_dir(),
+    reason=f"the public measurements are not in {REAL}; data/README.md says where they come from",
 )
 
 
 @cache
 def measured(robot: str, table: str) -> tuple[Measurements, list[str]]:
-    columns = parse_column_map((shipped("data") / robot / "columns.toml").read_text(encoding="utf-8"), "columns.toml")
-    return import_table((REAL / robot / table).read_text(encoding="utf-8"), table, load_robot(robot), columns)[:2]
+    columns = parse_column_map(
+        (shipped("data") / robot / "columns.toml").read_text(encoding="utf-8"), "columns.toml"
+    )
+    return import_table(
+        (REAL / robot / table).read_text(encoding="utf-8"), table, load_robot(robot), columns
+    )[:2]
 
 
 @pytest.mark.parametrize(("table", "rows"), [("grid.csv", 1000), ("random.csv", 20)])
@@ -52,7 +57,9 @@ def test_the_uncalibrated_ur5_has_the_published_error() -> None:
     assert abs(nominal.position_size.max() * 1e3 - 3.379) < 0.02
 
 
-def test_a_ur5_trained_on_100_grid_poses_is_better_than_a_fifth_of_a_millimetre_on_the_random_ones() -> None:
+def test_a_ur5_trained_on_100_grid_poses_is_better_than_a_fifth_of_a_millimetre_on_the_random_ones() -> (
+    None
+):
     # Its author reports 0.155 mm from 1000 poses.
     chosen, rest = select_rows(measured("ur5", "grid.csv")[0], None, 100, 0)
     assert (len(chosen), len(rest)) == (100, 900)
@@ -87,4 +94,8 @@ def test_what_the_checks_find_in_the_real_sets() -> None:
     for table in ("grid.csv", "random.csv"):
         assert check_measurements(measured("ur5", table)[0]) == []
     (repeats,) = check_measurements(measured("ur10", "joint_configurations.csv")[0])
-    assert (repeats.name, repeats.severity, repeats.numbers["rows"]) == ("repeatability", "note", 293)
+    assert (repeats.name, repeats.severity, repeats.numbers["rows"]) == (
+        "repeatability",
+        "note",
+        293,
+    )

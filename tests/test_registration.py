@@ -12,13 +12,23 @@ from scipy.spatial.transform import Rotation
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import residuals, weights
-from calibtool.measurement.registration import frames_of_least_squares, register, rigid_fit, update_setup
+from calibtool.measurement.registration import (
+    frames_of_least_squares,
+    register,
+    rigid_fit,
+    update_setup,
+)
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 
-FULLY_MOVING = ("fanuc-m1000ia", "gantry", "panda", "ur5")  # the tool turns about more than one direction
+FULLY_MOVING = (
+    "fanuc-m1000ia",
+    "gantry",
+    "panda",
+    "ur5",
+)  # the tool turns about more than one direction
 
 
 def random_truth(rng: np.random.Generator, kind: str, turn: Rotation | None = None) -> Setup:
@@ -110,7 +120,9 @@ def test_a_known_setup_is_returned_as_it_is(fanuc: Robot, rng: np.random.Generat
 
 @pytest.mark.parametrize("kind", ["one target", "three targets", "6-D sensor"])
 @pytest.mark.parametrize("name", ["planar-3r", "scara"])
-def test_a_robot_with_parallel_axes_is_registered_up_to_what_no_measurement_shows(name: str, kind: str) -> None:
+def test_a_robot_with_parallel_axes_is_registered_up_to_what_no_measurement_shows(
+    name: str, kind: str
+) -> None:
     robot = load_robot(name)
     rng = np.random.default_rng(4)
     q, fresh = configurations(robot, 20, rng), configurations(robot, 20, rng)
@@ -123,7 +135,9 @@ def test_a_robot_with_parallel_axes_is_registered_up_to_what_no_measurement_show
                 assert np.abs(got - expected).max() < 1e-9
 
 
-def test_poses_of_another_model_replace_those_of_the_nominal_robot(fanuc: Robot, rng: np.random.Generator) -> None:
+def test_poses_of_another_model_replace_those_of_the_nominal_robot(
+    fanuc: Robot, rng: np.random.Generator
+) -> None:
     q = configurations(fanuc, 12, rng)
     truth = random_truth(rng, "three targets")
     shifted = q + 0.01  # a robot whose encoders are off
@@ -151,11 +165,17 @@ def test_with_noise_no_small_step_lowers_the_weighted_squares(fanuc: Robot, kind
             assert cost(update_setup(found, signed[:6], signed[6:])) > cost(found)
 
 
-@pytest.mark.parametrize(("kind", "too_few"), [("one target", 3), ("three targets", 1), ("6-D sensor", 2)])
-def test_too_few_configurations_are_refused_with_the_count(fanuc: Robot, kind: str, too_few: int) -> None:
+@pytest.mark.parametrize(
+    ("kind", "too_few"), [("one target", 3), ("three targets", 1), ("6-D sensor", 2)]
+)
+def test_too_few_configurations_are_refused_with_the_count(
+    fanuc: Robot, kind: str, too_few: int
+) -> None:
     rng = np.random.default_rng(6)
     measurements = measured(fanuc, random_truth(rng, kind), configurations(fanuc, too_few, rng))
-    with pytest.raises(NoSolutionError, match=rf"{too_few} configurations give \d+ equations for \d+ unknowns"):
+    with pytest.raises(
+        NoSolutionError, match=rf"{too_few} configurations give \d+ equations for \d+ unknowns"
+    ):
         register(measurements)
 
 

@@ -33,7 +33,9 @@ def data(rng: np.random.Generator, count: int = 200) -> tuple[Array, Array, Arra
 
 
 @KINDS
-def test_the_jacobian_is_the_derivative_by_the_weights(kind: type[Regressor], rng: np.random.Generator) -> None:
+def test_the_jacobian_is_the_derivative_by_the_weights(
+    kind: type[Regressor], rng: np.random.Generator
+) -> None:
     q, R = rng.normal(size=(4, 3)), rng.normal(size=(4, 5, 6))
     start = kind.initial(rng.normal(size=(20, 3)), rng.uniform(0.5, 2, 6), 4, rng)
     seen, J = start.through(R, q)
@@ -42,22 +44,30 @@ def test_the_jacobian_is_the_derivative_by_the_weights(kind: type[Regressor], rn
 
 
 @KINDS
-def test_the_mean_of_members_is_one_of_them(kind: type[Regressor], rng: np.random.Generator) -> None:
+def test_the_mean_of_members_is_one_of_them(
+    kind: type[Regressor], rng: np.random.Generator
+) -> None:
     q = rng.normal(size=(10, 6))
     members = [kind.initial(q, np.full(6, 1e-3), 5, rng) for _ in range(3)]
     mean = members[0].averaged(members)
-    np.testing.assert_allclose(mean(q), np.mean([member(q) for member in members], axis=0), atol=1e-17)
+    np.testing.assert_allclose(
+        mean(q), np.mean([member(q) for member in members], axis=0), atol=1e-17
+    )
     rows = np.concatenate([mean(q[k : k + 1]) for k in range(10)])
     np.testing.assert_array_equal(mean(q), rows)
 
 
 @KINDS
-def test_a_smooth_function_is_learned_and_nothing_is_not(kind: type[Regressor], rng: np.random.Generator) -> None:
+def test_a_smooth_function_is_learned_and_nothing_is_not(
+    kind: type[Regressor], rng: np.random.Generator
+) -> None:
     q, G, y = data(rng)
     fresh, _, _ = data(rng, 50)
     start = kind.initial(q, np.full(6, 2e-4), kind.size_for(6), rng)
     learned = train_bayesian(start, task_loss(q, G, y + rng.normal(size=y.shape)))
-    expected = 2e-4 * np.stack([np.sin(fresh[:, j] + fresh[:, (j + 1) % 6]) for j in range(6)], axis=-1)
+    expected = 2e-4 * np.stack(
+        [np.sin(fresh[:, j] + fresh[:, (j + 1) % 6]) for j in range(6)], axis=-1
+    )
     left = np.sqrt(np.mean((learned.network(fresh) - expected) ** 2))
     assert left < 0.75 * np.sqrt(np.mean(expected**2))
     nothing = train_bayesian(start, task_loss(q, G, rng.normal(size=y.shape)))
@@ -67,7 +77,9 @@ def test_a_smooth_function_is_learned_and_nothing_is_not(kind: type[Regressor], 
 @KINDS
 def test_it_is_trained_judged_and_kept_in_a_file(kind: type[Regressor]) -> None:
     robot = load_robot("ur5")
-    measurements = simulate(robot, Simulation(workspace=robot.workspace(None)[1], configurations=60))
+    measurements = simulate(
+        robot, Simulation(workspace=robot.workspace(None)[1], configurations=60)
+    )
     options = TrainingOptions(regularisation="bayes", regressor=kind.id, restarts=2, folds=3)
     calibration = train(measurements, "nominal", options)
     assert calibration.validation is not None

@@ -20,7 +20,17 @@ from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 
-SECTIONS = ["verdict", "errors", "vectors", "training", "motions", "parameters", "flagged", "observability", "coverage"]
+SECTIONS = [
+    "verdict",
+    "errors",
+    "vectors",
+    "training",
+    "motions",
+    "parameters",
+    "flagged",
+    "observability",
+    "coverage",
+]
 SECTIONS += ["noise", "uncorrectable", "iso9283", "provenance"]
 EVIL = '<script>alert("1")</script>&"\' {{ 7*7 }} --> ]]>'
 
@@ -71,13 +81,17 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def measurements() -> Measurements:
     robot = load_robot("planar-3r")
-    return simulate(robot, Simulation(seed=1, configurations=30, workspace=robot.workspace(None)[1]))
+    return simulate(
+        robot, Simulation(seed=1, configurations=30, workspace=robot.workspace(None)[1])
+    )
 
 
 @pytest.fixture(scope="module")
 def fresh(measurements: Measurements) -> Measurements:
     robot = measurements.robot
-    options = Simulation(seed=2, configurations=20, workspace=robot.workspace(None)[1], same_robot=measurements.truth)
+    options = Simulation(
+        seed=2, configurations=20, workspace=robot.workspace(None)[1], same_robot=measurements.truth
+    )
     return simulate(robot, options)
 
 
@@ -184,14 +198,20 @@ def test_the_verdict_follows_the_limits(subject: Subject, page: Page) -> None:
     assert [[j.met for j in verdict.judgements] for verdict in found] == [[True, False]] * 2
     assert headline(subject, found).good is False
     assert headline(
-        replace(subject, limits=subject.limits[:1]), verdicts(replace(subject, limits=subject.limits[:1]))
+        replace(subject, limits=subject.limits[:1]),
+        verdicts(replace(subject, limits=subject.limits[:1])),
     ).good
-    assert headline(replace(subject, limits=()), found).text.startswith("complete brings the mean position error from")
+    assert headline(replace(subject, limits=()), found).text.startswith(
+        "complete brings the mean position error from"
+    )
     assert "not met" in " ".join(page.paragraphs["verdict"]).lower()
 
 
 def test_judging_on_the_rows_of_the_training_is_said(
-    named: list[tuple[str, Calibration]], measurements: Measurements, subject: Subject, fresh: Measurements
+    named: list[tuple[str, Calibration]],
+    measurements: Measurements,
+    subject: Subject,
+    fresh: Measurements,
 ) -> None:
     own = Subject(named, measurements, evaluate(named, measurements))
     assert "30 of the 30 judged configurations were used" in cautions(own, measurements.q)[0]
@@ -204,7 +224,12 @@ def test_one_target_and_no_truth(named: list[tuple[str, Calibration]], fresh: Me
     """Real measurements of one target: no orientation, no network, nothing known of what no joint corrects."""
     setup = Setup(fresh.setup.T_instrument_base, fresh.setup.targets[:1])
     real = replace(fresh, points=fresh.points[:, :1], setup=setup, truth=None)
-    poe = [("local-poe", replace(named[1][1], base=replace(named[1][1].base, posterior=None, flagged=None)))]
+    poe = [
+        (
+            "local-poe",
+            replace(named[1][1], base=replace(named[1][1].base, posterior=None, flagged=None)),
+        )
+    ]
     limits = (parse_limit("orientation_max_mrad=1"),)
     page = Page(html_report(Subject(poe, real, evaluate(poe, real), limits), {}))
     assert page.ids("section") == SECTIONS
@@ -222,7 +247,9 @@ def test_one_target_and_no_truth(named: list[tuple[str, Calibration]], fresh: Me
 
 
 @pytest.mark.usefixtures("_sketched")
-def test_repeated_and_flagged_rows_are_listed(named: list[tuple[str, Calibration]], fresh: Measurements) -> None:
+def test_repeated_and_flagged_rows_are_listed(
+    named: list[tuple[str, Calibration]], fresh: Measurements
+) -> None:
     complete = named[1][1]
     flagged = replace(
         complete.base.flagged,  # type: ignore[type-var]
@@ -235,7 +262,14 @@ def test_repeated_and_flagged_rows_are_listed(named: list[tuple[str, Calibration
     repeated = replace(fresh.rows(np.repeat(np.arange(4), 3)), truth=None)
     subject = Subject(known, repeated, evaluate(known, repeated))
     page = Page(html_report(subject, {}))
-    assert page.cells[page.cells.index("8") : page.cells.index("8") + 6] == ["8", "2.000", "9.0", "5", "1.000", "5.0"]
+    assert page.cells[page.cells.index("8") : page.cells.index("8") + 6] == [
+        "8",
+        "2.000",
+        "9.0",
+        "5",
+        "1.000",
+        "5.0",
+    ]
     assert any("joint 2 near 30 deg" in line for line in page.paragraphs["flagged"])
     assert subject.evaluation is not None
     test = subject.evaluation.pose_test
@@ -248,23 +282,35 @@ def test_the_headline_names_who_keeps_the_limits_and_who_does_not(subject: Subje
         judged = replace(subject, limits=tuple(parse_limit(limit) for limit in limits))
         return headline(judged, verdicts(judged)).text
 
-    assert said("position_max_mm=1e-6").startswith(f"Not met: {EVIL} and complete miss the limit. complete brings ")
+    assert said("position_max_mm=1e-6").startswith(
+        f"Not met: {EVIL} and complete miss the limit. complete brings "
+    )
     assert said("position_max_mm=100", "position_mean_mm=100").startswith(
         f"Met: {EVIL} and complete keep the 2 limits. "
     )
     assert subject.evaluation is not None
     nominal, paper, complete = subject.evaluation.methods
     between = 0.5e3 * float(paper.position_size.max() + complete.position_size.max())
-    assert said(f"position_max_mm={between!r}").startswith(f"Met: complete keeps the limit; {EVIL} does not. ")
-    worse = replace(subject, limits=(), evaluation=replace(subject.evaluation, methods=[complete, nominal, paper]))
+    assert said(f"position_max_mm={between!r}").startswith(
+        f"Met: complete keeps the limit; {EVIL} does not. "
+    )
+    worse = replace(
+        subject,
+        limits=(),
+        evaluation=replace(subject.evaluation, methods=[complete, nominal, paper]),
+    )
     found = headline(worse, verdicts(worse))
     assert found.good is False
     assert found.text.startswith("No calibration lowers the mean position error: ")
 
 
-def test_doubtful_corrections_and_unlike_rows_are_cautions(subject: Subject, fresh: Measurements) -> None:
+def test_doubtful_corrections_and_unlike_rows_are_cautions(
+    subject: Subject, fresh: Measurements
+) -> None:
     assert subject.evaluation is not None
-    doubtful = replace(subject, evaluation=replace(subject.evaluation, marked=[0, 0, 3], outside=[0, 2, 0]))
+    doubtful = replace(
+        subject, evaluation=replace(subject.evaluation, marked=[0, 0, 3], outside=[0, 2, 0])
+    )
     found = cautions(doubtful, fresh.q)
     assert f"2 judged configurations are unlike those of the training of {EVIL}." in found
     assert "3 corrections by complete leave a part of the error, or all of it." in found

@@ -40,7 +40,14 @@ def test_limits_say_where_they_come_from(tmp_path) -> None:
     found = check_robot(load_robot(str(crane(tmp_path))), "crane")
     assert found.limit_sources == ["robot.toml", "urdf"]
     kinova = load_robot("kinova")
-    assert [s == "continuous" for s in kinova.chain.limited_by] == [True, False, False, True, False, True]
+    assert [s == "continuous" for s in kinova.chain.limited_by] == [
+        True,
+        False,
+        False,
+        True,
+        False,
+        True,
+    ]
 
 
 def test_missing_limits_of_an_angle_are_a_warning(tmp_path) -> None:
@@ -59,7 +66,9 @@ def test_missing_limits_of_an_angle_are_a_warning(tmp_path) -> None:
         ("[[0, 0, 50], [0, 0, 90], [0, 0, 120]]", "lie on one line"),
     ],
 )
-def test_targets_that_hide_the_orientation_are_a_warning(points: str, finding: str, tmp_path) -> None:
+def test_targets_that_hide_the_orientation_are_a_warning(
+    points: str, finding: str, tmp_path
+) -> None:
     targets = "[[86.603, 0.0, 50.0], [-43.301, 75.0, 50.0], [-43.301, -75.0, 50.0]]"
     found = planar(tmp_path, targets, points)
     assert any(f"the targets {finding}" in warning for warning in found.warnings)
@@ -77,13 +86,18 @@ def test_a_singular_home_and_a_name_of_the_catalogue_are_warnings(tmp_path) -> N
 
 
 def test_a_home_outside_the_limits_is_wrong(tmp_path) -> None:
-    with pytest.raises(InputError, match=r"robot.toml: workspaces.bench.home: j2_deg = 175 is outside .*-160 to 160; "):
+    with pytest.raises(
+        InputError,
+        match=r"robot.toml: workspaces.bench.home: j2_deg = 175 is outside .*-160 to 160; ",
+    ):
         planar(tmp_path, "j2_deg = 60", "j2_deg = 175")
 
 
 def test_a_workspace_out_of_reach_is_wrong(tmp_path) -> None:
     toml = TOML.replace("box_m = [0.2, 0.2, 0.1]", "box_m = [9000, 9000, 9000]")
-    with pytest.raises(InputError, match=r"robot.toml: workspaces.yard: .*make it smaller or move its home"):
+    with pytest.raises(
+        InputError, match=r"robot.toml: workspaces.yard: .*make it smaller or move its home"
+    ):
         check_robot(load_robot(str(crane(tmp_path, toml))), "crane")
 
 

@@ -8,7 +8,11 @@ SAMPLE = Path(__file__).resolve().parent.parent / "data" / "sample"
 
 def test_the_sample_is_what_its_script_makes() -> None:
     made = runpy.run_path(str(SAMPLE / "make.py"))["files"]()
-    assert {path.name for path in SAMPLE.iterdir() if path.is_file()} == {*made, "make.py", "driven.csv"}
+    assert {path.name for path in SAMPLE.iterdir() if path.is_file()} == {
+        *made,
+        "make.py",
+        "driven.csv",
+    }
     for name, text in made.items():
         assert (SAMPLE / name).read_bytes() == text.encode(), name
 

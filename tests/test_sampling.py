@@ -12,11 +12,20 @@ from calibtool.robot.description import Workspace
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 
-UR5_HOME = {"j1_deg": 0.0, "j2_deg": -80.0, "j3_deg": 100.0, "j4_deg": -110.0, "j5_deg": -90.0, "j6_deg": 0.0}
+UR5_HOME = {
+    "j1_deg": 0.0,
+    "j2_deg": -80.0,
+    "j3_deg": 100.0,
+    "j4_deg": -110.0,
+    "j5_deg": -90.0,
+    "j6_deg": 0.0,
+}
 
 
 def drawn(robot: Robot, workspace: str | None, count: int = 60, seed: int = 0) -> Array:
-    return sample_configurations(robot, robot.workspace(workspace)[1], count, np.random.default_rng(seed))
+    return sample_configurations(
+        robot, robot.workspace(workspace)[1], count, np.random.default_rng(seed)
+    )
 
 
 def distance_by_singular_values(robot: Robot, q: Array) -> Array:
@@ -42,8 +51,12 @@ def test_configurations_are_inside_the_joint_limits(robot: Robot, workspace: str
 
 
 @pytest.mark.parametrize("workspace", [None, "full"])
-def test_configurations_keep_their_distance_from_singularities(robot: Robot, workspace: str | None) -> None:
-    assert distance_by_singular_values(robot, drawn(robot, workspace)).min() >= MIN_SINGULARITY_DISTANCE * (1 - 1e-6)
+def test_configurations_keep_their_distance_from_singularities(
+    robot: Robot, workspace: str | None
+) -> None:
+    assert distance_by_singular_values(
+        robot, drawn(robot, workspace)
+    ).min() >= MIN_SINGULARITY_DISTANCE * (1 - 1e-6)
 
 
 def test_tool_positions_are_inside_the_box_and_fill_it(robot: Robot) -> None:
@@ -99,7 +112,9 @@ def test_the_same_seed_draws_the_same_configurations_and_another_seed_others() -
 def test_a_workspace_out_of_reach_has_no_configurations() -> None:
     ur5 = load_robot("ur5")
     far = Workspace(home=UR5_HOME, box_m=[50.0, 50.0, 50.0], cone_deg=30)
-    with pytest.raises(NoSolutionError, match=r"ur5: only .* poses of the workspace can be reached"):
+    with pytest.raises(
+        NoSolutionError, match=r"ur5: only .* poses of the workspace can be reached"
+    ):
         sample_configurations(ur5, far, 10, np.random.default_rng(0))
 
 

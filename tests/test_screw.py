@@ -26,7 +26,9 @@ def moved(screw: Screw, q: Array) -> Array:
 
 @pytest.mark.parametrize("speed", [0.0, 1e-3, 1.0])
 @pytest.mark.parametrize("turn", [0.0, 1e-300, 1e-12, 1e-9, 1e-6, 1e-3, 0.09, 0.11, 1.0, 3.0])
-def test_the_motion_is_the_matrix_exponential(speed: float, turn: float, rng: np.random.Generator) -> None:
+def test_the_motion_is_the_matrix_exponential(
+    speed: float, turn: float, rng: np.random.Generator
+) -> None:
     if not speed and turn < 1e-200:
         pytest.skip("no motion is no joint")
     twist = rng.normal(size=(2, 3))

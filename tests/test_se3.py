@@ -35,7 +35,9 @@ def twists(draw: st.DrawFn, longest_turn: float = np.pi - 1e-6) -> Array:
     """Twists with a turn of 1e-12 … `longest_turn` rad, or of none, and any slide up to 2 m per axis."""
     axis = draw(vectors)
     norm = np.linalg.norm(axis)
-    size = draw(st.sampled_from([0.0, 1e-12, 1e-8, 1e-4, 1e-2, 1.0])) * draw(st.floats(0.1, longest_turn))
+    size = draw(st.sampled_from([0.0, 1e-12, 1e-8, 1e-4, 1e-2, 1.0])) * draw(
+        st.floats(0.1, longest_turn)
+    )
     turn = axis / norm * min(size, longest_turn) if norm > 1e-3 else np.zeros(3)
     return np.concatenate([draw(vectors), turn])
 
@@ -152,13 +154,18 @@ def test_translations_add(a: Array, b: Array) -> None:
 )
 @pytest.mark.parametrize("leading", [(), (0,), (1,), (4,), (2, 3)])
 def test_a_batch_is_its_elements(
-    function: Callable[[Array], Array], item: tuple[int, ...], leading: tuple[int, ...], rng: np.random.Generator
+    function: Callable[[Array], Array],
+    item: tuple[int, ...],
+    leading: tuple[int, ...],
+    rng: np.random.Generator,
 ) -> None:
     count = int(np.prod(leading))
     if len(item) == 1:
         batch = rng.normal(size=(*leading, *item))
     else:
-        matrices = [matrix_exponential(rng.normal(size=6))[: item[0], : item[1]] for _ in range(count)]
+        matrices = [
+            matrix_exponential(rng.normal(size=6))[: item[0], : item[1]] for _ in range(count)
+        ]
         batch = np.reshape(matrices, (*leading, *item))
     result = function(batch)
     single = [function(x) for x in batch.reshape(-1, *item)]

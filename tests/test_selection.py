@@ -8,7 +8,9 @@ import pytest
 from calibtool.planning.selection import _Design, improve, select
 
 
-def objective(rows: np.ndarray, prior: np.ndarray, chosen: tuple[int, ...], reference: np.ndarray | None) -> float:
+def objective(
+    rows: np.ndarray, prior: np.ndarray, chosen: tuple[int, ...], reference: np.ndarray | None
+) -> float:
     """ln det of the covariance, or the mean variance over the reference rows."""
     A = rows[list(chosen)].reshape(-1, rows.shape[-1])
     covariance = np.linalg.inv(np.linalg.inv(prior) + A.T @ A)
@@ -34,7 +36,9 @@ def test_it_finds_nearly_the_best_subset_of_all(criterion: str) -> None:
         chosen = select(rows, prior, 4, criterion, reference)
         assert len(set(chosen.tolist())) == 4
         found = objective(rows, prior, tuple(chosen), judged)
-        every = sorted(objective(rows, prior, subset, judged) for subset in combinations(range(len(rows)), 4))
+        every = sorted(
+            objective(rows, prior, subset, judged) for subset in combinations(range(len(rows)), 4)
+        )
         ranks.append(int(np.searchsorted(every, found - 1e-9)))
     assert max(ranks) <= 5  # of 495
     assert np.median(ranks) == 0
@@ -61,7 +65,9 @@ def test_precise_instruments_do_not_spoil_it() -> None:
     rows = rows * 1e6
     chosen = select(rows, prior, 6, "i", reference)
     found = objective(rows, prior, tuple(chosen), reference)
-    every = [objective(rows, prior, subset, reference) for subset in combinations(range(len(rows)), 6)]
+    every = [
+        objective(rows, prior, subset, reference) for subset in combinations(range(len(rows)), 6)
+    ]
     assert found <= np.quantile(every, 0.02) * (1 + 1e-3)
 
 
@@ -69,7 +75,10 @@ def test_improving_never_makes_it_worse() -> None:
     for seed in range(5):
         rows, prior, _ = problem(seed)
         chosen = improve(rows, prior, 4)
-        assert objective(rows, prior, tuple(chosen), None) <= objective(rows, prior, (0, 1, 2, 3), None) + 1e-9
+        assert (
+            objective(rows, prior, tuple(chosen), None)
+            <= objective(rows, prior, (0, 1, 2, 3), None) + 1e-9
+        )
 
 
 def test_all_candidates_can_be_chosen() -> None:

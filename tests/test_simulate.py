@@ -22,7 +22,10 @@ EVERYTHING = ErrorScales(kinds=ERROR_KINDS)
 
 def simulated(robot: Robot, **options: object) -> Measurements:
     return simulate(
-        robot, replace(Simulation(seed=3, configurations=40, workspace=robot.workspace(None)[1]), **options)
+        robot,
+        replace(
+            Simulation(seed=3, configurations=40, workspace=robot.workspace(None)[1]), **options
+        ),
     )
 
 
@@ -36,8 +39,12 @@ def true_points(measurements: Measurements) -> Array:
 
 @pytest.mark.parametrize("unregistered", [False, True])
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "scara", "panda"])
-def test_without_noise_the_points_are_those_of_the_actual_robot(name: str, unregistered: bool) -> None:
-    measurements = simulated(load_robot(name), scales=EVERYTHING, noise=0.0, unregistered=unregistered)
+def test_without_noise_the_points_are_those_of_the_actual_robot(
+    name: str, unregistered: bool
+) -> None:
+    measurements = simulated(
+        load_robot(name), scales=EVERYTHING, noise=0.0, unregistered=unregistered
+    )
     assert np.abs(measurements.points - true_points(measurements)).max() < 1e-12
 
 
@@ -72,11 +79,15 @@ def test_the_same_robot_is_measured_again_at_other_configurations(fanuc: Robot) 
     assert not np.isin(noise[0], noise[1]).any()
 
 
-def test_another_seed_makes_another_robot_other_configurations_and_other_noise(fanuc: Robot) -> None:
+def test_another_seed_makes_another_robot_other_configurations_and_other_noise(
+    fanuc: Robot,
+) -> None:
     a, b = simulated(fanuc, seed=1), simulated(fanuc, seed=2)
     assert a.truth is not None
     assert b.truth is not None
-    assert not np.isclose(a.truth.actual.errors["placements"], b.truth.actual.errors["placements"], rtol=1e-6).any()
+    assert not np.isclose(
+        a.truth.actual.errors["placements"], b.truth.actual.errors["placements"], rtol=1e-6
+    ).any()
     assert not np.isin(a.q, b.q).any()
 
 
@@ -88,7 +99,9 @@ def test_the_same_seed_makes_the_same_measurements(fanuc: Robot) -> None:
         assert np.array_equal(a.points, b.points)
 
 
-def test_size_of_the_noise_and_number_of_configurations_leave_the_robot_as_it_was(fanuc: Robot) -> None:
+def test_size_of_the_noise_and_number_of_configurations_leave_the_robot_as_it_was(
+    fanuc: Robot,
+) -> None:
     a, b = simulated(fanuc, noise=0.0), simulated(fanuc, noise=1e-3, configurations=5)
     assert a.truth is not None
     assert b.truth is not None
@@ -134,7 +147,9 @@ def test_the_setup_of_an_unregistered_robot_stays_when_it_is_measured_again(fanu
     assert first.truth is not None
     again = simulated(fanuc, same_robot=first.truth, noise=0.0)
     assert not again.setup.known
-    assert np.abs(again.points - observe(first.truth.actual, first.truth.setup, again.q)).max() < 1e-12
+    assert (
+        np.abs(again.points - observe(first.truth.actual, first.truth.setup, again.q)).max() < 1e-12
+    )
 
 
 def test_configurations_can_be_given(fanuc: Robot) -> None:

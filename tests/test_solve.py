@@ -32,7 +32,9 @@ FEW = examples(8)
 @cache
 def calibrated(name: str, base: str, network: bool = True) -> Calibration:
     robot = load_robot(name)
-    measurements = simulate(robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=60))
+    measurements = simulate(
+        robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=60)
+    )
     if not network:
         return identify(measurements, base)
     return train(measurements, base, TrainingOptions(restarts=1))
@@ -46,7 +48,9 @@ def zero(name: str, base: str) -> Calibration:
 
 
 def configurations(robot: Robot, count: int = 30, seed: int = 4) -> Array:
-    return sample_configurations(robot, robot.workspace(None)[1], count, np.random.default_rng(seed))
+    return sample_configurations(
+        robot, robot.workspace(None)[1], count, np.random.default_rng(seed)
+    )
 
 
 def angle(a: Array, b: Array) -> Array:
@@ -67,12 +71,16 @@ def test_the_calibrated_robot_arrives_at_the_commanded_pose(name: str, base: str
     assert (result.status == "ok").all()
     assert np.abs(reached[:, :3, 3] - commanded[:, :3, 3]).max() < 1e-9
     assert angle(reached, commanded).max() < 1e-9
-    assert np.linalg.norm(calibration.forward(q)[:, :3, 3] - commanded[:, :3, 3], axis=-1).min() > 1e-5
+    assert (
+        np.linalg.norm(calibration.forward(q)[:, :3, 3] - commanded[:, :3, 3], axis=-1).min() > 1e-5
+    )
 
 
 @given(seed=st.integers(0, 10_000), name=st.sampled_from(SIX_OR_MORE), base=st.sampled_from(BASES))
 @FEW
-def test_correcting_where_the_calibrated_robot_went_gives_the_joints_back(seed: int, name: str, base: str) -> None:
+def test_correcting_where_the_calibrated_robot_went_gives_the_joints_back(
+    seed: int, name: str, base: str
+) -> None:
     calibration = calibrated(name, base)
     q = configurations(calibration.robot, 3, seed)
     result = compensate_poses(calibration, calibration.forward(q), q)
@@ -84,7 +92,9 @@ def test_correcting_where_the_calibrated_robot_went_gives_the_joints_back(seed: 
 
 def test_the_actual_robot_is_put_right_by_its_own_geometry() -> None:
     robot = load_robot("ur5")
-    measurements = simulate(robot, Simulation(seed=2, workspace=robot.workspace(None)[1], configurations=30))
+    measurements = simulate(
+        robot, Simulation(seed=2, workspace=robot.workspace(None)[1], configurations=30)
+    )
     truth = measurements.truth
     assert truth is not None
     calibration = zero("ur5", "local-poe")
@@ -104,7 +114,9 @@ def test_with_fewer_joints_no_small_motion_comes_nearer(name: str, base: str) ->
     robot = calibration.robot
     q = configurations(robot, 8)
     commanded = robot.mechanism.forward(q)
-    result = compensate_joints(calibration, q, bounds=default_bounds(calibration, weights=(1.0,) * 6))
+    result = compensate_joints(
+        calibration, q, bounds=default_bounds(calibration, weights=(1.0,) * 6)
+    )
 
     def error(joints: Array, k: int) -> Array:
         pose = calibration.forward(joints[None])[0]
@@ -117,7 +129,9 @@ def test_with_fewer_joints_no_small_motion_comes_nearer(name: str, base: str) ->
         assert here <= 2 * best.cost * (1 + 2e-3)  # ∂N/∂q is left out of the steps: a thousandth
         assert here < float((error(q[k], k) ** 2).sum())
     pose = calibration.forward(result.q)
-    assert np.allclose(result.position, np.linalg.norm(pose[:, :3, 3] - commanded[:, :3, 3], axis=-1), atol=1e-12)
+    assert np.allclose(
+        result.position, np.linalg.norm(pose[:, :3, 3] - commanded[:, :3, 3], axis=-1), atol=1e-12
+    )
     assert np.allclose(result.orientation, angle(pose, commanded), atol=1e-9)
     assert (result.position + result.orientation > 1e-6).all()  # something is always left
 
@@ -128,7 +142,9 @@ def test_a_planar_arm_corrects_its_plane_although_it_cannot_leave_it() -> None:
     q = configurations(robot)
     commanded = robot.mechanism.forward(q)
     before = np.linalg.norm((calibration.forward(q) - commanded)[:, :2, 3], axis=-1)
-    after = np.linalg.norm((calibration.forward(compensate_joints(calibration, q).q) - commanded)[:, :2, 3], axis=-1)
+    after = np.linalg.norm(
+        (calibration.forward(compensate_joints(calibration, q).q) - commanded)[:, :2, 3], axis=-1
+    )
     assert after.max() < 0.05 * before.max()
 
 
@@ -145,7 +161,9 @@ def test_one_step_on_the_nominal_base_subtracts_the_network(name: str) -> None:
     hidden = np.tanh(((q - w.input_centre) / w.input_scale) @ w.hidden_weights.T + w.hidden_bias)
     motion = (hidden @ w.output_weights.T + w.output_bias) * w.output_scale
     n = calibration.robot.n
-    assert np.allclose(compensate_joints(calibration, q, "one-step").q, q - motion[:, :n], atol=1e-15)
+    assert np.allclose(
+        compensate_joints(calibration, q, "one-step").q, q - motion[:, :n], atol=1e-15
+    )
     assert np.abs(motion[:, :n]).max() > 1e-5
 
 
@@ -170,16 +188,23 @@ def test_one_step_on_an_identified_base_is_the_pseudo_inverse_of_the_pose_error(
     q = configurations(robot, 4)
     stepped = one_step(calibration, q).q
     for k in range(len(q)):
-        pose, nominal = calibration.forward(q[k : k + 1])[0], robot.mechanism.forward(q[k : k + 1])[0]
+        pose, nominal = (
+            calibration.forward(q[k : k + 1])[0],
+            robot.mechanism.forward(q[k : k + 1])[0],
+        )
         columns = []
         for j in range(n):
             e = 1e-6 * np.eye(n)[j]
-            rate = (calibration.forward((q[k] + e)[None])[0] - calibration.forward((q[k] - e)[None])[0]) / 2e-6
+            rate = (
+                calibration.forward((q[k] + e)[None])[0] - calibration.forward((q[k] - e)[None])[0]
+            ) / 2e-6
             W = rate[:3, :3] @ pose[:3, :3].T
             columns.append([*(rate[:3, 3] / robot.length), W[2, 1], W[0, 2], W[1, 0]])
         for joint in calibration.equivalent.virtual_joints:
             axis = pose[:3, "xyz".index(joint[-1])]
-            columns.append([0, 0, 0, *axis] if joint.startswith("r") else [*(axis / robot.length), 0, 0, 0])
+            columns.append(
+                [0, 0, 0, *axis] if joint.startswith("r") else [*(axis / robot.length), 0, 0, 0]
+            )
         turn = Rotation.from_matrix(pose[:3, :3] @ nominal[:3, :3].T).as_rotvec()
         error = np.concatenate([(pose[:3, 3] - nominal[:3, 3]) / robot.length, turn])
         motion = np.linalg.pinv(np.array(columns).T) @ error
@@ -191,7 +216,9 @@ def test_one_step_on_an_identified_base_is_the_pseudo_inverse_of_the_pose_error(
 
 @pytest.mark.parametrize("method", ["exact", "one-step"])
 @pytest.mark.parametrize("base", BASES)
-def test_a_calibration_without_errors_leaves_the_joints_alone(robot: Robot, base: str, method: str) -> None:
+def test_a_calibration_without_errors_leaves_the_joints_alone(
+    robot: Robot, base: str, method: str
+) -> None:
     q = configurations(robot, 10)
     result = compensate_joints(zero(robot.name, base), q, method)  # type: ignore[arg-type]
     assert np.abs(result.q - q).max() < 1e-9
@@ -207,10 +234,14 @@ UR5_HOME = np.deg2rad([0.0, -80.0, 100.0, -110.0, -90.0, 0.0])
 
 @pytest.mark.parametrize("method", ["exact", "one-step"])
 @pytest.mark.parametrize("base", BASES)
-def test_rows_near_a_singularity_are_marked_and_their_correction_is_bounded(base: str, method: str) -> None:
+def test_rows_near_a_singularity_are_marked_and_their_correction_is_bounded(
+    base: str, method: str
+) -> None:
     calibration = calibrated("ur5", base)
     q = np.tile(UR5_HOME, (41, 1))
-    q[:, 4] = np.deg2rad(np.linspace(-1.0, 1.0, 41))  # through the wrist singularity, joint 5 straight
+    q[:, 4] = np.deg2rad(
+        np.linspace(-1.0, 1.0, 41)
+    )  # through the wrist singularity, joint 5 straight
     result = compensate_joints(calibration, q, method)  # type: ignore[arg-type]
     assert (result.status == "near-singular").all()
     assert np.isfinite(result.q).all()
@@ -275,7 +306,14 @@ def test_the_seed_chooses_the_branch() -> None:
     calibration = calibrated("fanuc-m1000ia", "local-poe", network=False)
     robot = calibration.robot
     home = robot.home(robot.workspace(None)[1])
-    flipped = home * [1, 1, 1, 1, -1, 1] + [0, 0, 0, np.pi, 0, np.pi]  # a spherical wrist, turned over
+    flipped = home * [1, 1, 1, 1, -1, 1] + [
+        0,
+        0,
+        0,
+        np.pi,
+        0,
+        np.pi,
+    ]  # a spherical wrist, turned over
     pose = robot.mechanism.forward(home[None])
     assert np.abs(robot.mechanism.forward(flipped[None]) - pose).max() < 1e-9
     for seed in (home, flipped):

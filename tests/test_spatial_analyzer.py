@@ -28,8 +28,12 @@ def listed(layout: str, separator: str = ",", end: str = "") -> list[str]:
 
 
 @pytest.mark.parametrize("layout", ["names", "groups", "order", "targets"])
-@pytest.mark.parametrize(("separator", "end"), [(",", ""), (", ", ", 0.0, 19.05"), ("  ", "   0.0 19.05"), ("\t", "")])
-def test_every_layout_and_separator_gives_a_row_per_configuration(layout: str, separator: str, end: str) -> None:
+@pytest.mark.parametrize(
+    ("separator", "end"), [(",", ""), (", ", ", 0.0, 19.05"), ("  ", "   0.0 19.05"), ("\t", "")]
+)
+def test_every_layout_and_separator_gives_a_row_per_configuration(
+    layout: str, separator: str, end: str
+) -> None:
     text = "\n".join(["// SpatialAnalyzer", "", *listed(layout, separator, end), "// end"])
     points = parse_points(text, "p.txt", layout if layout == "targets" else None)
     assert points.layout == layout
@@ -48,7 +52,9 @@ def test_one_target_needs_no_layout() -> None:
 
 def test_targets_stand_in_the_order_of_their_numbers_wherever_their_lines_are() -> None:
     lines = listed("groups")
-    mixed = [lines[3 * k + i] for k, order in enumerate([(2, 0, 1), (0, 1, 2), (1, 2, 0)]) for i in order]
+    mixed = [
+        lines[3 * k + i] for k, order in enumerate([(2, 0, 1), (0, 1, 2), (1, 2, 0)]) for i in order
+    ]
     points = parse_points("\n".join(mixed), "p.txt")
     assert points.targets == ("T1", "T2", "T3")
     values = points.table.numbers([column for triple in points.columns for column in triple])
@@ -60,7 +66,9 @@ def test_a_target_that_lacks_is_empty_in_its_row(layout: str) -> None:
     lines = listed(layout)
     del lines[4]  # the second target of the second configuration
     points = parse_points("\n".join(lines), "p.txt")
-    seen = ~np.isnan(np.stack([points.table.optional_numbers(c)[:, 0] for c in points.columns], axis=1))
+    seen = ~np.isnan(
+        np.stack([points.table.optional_numbers(c)[:, 0] for c in points.columns], axis=1)
+    )
     assert np.argwhere(~seen).tolist() == [[1, 1]]
     assert points.table.place(1) == "p.txt:4"
 
@@ -68,7 +76,9 @@ def test_a_target_that_lacks_is_empty_in_its_row(layout: str) -> None:
 def test_a_repeated_target_is_named_with_both_lines() -> None:
     lines = listed("groups")
     lines.insert(7, lines[1])
-    with pytest.raises(InputError, match=r"^p\.txt:8: target 'T2' of configuration 'p1' stands in line 2 already"):
+    with pytest.raises(
+        InputError, match=r"^p\.txt:8: target 'T2' of configuration 'p1' stands in line 2 already"
+    ):
         parse_points("\n".join(lines), "p.txt")
 
 
@@ -90,7 +100,8 @@ def test_names_that_do_not_fit_together_are_refused() -> None:
     lines = listed("names")
     lines[5] = lines[5].replace("p2_3", "check")
     with pytest.raises(
-        InputError, match=r"^p\.txt:6: target 'check' does not end in a number as 'p1_1' does; .*--layout"
+        InputError,
+        match=r"^p\.txt:6: target 'check' does not end in a number as 'p1_1' does; .*--layout",
     ):
         parse_points("\n".join(lines), "p.txt")
 

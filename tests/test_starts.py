@@ -13,7 +13,9 @@ from calibtool.robot.starts import Starts, drawn, starts_of
 
 def distances(robot: Robot, a: Array, b: Array) -> Array:
     """|Δp|²/length² + |ΔR|²/2 of two sets of poses, pair by pair: 4 sin²(angle/2) is the second term."""
-    turned = Rotation.from_matrix(a[:, None, :3, :3]) * Rotation.from_matrix(b[None, :, :3, :3]).inv()
+    turned = (
+        Rotation.from_matrix(a[:, None, :3, :3]) * Rotation.from_matrix(b[None, :, :3, :3]).inv()
+    )
     shift = np.linalg.norm(a[:, None, :3, 3] - b[None, :, :3, 3], axis=-1) / robot.length
     result: Array = shift**2 + 4.0 * np.sin(turned.magnitude() / 2.0) ** 2
     return result
@@ -28,16 +30,24 @@ def test_starts_are_within_the_limits_and_within_one_turn(robot: Robot) -> None:
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "scara"])
 @pytest.mark.parametrize("count", [1, 2, 24])
-def test_the_nearest_are_those_of_a_direct_comparison(name: str, count: int, rng: np.random.Generator) -> None:
+def test_the_nearest_are_those_of_a_direct_comparison(
+    name: str, count: int, rng: np.random.Generator
+) -> None:
     robot, starts = load_robot(name), starts_of(load_robot(name))
     target = robot.mechanism.forward(random_positions(robot, rng, 20))
-    every = distances(robot, target, expm_chain(robot.chain.placements, robot.chain.twists, starts.q))
+    every = distances(
+        robot, target, expm_chain(robot.chain.placements, robot.chain.twists, starts.q)
+    )
     expected = np.sort(every, axis=1)[:, :count]
     found = starts.nearest(target, count)
     assert found.shape == (20, count, robot.n)
-    poses = expm_chain(robot.chain.placements, robot.chain.twists, found.reshape(-1, robot.n)).reshape(20, count, 4, 4)
+    poses = expm_chain(
+        robot.chain.placements, robot.chain.twists, found.reshape(-1, robot.n)
+    ).reshape(20, count, 4, 4)
     for k in range(20):
-        np.testing.assert_allclose(distances(robot, target[k : k + 1], poses[k])[0], expected[k], atol=1e-9)
+        np.testing.assert_allclose(
+            distances(robot, target[k : k + 1], poses[k])[0], expected[k], atol=1e-9
+        )
 
 
 def test_a_start_is_the_nearest_to_its_own_pose(robot: Robot) -> None:

@@ -40,20 +40,29 @@ def measurements(kind: str, name: str = "ur5") -> Measurements:
     if "pose" in kind:
         assert made.truth is not None
         poses = made.truth.setup.T_instrument_base @ made.truth.actual.forward(made.q)
-        setup = Setup(np.eye(4), np.zeros((1, 3)), np.eye(3), frame_known=False, targets_known=False)
-        made = Measurements(robot, made.q, poses[:, None, :3, 3], poses[:, :3, :3], setup, 1e-5, 1e-4)
+        setup = Setup(
+            np.eye(4), np.zeros((1, 3)), np.eye(3), frame_known=False, targets_known=False
+        )
+        made = Measurements(
+            robot, made.q, poses[:, None, :3, 3], poses[:, :3, :3], setup, 1e-5, 1e-4
+        )
         made = replace(made, setup=register(made))
     return replace(made, truth=None) if "real" in kind else made
 
 
 @cache
 def calibration(kind: str, name: str = "ur5") -> Calibration:
-    data = measurements("unregistered" if "unregistered" in kind else "pose" if "pose" in kind else "registered", name)
+    data = measurements(
+        "unregistered" if "unregistered" in kind else "pose" if "pose" in kind else "registered",
+        name,
+    )
     base = "nominal" if "nominal" in kind else "local-poe"
     if "network" not in kind:
         made = identify(data, base)
     else:
-        options = TrainingOptions(restarts=2, hidden=3, validation=0.0 if "all rows" in kind else 0.5)
+        options = TrainingOptions(
+            restarts=2, hidden=3, validation=0.0 if "all rows" in kind else 0.5
+        )
         made = train(data, base, options)
     return replace(made, provenance=PROVENANCE)
 
@@ -101,7 +110,10 @@ def test_measurements_are_read_as_they_were(kind: str) -> None:
         assert np.array_equal(after.rotations, before.rotations)
     assert after.kind == before.kind
     assert after.provenance == before.provenance
-    assert (after.noise_position, after.noise_orientation) == (before.noise_position, before.noise_orientation)
+    assert (after.noise_position, after.noise_orientation) == (
+        before.noise_position,
+        before.noise_orientation,
+    )
     assert (after.setup.frame_known, after.setup.targets_known) == (
         before.setup.frame_known,
         before.setup.targets_known,
@@ -109,7 +121,9 @@ def test_measurements_are_read_as_they_were(kind: str) -> None:
     assert np.array_equal(after.setup.T_instrument_base, before.setup.T_instrument_base)
     assert (after.truth is None) == (before.truth is None)
     if before.truth is not None and after.truth is not None:
-        assert np.array_equal(after.truth.actual.forward(before.q), before.truth.actual.forward(before.q))
+        assert np.array_equal(
+            after.truth.actual.forward(before.q), before.truth.actual.forward(before.q)
+        )
         assert np.array_equal(after.truth.setup.targets, before.truth.setup.targets)
 
 
@@ -146,9 +160,13 @@ def test_a_file_is_used_without_the_catalogue() -> None:
 
 def test_each_reader_takes_its_own_kind_only() -> None:
     a, b = to_bytes(measurements("registered")), to_bytes(calibration("nominal"))
-    with pytest.raises(InputError, match=r"^m\.h5: holds calibtool/measurements, expected calibtool/calibration"):
+    with pytest.raises(
+        InputError, match=r"^m\.h5: holds calibtool/measurements, expected calibtool/calibration"
+    ):
         read_calibration(io.BytesIO(a), "m.h5")
-    with pytest.raises(InputError, match=r"^c\.h5: holds calibtool/calibration, expected calibtool/measurements"):
+    with pytest.raises(
+        InputError, match=r"^c\.h5: holds calibtool/calibration, expected calibtool/measurements"
+    ):
         read_measurements(io.BytesIO(b), "c.h5")
 
 
@@ -173,7 +191,10 @@ def test_the_same_contents_give_the_same_bytes_without_time_stamps(kind: str) ->
 
 
 def test_root_attributes_name_schema_version_and_creator() -> None:
-    for kind, schema in (("registered", "calibtool/measurements"), ("nominal", "calibtool/calibration")):
+    for kind, schema in (
+        ("registered", "calibtool/measurements"),
+        ("nominal", "calibtool/calibration"),
+    ):
         with h5py.File(io.BytesIO(to_bytes(contents(kind))), "r") as file:
             assert file.attrs["schema"] == schema.encode()
             assert file.attrs["schema_version"] == 1
@@ -200,7 +221,11 @@ def datasets(data: bytes) -> dict[str, tuple[bool, dict[str, object], list[str]]
 
 @pytest.mark.parametrize("kind", [*MEASUREMENTS, *CALIBRATIONS])
 def test_every_dataset_of_numbers_carries_units_name_frame_and_labels(kind: str) -> None:
-    numbers = {path: rest for path, (is_text, *rest) in datasets(to_bytes(contents(kind))).items() if not is_text}
+    numbers = {
+        path: rest
+        for path, (is_text, *rest) in datasets(to_bytes(contents(kind))).items()
+        if not is_text
+    }
     assert len(numbers) >= 4
     for path, (attributes, labels) in numbers.items():
         assert {"units", "long_name", "frame"} <= set(attributes), path  # type: ignore[arg-type]
@@ -237,9 +262,14 @@ def texts_by_length(data: bytes) -> dict[str, bool]:
     def note(path: str, item: h5py.HLObject) -> None:
         for name in item.attrs:
             info = h5py.check_string_dtype(item.attrs.get_id(name).dtype)
-            if info is not None and name != "DIMENSION_LABELS":  # of variable length by the HDF5 standard; never read
+            if (
+                info is not None and name != "DIMENSION_LABELS"
+            ):  # of variable length by the HDF5 standard; never read
                 found[f"{path}@{name}"] = info.length is not None
-        if isinstance(item, h5py.Dataset) and (info := h5py.check_string_dtype(item.dtype)) is not None:
+        if (
+            isinstance(item, h5py.Dataset)
+            and (info := h5py.check_string_dtype(item.dtype)) is not None
+        ):
             found[path] = info.length is not None
 
     with h5py.File(io.BytesIO(data), "r") as file:
@@ -283,7 +313,9 @@ def test_texts_of_variable_length_are_read_all_the_same(kind: str) -> None:
 @pytest.mark.parametrize("command", ["", "ü" * 50_000, "gr\udcfcn.csv"])
 def test_texts_of_any_length_and_from_any_file_name(command: str) -> None:
     data = to_bytes(replace(contents("registered"), provenance={"command": command}))
-    expected = command.replace("\udcfc", "\ufffd")  # a byte that is no UTF-8, as file names may have
+    expected = command.replace(
+        "\udcfc", "\ufffd"
+    )  # a byte that is no UTF-8, as file names may have
     assert read(data, "long.h5").provenance["command"] == expected
 
 
@@ -322,7 +354,9 @@ def attribute(path: str, name: str, value: object) -> Callable[[h5py.File], None
 def test_a_newer_format_is_refused_with_its_version() -> None:
     for kind in ("registered", "nominal"):
         data = edited(to_bytes(contents(kind)), attribute("/", "schema_version", 2))
-        with pytest.raises(InputError, match=r"^new\.h5: written in format version 2, this calibtool reads up to 1"):
+        with pytest.raises(
+            InputError, match=r"^new\.h5: written in format version 2, this calibtool reads up to 1"
+        ):
             read(data, "new.h5")
 
 
@@ -332,7 +366,9 @@ def test_a_foreign_hdf5_file_is_refused() -> None:
         file["x"] = np.arange(3)
     for schema in (None, "other/format", 7):
         change = attribute("/", "schema", schema)
-        data = buffer.getvalue() if schema is None else edited(buffer.getvalue() + bytes(82), change)
+        data = (
+            buffer.getvalue() if schema is None else edited(buffer.getvalue() + bytes(82), change)
+        )
         with pytest.raises(InputError, match=r"^x\.h5: an HDF5 file, but not one of calibtool"):
             read(data, "x.h5")
 
@@ -415,7 +451,10 @@ def test_a_dataset_with_a_dimension_too_many_is_refused(kind: str, path: str) ->
 
 
 # A calibration may have any number of targets, and a training any number of iterations.
-ANY_LENGTH = [("nominal network", "registration/targets"), ("nominal network", "training/training_loss")]
+ANY_LENGTH = [
+    ("nominal network", "registration/targets"),
+    ("nominal network", "training/training_loss"),
+]
 
 
 @pytest.mark.parametrize(("kind", "path"), [case for case in CASES if case not in ANY_LENGTH])
@@ -428,7 +467,9 @@ def test_a_dataset_with_a_row_too_few_is_refused(kind: str, path: str) -> None:
 
 
 # NaN in all coordinates of a measured point means that the target was not seen.
-@pytest.mark.parametrize(("kind", "path"), [case for case in CASES if case[1] != "measurements/points"])
+@pytest.mark.parametrize(
+    ("kind", "path"), [case for case in CASES if case[1] != "measurements/points"]
+)
 def test_a_dataset_with_a_value_that_is_not_finite_is_refused(kind: str, path: str) -> None:
     data = to_bytes(contents(kind))
     with h5py.File(io.BytesIO(data), "r") as file:
@@ -440,7 +481,8 @@ def test_a_dataset_with_a_value_that_is_not_finite_is_refused(kind: str, path: s
 
 
 @pytest.mark.parametrize(
-    ("kind", "path"), [*CASES, ("registered", "robot/urdf"), ("nominal", "model"), ("nominal", "robot")]
+    ("kind", "path"),
+    [*CASES, ("registered", "robot/urdf"), ("nominal", "model"), ("nominal", "robot")],
 )
 def test_a_missing_part_is_refused(kind: str, path: str) -> None:
     with pytest.raises(InputError, match=r"^bad\.h5: "):
@@ -456,7 +498,9 @@ def test_a_missing_part_is_refused(kind: str, path: str) -> None:
         ("nominal", "model", "noise_position_m"),
     ],
 )
-def test_an_attribute_that_is_not_a_finite_number_is_refused(kind: str, path: str, name: str) -> None:
+def test_an_attribute_that_is_not_a_finite_number_is_refused(
+    kind: str, path: str, name: str
+) -> None:
     for value in (np.nan, "much"):
         with pytest.raises(InputError, match=r"^bad\.h5: "):
             read(edited(to_bytes(contents(kind)), attribute(path, name, value)), "bad.h5")

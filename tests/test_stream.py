@@ -10,7 +10,12 @@ import pytest
 from calibtool.calibration import Calibration, identify
 from calibtool.compensation.program import guarded
 from calibtool.compensation.solve import compensate_joints
-from calibtool.compensation.stream import StreamOptions, StreamReport, compensate_stream, compensate_text
+from calibtool.compensation.stream import (
+    StreamOptions,
+    StreamReport,
+    compensate_stream,
+    compensate_text,
+)
 from calibtool.errors import InputError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
@@ -33,7 +38,9 @@ def joints(count: int) -> Array:
 
 
 def joint_csv(q: Array) -> str:
-    return HEADER + "\n" + "".join(",".join(f"{v:.12g}" for v in np.rad2deg(row)) + "\n" for row in q)
+    return (
+        HEADER + "\n" + "".join(",".join(f"{v:.12g}" for v in np.rad2deg(row)) + "\n" for row in q)
+    )
 
 
 def pose_csv(T: Array) -> str:
@@ -49,10 +56,16 @@ def pose_csv(T: Array) -> str:
 @pytest.mark.parametrize("batch", [1, 7, 100])
 def test_the_size_of_batches_does_not_show(batch: int) -> None:
     q = joints(20)
-    for text in (joint_csv(q), pose_csv(load_robot("ur5").mechanism.forward(q[np.argsort(q[:, 0])]))):
+    for text in (
+        joint_csv(q),
+        pose_csv(load_robot("ur5").mechanism.forward(q[np.argsort(q[:, 0])])),
+    ):
         whole, _ = compensate_text(calibrated(), text, "t.csv")
         parts, report = compensate_text(calibrated(), text, "t.csv", StreamOptions(batch=batch))
-        a, b = (np.loadtxt(io.StringIO(t), delimiter=",", skiprows=1, usecols=range(6)) for t in (whole, parts))
+        a, b = (
+            np.loadtxt(io.StringIO(t), delimiter=",", skiprows=1, usecols=range(6))
+            for t in (whole, parts)
+        )
         assert np.abs(a - b).max() < 1e-9
         assert whole.splitlines()[0] == parts.splitlines()[0]
         assert report.rows == 20
@@ -66,7 +79,9 @@ def test_lines_are_taken_only_as_they_are_needed() -> None:
             taken.append(line)
             yield line
 
-    stream = compensate_stream(calibrated(), lines(), "t.csv", StreamOptions(batch=3), StreamReport())  # type: ignore[arg-type]
+    stream = compensate_stream(
+        calibrated(), lines(), "t.csv", StreamOptions(batch=3), StreamReport()
+    )  # type: ignore[arg-type]
     next(stream)
     assert len(taken) == 4  # the header and three rows
 
@@ -75,16 +90,30 @@ def test_json_lines_say_the_same_as_csv() -> None:
     q = joints(5)
     rows, _ = compensate_text(calibrated(), joint_csv(q), "t.csv")
     objects = [
-        {"name": "é", **{f"j{j + 1}_deg": v for j, v in enumerate(row)}, "speed": 0.5, "tags": [1, None]}
+        {
+            "name": "é",
+            **{f"j{j + 1}_deg": v for j, v in enumerate(row)},
+            "speed": 0.5,
+            "tags": [1, None],
+        }
         for row in np.rad2deg(q).tolist()
     ]
     lines = [json.dumps(given) + "\n" for given in objects]
-    text = "".join(compensate_stream(calibrated(), lines, "t", StreamOptions(), StreamReport(), "ndjson"))
+    text = "".join(
+        compensate_stream(calibrated(), lines, "t", StreamOptions(), StreamReport(), "ndjson")
+    )
     found = [json.loads(line) for line in text.splitlines()]
     for row, answer in zip(rows.splitlines()[1:], found, strict=True):
         cells = row.split(",")
-        assert [answer[f"j{j + 1}_deg"] for j in range(6)] == pytest.approx([float(c) for c in cells[:6]], abs=1e-9)
-        assert (answer["status"], answer["name"], answer["speed"], answer["tags"]) == (cells[6], "é", 0.5, [1, None])
+        assert [answer[f"j{j + 1}_deg"] for j in range(6)] == pytest.approx(
+            [float(c) for c in cells[:6]], abs=1e-9
+        )
+        assert (answer["status"], answer["name"], answer["speed"], answer["tags"]) == (
+            cells[6],
+            "é",
+            0.5,
+            [1, None],
+        )
 
 
 @pytest.mark.parametrize(
@@ -134,8 +163,12 @@ def test_a_path_of_poses_stays_on_the_branch_of_its_first_row_and_jumps_are_name
     assert np.abs(np.diff(found, axis=0)).max() < 0.1
     assert not any("jumps" in remark for remark in report.remarks)
     far = np.concatenate([q[:3], q[:1] + np.deg2rad([120, 0, 0, 0, 0, 0])])
-    _, report = compensate_text(calibrated(), pose_csv(robot.mechanism.forward(far)), "t.csv", StreamOptions(batch=3))
-    assert [remark.split(":")[:2] for remark in report.remarks if "jumps" in remark] == [["t.csv", "5"]]
+    _, report = compensate_text(
+        calibrated(), pose_csv(robot.mechanism.forward(far)), "t.csv", StreamOptions(batch=3)
+    )
+    assert [remark.split(":")[:2] for remark in report.remarks if "jumps" in remark] == [
+        ["t.csv", "5"]
+    ]
 
 
 def test_uncertainty_and_refusal_go_through_the_stream() -> None:

@@ -78,17 +78,23 @@ def test_a_singular_configuration_is_damped_and_says_so() -> None:
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("base", ["nominal", "local-poe", "everything"])
-def test_positions_that_make_no_sense_come_back_as_they_are(base: str, precision: Precision) -> None:
+def test_positions_that_make_no_sense_come_back_as_they_are(
+    base: str, precision: Precision
+) -> None:
     q = np.array([[0.1, bad, 0.3] for bad in (np.nan, np.inf, -np.inf, 1e37, -2e6, 1.001e6)])
     q = np.concatenate([q, q[:, [1, 0, 2]], q[:, [0, 2, 1]]])
-    found, status = corrected(calibration_as_structured_text(calibrated("planar-3r", base, True), "arm", precision), q)
+    found, status = corrected(
+        calibration_as_structured_text(calibrated("planar-3r", base, True), "arm", precision), q
+    )
     assert (status == STATUS.index("not-finite")).all()
     expected = q if precision == "double" else q.astype(np.float32)
     assert np.array_equal(found, expected, equal_nan=True)
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
-@pytest.mark.parametrize("case", [("planar-3r", "nominal"), ("scara", "everything"), ("fanuc-m1000ia", "local-poe")])
+@pytest.mark.parametrize(
+    "case", [("planar-3r", "nominal"), ("scara", "everything"), ("fanuc-m1000ia", "local-poe")]
+)
 def test_positions_far_outside_the_limits_move_by_the_bound_at_most(
     case: tuple[str, str], precision: Precision
 ) -> None:
@@ -114,7 +120,12 @@ def test_the_memory_of_the_header_is_that_of_the_variables(precision: Precision,
     size_of = {int: 2, float: size, np.float32: size}
     expected = 0
     for value in FunctionBlock(text).variables.values():
-        expected += sum(map(size_of.__getitem__, map(type, value.values() if isinstance(value, dict) else [value])))
+        expected += sum(
+            map(
+                size_of.__getitem__,
+                map(type, value.values() if isinstance(value, dict) else [value]),
+            )
+        )
     match = re.search(r"memory +(\d+) bytes", text)
     assert match
     assert int(match[1]) == expected
@@ -122,7 +133,9 @@ def test_the_memory_of_the_header_is_that_of_the_variables(precision: Precision,
 
 def parsed(text: str) -> None:
     """Read by blark, which takes a millisecond per character: initial values are shortened."""
-    parse = pytest.importorskip("blark.parse", reason="blark, which parses Structured Text, is not installed")
+    parse = pytest.importorskip(
+        "blark.parse", reason="blark, which parses Structured Text, is not installed"
+    )
     result = parse.parse_source_code(re.sub(r":= \[[^]]*\]", ":= [0.5, -1.0e-3]", text))
     assert result.exception is None
     assert result.tree is not None
@@ -132,7 +145,10 @@ def test_an_independent_parser_reads_a_block_without_kinematics() -> None:
     parsed(calibration_as_structured_text(calibrated("planar-3r", "nominal", True), "arm"))
 
 
-@pytest.mark.skipif("CALIBTOOL_SLOW_TESTS" not in os.environ, reason="takes half a minute; set CALIBTOOL_SLOW_TESTS=1")
+@pytest.mark.skipif(
+    "CALIBTOOL_SLOW_TESTS" not in os.environ,
+    reason="takes half a minute; set CALIBTOOL_SLOW_TESTS=1",
+)
 def test_an_independent_parser_reads_a_whole_block() -> None:
     parsed(calibration_as_structured_text(calibrated("planar-3r", "everything", True), "arm"))
 

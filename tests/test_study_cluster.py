@@ -10,7 +10,11 @@ from calibtool.errors import CalibtoolError, UsageError
 from calibtool.evaluation.study import Definition, Study, cluster, perform
 from calibtool.evaluation.study.cluster import on_cluster
 
-STUDY = Study.of(Definition(robots=["fanuc-m1000ia"], runs=10, configurations=[20], fresh=10, methods=["local-poe"]))
+STUDY = Study.of(
+    Definition(
+        robots=["fanuc-m1000ia"], runs=10, configurations=[20], fresh=10, methods=["local-poe"]
+    )
+)
 
 
 def test_a_worker_is_killed_and_nothing_is_lost() -> None:

@@ -31,7 +31,10 @@ def test_a_plan_is_the_product_of_its_lists() -> None:
 
 def test_combinations_share_their_robots_and_numbers_do_not() -> None:
     made = study(configurations=[20, 40], error_scale=[1, 2])
-    seeds = [{made.run(i).seed for i in range(made.count) if made.run(i).number == number} for number in (1, 2, 3)]
+    seeds = [
+        {made.run(i).seed for i in range(made.count) if made.run(i).number == number}
+        for number in (1, 2, 3)
+    ]
     assert all(len(same) == 1 for same in seeds)
     assert len(set.union(*seeds)) == 3
     assert max(set.union(*seeds)) < 2**53
@@ -43,7 +46,15 @@ def test_more_runs_start_with_the_same_ones() -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [{"runs": 4}, {"seed": 1}, {"noise_mm": 0.1}, {"robots": "scara"}, {"methods": "complete"}, {"fresh": 0}]
+    "change",
+    [
+        {"runs": 4},
+        {"seed": 1},
+        {"noise_mm": 0.1},
+        {"robots": "scara"},
+        {"methods": "complete"},
+        {"fresh": 0},
+    ],
 )
 def test_the_key_tells_studies_apart(change: dict[str, object]) -> None:
     assert study().key == study().key

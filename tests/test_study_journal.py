@@ -89,7 +89,9 @@ def test_without_a_run_nothing_is_left_behind(path: Path) -> None:
     assert not path.exists()
 
 
-def test_a_full_disk_is_an_error_and_keeps_what_is_finished(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_an_error_and_keeps_what_is_finished(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     keep(path, 0)
     with Journal(path, STUDY) as journal:
         write = os.write
@@ -100,7 +102,9 @@ def test_a_full_disk_is_an_error_and_keeps_what_is_finished(path: Path, monkeypa
             raise OSError(errno.ENOSPC, "No space left on device")
 
         with monkeypatch.context() as patch:
-            patch.setattr(os, "write", lambda f, d: full(f, d) if len(d) == len(d.obj) else full(f, d[:5]))
+            patch.setattr(
+                os, "write", lambda f, d: full(f, d) if len(d) == len(d.obj) else full(f, d[:5])
+            )
             with pytest.raises(UsageError, match="No space left"):
                 journal.add(1, ROWS)
     with Journal(path, STUDY) as journal:

@@ -12,7 +12,11 @@ from calibtool.evaluation.study import Definition, Study, perform
 from calibtool.evaluation.study import local as module
 from calibtool.evaluation.study.local import in_processes
 
-STUDY = Study.of(Definition(robots=["fanuc-m1000ia"], runs=8, configurations=[20], fresh=10, methods=["local-poe"]))
+STUDY = Study.of(
+    Definition(
+        robots=["fanuc-m1000ia"], runs=8, configurations=[20], fresh=10, methods=["local-poe"]
+    )
+)
 
 
 def kill_one() -> None:
@@ -43,7 +47,9 @@ def test_a_run_that_always_kills_its_process_is_reported(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("killed", [1, 99])
-def test_processes_that_are_killed_before_they_work(monkeypatch: pytest.MonkeyPatch, killed: int) -> None:
+def test_processes_that_are_killed_before_they_work(
+    monkeypatch: pytest.MonkeyPatch, killed: int
+) -> None:
     """One is replaced; when all end so, the study ends with an error instead of starting processes for ever."""
 
     class Stillborn(module._Worker):
@@ -75,7 +81,9 @@ def test_nothing_to_do_starts_nothing() -> None:
     assert list(in_processes(STUDY, [], 2)) == []
 
 
-def test_processes_get_one_blas_thread_and_this_one_keeps_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processes_get_one_blas_thread_and_this_one_keeps_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
     results = in_processes(STUDY, [0], 1)

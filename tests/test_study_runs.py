@@ -13,7 +13,13 @@ from calibtool.evaluation.study.table import COLUMNS
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 
-SMALL = Definition(robots=["fanuc-m1000ia"], runs=2, configurations=[25], fresh=20, methods=["local-poe", "complete"])
+SMALL = Definition(
+    robots=["fanuc-m1000ia"],
+    runs=2,
+    configurations=[25],
+    fresh=20,
+    methods=["local-poe", "complete"],
+)
 
 
 def as_dicts(rows: list) -> list[dict]:
@@ -29,17 +35,27 @@ def test_a_run_is_simulate_identify_and_evaluate() -> None:
     measured = simulate(robot, Simulation(seed=seed, configurations=25, workspace=workspace))
     fresh = Simulation(seed=seed, configurations=20, workspace=workspace, same_robot=measured.truth)
     judged = evaluate([("c", identify(measured, "complete"))], simulate(robot, fresh))
-    assert complete["position_max_mm"] == pytest.approx(judged.methods[1].position_size.max() * 1e3, rel=1e-8)
-    assert nominal["position_mean_mm"] == pytest.approx(judged.methods[0].position_size.mean() * 1e3, rel=1e-8)
+    assert complete["position_max_mm"] == pytest.approx(
+        judged.methods[1].position_size.max() * 1e3, rel=1e-8
+    )
+    assert nominal["position_mean_mm"] == pytest.approx(
+        judged.methods[0].position_size.mean() * 1e3, rel=1e-8
+    )
     share = 100 * (1 - complete["position_max_mm"] / nominal["position_max_mm"])
     assert complete["position_max_reduction_percent"] == pytest.approx(share, rel=1e-6)
     assert complete["position_max_mm"] < local_poe["position_max_mm"] < nominal["position_max_mm"]
-    assert [row["method"] for row in (nominal, local_poe, complete)] == ["nominal", "local-poe", "complete"]
+    assert [row["method"] for row in (nominal, local_poe, complete)] == [
+        "nominal",
+        "local-poe",
+        "complete",
+    ]
     assert (complete["study"], complete["run"], complete["configurations"]) == (study.key, 2, 25)
 
 
 def test_without_fresh_ones_the_measured_are_judged() -> None:
-    on_measured = as_dicts(perform(Study.of(SMALL.changed({"fresh": 0, "methods": "local-poe"})), 0))
+    on_measured = as_dicts(
+        perform(Study.of(SMALL.changed({"fresh": 0, "methods": "local-poe"})), 0)
+    )
     on_fresh = as_dicts(perform(Study.of(SMALL.changed({"methods": "local-poe"})), 0))
     assert on_measured[0]["seed"] == on_fresh[0]["seed"]
     assert on_measured[0]["position_mean_mm"] != on_fresh[0]["position_mean_mm"]
@@ -75,7 +91,9 @@ def test_another_calibtool_performs_nothing() -> None:
 
 @pytest.mark.parametrize("method", ["network", "network-local-poe", "default"])
 def test_methods_with_networks(method: str) -> None:
-    definition = Definition(robots=["planar-3r"], runs=1, configurations=[25], fresh=10, methods=[method])
+    definition = Definition(
+        robots=["planar-3r"], runs=1, configurations=[25], fresh=10, methods=[method]
+    )
     row = as_dicts(perform(Study.of(definition), 0))[1]
     assert (row["method"], row["status"]) == (method, "ok")
     assert row["position_mean_reduction_percent"] > 50

@@ -10,7 +10,15 @@ import pytest
 from calibtool.errors import InputError
 from calibtool.evaluation.plots.study import study_figure
 from calibtool.evaluation.study.summary import study_contents, study_summary
-from calibtool.evaluation.study.table import COLUMNS, OK, Cell, StudyTable, failed, parse_csv, rounded
+from calibtool.evaluation.study.table import (
+    COLUMNS,
+    OK,
+    Cell,
+    StudyTable,
+    failed,
+    parse_csv,
+    rounded,
+)
 from calibtool.storage import read_any, read_study
 from calibtool.storage.studies import StudyFile, study_to_bytes
 
@@ -24,7 +32,9 @@ def table(runs: int = 21) -> StudyTable:
     rows = []
     for run in range(runs):
         values = [rounded(value) for value in (run / 3, 0.1, 0.2, 0.3, float(run))]
-        rows.append((*head(run + 1, "nominal"), OK, 0, 0, *values, *[None] * 5, *[0.0] * 3, *[None] * 3))
+        rows.append(
+            (*head(run + 1, "nominal"), OK, 0, 0, *values, *[None] * 5, *[0.0] * 3, *[None] * 3)
+        )
         rows.append(failed(head(run + 1, "complete"), 'not "observable", sorry'))
     return StudyTable("abc", tuple(rows))
 
@@ -89,10 +99,19 @@ def test_what_a_table_holds() -> None:
         ["nominal", "complete"],
         [0.05],
     )
-    assert (contents["runs"], contents["rows"], contents["finished"], contents["failed"]) == (21, 42, 21, 21)
+    assert (contents["runs"], contents["rows"], contents["finished"], contents["failed"]) == (
+        21,
+        42,
+        21,
+        21,
+    )
     assert contents["reasons"] == {'not "observable", sorry': 21}
     nominal, complete = contents["medians"]  # type: ignore[misc]
-    assert (nominal["method"], nominal["position_max_mm"], nominal["orientation_max_mrad"]) == ("nominal", 10.0, None)
+    assert (nominal["method"], nominal["position_max_mm"], nominal["orientation_max_mrad"]) == (
+        "nominal",
+        10.0,
+        None,
+    )
     assert complete["position_max_mm"] is None
     assert contents["definition"] == {"runs": 21}
     assert "definition" not in study_contents(table(), None)
@@ -114,7 +133,11 @@ def test_boxes_are_named_after_what_tells_them_apart() -> None:
     """Ticks are the methods of one combination; of several, what differs between them, the methods being a legend."""
 
     def ticks(*changes: dict[str, Cell]) -> list[str]:
-        rows = [dict(zip(COLUMNS, row, strict=True)) | change for change in changes for row in table(3).rows]
+        rows = [
+            dict(zip(COLUMNS, row, strict=True)) | change
+            for change in changes
+            for row in table(3).rows
+        ]
         figure = study_figure(StudyTable("abc", tuple(tuple(row.values()) for row in rows)))
         assert bool(figure.legends) == (len(changes) > 1)
         return [tick.get_text() for tick in figure.axes[-1].get_xticklabels()]
@@ -129,7 +152,10 @@ def test_boxes_are_named_after_what_tells_them_apart() -> None:
 
 
 def test_a_file_of_another_kind_or_a_newer_format_is_refused() -> None:
-    for name, value, words in (("schema", "other", "not one of calibtool"), ("schema_version", 99, "newer calibtool")):
+    for name, value, words in (
+        ("schema", "other", "not one of calibtool"),
+        ("schema_version", 99, "newer calibtool"),
+    ):
         buffer = io.BytesIO(study_to_bytes(table(), "{}").split(b"calibtool/sha256 ")[0])
         with h5py.File(buffer, "r+") as file:
             file.attrs[name] = value

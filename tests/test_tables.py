@@ -38,9 +38,20 @@ def joints_csv(*rows: str, header: str = "j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 @pytest.mark.parametrize(
     ("delimiter", "decimal"),
-    [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (" ", "."), (" ", ","), (" ; ", ",")],
+    [
+        (",", "."),
+        (";", "."),
+        (";", ","),
+        ("\t", "."),
+        ("\t", ","),
+        (" ", "."),
+        (" ", ","),
+        (" ; ", ","),
+    ],
 )
-def test_delimiter_and_decimal_sign_are_recognised(delimiter: str, decimal: str, newline: str) -> None:
+def test_delimiter_and_decimal_sign_are_recognised(
+    delimiter: str, decimal: str, newline: str
+) -> None:
     table = parse_table(written(delimiter, decimal, newline), "t.csv")
     assert table.header == HEADER
     assert np.array_equal(table.numbers(HEADER), VALUES)
@@ -79,7 +90,11 @@ def test_lines_are_counted_as_an_editor_counts_them() -> None:
 
 
 @given(
-    rows=st.lists(st.lists(st.floats(-1e9, 1e9, allow_subnormal=False), min_size=2, max_size=2), min_size=1, max_size=5)
+    rows=st.lists(
+        st.lists(st.floats(-1e9, 1e9, allow_subnormal=False), min_size=2, max_size=2),
+        min_size=1,
+        max_size=5,
+    )
 )
 @examples(25)
 def test_a_written_table_is_read_back_to_fifteen_digits(rows: list[list[float]]) -> None:
@@ -90,7 +105,9 @@ def test_a_written_table_is_read_back_to_fifteen_digits(rows: list[list[float]])
 @given(
     cells=st.lists(
         st.text(
-            st.characters(codec="utf-8", exclude_categories=["Cc", "Cs", "Zl", "Zp"]), min_size=1, max_size=8
+            st.characters(codec="utf-8", exclude_categories=["Cc", "Cs", "Zl", "Zp"]),
+            min_size=1,
+            max_size=8,
         ).filter(str.strip),
         min_size=1,
         max_size=4,
@@ -211,7 +228,9 @@ def test_degrees_and_radians_are_the_same_joints() -> None:
 
 def test_joint_columns_may_stand_in_any_order_among_others() -> None:
     robot = load_robot("ur5")
-    text = joints_csv("6,a,1,5,2,4,b,3", header="j6_deg,note,j1_deg,j5_deg,j2_deg,j4_deg,more,j3_deg")
+    text = joints_csv(
+        "6,a,1,5,2,4,b,3", header="j6_deg,note,j1_deg,j5_deg,j2_deg,j4_deg,more,j3_deg"
+    )
     found = joints_from_header(parse_table(text, "q.csv"), robot)
     assert found is not None
     assert np.allclose(np.rad2deg(found[0]), [[1, 2, 3, 4, 5, 6]])
@@ -237,14 +256,34 @@ def test_a_header_without_joints_has_none() -> None:
         ("ur5", "j1_deg,j2_deg,j3_deg,j4_deg,j5_deg", r"no column j6_deg; ur5 has 6 joints"),
         ("ur5", "j2_deg,j4_deg,j5_deg,j6_deg", r"no column j1_deg, j3_deg"),
         ("scara", "j1_deg,j2_deg,j4_deg", r"no column j3_mm"),
-        ("ur5", "j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,j7_deg", r"'j7_deg' names joint 7, but .* 6 joints"),
-        ("ur5", "j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,j6_rad", r"joint 6 has two columns, 'j6_deg' and 'j6_rad'"),
-        ("ur5", "j1_mm,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg", r"'j1_mm': joint 1 is revolute; its unit is rad or deg"),
-        ("scara", "j1_deg,j2_deg,j3_deg,j4_deg", r"'j3_deg': joint 3 is prismatic; its unit is m or mm"),
+        (
+            "ur5",
+            "j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,j7_deg",
+            r"'j7_deg' names joint 7, but .* 6 joints",
+        ),
+        (
+            "ur5",
+            "j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,j6_rad",
+            r"joint 6 has two columns, 'j6_deg' and 'j6_rad'",
+        ),
+        (
+            "ur5",
+            "j1_mm,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg",
+            r"'j1_mm': joint 1 is revolute; its unit is rad or deg",
+        ),
+        (
+            "scara",
+            "j1_deg,j2_deg,j3_deg,j4_deg",
+            r"'j3_deg': joint 3 is prismatic; its unit is m or mm",
+        ),
     ],
 )
-def test_joint_columns_that_do_not_fit_the_robot_are_refused(name: str, header: str, message: str) -> None:
-    table = parse_table(joints_csv(",".join("0" for _ in header.split(",")), header=header), "q.csv")
+def test_joint_columns_that_do_not_fit_the_robot_are_refused(
+    name: str, header: str, message: str
+) -> None:
+    table = parse_table(
+        joints_csv(",".join("0" for _ in header.split(",")), header=header), "q.csv"
+    )
     with pytest.raises(InputError, match=message):
         joints_from_header(table, load_robot(name))
 
@@ -258,7 +297,9 @@ def test_a_wrong_joint_column_is_placed_at_the_line_of_the_header() -> None:
 def test_degrees_in_a_radian_column_are_noticed() -> None:
     header = "j1_rad,j2_rad,j3_rad,j4_rad,j5_rad,j6_rad"
     table = parse_table(joints_csv("0,0,0,0,0,0", "0,0,-90,0,0,0", header=header), "q.csv")
-    with pytest.raises(InputError, match=r"^q\.csv:3: column 'j3_rad' holds -90 rad, which looks like degrees"):
+    with pytest.raises(
+        InputError, match=r"^q\.csv:3: column 'j3_rad' holds -90 rad, which looks like degrees"
+    ):
         joints_from_header(table, load_robot("ur5"))
 
 
@@ -280,7 +321,9 @@ def test_the_three_ways_to_write_an_orientation_give_the_same_pose(seed: int) ->
     x, y, z = rng.uniform(-2000, 2000, 3).round(3)
     w = rotation.as_quat(scalar_first=True)
     a, b, c = rotation.as_rotvec()
-    yaw, pitch, roll = rotation.as_euler("ZYX", degrees=True)  # fixed x, y, z is moving z, y, x backwards
+    yaw, pitch, roll = rotation.as_euler(
+        "ZYX", degrees=True
+    )  # fixed x, y, z is moving z, y, x backwards
     tables = [
         f"x_mm,y_mm,z_mm,qw,qx,qy,qz\n{x},{y},{z}," + ",".join(f"{v:.17g}" for v in w),
         f"x_mm,y_mm,z_mm,qw,qx,qy,qz\n{x},{y},{z}," + ",".join(f"{-v:.17g}" for v in w),
@@ -300,7 +343,9 @@ def test_the_three_ways_to_write_an_orientation_give_the_same_pose(seed: int) ->
 
 def test_roll_pitch_yaw_turn_about_fixed_axes_in_this_order() -> None:
     # Tool x along base x; roll by 90° about x takes y to z; then yaw by 90° about the fixed z takes x to y, z stays.
-    found = poses_from_header(parse_table("x_mm,y_mm,z_mm,roll_deg,pitch_deg,yaw_deg\n0,0,0,90,0,90\n", "p.csv"))
+    found = poses_from_header(
+        parse_table("x_mm,y_mm,z_mm,roll_deg,pitch_deg,yaw_deg\n0,0,0,90,0,90\n", "p.csv")
+    )
     assert found is not None
     R = found[0][0, :3, :3]
     assert np.allclose(R @ [1, 0, 0], [0, 1, 0], atol=1e-12)
@@ -334,7 +379,9 @@ def blocks_of_three(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("blocks_of_three")
-@pytest.mark.parametrize(("delimiter", "decimal"), [(",", "."), (";", ","), ("\t", "."), (" ", ".")])
+@pytest.mark.parametrize(
+    ("delimiter", "decimal"), [(",", "."), (";", ","), ("\t", "."), (" ", ".")]
+)
 def test_a_table_in_blocks_holds_every_number_once(delimiter: str, decimal: str) -> None:
     values = np.random.default_rng(0).normal(size=(11, 3))
     lines = [delimiter.join(f"{v!r}".replace(".", decimal) for v in row) for row in values.tolist()]

@@ -7,7 +7,12 @@ import pytest
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.equivalent.network import Network
-from calibtool.equivalent.training import TrainingOptions, TrainingReport, split_rows, train_networks
+from calibtool.equivalent.training import (
+    TrainingOptions,
+    TrainingReport,
+    split_rows,
+    train_networks,
+)
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
@@ -40,7 +45,9 @@ def trained(data: int = 0, **changes: object) -> Trained:
 
 def mean_square(q: Array, G: Array, y: Array, network: Network | None) -> float:
     """Mean squared weighted residual, configuration by configuration."""
-    left = [y[k] - (0.0 if network is None else G[k] @ network(q[k : k + 1])[0]) for k in range(len(q))]
+    left = [
+        y[k] - (0.0 if network is None else G[k] @ network(q[k : k + 1])[0]) for k in range(len(q))
+    ]
     return float(np.mean([v @ v for v in left]))
 
 
@@ -60,7 +67,9 @@ def test_a_network_learns_what_a_smooth_function_has_made(loss: str, optimiser: 
     (q, G, y), network, report = trained(loss=loss, optimiser=optimiser, restarts=1)
     assert network is not None
     held = report.validation_rows
-    assert mean_square(q[held], G[held], y[held], network) < 0.2 * mean_square(q[held], G[held], y[held], None)
+    assert mean_square(q[held], G[held], y[held], network) < 0.2 * mean_square(
+        q[held], G[held], y[held], None
+    )
 
 
 def test_the_reported_losses_are_those_of_the_rows_they_are_said_to_be_of() -> None:
@@ -71,13 +80,21 @@ def test_the_reported_losses_are_those_of_the_rows_they_are_said_to_be_of() -> N
         (report.training_rows, report.history.training),
     ):
         # All but what no joint motion can explain, the same with and without a network.
-        gained = mean_square(q[rows], G[rows], y[rows], None) - mean_square(q[rows], G[rows], y[rows], network)
-        floor = np.mean([y[k] @ y[k] - y[k] @ G[k] @ np.linalg.lstsq(G[k], y[k], rcond=None)[0] for k in rows])
+        gained = mean_square(q[rows], G[rows], y[rows], None) - mean_square(
+            q[rows], G[rows], y[rows], network
+        )
+        floor = np.mean(
+            [y[k] @ y[k] - y[k] @ G[k] @ np.linalg.lstsq(G[k], y[k], rcond=None)[0] for k in rows]
+        )
         without = mean_square(q[rows], G[rows], y[rows], None) - floor
         assert np.isclose(without - reported[report.history.chosen], gained, rtol=1e-9)
     held = report.validation_rows
-    floor = np.mean([y[k] @ y[k] - y[k] @ G[k] @ np.linalg.lstsq(G[k], y[k], rcond=None)[0] for k in held])
-    assert np.isclose(report.loss_without, mean_square(q[held], G[held], y[held], None) - floor, rtol=1e-9)
+    floor = np.mean(
+        [y[k] @ y[k] - y[k] @ G[k] @ np.linalg.lstsq(G[k], y[k], rcond=None)[0] for k in held]
+    )
+    assert np.isclose(
+        report.loss_without, mean_square(q[held], G[held], y[held], None) - floor, rtol=1e-9
+    )
 
 
 def test_the_best_restart_is_kept() -> None:
@@ -89,8 +106,12 @@ def test_the_best_restart_is_kept() -> None:
         assert len(set(losses.tolist())) == 4
         assert report.history.validation[report.history.chosen] == losses.min()
         held = report.validation_rows
-        gained = mean_square(q[held], G[held], y[held], None) - mean_square(q[held], G[held], y[held], network)
-        assert np.isclose(report.loss_without - losses.min(), gained, rtol=1e-9)  # the network itself, not its report
+        gained = mean_square(q[held], G[held], y[held], None) - mean_square(
+            q[held], G[held], y[held], network
+        )
+        assert np.isclose(
+            report.loss_without - losses.min(), gained, rtol=1e-9
+        )  # the network itself, not its report
         places.add(int(losses.argmin()))
     assert places != {0}
 
@@ -138,7 +159,9 @@ def test_nothing_to_learn_leaves_no_network() -> None:
 
 
 def test_a_perfect_robot_is_not_made_worse_than_its_noise(fanuc: Robot) -> None:
-    simulation = Simulation(seed=2, workspace=fanuc.workspace(None)[1], scales=ErrorScales(kinds=()))
+    simulation = Simulation(
+        seed=2, workspace=fanuc.workspace(None)[1], scales=ErrorScales(kinds=())
+    )
     measurements = simulate(fanuc, simulation)
     calibration = train(measurements, "nominal", TrainingOptions(restarts=2))
     q = measurements.q
@@ -146,7 +169,9 @@ def test_a_perfect_robot_is_not_made_worse_than_its_noise(fanuc: Robot) -> None:
     assert np.linalg.norm(moved, axis=-1).mean() < 0.05e-3  # the noise of one coordinate
 
 
-@pytest.mark.parametrize("options", [{"restarts": 3}, {"restarts": 1, "optimiser": "gd", "hidden": 2}])
+@pytest.mark.parametrize(
+    "options", [{"restarts": 3}, {"restarts": 1, "optimiser": "gd", "hidden": 2}]
+)
 def test_the_same_seed_trains_the_same_network_bit_for_bit(options: dict[str, object]) -> None:
     (_, first, report), (_, again, repeated) = trained(**options), trained(**options)
     assert first is not None
@@ -157,7 +182,10 @@ def test_the_same_seed_trains_the_same_network_bit_for_bit(options: dict[str, ob
 
 
 def test_another_seed_splits_and_starts_otherwise() -> None:
-    (_, first, report), (_, other, otherwise) = trained(restarts=1, seed=0), trained(restarts=1, seed=1)
+    (_, first, report), (_, other, otherwise) = (
+        trained(restarts=1, seed=0),
+        trained(restarts=1, seed=1),
+    )
     assert first is not None
     assert other is not None
     assert not np.array_equal(report.training_rows, otherwise.training_rows)
@@ -190,11 +218,15 @@ def test_the_loss_of_a_calibration_is_the_weighted_error_of_its_predicted_target
     assert np.isclose(reported, gained, rtol=0.01)  # the loss is linear in δρ, of some mrad
 
 
-def test_a_network_on_the_nominal_robot_lowers_its_error_on_fresh_configurations(fanuc: Robot) -> None:
+def test_a_network_on_the_nominal_robot_lowers_its_error_on_fresh_configurations(
+    fanuc: Robot,
+) -> None:
     measurements = simulate(fanuc, Simulation(seed=1, workspace=fanuc.workspace(None)[1]))
     truth = measurements.truth
     assert truth is not None
-    fresh = simulate(fanuc, Simulation(seed=1, workspace=fanuc.workspace(None)[1], same_robot=truth))
+    fresh = simulate(
+        fanuc, Simulation(seed=1, workspace=fanuc.workspace(None)[1], same_robot=truth)
+    )
     real = truth.actual.forward(fresh.q)[:, :3, 3]
 
     def error(poses: Array) -> float:
@@ -209,21 +241,30 @@ def test_a_network_on_the_nominal_robot_lowers_its_error_on_fresh_configurations
 def test_a_network_on_local_poe_learns_what_local_poe_cannot_represent() -> None:
     ur5 = load_robot("ur5")
     scales = ErrorScales(kinds=("gear",), sizes={"gear": 5e-3})
-    measurements = simulate(ur5, Simulation(seed=3, workspace=ur5.workspace(None)[1], scales=scales))
+    measurements = simulate(
+        ur5, Simulation(seed=3, workspace=ur5.workspace(None)[1], scales=scales)
+    )
     truth = measurements.truth
     assert truth is not None
     fresh = simulate(ur5, Simulation(seed=3, workspace=ur5.workspace(None)[1], same_robot=truth))
     real = truth.actual.forward(fresh.q)[:, :3, 3]
     base = identify(measurements, "local-poe")
     both = train(measurements, base, TrainingOptions())
-    errors = [np.linalg.norm(c.forward(fresh.q)[:, :3, 3] - real, axis=-1).mean() for c in (base, both)]
+    errors = [
+        np.linalg.norm(c.forward(fresh.q)[:, :3, 3] - real, axis=-1).mean() for c in (base, both)
+    ]
     assert errors[1] < 0.7 * errors[0]
 
 
 def test_the_paper_stops_early_and_everything_else_is_regularised() -> None:
     robot = load_robot("planar-3r")
-    measurements = simulate(robot, Simulation(configurations=16, workspace=robot.workspace(None)[1]))
-    for base, expected in (("nominal", "early-stopping"), (identify(measurements, "local-poe"), "bayes")):
+    measurements = simulate(
+        robot, Simulation(configurations=16, workspace=robot.workspace(None)[1])
+    )
+    for base, expected in (
+        ("nominal", "early-stopping"),
+        (identify(measurements, "local-poe"), "bayes"),
+    ):
         training = train(measurements, base).training
         assert training is not None
         assert training.regularisation == expected

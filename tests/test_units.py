@@ -27,24 +27,46 @@ def test_a_joint_header_names_its_joint_and_unit(number: int, unit: str) -> None
 
 
 @pytest.mark.parametrize(
-    "header", ["", "j0_deg", "j01_deg", "j_deg", "j1", "1_deg", "j1_", "xj1_deg", "j1 deg", "x_mm", "j-1_deg"]
+    "header",
+    [
+        "",
+        "j0_deg",
+        "j01_deg",
+        "j_deg",
+        "j1",
+        "1_deg",
+        "j1_",
+        "xj1_deg",
+        "j1 deg",
+        "x_mm",
+        "j-1_deg",
+    ],
 )
 def test_other_headers_are_no_joints(header: str) -> None:
     assert joint_column(header) is None
 
 
 @laws
-@given(st.lists(st.tuples(st.booleans(), st.floats(-100, 100), st.booleans()), min_size=1, max_size=8), st.randoms())
-def test_values_come_out_in_si_and_in_the_order_of_the_joints(joints: list[tuple[bool, float, bool]], random) -> None:  # type: ignore[no-untyped-def]
+@given(
+    st.lists(st.tuples(st.booleans(), st.floats(-100, 100), st.booleans()), min_size=1, max_size=8),
+    st.randoms(),
+)
+def test_values_come_out_in_si_and_in_the_order_of_the_joints(
+    joints: list[tuple[bool, float, bool]], random
+) -> None:  # type: ignore[no-untyped-def]
     prismatic = [p for p, _, _ in joints]
     named = []
     for i, (is_prismatic, si, small_unit) in enumerate(joints):
         if is_prismatic:
             named.append((f"j{i + 1}_mm", si * 1000) if small_unit else (f"j{i + 1}_m", si))
         else:
-            named.append((f"j{i + 1}_deg", math.degrees(si)) if small_unit else (f"j{i + 1}_rad", si))
+            named.append(
+                (f"j{i + 1}_deg", math.degrees(si)) if small_unit else (f"j{i + 1}_rad", si)
+            )
     random.shuffle(named)
-    assert joint_values(dict(named), prismatic, "here") == pytest.approx([si for _, si, _ in joints], abs=1e-12)
+    assert joint_values(dict(named), prismatic, "here") == pytest.approx(
+        [si for _, si, _ in joints], abs=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -57,7 +79,9 @@ def test_values_come_out_in_si_and_in_the_order_of_the_joints(joints: list[tuple
         ("j1_turns", "joint 1 is revolute"),
     ],
 )
-def test_a_header_that_does_not_fit_the_robot_is_refused_with_its_place(name: str, finding: str) -> None:
+def test_a_header_that_does_not_fit_the_robot_is_refused_with_its_place(
+    name: str, finding: str
+) -> None:
     with pytest.raises(InputError, match=finding) as caught:
         joint_and_factor(name, [False, False, True], "table.csv:1")
     assert str(caught.value).startswith("table.csv:1: ")

@@ -27,17 +27,23 @@ def unseen_first(measurements: Measurements) -> Measurements:
     return replace(measurements, points=points)
 
 
-def test_the_arm_goes_from_the_base_to_the_tool_in_links_of_its_lengths(fanuc_measurements: Measurements) -> None:
+def test_the_arm_goes_from_the_base_to_the_tool_in_links_of_its_lengths(
+    fanuc_measurements: Measurements,
+) -> None:
     scene = scene_of(fanuc_measurements)
     assert scene.arm.shape == (100, 14, 3)
     assert not scene.arm[:, 0].any()
     robot = fanuc_measurements.robot
-    assert np.allclose(scene.arm[:, -1], robot.mechanism.forward(fanuc_measurements.q)[:, :3, 3], atol=1e-12)
+    assert np.allclose(
+        scene.arm[:, -1], robot.mechanism.forward(fanuc_measurements.q)[:, :3, 3], atol=1e-12
+    )
     links = np.linalg.norm(np.diff(scene.arm, axis=1), axis=-1)[:, ::2]
     assert np.allclose(links, np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1), atol=1e-12)
 
 
-def test_measured_points_are_where_the_instrument_saw_them(fanuc_measurements: Measurements) -> None:
+def test_measured_points_are_where_the_instrument_saw_them(
+    fanuc_measurements: Measurements,
+) -> None:
     scene = scene_of(fanuc_measurements)
     assert np.allclose(scene.found, fanuc_measurements.points, atol=1e-12)
     assert np.array_equal(scene.magnified(0.0), scene.nominal)
@@ -56,7 +62,9 @@ def test_a_calibration_shows_nearly_what_was_measured(
     assert (measured.meaning, calibrated.meaning) == ("measured", "calibrated")
 
 
-def test_the_default_magnification_is_round_and_makes_errors_visible(fanuc_measurements: Measurements) -> None:
+def test_the_default_magnification_is_round_and_makes_errors_visible(
+    fanuc_measurements: Measurements,
+) -> None:
     scene = scene_of(fanuc_measurements)
     extent = np.ptp(scene.arm.reshape(-1, 3), axis=0).max()
     assert 1 / 40 < np.median(scene.sizes) * scene.fitting_factor / extent < 1 / 11
@@ -98,7 +106,11 @@ def test_the_server_answers_on_its_port_alone_and_stops(
     fanuc: Robot, fanuc_measurements: Measurements, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("viser")
-    scene, shape, port = scene_of(unseen_first(fanuc_measurements)), simple_shape(fanuc), free_port()
+    scene, shape, port = (
+        scene_of(unseen_first(fanuc_measurements)),
+        simple_shape(fanuc),
+        free_port(),
+    )
     with serving(scene, shape, 10.0, port):
         with urllib.request.urlopen(f"http://127.0.0.1:{port}", timeout=10) as answer:
             assert answer.status == 200
@@ -116,12 +128,20 @@ def test_the_live_scene_has_the_arm_the_targets_and_the_magnified_errors(
         handles = visualizer.viewer.scene._handle_from_node_name
         joints = RobotErrors.of(fanuc).frames(scene.q[:1]).after[0, :, :3, 3]
         for j, joint in enumerate(joints):
-            assert np.allclose(visualizer.frames[f"arm/visual/joint{j + 1}"].position, joint, atol=1e-9)
-        assert np.allclose(handles["/nominal/now"].points, scene.nominal[0, 1:], atol=1e-6)  # the first was not seen
-        assert np.allclose(handles["/found/all"].points, scene.magnified(10.0)[1:].reshape(-1, 3), atol=1e-6)
+            assert np.allclose(
+                visualizer.frames[f"arm/visual/joint{j + 1}"].position, joint, atol=1e-9
+            )
+        assert np.allclose(
+            handles["/nominal/now"].points, scene.nominal[0, 1:], atol=1e-6
+        )  # the first was not seen
+        assert np.allclose(
+            handles["/found/all"].points, scene.magnified(10.0)[1:].reshape(-1, 3), atol=1e-6
+        )
         vectors = handles["/errors/all"].points
         assert np.allclose(
-            vectors[:, 1] - vectors[:, 0], 10 * (scene.found - scene.nominal)[1:].reshape(-1, 3), atol=1e-5
+            vectors[:, 1] - vectors[:, 0],
+            10 * (scene.found - scene.nominal)[1:].reshape(-1, 3),
+            atol=1e-5,
         )
 
 
@@ -130,5 +150,8 @@ def test_without_viser_the_remedy_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
     scene = scene_of(fanuc_measurements)
-    with pytest.raises(UsageError, match=r"calibtool\[view\]"), serving(scene, simple_shape(fanuc), 1.0, 8080):
+    with (
+        pytest.raises(UsageError, match=r"calibtool\[view\]"),
+        serving(scene, simple_shape(fanuc), 1.0, 8080),
+    ):
         pass

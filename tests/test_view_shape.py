@@ -14,7 +14,9 @@ from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 
 TRIANGLE = (
-    "solid t\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid t\n"
+    "solid t\nfacet normal 0 0 1\nouter loop\n"
+    "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    "endloop\nendfacet\nendsolid t\n"
 )
 
 
@@ -39,11 +41,14 @@ def described(visual: str, base: str = "") -> Robot:
         <axis xyz="0 1 0"/></joint>
       <joint name="t" type="fixed"><parent link="two"/><child link="tool"/><origin xyz="0 0 1"/></joint></robot>"""
     toml = f'name = "r"\ntitle = "r"\n[kinematics]\nurdf = "r.urdf"\ntool_frame = "tool"\n{base}\n'
-    return Robot.from_source(parse_source(toml + "[targets]\npoints_mm = [[0, 0, 0]]\n", urdf, "test"))
+    return Robot.from_source(
+        parse_source(toml + "[targets]\npoints_mm = [[0, 0, 0]]\n", urdf, "test")
+    )
 
 
 @pytest.mark.parametrize(
-    ("base", "locked"), [("", ""), ('base_frame = "root"', ""), ("", "locked_joints = { l = 0.25 }")]
+    ("base", "locked"),
+    [("", ""), ('base_frame = "root"', ""), ("", "locked_joints = { l = 0.25 }")],
 )
 def test_links_are_seen_where_the_urdf_has_them(base: str, locked: str) -> None:
     """Against Pinocchio on the URDF as it is, without the rebuilding of the chain."""
@@ -57,7 +62,8 @@ def test_links_are_seen_where_the_urdf_has_them(base: str, locked: str) -> None:
     T_world_base = data.oMf[full.getFrameId("root" if base else "world")]
     expected = {
         "root_0": data.oMf[full.getFrameId("root")] * pin.SE3(np.eye(3), np.array([0, 0, 0.5])),
-        "two_0": data.oMf[full.getFrameId("two")] * pin.SE3(pin.utils.rotate("y", 0.3), np.array([0.1, 0, 0])),
+        "two_0": data.oMf[full.getFrameId("two")]
+        * pin.SE3(pin.utils.rotate("y", 0.3), np.array([0.1, 0, 0])),
     }
     assert set(found) == set(expected)
     for name, pose in expected.items():
@@ -76,16 +82,28 @@ def test_the_simple_arm_reaches_from_the_base_to_the_tool(robot: Robot) -> None:
     q = robot.home(robot.workspace(None)[1])
     shape = simple_shape(robot)
     found = placements(robot, shape, q)
-    lengths = {piece.name: 2 * piece.geometry.halfLength for piece in shape.geometryObjects if "link" in piece.name}
+    lengths = {
+        piece.name: 2 * piece.geometry.halfLength
+        for piece in shape.geometryObjects
+        if "link" in piece.name
+    }
     tool = robot.mechanism.forward(q[None])[0, :3, 3]
     last = f"link{robot.n}"
     if last in found:
-        assert np.allclose(found[last][:3, 3] + found[last][:3, 2] * lengths[last] / 2, tool, atol=1e-9)
+        assert np.allclose(
+            found[last][:3, 3] + found[last][:3, 2] * lengths[last] / 2, tool, atol=1e-9
+        )
     assert {f"joint{j + 1}" for j in range(robot.n)} <= set(found)
-    assert np.isclose(sum(lengths.values()), np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1).sum(), atol=1e-6)
+    assert np.isclose(
+        sum(lengths.values()),
+        np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1).sum(),
+        atol=1e-6,
+    )
 
 
-@pytest.mark.parametrize("name", ["package://arm/m/a.stl", "m/a.stl", "PATH/arm/m/a.stl", "file://PATH/arm/m/a.stl"])
+@pytest.mark.parametrize(
+    "name", ["package://arm/m/a.stl", "m/a.stl", "PATH/arm/m/a.stl", "file://PATH/arm/m/a.stl"]
+)
 def test_a_mesh_in_the_given_folder(tmp_path: Path, name: str) -> None:
     file = tmp_path / "arm" / "m" / "a.stl"
     file.parent.mkdir(parents=True)
@@ -119,7 +137,8 @@ def test_nothing_outside_the_given_folder_is_read(tmp_path: Path, name: str) -> 
 
 
 @pytest.mark.parametrize(
-    ("name", "reason"), [("none.stl", "--meshes"), ("/etc/passwd", "is none of"), ("bad.stl", "cannot be read")]
+    ("name", "reason"),
+    [("none.stl", "--meshes"), ("/etc/passwd", "is none of"), ("bad.stl", "cannot be read")],
 )
 def test_a_mesh_that_cannot_be_had_is_named(tmp_path: Path, name: str, reason: str) -> None:
     (tmp_path / "bad.stl").write_text("no mesh")

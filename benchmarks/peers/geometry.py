@@ -85,7 +85,11 @@ def mdh_placements(mdh: np.ndarray) -> np.ndarray:
 def urdf(placements: np.ndarray) -> str:
     from scipy.spatial.transform import Rotation
 
-    links = '<link name="base"/>' + "".join(f'<link name="l{j}"/>' for j in range(1, 7)) + '<link name="flange"/>'
+    links = (
+        '<link name="base"/>'
+        + "".join(f'<link name="l{j}"/>' for j in range(1, 7))
+        + '<link name="flange"/>'
+    )
     joints = ""
     for j, M in enumerate(placements, 1):
         xyz = " ".join(f"{x:.17g}" for x in M[:3, 3])
@@ -133,7 +137,9 @@ def write_case(folder: Path, case: str, seed: int) -> None:
     points = transform_points(errors.frames(q).tool, TARGETS)
     nominal = transform_points(robot.mechanism.forward(q), TARGETS)
     train = points[:CONFIGURATIONS] + rng.normal(size=(CONFIGURATIONS, 3, 3)) * NOISE
-    header = ",".join([f"j{j}" for j in range(1, 7)] + [f"{c}{k}" for k in (1, 2, 3) for c in "xyz"])
+    header = ",".join(
+        [f"j{j}" for j in range(1, 7)] + [f"{c}{k}" for k in (1, 2, 3) for c in "xyz"]
+    )
     table = np.hstack([q[:CONFIGURATIONS], train.reshape(CONFIGURATIONS, 9)])
     np.savetxt(folder / "train.csv", table, delimiter=",", header=header, comments="", fmt="%.12g")
     fresh = slice(CONFIGURATIONS, None)
@@ -159,7 +165,10 @@ def tool_process(entry: Entry, folders: list[Path]) -> None:
             start = time.process_time()
             predict = user.calibrate(folder, targets)
             seconds = time.process_time() - start
-            errors = np.linalg.norm(predict(fresh["q"]) - fresh["points"][:, : entry.targets], axis=-1) * 1e3
+            errors = (
+                np.linalg.norm(predict(fresh["q"]) - fresh["points"][:, : entry.targets], axis=-1)
+                * 1e3
+            )
         print(errors.mean(), errors.max(), seconds, flush=True)
 
 
@@ -185,7 +194,9 @@ def main() -> None:
         return
     print(f"Median of {arguments.seeds} actual robots (worst); time is that of one CPU.")
     for case, title in CASES.items():
-        print(f"\n**{title}**\n\n| targets | tool | mean mm | max mm | calibtool nearer (mean) | time | lines |")
+        print(
+            f"\n**{title}**\n\n| targets | tool | mean mm | max mm | calibtool nearer (mean) | time | lines |"
+        )
         print("|---|---|---|---|---|---|---|")
         with tempfile.TemporaryDirectory() as place:
             folders = [Path(place, str(seed)) for seed in range(arguments.seeds)]
@@ -214,10 +225,15 @@ def table(folders: list[Path], count: int) -> None:
             continue
         own = results[:, 0] if entry.package == "calibtool" else own
         nearer = (
-            "" if own is None or entry.package == "calibtool" else f"{int((own < results[:, 0]).sum())} of {len(own)}"
+            ""
+            if own is None or entry.package == "calibtool"
+            else f"{int((own < results[:, 0]).sum())} of {len(own)}"
         )
         median = np.median(results[:, 2])
-        print(f"{start} {cells(results)} | {nearer} | {median:.2f} s | {lines(entry.package)} |", flush=True)
+        print(
+            f"{start} {cells(results)} | {nearer} | {median:.2f} s | {lines(entry.package)} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

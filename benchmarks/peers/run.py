@@ -62,11 +62,15 @@ def section(name: str, seeds: int | None) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, help="Actual robots of geometry (20) and data sets of training (5).")
+    parser.add_argument(
+        "--seeds", type=int, help="Actual robots of geometry (20) and data sets of training (5)."
+    )
     parser.add_argument("--output", type=Path, default=DOCUMENT)
     parser.add_argument("--only", choices=COMPARISONS)
     arguments = parser.parse_args()
-    command = "python benchmarks/peers/run.py" + (f" --seeds {arguments.seeds}" if arguments.seeds else "")
+    command = "python benchmarks/peers/run.py" + (
+        f" --seeds {arguments.seeds}" if arguments.seeds else ""
+    )
     parts = [
         f"# Peers, side by side\nMade by `{command}` (see benchmarks/peers/README.md) with\n{versions()};\n"
         f"{platform.machine()}, {os.cpu_count()} CPUs, one thread each. Versions are pinned in {REQUIREMENTS}.\n"

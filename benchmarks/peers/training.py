@@ -46,7 +46,9 @@ def write_data(file: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
     train, held = split_rows(len(measurements), 0.5, rng)
     t = loss.t / np.sqrt(np.mean(loss.t[train] ** 2))
-    starts = [Network.initial(measurements.q[train], np.ones(6), HIDDEN, r) for r in rng.spawn(RESTARTS)]
+    starts = [
+        Network.initial(measurements.q[train], np.ones(6), HIDDEN, r) for r in rng.spawn(RESTARTS)
+    ]
     s = starts[0].scaled_input(measurements.q)
     weights_0 = [start.weights for start in starts]
     np.savez(file, s=s[train], t=t[train], s_held=s[held], t_held=t[held], starts=weights_0)
@@ -64,7 +66,9 @@ def calibtool_lm(data: dict, restart: int) -> Iterator[float]:
     from calibtool.equivalent.optimisers import levenberg_marquardt
 
     eye = np.broadcast_to(np.eye(6), (len(data["s"]), 6, 6))
-    start = Network.initial(np.array([[-1.0] * 6, [1.0] * 6]), np.ones(6), HIDDEN, np.random.default_rng(0))
+    start = Network.initial(
+        np.array([[-1.0] * 6, [1.0] * 6]), np.ones(6), HIDDEN, np.random.default_rng(0)
+    )
     start = start.with_weights(data["starts"][restart])
     steps = levenberg_marquardt(start, Loss(data["s"], eye, data["t"]))
     for _, (network, _) in zip(range(ITERATIONS), steps, strict=False):
@@ -110,7 +114,9 @@ def torch_lm(data: dict, restart: int) -> Iterator[float]:
 def regressor(restart: int, **options: object):
     from sklearn.neural_network import MLPRegressor
 
-    return MLPRegressor(hidden_layer_sizes=(HIDDEN,), activation="tanh", alpha=0.0, random_state=restart, **options)
+    return MLPRegressor(
+        hidden_layer_sizes=(HIDDEN,), activation="tanh", alpha=0.0, random_state=restart, **options
+    )
 
 
 def sklearn_adam(data: dict, restart: int) -> Iterator[float]:
@@ -126,7 +132,9 @@ def sklearn_lbfgs(data: dict, restart: int) -> Curve:
     curve = []
     for iterations in np.unique(np.geomspace(1, ITERATIONS * 5, 40).astype(int)):
         start = time.process_time()
-        model = regressor(restart, solver="lbfgs", max_iter=int(iterations), tol=0.0).fit(data["s"], data["t"])
+        model = regressor(restart, solver="lbfgs", max_iter=int(iterations), tol=0.0).fit(
+            data["s"], data["t"]
+        )
         curve.append((time.process_time() - start, held_loss(data, model.predict(data["s_held"]))))
     return curve
 
@@ -157,7 +165,9 @@ def tool_process(tool: str, files: list[Path]) -> None:
     curve(dict(np.load(files[0])), 0)
     for file in files:
         data = dict(np.load(file))
-        np.savez(f"{file}.curves.npz", *[np.array(curve(data, restart)) for restart in range(RESTARTS)])
+        np.savez(
+            f"{file}.curves.npz", *[np.array(curve(data, restart)) for restart in range(RESTARTS)]
+        )
 
 
 def run_tool(tool: str, files: list[Path]) -> list[list[np.ndarray]]:
@@ -197,11 +207,16 @@ def main() -> None:
 
 def table(curves: dict[str, list[list[np.ndarray]]], notes: dict[str, str]) -> None:
     """Time to two losses per seed that the median run of every tool, and of every one but Adam, reaches."""
-    best = {tool: np.array([[c[:, 1].min() for c in seed] for seed in sets]) for tool, sets in curves.items()}
+    best = {
+        tool: np.array([[c[:, 1].min() for c in seed] for seed in sets])
+        for tool, sets in curves.items()
+    }
     medians = {tool: np.median(b, axis=1) for tool, b in best.items()}
     coarse = np.max(list(medians.values()), axis=0)
     fine = np.max([m for tool, m in medians.items() if tool != ADAM], axis=0)
-    print("| tool | lowest validation loss | time to the coarse loss | runs | time to the fine loss | runs |")
+    print(
+        "| tool | lowest validation loss | time to the coarse loss | runs | time to the fine loss | runs |"
+    )
     print("|---|---|---|---|---|---|")
     for tool in TOOLS:
         if tool in notes:
@@ -221,7 +236,9 @@ def table(curves: dict[str, list[list[np.ndarray]]], notes: dict[str, str]) -> N
         f"\nMedians over runs; losses divided by the mean square of the targets: coarse {np.median(coarse):.3f},",
         end=" ",
     )
-    print(f"fine {np.median(fine):.3f}. A run that never gets there counts as the slowest. Time is that of one CPU.")
+    print(
+        f"fine {np.median(fine):.3f}. A run that never gets there counts as the slowest. Time is that of one CPU."
+    )
 
 
 if __name__ == "__main__":

@@ -10,7 +10,9 @@ COLUMNS = '[joints]\ncolumns = ["j1", "j2", "j3", "j4", "j5", "j6"]\nunit = "rad
 
 
 def calibrate(folder, targets):
-    columns = COLUMNS + "".join(TARGET.format(k + 1, (1e3 * p).tolist()) for k, p in enumerate(targets))
+    columns = COLUMNS + "".join(
+        TARGET.format(k + 1, (1e3 * p).tolist()) for k, p in enumerate(targets)
+    )
     robot = load_robot(str(folder / "robot.urdf"))
     text = (folder / "train.csv").read_text()
     measurements = import_table(text, "train.csv", robot, parse_column_map(columns, "columns"))[0]

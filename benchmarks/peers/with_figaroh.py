@@ -34,7 +34,10 @@ def configuration(folder, count):
         "data": {"source_file": str(folder / "train.csv"), "number_of_samples": 50},
     }
     joints = {"active_joints": ["j1", "j2", "j3", "j4", "j5", "j6"]}
-    return {"robot": {"name": "arm", "properties": {"joints": joints}}, "tasks": {"calibration": calibration}}
+    return {
+        "robot": {"name": "arm", "properties": {"joints": joints}},
+        "tasks": {"calibration": calibration},
+    }
 
 
 def calibrate(folder, targets):

@@ -17,6 +17,10 @@ def calibrate(folder, targets):
     joints = table[["j1", "j2", "j3", "j4", "j5", "j6"]].to_numpy()
     positions = 1e3 * table[["x1", "y1", "z1"]].to_numpy()
     position_only = [True, True, True, False, False, False]
-    handler = OptimizationHandler(robot, kinematic_chain_mask=True, tool_mask=position_only, world_mask=WORLD)
-    least_squares(optimize_accuracy, handler.generate_optimization_vector(), args=(handler, joints, positions))
+    handler = OptimizationHandler(
+        robot, kinematic_chain_mask=True, tool_mask=position_only, world_mask=WORLD
+    )
+    least_squares(
+        optimize_accuracy, handler.generate_optimization_vector(), args=(handler, joints, positions)
+    )
     return lambda q: np.array([[position_from_matrix(handler.robot.fk(row)) / 1e3] for row in q])

@@ -3,4 +3,12 @@
 from calibtool.calibration.fit import BASE_MODELS, IDENTIFIED_MODELS, identify, train
 from calibtool.calibration.model import Calibration, check_same_robot, fitting_setup
 
-__all__ = ["BASE_MODELS", "IDENTIFIED_MODELS", "Calibration", "check_same_robot", "fitting_setup", "identify", "train"]
+__all__ = [
+    "BASE_MODELS",
+    "IDENTIFIED_MODELS",
+    "Calibration",
+    "check_same_robot",
+    "fitting_setup",
+    "identify",
+    "train",
+]

@@ -16,7 +16,11 @@ Fit = Callable[[Measurements, np.random.Generator], Calibration]
 
 
 def cross_validate(
-    measurements: Measurements, fit: Fit, folds: int, rng: np.random.Generator, progress: Progress = silent
+    measurements: Measurements,
+    fit: Fit,
+    folds: int,
+    rng: np.random.Generator,
+    progress: Progress = silent,
 ) -> CrossValidation:
     """Errors on held-out configurations with and without the networks of `fit`; targets of one are never split.
 
@@ -24,7 +28,9 @@ def cross_validate(
     """
     count = len(measurements)
     if count < 2:
-        raise NoSolutionError("cross-validation: one configuration leaves none to train on; measure more")
+        raise NoSolutionError(
+            "cross-validation: one configuration leaves none to train on; measure more"
+        )
     folds = min(folds, count)
     without, with_networks = np.empty(count), np.empty(count)
     order = rng.permutation(count)

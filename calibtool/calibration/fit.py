@@ -101,7 +101,9 @@ def train(
         return on_base(rows, base, options, stream, frame=chosen)
 
     validation = cross_validate(measurements, again, options.folds, rng, progress)
-    return replace(fitted, validation=validation, networks=fitted.networks if validation.helps else ())
+    return replace(
+        fitted, validation=validation, networks=fitted.networks if validation.helps else ()
+    )
 
 
 def on_base(

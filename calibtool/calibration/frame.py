@@ -52,7 +52,9 @@ class ChosenFrame:
 
     def setup(self, fitted: Setup) -> Setup:
         """The set-up of the fit in the chosen frames: predicted points stay where they were."""
-        return moved_setup(fitted, self.T_taught_fitted, self.T_tool_taught) if self.moves else fitted
+        return (
+            moved_setup(fitted, self.T_taught_fitted, self.T_tool_taught) if self.moves else fitted
+        )
 
     def fitted_setup(self, chosen: Setup) -> Setup:
         """The inverse of `setup`."""
@@ -68,7 +70,9 @@ def moved_setup(setup: Setup, T_new_base: Array, T_tool_new: Array) -> Setup:
     """
     T_new_tool = inverse(T_tool_new)
     on_tool = setup.kind.in_tool(setup, T_new_tool)
-    return replace(on_tool, T_instrument_base=readonly(setup.T_instrument_base @ inverse(T_new_base)))
+    return replace(
+        on_tool, T_instrument_base=readonly(setup.T_instrument_base @ inverse(T_new_base))
+    )
 
 
 def taught_frame(
@@ -90,7 +94,9 @@ def taught_frame(
         turn = log3(taught[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2))
         left = np.concatenate([taught[:, :3, 3] - pose[:, :3, 3], turn], axis=-1) / sigma
         step = np.zeros((2, 6))
-        step[free] = np.linalg.lstsq(columns.reshape(left.size, -1), left.ravel(), rcond=1e-9)[0].reshape(-1, 6)
+        step[free] = np.linalg.lstsq(columns.reshape(left.size, -1), left.ravel(), rcond=1e-9)[
+            0
+        ].reshape(-1, 6)
         T_base, T_tool = exp6(step[0]) @ T_base, T_tool @ exp6(step[1])
         if np.abs(step).max() < _SETTLED:
             break

@@ -38,7 +38,11 @@ class LearningCurve:
 
 
 def learning_curve(
-    measurements: Measurements, fit: Fit, folds: int, rng: np.random.Generator, progress: Progress = silent
+    measurements: Measurements,
+    fit: Fit,
+    folds: int,
+    rng: np.random.Generator,
+    progress: Progress = silent,
 ) -> LearningCurve:
     """Fit on growing parts of every fold's training rows and judge on the fold. Sizes too small to fit are left out."""
     count = len(measurements)
@@ -57,11 +61,17 @@ def learning_curve(
             pose = calibration.forward(judged.q, judged.conditions)
             left = residuals(judged, fitting_setup(calibration, judged), pose)
             position = left[:, : 3 * judged.points.shape[1]]
-            squares.setdefault(size, []).append(float((position**2).sum() / (3 * judged.seen.sum())))
+            squares.setdefault(size, []).append(
+                float((position**2).sum() / (3 * judged.seen.sum()))
+            )
     known = sorted(size for size, values in squares.items() if len(values) == folds)
     if len(known) < 2:
-        raise NoSolutionError(f"learning curve: {count} configurations are too few to hold some back; measure more")
+        raise NoSolutionError(
+            f"learning curve: {count} configurations are too few to hold some back; measure more"
+        )
     errors = np.array([np.mean(squares[size]) for size in known])
     A = np.stack([np.ones(len(known)), 1.0 / np.array(known)], axis=-1) / errors[:, None]
     (floor, slope), _ = nnls(A, np.ones(len(known)))
-    return LearningCurve(np.array(known), readonly(np.sqrt(errors)), float(np.sqrt(floor)), float(np.sqrt(slope)))
+    return LearningCurve(
+        np.array(known), readonly(np.sqrt(errors)), float(np.sqrt(floor)), float(np.sqrt(slope))
+    )

@@ -155,12 +155,16 @@ class Calibration:
         parts = [family.words for family in self.base.errors.beyond_geometry]
         return (*parts, *(["network"] if self.networks else []))
 
-    def base_forward_and_jacobian(self, q: Array, conditions: Conditions | None = None) -> tuple[Array, Array]:
+    def base_forward_and_jacobian(
+        self, q: Array, conditions: Conditions | None = None
+    ) -> tuple[Array, Array]:
         """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for q (N, n); conditions as in `forward`.
 
         The slope of the joint-motion functions, about a thousandth, is left out of J_ρ.
         """
-        return self.equivalent.forward_and_jacobian(*self.errors.at(q, conditions or self.conditions))
+        return self.equivalent.forward_and_jacobian(
+            *self.errors.at(q, conditions or self.conditions)
+        )
 
     def base_context(self, q: Array) -> Context:
         """Frames of the base model for joint positions q (N, n), from which error columns are built."""
@@ -175,7 +179,9 @@ class Calibration:
             return self.errors.forward(q, conditions or self.conditions)
         return self.forward_and_jacobian(q, conditions)[0]
 
-    def forward_and_jacobian(self, q: Array, conditions: Conditions | None = None) -> tuple[Array, Array]:
+    def forward_and_jacobian(
+        self, q: Array, conditions: Conditions | None = None
+    ) -> tuple[Array, Array]:
         """Calibrated T_base_tool (N, 4, 4) and the base model's J_ρ (N, 6, p); conditions as in `forward`.
 
         ∂N/∂q, about a thousandth of J_ρ, is left out: Newton's method converges by as much at every step all the same.
@@ -209,4 +215,6 @@ def check_same_robot(a: Robot, b: Robot, place_a: str, place_b: str) -> None:
         and np.allclose(a.chain.twists, b.chain.twists, rtol=0.0, atol=1e-9)
     )
     if not same:
-        raise InputError(f"{place_a} is for '{a.name}', but {place_b} for '{b.name}': the kinematics differ")
+        raise InputError(
+            f"{place_a} is for '{a.name}', but {place_b} for '{b.name}': the kinematics differ"
+        )

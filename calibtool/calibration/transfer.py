@@ -28,7 +28,9 @@ class Transfer:
         return self.calibrated < self.nominal
 
 
-def refit(calibration: Calibration, measurements: Measurements, parts: tuple[str, ...]) -> tuple[Calibration, Transfer]:
+def refit(
+    calibration: Calibration, measurements: Measurements, parts: tuple[str, ...]
+) -> tuple[Calibration, Transfer]:
     """The calibration with base and/or tool fitted to new measurements, and whether it still beats the nominal robot.
 
     Judged by leaving each row out in turn (at most 20 groups). In a known set-up the refitted frames become errors of the
@@ -56,7 +58,9 @@ def refit(calibration: Calibration, measurements: Measurements, parts: tuple[str
         moved = replace(calibration, base=base, frame=None)
     else:
         restored = replace(
-            setup, frame_known=measurements.setup.frame_known, targets_known=measurements.setup.targets_known
+            setup,
+            frame_known=measurements.setup.frame_known,
+            targets_known=measurements.setup.targets_known,
         )
         if calibration.frame is not None:
             restored = calibration.frame.fitted_setup(restored)
@@ -83,5 +87,7 @@ def _left_out(measurements: Measurements, free: Setup, pose: Array) -> float:
     for held in np.array_split(np.arange(count), min(count, 20)):
         rest = np.setdiff1d(np.arange(count), held)
         setup = register(replace(measurements.rows(rest), setup=free), pose[rest])
-        squares[held] = (weighted_residuals(measurements.rows(held), setup, pose[held]) ** 2).sum(axis=-1)
+        squares[held] = (weighted_residuals(measurements.rows(held), setup, pose[held]) ** 2).sum(
+            axis=-1
+        )
     return float(np.sqrt(squares.sum() / measurements.equations)) * measurements.noise_position

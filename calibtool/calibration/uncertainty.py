@@ -45,12 +45,16 @@ def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty
     """
     posterior = calibration.base.posterior
     if posterior is None:
-        raise InputError(f"a '{calibration.base.model}' base has no posterior; identify with --model complete")
+        raise InputError(
+            f"a '{calibration.base.model}' base has no posterior; identify with --model complete"
+        )
     covariance = np.empty((len(q), 6, 6))
     for rows in _chunks(len(q)):
         columns = _determined_columns(calibration, q[rows])
         poses = columns.shape[-1]
-        covariance[rows] = columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)
+        covariance[rows] = (
+            columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)
+        )
     return PoseUncertainty(covariance + _spread(calibration, q))
 
 
@@ -86,7 +90,10 @@ def _taken_up(calibration: Calibration) -> Array:
     squares, products = np.zeros(()), np.zeros(())
     for rows in _chunks(len(calibration.q)):
         columns, pose = _columns(calibration, calibration.q[rows])
-        free, moved = ((part / sigma).reshape(-1, part.shape[-1]) for part in (free_columns(pose, setup), columns))
+        free, moved = (
+            (part / sigma).reshape(-1, part.shape[-1])
+            for part in (free_columns(pose, setup), columns)
+        )
         squares, products = squares + free.T @ free, products + free.T @ moved
     return np.linalg.lstsq(squares, products, rcond=1e-12)[0].astype(float)
 
@@ -97,7 +104,9 @@ def _spread(calibration: Calibration, q: Array) -> Array:
         return np.zeros((len(q), 6, 6))
     pose, jacobian = calibration.base_forward_and_jacobian(q)
     jacobian = at_point(jacobian, pose[:, :3, 3])
-    members = np.stack([(jacobian @ network(q)[..., None])[..., 0] for network in calibration.networks])
+    members = np.stack(
+        [(jacobian @ network(q)[..., None])[..., 0] for network in calibration.networks]
+    )
     apart = members - members.mean(axis=0)
     scatter: Array = np.einsum("mki,mkj->kij", apart, apart)
     return scatter / (len(members) - 1)

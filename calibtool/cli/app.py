@@ -55,10 +55,15 @@ class _Group(TyperGroup):
                 self._give_up(f"{error.format_message()} (see calibtool --help)", 2)
             if self.debug:
                 raise
-            if isinstance(error, OSError) and error.strerror is not None:  # the system's: a full disk behind --help
+            if (
+                isinstance(error, OSError) and error.strerror is not None
+            ):  # the system's: a full disk behind --help
                 self._give_up(f"{error.filename or 'standard streams'}: {error.strerror}", 1)
             text = " ".join(str(error).split())
-            self._give_up(f"unexpected {type(error).__name__}: {text}; please report it with the output of --debug", 1)
+            self._give_up(
+                f"unexpected {type(error).__name__}: {text}; please report it with the output of --debug",
+                1,
+            )
         sys.exit(code if isinstance(code, int) else 0)
 
     def _give_up(self, text: str, code: int) -> None:
@@ -92,10 +97,17 @@ def _print_version(wanted: bool) -> None:
 def _root(
     context: typer.Context,
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and leave.")
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and leave."
+        ),
     ] = False,
-    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say what is being done, with times.")] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Only warnings and errors on stderr.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("-v", "--verbose", help="Say what is being done, with times.")
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("-q", "--quiet", help="Only warnings and errors on stderr.")
+    ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> None:
     if context.invoked_subcommand is None:

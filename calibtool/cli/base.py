@@ -12,31 +12,55 @@ if TYPE_CHECKING:
 
 Harmonics = Annotated[
     int | None,
-    typer.Option(min=0, max=8, help="Harmonics per joint of the complete model (default: by evidence, 0 to 3)."),
+    typer.Option(
+        min=0,
+        max=8,
+        help="Harmonics per joint of the complete model (default: by evidence, 0 to 3).",
+    ),
 ]
 Gravity = Annotated[
-    bool | None, typer.Option("--gravity/--no-gravity", help="Wind-up under gravity (default: decided by evidence).")
+    bool | None,
+    typer.Option(
+        "--gravity/--no-gravity", help="Wind-up under gravity (default: decided by evidence)."
+    ),
 ]
 Backlash = Annotated[
     bool | None,
-    typer.Option("--backlash/--no-backlash", help="Backlash, from the order of the rows (default: by evidence)."),
+    typer.Option(
+        "--backlash/--no-backlash",
+        help="Backlash, from the order of the rows (default: by evidence).",
+    ),
 ]
 FixedTolerances = Annotated[
     bool,
-    typer.Option("--fixed-tolerances", help="Take the tolerances as they are; by default their scales are estimated."),
+    typer.Option(
+        "--fixed-tolerances",
+        help="Take the tolerances as they are; by default their scales are estimated.",
+    ),
 ]
 LengthTolerance = Annotated[
     float | None,
-    typer.Option("--tolerance-mm", min=1e-6, help="Expected size of length errors (default: the robot's, 1)."),
+    typer.Option(
+        "--tolerance-mm", min=1e-6, help="Expected size of length errors (default: the robot's, 1)."
+    ),
 ]
 AngleTolerance = Annotated[
     float | None,
-    typer.Option("--tolerance-mrad", min=1e-6, help="Expected size of angle errors (default: the robot's, 1)."),
+    typer.Option(
+        "--tolerance-mrad",
+        min=1e-6,
+        help="Expected size of angle errors (default: the robot's, 1).",
+    ),
 ]
 LossFunction = Annotated[
-    str, typer.Option("--loss-function", metavar="squared|huber|cauchy", help="Weigh rows that do not fit less.")
+    str,
+    typer.Option(
+        "--loss-function", metavar="squared|huber|cauchy", help="Weigh rows that do not fit less."
+    ),
 ]
-DropFlagged = Annotated[bool, typer.Option("--drop-flagged", help="Leave rows that do not fit out of the final fit.")]
+DropFlagged = Annotated[
+    bool, typer.Option("--drop-flagged", help="Leave rows that do not fit out of the final fit.")
+]
 
 
 def base_options(

@@ -12,9 +12,14 @@ from calibtool.cli.provenance import provenance
 
 
 def demo(
-    output: Annotated[str, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")] = "demo",
+    output: Annotated[
+        str, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")
+    ] = "demo",
     sample: Annotated[
-        bool, typer.Option("--sample", help="Instead: copy the sample of docs/tutorial.md into the folder.")
+        bool,
+        typer.Option(
+            "--sample", help="Instead: copy the sample of docs/tutorial.md into the folder."
+        ),
     ] = False,
     seed: Seed = 0,
     force: Force = False,
@@ -36,7 +41,9 @@ def demo(
     if folder.is_file():
         raise UsageError(f"{output}: is a file; give the name of a folder")
     if folder.is_dir() and any(folder.iterdir()) and not force:
-        raise UsageError(f"{output}: exists already and is not empty; choose another name, or add --force")
+        raise UsageError(
+            f"{output}: exists already and is not empty; choose another name, or add --force"
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -58,7 +65,10 @@ def demo(
     result = run_demo(seed, provenance(seed), write, message)
     show_evaluation(result)
     message(f"Everything is in {folder}:")
-    seen = [folder / REPORT, *sorted(path for path in folder.iterdir() if path.suffix in (".png", ".svg"))]
+    seen = [
+        folder / REPORT,
+        *sorted(path for path in folder.iterdir() if path.suffix in (".png", ".svg")),
+    ]
     for path in sorted(path for path in folder.iterdir() if path not in seen):
         message(f"  {path}")
     message("To look at:")  # last, where the eye is

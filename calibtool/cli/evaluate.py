@@ -26,14 +26,23 @@ _POSES = 8  # columns of a table for people
 
 def evaluate(
     calibrations: Annotated[
-        list[str], typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'.")
+        list[str],
+        typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'."),
     ],
     on: Annotated[
-        str, typer.Option(metavar="MEASUREMENTS", help="Measurements to judge on, best ones no fit has seen.")
+        str,
+        typer.Option(
+            metavar="MEASUREMENTS", help="Measurements to judge on, best ones no fit has seen."
+        ),
     ],
     output: Annotated[
         str | None,
-        typer.Option("-o", "--output", metavar="FILE.csv", help="Signed errors of every configuration; '-' is stdout."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE.csv",
+            help="Signed errors of every configuration; '-' is stdout.",
+        ),
     ] = None,
     method: CompensationMethod = EXACT,
     outside: Outside = "mark",
@@ -138,7 +147,9 @@ def show_evaluation(report: dict[str, object]) -> None:
         "max mrad",
         "max −%",
     ]
-    print_table(f"{report['robot']}, {report['configurations']} configurations, {said.how}", header, rows)
+    print_table(
+        f"{report['robot']}, {report['configurations']} configurations, {said.how}", header, rows
+    )
     beyond = report.get("uncorrectable")
     if isinstance(beyond, dict):
         position, orientation = beyond["position_mm"], beyond["orientation_mrad"]
@@ -190,7 +201,11 @@ def _show_pose_test(test: dict[str, Any], how: str, names: list[str]) -> None:
     repeats = sorted({*test["repeats"]})
     counted = str(repeats[0]) if len(repeats) == 1 else f"{repeats[0]} to {repeats[-1]}"
     unit = "mm" if test["rp_mrad"] is None else "mm / mrad"
-    more = "" if len(test["poses"]) <= _POSES else f", the first {_POSES} of {len(test['poses'])} poses (all: --json)"
+    more = (
+        ""
+        if len(test["poses"]) <= _POSES
+        else f", the first {_POSES} of {len(test['poses'])} poses (all: --json)"
+    )
     print_table(
         f"ISO 9283, {counted} repeats, {how}, {unit}{more}", ["", *test["poses"][:_POSES]], rows
     )

@@ -43,7 +43,11 @@ def export(
     ],
     precision: Annotated[
         str | None,
-        typer.Option("--precision", metavar="double|float", help="c, onnx: double or float; st: LREAL or REAL."),
+        typer.Option(
+            "--precision",
+            metavar="double|float",
+            help="c, onnx: double or float; st: LREAL or REAL.",
+        ),
     ] = None,
     payload_kg: PayloadKg = None,
     temperature_c: TemperatureC = None,

@@ -112,7 +112,9 @@ def check_output(path: str, force: bool, *, binary: bool = False) -> None:
         if sys.stdout is None:
             raise UsageError("stdout: cannot be written: it is closed")
         if binary and sys.stdout.isatty():
-            raise UsageError("the output is binary and stdout is a terminal; give -o FILE, or a pipe")
+            raise UsageError(
+                "the output is binary and stdout is a terminal; give -o FILE, or a pipe"
+            )
         return
     if not path:
         raise UsageError("the output has no name; give a file, or '-' for stdout")
@@ -153,7 +155,9 @@ def write_output(path: str, contents: bytes | str, force: bool, *, text: bool = 
 
 
 @contextlib.contextmanager
-def output_stream(path: str, force: bool, *, checked: bool = False) -> Iterator[Callable[[bytes], None]]:
+def output_stream(
+    path: str, force: bool, *, checked: bool = False
+) -> Iterator[Callable[[bytes], None]]:
     """Write piece by piece: a file appears whole when the block ends and not at all when it fails; stdout as it goes."""
     if not checked:
         check_output(path, force)
@@ -259,7 +263,9 @@ def write_stdout(data: bytes) -> None:
         raise
     except (OSError, AttributeError, ValueError) as error:
         _give_up_stdout()
-        raise UsageError(f"stdout: cannot be written: {getattr(error, 'strerror', None) or 'it is closed'}") from None
+        raise UsageError(
+            f"stdout: cannot be written: {getattr(error, 'strerror', None) or 'it is closed'}"
+        ) from None
 
 
 def _give_up_stdout() -> None:

@@ -37,9 +37,16 @@ def identify(
     measurements: MeasurementsFile,
     output: Annotated[
         str | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Output file; '-' is stdout (default without --json)."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Output file; '-' is stdout (default without --json).",
+        ),
     ] = None,
-    model: Annotated[str, typer.Option(metavar="local-poe|complete", help="The base model.")] = "complete",
+    model: Annotated[
+        str, typer.Option(metavar="local-poe|complete", help="The base model.")
+    ] = "complete",
     harmonics: Harmonics = None,
     gravity: Gravity = None,
     backlash: Backlash = None,
@@ -49,10 +56,16 @@ def identify(
     loss_function: LossFunction = "squared",
     drop_flagged: DropFlagged = False,
     refit: Annotated[
-        str | None, typer.Option(metavar="base,tool", help="Fit only base and/or tool of --from to these measurements.")
+        str | None,
+        typer.Option(
+            metavar="base,tool", help="Fit only base and/or tool of --from to these measurements."
+        ),
     ] = None,
     source: Annotated[
-        str | None, typer.Option("--from", metavar="CALIBRATION", help="The calibration that --refit takes over.")
+        str | None,
+        typer.Option(
+            "--from", metavar="CALIBRATION", help="The calibration that --refit takes over."
+        ),
     ] = None,
     parameters: Annotated[
         bool, typer.Option("--parameters", help="Show every parameter with its uncertainty.")
@@ -135,7 +148,8 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
     rows = parameter_rows(calibration.base)
     shown = rows if every else sorted(rows, key=lambda row: -abs(row.value) / row.std)[:_CLEAREST]
     print_table(
-        f"{len(shown)} of {len(rows)} parameters" + ("" if every else ", the clearest (all: --parameters or --json)"),
+        f"{len(shown)} of {len(rows)} parameters"
+        + ("" if every else ", the clearest (all: --parameters or --json)"),
         ["parameter", "value", "±", "tolerance", "unit", "determined", ""],
         [
             [
@@ -152,7 +166,9 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
     )
     posterior = calibration.base.posterior
     assert posterior is not None
-    pairs = ", ".join(f"{a} and {b} {value:+.2f}" for a, b, value in strongest_correlations(posterior, 3))
+    pairs = ", ".join(
+        f"{a} and {b} {value:+.2f}" for a, b, value in strongest_correlations(posterior, 3)
+    )
     message(f"strongest correlations: {pairs}")
 
 

@@ -23,22 +23,36 @@ from calibtool.errors import UsageError
 
 def import_(
     table: Annotated[
-        str, typer.Argument(metavar="TABLE", help="A table with a header, SpatialAnalyzer points, .xlsx; '-' is stdin.")
+        str,
+        typer.Argument(
+            metavar="TABLE",
+            help="A table with a header, SpatialAnalyzer points, .xlsx; '-' is stdin.",
+        ),
     ],
     robot: Annotated[str, typer.Option(help="A robot of the catalogue, or a path.")],
     output: Output = "-",
     columns: Annotated[
-        str | None, typer.Option(metavar="MAP.toml", help="Which column is what; without it the header's names tell.")
+        str | None,
+        typer.Option(
+            metavar="MAP.toml", help="Which column is what; without it the header's names tell."
+        ),
     ] = None,
     frame: Annotated[
         str | None,
-        typer.Option(metavar="base|unknown", help="Frame of the measured values (default: the map's, or unknown)."),
+        typer.Option(
+            metavar="base|unknown",
+            help="Frame of the measured values (default: the map's, or unknown).",
+        ),
     ] = None,
     robot_targets: Annotated[
-        bool, typer.Option("--robot-targets", help="The targets stand where the robot's description says.")
+        bool,
+        typer.Option(
+            "--robot-targets", help="The targets stand where the robot's description says."
+        ),
     ] = False,
     joints: Annotated[
-        str | None, typer.Option(metavar="FILE", help="The joint values' own file, where TABLE has none.")
+        str | None,
+        typer.Option(metavar="FILE", help="The joint values' own file, where TABLE has none."),
     ] = None,
     commanded: Annotated[
         str | None,
@@ -55,13 +69,19 @@ def import_(
         ),
     ] = "index",
     join_tolerance_s: Annotated[
-        float, typer.Option(min=0, help="Time stamps further apart than this do not belong together.")
+        float,
+        typer.Option(min=0, help="Time stamps further apart than this do not belong together."),
     ] = 0.1,
     format: Annotated[
         str | None,
-        typer.Option(metavar="table|spatial-analyzer|excel", help="Format of TABLE (default: its contents tell)."),
+        typer.Option(
+            metavar="table|spatial-analyzer|excel",
+            help="Format of TABLE (default: its contents tell).",
+        ),
     ] = None,
-    sheet: Annotated[str | None, typer.Option(metavar="NAME", help="Sheet of a workbook (default: the first).")] = None,
+    sheet: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Sheet of a workbook (default: the first).")
+    ] = None,
     layout: Annotated[
         str | None,
         typer.Option(
@@ -70,28 +90,40 @@ def import_(
         ),
     ] = None,
     unit: Annotated[
-        str | None, typer.Option(metavar="mm|m|in", help="Unit of lengths where the header does not say it.")
+        str | None,
+        typer.Option(metavar="mm|m|in", help="Unit of lengths where the header does not say it."),
     ] = None,
     angle_unit: Annotated[
-        str | None, typer.Option(metavar="deg|rad", help="Unit of angles where the header does not say it.")
+        str | None,
+        typer.Option(metavar="deg|rad", help="Unit of angles where the header does not say it."),
     ] = None,
     convention: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="Of three angles: intrinsic-xyz, extrinsic-zyx, … (any axes), zyx, rotation-vector."
+            metavar="NAME",
+            help="Of three angles: intrinsic-xyz, extrinsic-zyx, … (any axes), zyx, rotation-vector.",
         ),
     ] = None,
     joint_values: JointValuesOption = None,
     rows: Annotated[
-        str | None, typer.Option(metavar="A:B", help="Only data rows A to B, from 1, both included.")
+        str | None,
+        typer.Option(metavar="A:B", help="Only data rows A to B, from 1, both included."),
     ] = None,
-    sample: Annotated[int | None, typer.Option(min=1, help="A random sample of so many rows.")] = None,
+    sample: Annotated[
+        int | None, typer.Option(min=1, help="A random sample of so many rows.")
+    ] = None,
     rest: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Write the rows that were not taken here, for a fair test.")
+        str | None,
+        typer.Option(
+            metavar="FILE", help="Write the rows that were not taken here, for a fair test."
+        ),
     ] = None,
     seed: Seed = 0,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Show how the table is understood on stdout and write nothing.")
+        bool,
+        typer.Option(
+            "--dry-run", help="Show how the table is understood on stdout and write nothing."
+        ),
     ] = False,
     force: Force = False,
 ) -> None:

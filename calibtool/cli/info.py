@@ -15,7 +15,11 @@ if TYPE_CHECKING:
 
 def info(
     file: Annotated[
-        str, typer.Argument(metavar="FILE", help="Measurements, a calibration or the table of a study; '-' is stdin.")
+        str,
+        typer.Argument(
+            metavar="FILE",
+            help="Measurements, a calibration or the table of a study; '-' is stdin.",
+        ),
     ],
     json: Json = False,
 ) -> None:

@@ -13,7 +13,9 @@ from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _unfinished: set[str] = set()  # temporary files, gone when the process is ended
-_held: list[int] = []  # 0 for every block that must not be broken off, then the signals that arrived in it
+_held: list[
+    int
+] = []  # 0 for every block that must not be broken off, then the signals that arrived in it
 
 
 @contextlib.contextmanager

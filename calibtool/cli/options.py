@@ -8,14 +8,23 @@ if TYPE_CHECKING:
     from calibtool.calibration import Calibration
     from calibtool.robot.coupling import JointValues
 
-Output = Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Output file; '-' is stdout.")]
+Output = Annotated[
+    str, typer.Option("-o", "--output", metavar="FILE", help="Output file; '-' is stdout.")
+]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite an existing output.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
-MeasurementsFile = Annotated[str, typer.Argument(metavar="MEASUREMENTS", help="Measurements file; '-' is stdin.")]
-CalibrationFile = Annotated[str, typer.Argument(metavar="CALIBRATION", help="Calibration file; '-' is stdin.")]
+MeasurementsFile = Annotated[
+    str, typer.Argument(metavar="MEASUREMENTS", help="Measurements file; '-' is stdin.")
+]
+CalibrationFile = Annotated[
+    str, typer.Argument(metavar="CALIBRATION", help="Calibration file; '-' is stdin.")
+]
 CompensationMethod = Annotated[
-    str, typer.Option("--method", metavar="exact|one-step", help="Solve exactly, or with the one step of Eq. 24.")
+    str,
+    typer.Option(
+        "--method", metavar="exact|one-step", help="Solve exactly, or with the one step of Eq. 24."
+    ),
 ]
 EXACT = "exact"
 Outside = Annotated[
@@ -36,7 +45,10 @@ LargestChange = Annotated[
 ]
 RefitSetup = Annotated[
     bool,
-    typer.Option("--refit-setup", help="The instrument was moved: register it again on these rows, for every method."),
+    typer.Option(
+        "--refit-setup",
+        help="The instrument was moved: register it again on these rows, for every method.",
+    ),
 ]
 Require = Annotated[
     list[str] | None,
@@ -105,7 +117,9 @@ def choice(value: str, allowed: tuple[str, ...], option: str) -> str:
     return value
 
 
-def under(calibration: "Calibration", payload_kg: float | None, temperature_c: float | None) -> "Calibration":
+def under(
+    calibration: "Calibration", payload_kg: float | None, temperature_c: float | None
+) -> "Calibration":
     """The calibration for a payload and a temperature. UsageError for one that it has no errors of."""
     from calibtool.errormodel.conditions import Conditions
     from calibtool.errors import UsageError

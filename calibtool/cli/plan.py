@@ -20,68 +20,119 @@ if TYPE_CHECKING:
 
 
 def plan(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="A robot of the catalogue, or a path.")],
+    robot: Annotated[
+        str, typer.Argument(metavar="ROBOT", help="A robot of the catalogue, or a path.")
+    ],
     output: Annotated[
         str | None,
-        typer.Option("-o", "--output", metavar="FILE.csv", help="Output file; '-' is stdout (default without --json)."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE.csv",
+            help="Output file; '-' is stdout (default without --json).",
+        ),
     ] = None,
-    configurations: Annotated[int, typer.Option("-n", "--configurations", min=1, help="How many to choose.")] = 20,
+    configurations: Annotated[
+        int, typer.Option("-n", "--configurations", min=1, help="How many to choose.")
+    ] = 20,
     criterion: Annotated[
         str,
-        typer.Option(metavar="d|i", help="Least uncertainty of the parameters (d) or of poses in the workspace (i)."),
+        typer.Option(
+            metavar="d|i",
+            help="Least uncertainty of the parameters (d) or of poses in the workspace (i).",
+        ),
     ] = "d",
     source: Annotated[
         str | None,
         typer.Option(
-            "--from", metavar="CALIBRATION", help="Start from what a calibration knows: what to measure next."
+            "--from",
+            metavar="CALIBRATION",
+            help="Start from what a calibration knows: what to measure next.",
         ),
     ] = None,
     workspace: Annotated[
-        str | None, typer.Option(help="A named workspace of the robot (default: its first); 'full' is the joint range.")
+        str | None,
+        typer.Option(
+            help="A named workspace of the robot (default: its first); 'full' is the joint range."
+        ),
     ] = None,
-    candidates: Annotated[int, typer.Option(min=1, help="How many configurations to choose from.")] = 2000,
+    candidates: Annotated[
+        int, typer.Option(min=1, help="How many configurations to choose from.")
+    ] = 2000,
     refine: Annotated[
-        bool, typer.Option("--refine/--no-refine", help="Move the chosen ones to better places between the candidates.")
+        bool,
+        typer.Option(
+            "--refine/--no-refine",
+            help="Move the chosen ones to better places between the candidates.",
+        ),
     ] = True,
     seed: Seed = 0,
     noise_mm: Annotated[
         float | None,
-        typer.Option(min=1e-6, help="Measurement noise per coordinate (default 0.05, or that of --from)."),
+        typer.Option(
+            min=1e-6, help="Measurement noise per coordinate (default 0.05, or that of --from)."
+        ),
     ] = None,
     unregistered: Annotated[
-        bool, typer.Option("--unregistered", help="Instrument frame and targets will have to be estimated as well.")
+        bool,
+        typer.Option(
+            "--unregistered", help="Instrument frame and targets will have to be estimated as well."
+        ),
     ] = False,
     joint_margin: Annotated[
-        float, typer.Option(metavar="PERCENT", min=0, max=49, help="Part of each joint's range kept free at both ends.")
+        float,
+        typer.Option(
+            metavar="PERCENT",
+            min=0,
+            max=49,
+            help="Part of each joint's range kept free at both ends.",
+        ),
     ] = 0.0,
     min_singularity_distance: Annotated[
-        float | None, typer.Option(min=0, help="Smallest distance from singularities (default 0.02).")
+        float | None,
+        typer.Option(min=0, help="Smallest distance from singularities (default 0.02)."),
     ] = None,
     floor_mm: Annotated[
-        float | None, typer.Option(help="Arm, tool and targets stay above this z of the base frame.")
+        float | None,
+        typer.Option(help="Arm, tool and targets stay above this z of the base frame."),
     ] = None,
     keep_out: Annotated[
         list[str] | None,
-        typer.Option(metavar="BOX", help="x0,y0,z0,x1,y1,z1 in mm that arm, tool and sight stay out of; repeatable."),
+        typer.Option(
+            metavar="BOX",
+            help="x0,y0,z0,x1,y1,z1 in mm that arm, tool and sight stay out of; repeatable.",
+        ),
     ] = None,
     instrument: Annotated[
-        str | None, typer.Option(metavar="POINT", help="x,y,z in mm of an instrument that every target has to see.")
+        str | None,
+        typer.Option(
+            metavar="POINT", help="x,y,z in mm of an instrument that every target has to see."
+        ),
     ] = None,
     normal: Annotated[
         str | None,
-        typer.Option(metavar="VECTOR", help="x,y,z in which the targets look, in the tool frame (default 0,0,1)."),
+        typer.Option(
+            metavar="VECTOR",
+            help="x,y,z in which the targets look, in the tool frame (default 0,0,1).",
+        ),
     ] = None,
     cone_deg: Annotated[
         float | None,
-        typer.Option(min=0.1, max=180, help="Half angle in which a target sees the instrument (default 30)."),
+        typer.Option(
+            min=0.1, max=180, help="Half angle in which a target sees the instrument (default 30)."
+        ),
     ] = None,
     iso9283: Annotated[
-        bool, typer.Option("--iso9283", help="Instead: the five poses of the ISO 9283 cube, in cycles.")
+        bool,
+        typer.Option("--iso9283", help="Instead: the five poses of the ISO 9283 cube, in cycles."),
     ] = False,
     cube_mm: Annotated[
-        float | None, typer.Option(min=1, help="Edge of that cube (default: the largest in the workspace).")
+        float | None,
+        typer.Option(min=1, help="Edge of that cube (default: the largest in the workspace)."),
     ] = None,
-    cycles: Annotated[int | None, typer.Option(min=1, help="Cycles of --iso9283 (default 30).")] = None,
+    cycles: Annotated[
+        int | None, typer.Option(min=1, help="Cycles of --iso9283 (default 30).")
+    ] = None,
     joint_values: JointValuesOption = None,
     json: Json = False,
     force: Force = False,
@@ -112,7 +163,9 @@ def plan(
 
     model, values = load_robot(robot), joint_values_of(joint_values)
     name, space = model.workspace(workspace)
-    distance = MIN_SINGULARITY_DISTANCE if min_singularity_distance is None else min_singularity_distance
+    distance = (
+        MIN_SINGULARITY_DISTANCE if min_singularity_distance is None else min_singularity_distance
+    )
     constraints = Constraints(
         joint_margin=_finite(joint_margin, "--joint-margin") * 1e-2,
         singularity_distance=_finite(distance, "--min-singularity-distance"),
@@ -135,7 +188,9 @@ def plan(
         if value is not None:
             raise UsageError(f"{option} belongs to --iso9283")
     if configurations > candidates:
-        raise UsageError(f"-n {configurations}: only {candidates} candidates to choose from; raise --candidates")
+        raise UsageError(
+            f"-n {configurations}: only {candidates} candidates to choose from; raise --candidates"
+        )
     knowledge = _knowledge(model, source, noise_mm, unregistered)
     values = model.joint_values(model.name, values)
     with working(f"choosing from {candidates} candidates"):
@@ -164,7 +219,9 @@ def plan(
         write_output(target, made.table, force)
 
 
-def _knowledge(model: "Robot", source: str | None, noise_mm: float | None, unregistered: bool) -> "Knowledge":
+def _knowledge(
+    model: "Robot", source: str | None, noise_mm: float | None, unregistered: bool
+) -> "Knowledge":
     from calibtool.calibration import check_same_robot
     from calibtool.errors import InputError, UsageError
     from calibtool.planning.knowledge import Knowledge
@@ -184,7 +241,9 @@ def _knowledge(model: "Robot", source: str | None, noise_mm: float | None, unreg
         )
     if noise is None:
         noise = calibration.noise_position * posterior.noise_factor
-    return Knowledge.of_identification(model, calibration.base, noise, calibration.noise_orientation)
+    return Knowledge.of_identification(
+        model, calibration.base, noise, calibration.noise_orientation
+    )
 
 
 def _report(made: "Plan", workspace: str) -> None:
@@ -250,7 +309,9 @@ def _sight(instrument: str | None, normal: str | None, cone_deg: float | None) -
     x, y, z = _numbers(instrument, 3, "--instrument")
     u, v, w = _numbers(normal or "0,0,1", 3, "--normal")
     if not (u or v or w):
-        raise UsageError("--normal: 0,0,0 is no direction; give the one in which the targets look, such as 0,0,1")
+        raise UsageError(
+            "--normal: 0,0,0 is no direction; give the one in which the targets look, such as 0,0,1"
+        )
     cone = 30.0 if cone_deg is None else _finite(cone_deg, "--cone-deg")
     return Sight((x * 1e-3, y * 1e-3, z * 1e-3), (u, v, w), radians(cone))
 
@@ -273,7 +334,9 @@ def _box(text: str) -> tuple[float, ...]:
 
     values = _numbers(text, 6, "--keep-out")
     if any(low >= high for low, high in zip(values[:3], values[3:], strict=True)):
-        raise UsageError(f"--keep-out: '{text}' is empty; give x0,y0,z0,x1,y1,z1 with x0 < x1, y0 < y1, z0 < z1")
+        raise UsageError(
+            f"--keep-out: '{text}' is empty; give x0,y0,z0,x1,y1,z1 with x0 < x1, y0 < y1, z0 < z1"
+        )
     return tuple(value * 1e-3 for value in values)
 
 

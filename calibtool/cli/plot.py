@@ -29,22 +29,31 @@ def plot(
     kind: Annotated[
         str,
         typer.Argument(
-            metavar="FIGURE", help=f"{', '.join(_OF_CALIBRATIONS)}; on measurements {', '.join(_OF_ERRORS)}."
+            metavar="FIGURE",
+            help=f"{', '.join(_OF_CALIBRATIONS)}; on measurements {', '.join(_OF_ERRORS)}.",
         ),
     ],
     calibrations: Annotated[
-        list[str], typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'.")
+        list[str],
+        typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'."),
     ],
     output: Annotated[
-        str, typer.Option("-o", "--output", metavar="FILE", help="A file that ends in .png, .svg or .pdf.")
+        str,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="A file that ends in .png, .svg or .pdf."
+        ),
     ],
     on: Annotated[
-        str | None, typer.Option(metavar="MEASUREMENTS", help=f"Measurements for {', '.join(_OF_ERRORS)}.")
+        str | None,
+        typer.Option(metavar="MEASUREMENTS", help=f"Measurements for {', '.join(_OF_ERRORS)}."),
     ] = None,
     width_mm: Annotated[
         float,
         typer.Option(
-            "--width-mm", min=60, max=400, help="Width of the figure: 85 is a column, 180 a page of a journal."
+            "--width-mm",
+            min=60,
+            max=400,
+            help="Width of the figure: 85 is a column, 180 a page of a journal.",
         ),
     ] = 180.0,
     method: CompensationMethod = EXACT,
@@ -84,7 +93,12 @@ def plot(
         raise UsageError(f"plot {kind}: give the measurements with --on")
     named = [(stem(path), load_calibration(path, frame)[0]) for path in calibrations]
     for name, calibration in named[1:]:
-        check_same_robot(calibration.robot, named[0][1].robot, f"calibration '{name}'", f"calibration '{named[0][0]}'")
+        check_same_robot(
+            calibration.robot,
+            named[0][1].robot,
+            f"calibration '{name}'",
+            f"calibration '{named[0][0]}'",
+        )
     subject = Subject(named)
     if kind in _OF_ERRORS:
         measurements, _ = load_measurements(str(on))

@@ -50,12 +50,16 @@ Format = Annotated[
 OnError = Annotated[
     str,
     typer.Option(
-        "--on-error", metavar="stop|skip", help="Targets of a program without an answer: write nothing, or leave them."
+        "--on-error",
+        metavar="stop|skip",
+        help="Targets of a program without an answer: write nothing, or leave them.",
     ),
 ]
 FramesFile = Annotated[
     str | None,
-    typer.Option("--frames", metavar="FRAMES.toml", help="Frames and tools that poses of a program refer to."),
+    typer.Option(
+        "--frames", metavar="FRAMES.toml", help="Frames and tools that poses of a program refer to."
+    ),
 ]
 ControllerFile = Annotated[
     str | None,
@@ -82,16 +86,25 @@ WithFiles = Annotated[
 ]
 Report = Annotated[
     str | None,
-    typer.Option("--report", metavar="FILE.csv", help="Every position of a program, and why it is left if it is."),
+    typer.Option(
+        "--report",
+        metavar="FILE.csv",
+        help="Every position of a program, and why it is left if it is.",
+    ),
 ]
 Partial = Annotated[
     bool,
-    typer.Option("--partial", help="Exit 0 although poses that the program moves to are left beside corrected ones."),
+    typer.Option(
+        "--partial",
+        help="Exit 0 although poses that the program moves to are left beside corrected ones.",
+    ),
 ]
 External = Annotated[
     str,
     typer.Option(
-        "--external", metavar="leave|ignore", help="Poses with external axes: leave them, or look at the arm alone."
+        "--external",
+        metavar="leave|ignore",
+        help="Poses with external axes: leave them, or look at the arm alone.",
     ),
 ]
 
@@ -172,7 +185,9 @@ def check_not_input(output: str, *inputs: str) -> None:
         if STREAM in (output, path) or not Path(output).exists() or not Path(path).exists():
             continue
         if same_file(output, path) or os.path.samefile(output, path):
-            raise UsageError(f"{output}: is the input; a program is never overwritten, give another name")
+            raise UsageError(
+                f"{output}: is the input; a program is never overwritten, give another name"
+            )
 
 
 def compensate_file(
@@ -224,12 +239,18 @@ def compensate_folder(
     from calibtool.programs.compensate import compensate_texts
 
     if output == STREAM:
-        raise UsageError(f"{folder}: is a folder; give another one for the corrected programs with -o")
+        raise UsageError(
+            f"{folder}: is a folder; give another one for the corrected programs with -o"
+        )
     if Path(output).resolve() == Path(folder).resolve():
-        raise UsageError(f"{output}: is the folder of the programs; give another one for the corrected ones")
+        raise UsageError(
+            f"{output}: is the folder of the programs; give another one for the corrected ones"
+        )
     found = _programs(folder, kind, Path(output))
     if not found:
-        raise InputError(f"{folder}: holds no programs; give their format with --format, or other files")
+        raise InputError(
+            f"{folder}: holds no programs; give their format with --format, or other files"
+        )
     languages: dict[str, list[tuple[str, bytes, bool]]] = {}
     for path, data, language in found:
         languages.setdefault(language, []).append((path, data, True))
@@ -244,7 +265,9 @@ def compensate_folder(
             outputs[str(Path(output) / Path(path).relative_to(folder))] = text
     if report is not None:
         if any(Path(path).resolve() == Path(report).resolve() for path in outputs):
-            raise UsageError(f"{report}: is a corrected program, too; give another file for --report")
+            raise UsageError(
+                f"{report}: is a corrected program, too; give another file for --report"
+            )
         first, *rest = [result.report() for result in results]
         outputs[report] = first + "".join(text.partition("\n")[2] for text in rest)
     _write_folder(outputs, output, report, force)
@@ -272,7 +295,9 @@ def _write_folder(
 ) -> None:
     """Write files into folders that are made for them; those that are made go again if it fails."""
     if Path(output).exists() and not Path(output).is_dir():
-        raise UsageError(f"{output}: is no folder; the programs of a folder are written to another one")
+        raise UsageError(
+            f"{output}: is no folder; the programs of a folder are written to another one"
+        )
     if report is not None:
         check_output(report, force)
     made: list[Path] = []

@@ -12,7 +12,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_live: "Progress | None" = None  # a loop within a loop gets a line below it: a terminal has one live display
+_live: "Progress | None" = (
+    None  # a loop within a loop gets a line below it: a terminal has one live display
+)
 
 
 def counted(items: Iterable[T], what: str, step: int = 1, total: int | None = None) -> Iterator[T]:
@@ -45,7 +47,9 @@ def working(what: str) -> Iterator[None]:
 def _line(what: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
     """A line on the terminal, and a function that shows how far it is; neither where nobody looks on."""
     global _live
-    if is_quiet() or (_live is None and not sys.stderr.isatty()):  # rich puts its own stream before a terminal
+    if is_quiet() or (
+        _live is None and not sys.stderr.isatty()
+    ):  # rich puts its own stream before a terminal
         yield lambda count: None
         return
     live = outer = _live
@@ -54,13 +58,17 @@ def _line(what: str, total: int | None = None) -> Iterator[Callable[[int], None]
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-        live = _live = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False)
+        live = _live = Progress(
+            *columns, console=Console(stderr=True), transient=True, redirect_stdout=False
+        )
         live.start()
     of = "" if total is None else f" of {total:,}"
     task = live.add_task(what, total=total)
     try:
         # The first picture at once, also when the end comes before the next.
-        yield lambda count: live.update(task, completed=count, description=f"{count:,}{of} {what}", refresh=not count)
+        yield lambda count: live.update(
+            task, completed=count, description=f"{count:,}{of} {what}", refresh=not count
+        )
     finally:
         live.remove_task(task)
         if outer is None:

@@ -21,10 +21,14 @@ from calibtool.cli.options import (
 
 def report(
     calibrations: Annotated[
-        list[str], typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'.")
+        list[str],
+        typer.Argument(metavar="CALIBRATION...", help="Calibration files; one may be '-'."),
     ],
     on: Annotated[
-        str, typer.Option(metavar="MEASUREMENTS", help="Measurements to judge on, best ones no fit has seen.")
+        str,
+        typer.Option(
+            metavar="MEASUREMENTS", help="Measurements to judge on, best ones no fit has seen."
+        ),
     ],
     output: Annotated[
         str, typer.Option("-o", "--output", metavar="FILE.html", help="The page; '-' is stdout.")
@@ -78,7 +82,10 @@ def report(
     inputs = {f"calibration_{k}": part for k, (_, _, part) in enumerate(loaded, 1)}
     if earlier is not None:
         inputs["before"] = earlier[1]
-    page = html_report(Subject(named, measurements, evaluation, limits), provenance(None, measurements=data, **inputs))
+    page = html_report(
+        Subject(named, measurements, evaluation, limits),
+        provenance(None, measurements=data, **inputs),
+    )
     write_output(output, page, force)
     if output != "-":
         message(f"{output}: {len(page.encode()) / 1e6:.1f} MB")

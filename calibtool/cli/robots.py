@@ -14,12 +14,18 @@ if TYPE_CHECKING:
 
 
 def robots(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="A robot of the catalogue, or a path.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="A robot of the catalogue, or a path.")
+    ] = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Check the description: reach, singularities, what can be identified.")
+        bool,
+        typer.Option(
+            "--check", help="Check the description: reach, singularities, what can be identified."
+        ),
     ] = False,
     picture: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Draw the arm at its home; FILE ends in .png or .svg.")
+        str | None,
+        typer.Option(metavar="FILE", help="Draw the arm at its home; FILE ends in .png or .svg."),
     ] = None,
     json: Json = False,
     force: Force = False,

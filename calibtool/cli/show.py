@@ -28,7 +28,9 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(stderr=True, width=None if sys.stderr.isatty() else 140, highlight=False, markup=False)
+    console = Console(
+        stderr=True, width=None if sys.stderr.isatty() else 140, highlight=False, markup=False
+    )
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
     for i, name in enumerate(header):
         table.add_column(name, justify="left" if i == 0 else "right")
@@ -47,7 +49,9 @@ def lines(summary: dict[str, object], indent: str = "") -> list[str]:
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             result.append(f"{indent}{key}:")
             for item in value:
-                result.append(f"{indent}  - " + ", ".join(f"{k} {_text(v)}" for k, v in item.items()))
+                result.append(
+                    f"{indent}  - " + ", ".join(f"{k} {_text(v)}" for k, v in item.items())
+                )
         else:
             result.append(f"{indent}{key}: {_text(value)}")
     return result

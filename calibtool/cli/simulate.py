@@ -14,43 +14,81 @@ from calibtool.errors import InputError, UsageError
 
 
 def simulate(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="A robot of the catalogue, or a path.")],
+    robot: Annotated[
+        str, typer.Argument(metavar="ROBOT", help="A robot of the catalogue, or a path.")
+    ],
     output: Output = "-",
-    configurations: Annotated[int, typer.Option("-n", "--configurations", min=1, help="How many to measure.")] = 100,
+    configurations: Annotated[
+        int, typer.Option("-n", "--configurations", min=1, help="How many to measure.")
+    ] = 100,
     seed: Seed = 0,
     workspace: Annotated[
-        str | None, typer.Option(help="A named workspace of the robot (default: its first); 'full' is the joint range.")
+        str | None,
+        typer.Option(
+            help="A named workspace of the robot (default: its first); 'full' is the joint range."
+        ),
     ] = None,
     errors: Annotated[
-        str, typer.Option(help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal.")
+        str,
+        typer.Option(
+            help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal."
+        ),
     ] = "geometric",
-    length_error_mm: Annotated[float, typer.Option(min=0, help="Standard deviation of geometric lengths.")] = 0.5,
-    angle_error_mrad: Annotated[float, typer.Option(min=0, help="Standard deviation of geometric angles.")] = 0.5,
+    length_error_mm: Annotated[
+        float, typer.Option(min=0, help="Standard deviation of geometric lengths.")
+    ] = 0.5,
+    angle_error_mrad: Annotated[
+        float, typer.Option(min=0, help="Standard deviation of geometric angles.")
+    ] = 0.5,
     gear_mrad: Annotated[
         float, typer.Option(min=0, help="Standard deviation of each gear harmonic's coefficients.")
     ] = 0.2,
-    gravity_mrad: Annotated[float, typer.Option(min=0, help="Wind-up of a loaded joint at its largest torque.")] = 0.5,
-    backlash_mrad: Annotated[float, typer.Option(min=0, help="Half width of the backlash (mm if prismatic).")] = 0.1,
-    payload_mrad: Annotated[
-        float, typer.Option(min=0, help="Wind-up and bending of a loaded joint at its largest moment under 10 kg.")
+    gravity_mrad: Annotated[
+        float, typer.Option(min=0, help="Wind-up of a loaded joint at its largest torque.")
     ] = 0.5,
-    thermal_k: Annotated[float, typer.Option(min=0, help="Temperature rise of the steel links.")] = 10.0,
+    backlash_mrad: Annotated[
+        float, typer.Option(min=0, help="Half width of the backlash (mm if prismatic).")
+    ] = 0.1,
+    payload_mrad: Annotated[
+        float,
+        typer.Option(
+            min=0, help="Wind-up and bending of a loaded joint at its largest moment under 10 kg."
+        ),
+    ] = 0.5,
+    thermal_k: Annotated[
+        float, typer.Option(min=0, help="Temperature rise of the steel links.")
+    ] = 10.0,
     payload_kg: Annotated[
         str | None,
-        typer.Option(metavar="KG[,KG]", help="Mass at the tool; two: drawn evenly between them for every row."),
+        typer.Option(
+            metavar="KG[,KG]",
+            help="Mass at the tool; two: drawn evenly between them for every row.",
+        ),
     ] = None,
     temperature_c: Annotated[
-        str | None, typer.Option(metavar="C[,C]", help="Temperature of the links; two: a drift from one to the other.")
+        str | None,
+        typer.Option(
+            metavar="C[,C]", help="Temperature of the links; two: a drift from one to the other."
+        ),
     ] = None,
-    noise_mm: Annotated[float, typer.Option(min=0, help="Measurement noise per coordinate.")] = 0.05,
+    noise_mm: Annotated[
+        float, typer.Option(min=0, help="Measurement noise per coordinate.")
+    ] = 0.05,
     unregistered: Annotated[
-        bool, typer.Option("--unregistered", help="Instrument and targets at random places that stay unknown.")
+        bool,
+        typer.Option(
+            "--unregistered", help="Instrument and targets at random places that stay unknown."
+        ),
     ] = False,
     same_robot: Annotated[
-        str | None, typer.Option(metavar="FILE.h5", help="Measure the actual robot of that simulation again.")
+        str | None,
+        typer.Option(metavar="FILE.h5", help="Measure the actual robot of that simulation again."),
     ] = None,
     at: Annotated[
-        str | None, typer.Option(metavar="POSES", help="Measure at these configurations: a CSV of joints or poses.")
+        str | None,
+        typer.Option(
+            metavar="POSES", help="Measure at these configurations: a CSV of joints or poses."
+        ),
     ] = None,
     commanded: Annotated[
         str | None,
@@ -72,7 +110,9 @@ def simulate(
     check_output(output, force, binary=True)
     one_stdin(same_robot, at, commanded)
     if commanded is not None and at is None:
-        raise UsageError("--commanded belongs to --at: those joints are corrected for these targets")
+        raise UsageError(
+            "--commanded belongs to --at: those joints are corrected for these targets"
+        )
     sizes = {
         "--length-error-mm": length_error_mm,
         "--angle-error-mrad": angle_error_mrad,
@@ -176,5 +216,7 @@ def _range(text: str | None, option: str, lowest: float) -> tuple[float, float] 
     except ValueError:
         ends = []
     if len(ends) not in (1, 2) or not all(isfinite(end) and end >= lowest for end in ends):
-        raise UsageError(f"{option}: '{text}' is not one number, or two with a comma, of at least {lowest:g}")
+        raise UsageError(
+            f"{option}: '{text}' is not one number, or two with a comma, of at least {lowest:g}"
+        )
     return ends[0], ends[-1]

@@ -16,7 +16,9 @@ from typing import BinaryIO
 from calibtool.cli.interrupts import held, unfinished
 
 SUFFIX = ".calibtool-part"
-_NAME_BYTES = 200  # of the output's name, so that the whole stays below the 255 that file systems allow
+_NAME_BYTES = (
+    200  # of the output's name, so that the whole stays below the 255 that file systems allow
+)
 
 
 @dataclass(frozen=True)
@@ -53,13 +55,19 @@ def staged(target: Path) -> Iterator[Part]:
     with contextlib.ExitStack() as stack:
         while True:
             with held():  # no signal between the file and the note to remove it
-                descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=mark, suffix=SUFFIX)
+                descriptor, temporary = tempfile.mkstemp(
+                    dir=target.parent, prefix=mark, suffix=SUFFIX
+                )
                 stack.enter_context(unfinished(temporary))
             stream = os.fdopen(descriptor, "wb")
             stack.callback(_close, stream)
-            with contextlib.suppress(OSError):  # no locks on this file system: nobody removes anything either
+            with contextlib.suppress(
+                OSError
+            ):  # no locks on this file system: nobody removes anything either
                 fcntl.flock(descriptor, fcntl.LOCK_EX)
-            if os.path.exists(temporary):  # else taken for abandoned by another process, just before it was locked
+            if os.path.exists(
+                temporary
+            ):  # else taken for abandoned by another process, just before it was locked
                 break
         yield Part(stream, temporary, target)
 
@@ -74,7 +82,11 @@ def remove_abandoned(folder: Path, mark: str) -> None:
     """Remove parts that nobody is working on any more: those whose lock can be had."""
     with contextlib.suppress(OSError):
         for name in os.listdir(folder):
-            if name.startswith(mark) and name.endswith(SUFFIX) and len(name) == len(mark) + 8 + len(SUFFIX):
+            if (
+                name.startswith(mark)
+                and name.endswith(SUFFIX)
+                and len(name) == len(mark) + 8 + len(SUFFIX)
+            ):
                 with contextlib.suppress(OSError):
                     _remove_unlocked(os.path.join(folder, name))
 

@@ -18,19 +18,30 @@ if TYPE_CHECKING:
 
 def study(
     robots: Annotated[
-        list[str] | None, typer.Argument(metavar="[ROBOT]...", help="Robots of the catalogue, or paths.")
+        list[str] | None,
+        typer.Argument(metavar="[ROBOT]...", help="Robots of the catalogue, or paths."),
     ] = None,
     plan: Annotated[
-        str | None, typer.Option(metavar="STUDY.toml", help="The definition as a file; options go before its keys.")
+        str | None,
+        typer.Option(
+            metavar="STUDY.toml", help="The definition as a file; options go before its keys."
+        ),
     ] = None,
     output: Annotated[
         str | None,
         typer.Option(
-            "-o", "--output", metavar="FILE", help="Table: CSV, or HDF5 by .h5; '-' is stdout (default without --json)."
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Table: CSV, or HDF5 by .h5; '-' is stdout (default without --json).",
         ),
     ] = None,
-    runs: Annotated[int | None, typer.Option(min=1, help="Actual robots per combination (default 100).")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random (default 0).")] = None,
+    runs: Annotated[
+        int | None, typer.Option(min=1, help="Actual robots per combination (default 100).")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of everything random (default 0).")
+    ] = None,
     methods: Annotated[
         list[str] | None,
         typer.Option(
@@ -40,27 +51,45 @@ def study(
         ),
     ] = None,
     configurations: Annotated[
-        list[str] | None, typer.Option("-n", "--configurations", metavar="LIST", help="Measured ones (default 100).")
+        list[str] | None,
+        typer.Option("-n", "--configurations", metavar="LIST", help="Measured ones (default 100)."),
     ] = None,
-    noise_mm: Annotated[list[str] | None, typer.Option(metavar="LIST", help="Per coordinate (default 0.05).")] = None,
+    noise_mm: Annotated[
+        list[str] | None, typer.Option(metavar="LIST", help="Per coordinate (default 0.05).")
+    ] = None,
     errors: Annotated[
         list[str] | None,
-        typer.Option(metavar="KINDS", help="As in simulate (default geometric); repeat the option for alternatives."),
+        typer.Option(
+            metavar="KINDS",
+            help="As in simulate (default geometric); repeat the option for alternatives.",
+        ),
     ] = None,
     error_scale: Annotated[
-        list[str] | None, typer.Option(metavar="LIST", help="Factors on the sizes of all errors (default 1).")
+        list[str] | None,
+        typer.Option(metavar="LIST", help="Factors on the sizes of all errors (default 1)."),
     ] = None,
     workspace: Annotated[
-        str | None, typer.Option(help="A named workspace (default: each robot's first); 'full' is the joint range.")
+        str | None,
+        typer.Option(
+            help="A named workspace (default: each robot's first); 'full' is the joint range."
+        ),
     ] = None,
     fresh: Annotated[
         int | None,
-        typer.Option(min=0, help="Configurations for judging, seen by no fit (default 1000); 0: the measured ones."),
+        typer.Option(
+            min=0,
+            help="Configurations for judging, seen by no fit (default 1000); 0: the measured ones.",
+        ),
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Local processes (default: one per core).")] = None,
-    cluster: Annotated[str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://HOST:PORT.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Local processes (default: one per core).")
+    ] = None,
+    cluster: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://HOST:PORT.")
+    ] = None,
     box_plot: Annotated[
-        str | None, typer.Option("--box-plot", metavar="FILE", help="Also draw the errors: .svg or .png.")
+        str | None,
+        typer.Option("--box-plot", metavar="FILE", help="Also draw the errors: .svg or .png."),
     ] = None,
     json: Json = False,
     force: Force = False,
@@ -98,9 +127,16 @@ def study(
         "seed": seed,
         "errors": errors,
         "fresh": fresh,
-        **{key: None if given is None else ",".join(given).split(",") for key, given in lists.items()},
+        **{
+            key: None if given is None else ",".join(given).split(",")
+            for key, given in lists.items()
+        },
     }
-    study = Study.of(_definition(plan).changed({key: value for key, value in changes.items() if value is not None}))
+    study = Study.of(
+        _definition(plan).changed(
+            {key: value for key, value in changes.items() if value is not None}
+        )
+    )
     table = None if target is None or target == STREAM else _finished(study, target, force)
     if table is None:
         if target is not None:
@@ -115,7 +151,9 @@ def study(
         write_output(box_plot, draw_study(table, image_format(box_plot)), force)
 
 
-def _perform(study: "Study", target: str | None, workers: int | None, cluster: str | None, force: bool) -> "StudyTable":
+def _perform(
+    study: "Study", target: str | None, workers: int | None, cluster: str | None, force: bool
+) -> "StudyTable":
     """Perform what is not finished yet, and write the table."""
     import os
 
@@ -126,7 +164,11 @@ def _perform(study: "Study", target: str | None, workers: int | None, cluster: s
     from calibtool.evaluation.study.local import in_processes
 
     # A stream or a device cannot be continued: no journal beside it.
-    plain = target is not None and target != STREAM and (Path(target).is_file() or not Path(target).exists())
+    plain = (
+        target is not None
+        and target != STREAM
+        and (Path(target).is_file() or not Path(target).exists())
+    )
     path = Path(f"{target}.journal") if plain else None
     with Journal(path, study, discard=force) as journal:
         if journal.finished:
@@ -150,7 +192,9 @@ def _perform(study: "Study", target: str | None, workers: int | None, cluster: s
             results.close()
             if path is None or not journal.finished:
                 raise
-            kept = f"{len(journal.finished)} of {study.count} runs are kept; the same command goes on"
+            kept = (
+                f"{len(journal.finished)} of {study.count} runs are kept; the same command goes on"
+            )
             if isinstance(error, KeyboardInterrupt):
                 message(kept)
                 raise
@@ -188,9 +232,15 @@ def _finished(study: "Study", path: str, force: bool) -> "StudyTable | None":
     except InputError:
         problem = "exists already and is no study's table"
     else:
-        if table.key == study.key and len(table.rows) == study.count * len(study.definition.methods):
+        if table.key == study.key and len(table.rows) == study.count * len(
+            study.definition.methods
+        ):
             return table
-        problem = "has lost rows" if table.key == study.key else f"holds another study ({table.key}, not {study.key})"
+        problem = (
+            "has lost rows"
+            if table.key == study.key
+            else f"holds another study ({table.key}, not {study.key})"
+        )
     if not force:
         raise UsageError(f"{path}: {problem}; choose another name, or overwrite it with --force")
     return None
@@ -220,13 +270,19 @@ def _report(study: "Study", table: "StudyTable", json: bool) -> None:
         _show(study, summary)
     if summary["failed"]:
         status = next(text for text in table.column("status") if text != "ok")
-        message(f"warning: {summary['failed']} of {summary['rows']} rows have no result; the first: {status}")
+        message(
+            f"warning: {summary['failed']} of {summary['rows']} rows have no result; the first: {status}"
+        )
 
 
 def _show(study: "Study", summary: dict[str, object]) -> None:
     groups = summary["groups"]
     assert isinstance(groups, list)
-    varied = [key for key in ("robot", "errors", "error_scale", "noise_mm", "configurations") if _differs(groups, key)]
+    varied = [
+        key
+        for key in ("robot", "errors", "error_scale", "noise_mm", "configurations")
+        if _differs(groups, key)
+    ]
     columns = [
         ("position_mm", "mean"),
         ("position_mm", "max"),
@@ -239,9 +295,20 @@ def _show(study: "Study", summary: dict[str, object]) -> None:
         cells = [_spread(group[part][name]) for part, name in columns]
         cells += [_reduction(group["reduction_percent"][name]) for name in reductions]
         rows.append([group["method"], *(str(group[key]) for key in varied), *cells])
-    header = ["method", *varied, "mean mm", "max mm", "mean mrad", "max mrad", "max mm −%", "max mrad −%"]
+    header = [
+        "method",
+        *varied,
+        "mean mm",
+        "max mm",
+        "mean mrad",
+        "max mrad",
+        "max mm −%",
+        "max mrad −%",
+    ]
     judged = (
-        f"{study.definition.fresh} fresh configurations" if study.definition.fresh else "the measured configurations"
+        f"{study.definition.fresh} fresh configurations"
+        if study.definition.fresh
+        else "the measured configurations"
     )
     names = ", ".join(dict.fromkeys(group["robot"] for group in groups))
     print_table(
@@ -256,7 +323,11 @@ def _differs(groups: list[dict[str, object]], key: str) -> bool:
 
 
 def _spread(values: dict[str, float] | None) -> str:
-    return "-" if values is None else f"{values['median']:.3g} ({values['q05']:.2g}…{values['q95']:.2g})"
+    return (
+        "-"
+        if values is None
+        else f"{values['median']:.3g} ({values['q05']:.2g}…{values['q95']:.2g})"
+    )
 
 
 def _reduction(values: dict[str, float] | None) -> str:

@@ -33,34 +33,57 @@ def train(
     measurements: MeasurementsFile,
     output: Annotated[
         str | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Output file; '-' is stdout (default without --json)."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Output file; '-' is stdout (default without --json).",
+        ),
     ] = None,
     base: Annotated[
         str,
         typer.Option(
-            metavar="nominal|local-poe|complete|FILE.h5", help="What the network builds on ('nominal': the paper)."
+            metavar="nominal|local-poe|complete|FILE.h5",
+            help="What the network builds on ('nominal': the paper).",
         ),
     ] = "complete",
-    loss: Annotated[str, typer.Option(metavar="task|joint", help="Loss of Eq. 20 or of Eq. 21.")] = "task",
+    loss: Annotated[
+        str, typer.Option(metavar="task|joint", help="Loss of Eq. 20 or of Eq. 21.")
+    ] = "task",
     optimizer: Annotated[
-        str, typer.Option(metavar="lm|gd", help="Levenberg-Marquardt, or gradient descent (Eq. 22).")
+        str,
+        typer.Option(metavar="lm|gd", help="Levenberg-Marquardt, or gradient descent (Eq. 22)."),
     ] = "lm",
     regularisation: Annotated[
         str | None,
-        typer.Option(metavar="bayes|early-stopping", help="Default: bayes; early-stopping (the paper) on 'nominal'."),
+        typer.Option(
+            metavar="bayes|early-stopping",
+            help="Default: bayes; early-stopping (the paper) on 'nominal'.",
+        ),
     ] = None,
     regressor: Annotated[
         str,
-        typer.Option(metavar="tanh|random-features", help="Learned model: the paper's network, or a Gaussian process."),
+        typer.Option(
+            metavar="tanh|random-features",
+            help="Learned model: the paper's network, or a Gaussian process.",
+        ),
     ] = "tanh",
     hidden: Annotated[
-        int | None, typer.Option(min=1, help="Hidden nodes (default: the square root of 6n) or features (60).")
+        int | None,
+        typer.Option(min=1, help="Hidden nodes (default: the square root of 6n) or features (60)."),
     ] = None,
-    validation: Annotated[float, typer.Option(min=0, max=0.9, help="Part of the rows for early stopping.")] = 0.5,
-    restarts: Annotated[int, typer.Option(min=1, help="Networks trained: averaged (bayes), or the best kept.")] = 5,
+    validation: Annotated[
+        float, typer.Option(min=0, max=0.9, help="Part of the rows for early stopping.")
+    ] = 0.5,
+    restarts: Annotated[
+        int, typer.Option(min=1, help="Networks trained: averaged (bayes), or the best kept.")
+    ] = 5,
     folds: Annotated[int, typer.Option(min=2, help="Parts of the cross-validation (bayes).")] = 5,
     learning_curve: Annotated[
-        bool, typer.Option("--learning-curve", help="Also report the error against the number of configurations.")
+        bool,
+        typer.Option(
+            "--learning-curve", help="Also report the error against the number of configurations."
+        ),
     ] = False,
     harmonics: Harmonics = None,
     gravity: Gravity = None,
@@ -129,7 +152,9 @@ def train(
         regularisation = "early-stopping" if base == "nominal" or optimizer == "gd" else "bayes"
     choice(regularisation, ("bayes", "early-stopping"), "--regularisation")
     if regularisation == "bayes" and optimizer == "gd":
-        raise UsageError("--optimizer gd takes --regularisation early-stopping; bayes needs second derivatives")
+        raise UsageError(
+            "--optimizer gd takes --regularisation early-stopping; bayes needs second derivatives"
+        )
     options = TrainingOptions(
         loss=cast(LossName, loss),
         optimiser=cast(Optimiser, optimizer),

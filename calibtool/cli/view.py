@@ -17,12 +17,21 @@ if TYPE_CHECKING:
 
 
 def view(
-    file: Annotated[str, typer.Argument(metavar="CALIBRATION|MEASUREMENTS", help="A file of calibtool; '-' is stdin.")],
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="CALIBRATION|MEASUREMENTS", help="A file of calibtool; '-' is stdin."
+        ),
+    ],
     html: Annotated[
-        str | None, typer.Option("--html", metavar="FILE", help="Write a page that needs nothing else, and end.")
+        str | None,
+        typer.Option(
+            "--html", metavar="FILE", help="Write a page that needs nothing else, and end."
+        ),
     ] = None,
     magnify: Annotated[
-        float | None, typer.Option(min=0, help="Factor on the errors (default: a round one that shows them).")
+        float | None,
+        typer.Option(min=0, help="Factor on the errors (default: a round one that shows them)."),
     ] = None,
     meshes: Annotated[
         list[str] | None,
@@ -32,7 +41,9 @@ def view(
         ),
     ] = None,
     frame: FrameOption = None,
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the live view on this machine.")] = 8080,
+    port: Annotated[
+        int, typer.Option(min=1, max=65535, help="Port of the live view on this machine.")
+    ] = 8080,
     force: Force = False,
 ) -> None:
     """Show the arm, its targets and their errors.

@@ -12,7 +12,8 @@ _TRAILING = np.logical_and.accumulate(_FOURS[:, ::-1] == ord("0"), axis=1)[:, ::
 # Behind the 10,000 groups of four digits the same without zeros at their end; NUL is taken out of the text.
 _GROUPS = np.concatenate([_FOURS, np.where(_TRAILING, 0, _FOURS)]).view("<u4")[:, 0]
 _WHOLE = np.frombuffer(
-    b"".join(sign + (b"%d" % k).rjust(3, b"\0") for sign in (b"\0", b"-") for k in range(1000)), "<u4"
+    b"".join(sign + (b"%d" % k).rjust(3, b"\0") for sign in (b"\0", b"-") for k in range(1000)),
+    "<u4",
 )
 
 
@@ -23,9 +24,13 @@ def decimal_rows(values: Array, decimals: int) -> list[str]:
     """
     groups = decimals // 4
     plain = np.all(np.abs(values) < _LARGEST[decimals] - 1e-9, axis=-1)
-    integers = np.rint(np.abs(np.where(plain[:, None], values, 0.0)) * 10.0**decimals).astype(np.int64)
+    integers = np.rint(np.abs(np.where(plain[:, None], values, 0.0)) * 10.0**decimals).astype(
+        np.int64
+    )
     negative = (values < 0) & (integers > 0)
-    cells = np.empty(values.shape, [("whole", "<u4"), ("point", "u1"), ("parts", "<u4", groups), ("end", "u1")])
+    cells = np.empty(
+        values.shape, [("whole", "<u4"), ("point", "u1"), ("parts", "<u4", groups), ("end", "u1")]
+    )
     ends = np.ones(values.shape, dtype=bool)  # only zeros follow
     for position in reversed(range(groups)):
         upper = integers // 10**4
@@ -40,5 +45,9 @@ def decimal_rows(values: Array, decimals: int) -> list[str]:
     rows = cells.tobytes().translate(None, b"\0").decode("ascii").splitlines()
     for k in np.flatnonzero(~plain):
         given = values[k].tolist()
-        rows[k] = ",".join("" for _ in given) if np.isnan(given).any() else ",".join(f"{value:.14g}" for value in given)
+        rows[k] = (
+            ",".join("" for _ in given)
+            if np.isnan(given).any()
+            else ",".join(f"{value:.14g}" for value in given)
+        )
     return rows

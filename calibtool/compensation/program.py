@@ -43,7 +43,9 @@ def read_configurations(
     solved = inverse_kinematics(robot, poses[0], robot.home(robot.workspace(None)[1]))
     if not solved.reached.all():
         row = int(np.argmin(solved.reached))
-        raise NoSolutionError(f"{table.place(row)}: the pose is unreachable; {int((~solved.reached).sum())} rows are")
+        raise NoSolutionError(
+            f"{table.place(row)}: the pose is unreachable; {int((~solved.reached).sum())} rows are"
+        )
     return solved.q
 
 

@@ -36,7 +36,9 @@ RowFormat = Literal["csv", "ndjson"]
 BATCH = 4096
 # Numbers, 31 MiB: the C library keeps freed memory for the next batch up to the largest block that it ever got back.
 _LARGEST_KEPT = 31 * 2**17
-_JUMP = np.deg2rad(60.0)  # between neighbours of a path: another branch, or a singularity on the way
+_JUMP = np.deg2rad(
+    60.0
+)  # between neighbours of a path: another branch, or a singularity on the way
 _ADDED = ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad")
 
 
@@ -142,13 +144,17 @@ def compensate_text(
     """A whole CSV at once, and every remark."""
     report = StreamReport(listed=len(text))
     lines = io.StringIO(text, newline=None)
-    return "".join(compensate_stream(calibration, lines, name, options or StreamOptions(), report)), report
+    return "".join(
+        compensate_stream(calibration, lines, name, options or StreamOptions(), report)
+    ), report
 
 
 class _Corrector:
     """Corrects tables in order; remembers the last joints, from which the next pose starts, and where backlash stands."""
 
-    def __init__(self, calibration: Calibration, options: StreamOptions, report: StreamReport) -> None:
+    def __init__(
+        self, calibration: Calibration, options: StreamOptions, report: StreamReport
+    ) -> None:
         self.calibration, self.options, self.report = calibration, options, report
         self.seed: Array | None = None
         self.bounds = default_bounds(calibration, options.largest_change, options.weights)
@@ -215,7 +221,9 @@ class _Corrector:
             spread = predicted_uncertainty(self.calibration, result.q[known])
             sure[:, known] = spread.position, spread.orientation
             for column, values in zip(("sd_mm", "sd_mrad"), sure, strict=True):
-                added[column] = ["" if np.isnan(value) else f"{value * 1e3:.6g}" for value in values]
+                added[column] = [
+                    "" if np.isnan(value) else f"{value * 1e3:.6g}" for value in values
+                ]
         return added
 
     def _note(self, table: Table, result: Compensation, jumps: dict[int, Jump]) -> None:
@@ -241,7 +249,9 @@ class _Corrector:
             report.remark(f"{table.place(k)}: {text}")
 
     def _size(self, jump: Jump) -> str:
-        factor, unit = (1e3, "mm") if self.calibration.robot.prismatic[jump.joint] else (180 / np.pi, "deg")
+        factor, unit = (
+            (1e3, "mm") if self.calibration.robot.prismatic[jump.joint] else (180 / np.pi, "deg")
+        )
         return f"joint {jump.joint + 1} by {jump.change * factor:.3g} {unit}"
 
     def _note_branches(self, table: Table, q: Array) -> None:
@@ -270,7 +280,11 @@ def _csv_text(corrected: _Corrected, with_header: bool) -> str:
     units = [name.rsplit("_", 1)[1] for name in corrected.joint_names]
     numbers = decimal_rows(corrected.values, max(DECIMALS[unit] for unit in units))
     columns = list(corrected.added.values())
-    rest = columns[0] if len(columns) == 1 else [",".join(cells) for cells in zip(*columns, strict=True)]
+    rest = (
+        columns[0]
+        if len(columns) == 1
+        else [",".join(cells) for cells in zip(*columns, strict=True)]
+    )
     if kept:
         others = _written([[row[i] for i in kept] for row in table.rows])
         rest = [f"{other},{added}" for other, added in zip(others, rest, strict=True)]
@@ -297,14 +311,18 @@ def _written(rows: list[list[str]]) -> list[str]:
 # --- newline-delimited JSON -----------------------------------------------------------------------------------------
 
 
-def _read_objects(lines: Iterable[str], name: str, batch: int) -> Iterator[tuple[Table, list[dict[str, object]]]]:
+def _read_objects(
+    lines: Iterable[str], name: str, batch: int
+) -> Iterator[tuple[Table, list[dict[str, object]]]]:
     """Objects, one per line, with the keys of the first as columns of a table."""
     header: list[str] = []
     part: list[tuple[int, dict[str, object]]] = []
 
     def table() -> tuple[Table, list[dict[str, object]]]:
         objects = [found for _, found in part]
-        cells = [["" if found[key] is None else str(found[key]) for key in header] for found in objects]
+        cells = [
+            ["" if found[key] is None else str(found[key]) for key in header] for found in objects
+        ]
         return Table(name, header, cells, [line for line, _ in part], ",", "."), objects
 
     for line, text in enumerate(lines, start=1):
@@ -314,13 +332,17 @@ def _read_objects(lines: Iterable[str], name: str, batch: int) -> Iterator[tuple
         try:
             found = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise InputError(f"{name}:{line}: not JSON: {error}; expected one object per line") from None
+            raise InputError(
+                f"{name}:{line}: not JSON: {error}; expected one object per line"
+            ) from None
         if not isinstance(found, dict):
             raise InputError(f"{name}:{line}: expected one JSON object per line")
         header = header or list(found)
         if set(found) != set(header):
             different = sorted(set(found) ^ set(header))
-            raise InputError(f"{name}:{line}: key '{different[0]}' is not in every object; keys must be the same")
+            raise InputError(
+                f"{name}:{line}: key '{different[0]}' is not in every object; keys must be the same"
+            )
         part.append((line, found))
         if len(part) == batch:
             yield table()
@@ -336,7 +358,9 @@ def _objects_text(corrected: _Corrected, objects: list[dict[str, object]]) -> st
     convert: dict[str, Callable[[str], object]] = {"status": str}
     lines = []
     for k, given in enumerate(objects):
-        joints = [None if np.isnan(value) else float(number(value)) for value in corrected.values[k]]
+        joints = [
+            None if np.isnan(value) else float(number(value)) for value in corrected.values[k]
+        ]
         result = dict(zip(corrected.joint_names, joints, strict=True))
         result |= {table.header[i]: given[table.header[i]] for i in corrected.kept}  # type: ignore[misc]
         for column, cells in corrected.added.items():

@@ -34,7 +34,11 @@ def train_bayesian(network: Regressor, loss: Loss) -> BayesianRun:
     residual, J = loss.residual_and_jacobian(network)
     squares = float(residual @ residual)
     count, size = len(residual), len(weights)
-    alpha, beta, damping = 0.1 * size / max(float(weights @ weights), 1e-300), count / max(squares, 1e-300), 1e-3
+    alpha, beta, damping = (
+        0.1 * size / max(float(weights @ weights), 1e-300),
+        count / max(squares, 1e-300),
+        1e-3,
+    )
     perfect = max(1e-16 * squares, 1e-300)  # a fit to the last digit leaves no noise to estimate
     values = [squares / len(loss.q)]
     effective, reason = float(size), f"{_MAX_ITERATIONS} iterations"
@@ -45,7 +49,9 @@ def train_bayesian(network: Regressor, loss: Loss) -> BayesianRun:
         cost = beta * squares + alpha * float(weights @ weights)
         accepted = False
         while damping < 1e10:
-            step = vectors @ (gradient / (eigenvalues + alpha + damping * (alpha + eigenvalues.mean())))
+            step = vectors @ (
+                gradient / (eigenvalues + alpha + damping * (alpha + eigenvalues.mean()))
+            )
             trial = network.with_weights(weights + step)
             trial_squares = loss.value(trial) * len(loss.q)
             trial_cost = beta * trial_squares + alpha * float(np.sum((weights + step) ** 2))
@@ -65,8 +71,12 @@ def train_bayesian(network: Regressor, loss: Loss) -> BayesianRun:
         effective = float((eigenvalues / (eigenvalues + alpha)).sum())
         alpha = min(effective / max(float(weights @ weights), 1e-300), 1e12)
         beta = max(count - effective, 1.0) / max(squares, perfect)
-        if cost - trial_cost < _SETTLED * cost and abs(effective - previous) < 0.01 * max(effective, 1.0):
+        if cost - trial_cost < _SETTLED * cost and abs(effective - previous) < 0.01 * max(
+            effective, 1.0
+        ):
             reason = "the regularised loss has settled"
             break
-    history = History(readonly(values), readonly(np.full(len(values), np.nan)), len(values) - 1, reason)
+    history = History(
+        readonly(values), readonly(np.full(len(values), np.nan)), len(values) - 1, reason
+    )
     return BayesianRun(network, history, effective, float(1.0 / np.sqrt(beta)))

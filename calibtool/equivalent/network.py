@@ -69,12 +69,16 @@ class Network(Regressor):
             first,
             hidden_weights=readonly(np.concatenate([member.hidden_weights for member in members])),
             hidden_bias=readonly(np.concatenate([member.hidden_bias for member in members])),
-            output_weights=readonly(np.concatenate([member.output_weights for member in members], axis=1) / count),
+            output_weights=readonly(
+                np.concatenate([member.output_weights for member in members], axis=1) / count
+            ),
             output_bias=readonly(np.mean([member.output_bias for member in members], axis=0)),
         )
 
     def __call__(self, q: Array) -> Array:
-        hidden = np.tanh(affine(self.hidden_weights, self.scaled_input(q).T.copy(), self.hidden_bias))
+        hidden = np.tanh(
+            affine(self.hidden_weights, self.scaled_input(q).T.copy(), self.hidden_bias)
+        )
         return affine(self.output_weights, hidden, self.output_bias).T * self.output_scale
 
     def scaled_input(self, q: Array) -> Array:

@@ -81,7 +81,9 @@ def levenberg_marquardt(network: Regressor, loss: Loss) -> Iterator[tuple[Regres
         yield network, value / len(loss.q)
 
 
-def gradient_descent(network: Regressor, loss: Loss, rate: float = 0.1) -> Iterator[tuple[Regressor, float]]:
+def gradient_descent(
+    network: Regressor, loss: Loss, rate: float = 0.1
+) -> Iterator[tuple[Regressor, float]]:
     """w ← w − α ∂E/∂w (Eq. 22), on the loss divided by its value without a network, which makes α free of units.
 
     α is halved where a step would raise the loss, and grows by 5 % otherwise, as a hand would do it.

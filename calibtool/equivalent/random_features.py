@@ -64,7 +64,9 @@ class RandomFeatures(Regressor):
             members[0],
             frequencies=readonly(np.concatenate([member.frequencies for member in members])),
             phases=readonly(np.concatenate([member.phases for member in members])),
-            output_weights=readonly(np.concatenate([m.output_weights for m in members], axis=1) / len(members)),
+            output_weights=readonly(
+                np.concatenate([m.output_weights for m in members], axis=1) / len(members)
+            ),
         )
 
     def __call__(self, q: Array) -> Array:

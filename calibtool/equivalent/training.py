@@ -95,7 +95,9 @@ class TrainingReport:
         return "1" if self.loss == "task" else "rad², m²"
 
 
-def split_rows(count: int, validation: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def split_rows(
+    count: int, validation: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Indices (k,) and (count − k,) of the training and validation rows of `count` configurations, both sorted."""
     order = rng.permutation(count)
     held = round(count * validation)
@@ -122,7 +124,9 @@ def train_networks(
     output_scale = _output_scale(G[training_rows], y[training_rows])
     kind = REGRESSORS[options.regressor]
     hidden = kind.size_for(q.shape[1]) if options.hidden is None else options.hidden
-    starts = [kind.initial(q[training_rows], output_scale, hidden, r) for r in rng.spawn(options.restarts)]
+    starts = [
+        kind.initial(q[training_rows], output_scale, hidden, r) for r in rng.spawn(options.restarts)
+    ]
     if bayes:
         members = [train_bayesian(start, training) for start in progress(starts, "networks")]
         networks = [member.network for member in members]
@@ -133,12 +137,17 @@ def train_networks(
         networks, histories = map(
             list,
             zip(
-                *(run(steps, start, training, validation, stopping) for start in progress(starts, "networks")),
+                *(
+                    run(steps, start, training, validation, stopping)
+                    for start in progress(starts, "networks")
+                ),
                 strict=True,
             ),
         )
         effective = float(len(starts[0].weights))
-    scores = np.array([(h.training if validation is None else h.validation)[h.chosen] for h in histories])
+    scores = np.array(
+        [(h.training if validation is None else h.validation)[h.chosen] for h in histories]
+    )
     best = int(np.argmin(scores))
     without = (training if validation is None else validation).without_network
     report = TrainingReport(
@@ -163,6 +172,8 @@ def _output_scale(G: Array, y: Array) -> Array:
     transposed = np.swapaxes(G, -1, -2)
     gram = transposed @ G
     size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None] / gram.shape[-1]
-    damped = np.linalg.solve(gram + 1e-2 * size * np.eye(gram.shape[-1]), transposed @ y[..., None])[..., 0]
+    damped = np.linalg.solve(
+        gram + 1e-2 * size * np.eye(gram.shape[-1]), transposed @ y[..., None]
+    )[..., 0]
     typical: Array = np.sqrt(np.mean(damped**2, axis=0))
     return np.maximum(typical, 1e-9)

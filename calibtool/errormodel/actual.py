@@ -87,7 +87,9 @@ class ActualRobot:
 
     def driven_to(self, q: Array, conditions: Conditions | None = None) -> Conditions:
         """The conditions of rows q (N, n) that are driven to in order."""
-        return replace(self._conditions(conditions or Conditions()), direction=readonly(self.directions(q)))
+        return replace(
+            self._conditions(conditions or Conditions()), direction=readonly(self.directions(q))
+        )
 
     def _conditions(self, conditions: Conditions) -> Conditions:
         if conditions.temperature_c is not None:
@@ -104,4 +106,6 @@ def random_actual(robot: Robot, scales: ErrorScales, rng: np.random.Generator) -
             sizes = Sizes(scales.length, scales.angle, scales.sizes.get(family.kind, family.size))
             drawn[family.id] = family.drawn(robot, sizes, streams[family.kind])
     warm = "thermal" in scales.kinds
-    return ActualRobot(RobotErrors.of(robot, **drawn), REFERENCE_C + scales.warmth if warm else REFERENCE_C)
+    return ActualRobot(
+        RobotErrors.of(robot, **drawn), REFERENCE_C + scales.warmth if warm else REFERENCE_C
+    )

@@ -39,4 +39,6 @@ def backlash_text(robot: Robot, backlash: Array) -> str:
     units = ["mm" if prismatic else "mrad" for prismatic in robot.prismatic]
     if len(set(units)) == 1:
         return ", ".join(f"{value * 1e3:.3f}" for value in backlash) + f" {units[0]}"
-    return ", ".join(f"{value * 1e3:.3f} {unit}" for value, unit in zip(backlash, units, strict=True))
+    return ", ".join(
+        f"{value * 1e3:.3f} {unit}" for value, unit in zip(backlash, units, strict=True)
+    )

@@ -29,7 +29,9 @@ class Conditions:
     def rows(self, index: np.ndarray) -> Self:
         """The same at some rows only: their indices (k,)."""
         kept = {field.name: getattr(self, field.name) for field in fields(self)}
-        return replace(self, **{k: readonly(v[index]) for k, v in kept.items() if v is not None and np.ndim(v)})
+        return replace(
+            self, **{k: readonly(v[index]) for k, v in kept.items() if v is not None and np.ndim(v)}
+        )
 
     def alike(self, count: int) -> Iterator[tuple[Self, np.ndarray]]:
         """Rows of the same payload and temperature, from `count` rows: these as numbers, and the rows' indices."""
@@ -44,10 +46,17 @@ class Conditions:
 
     def anywhere(self, shape: tuple[int, ...], rng: np.random.Generator) -> Self:
         """Conditions drawn from all that these show, for joint positions of a shape (N, n); unknown ones stay unknown."""
-        direction = None if self.direction is None else readonly(rng.choice([-1.0, 1.0], size=shape))
+        direction = (
+            None if self.direction is None else readonly(rng.choice([-1.0, 1.0], size=shape))
+        )
         drawn = {
-            name: None if values is None else readonly(rng.uniform(np.min(values), np.max(values), shape[0]))
-            for name, values in (("payload_kg", self.payload_kg), ("temperature_c", self.temperature_c))
+            name: None
+            if values is None
+            else readonly(rng.uniform(np.min(values), np.max(values), shape[0]))
+            for name, values in (
+                ("payload_kg", self.payload_kg),
+                ("temperature_c", self.temperature_c),
+            )
         }
         return replace(self, direction=direction, **drawn)
 
@@ -56,15 +65,21 @@ class Conditions:
         if self.direction is not None and (
             self.direction.shape != shape or not np.isin(self.direction, (-1, 0, 1)).all()
         ):
-            raise InputError(f"{place}: the directions are not -1, 0 or 1 for every joint of every row")
+            raise InputError(
+                f"{place}: the directions are not -1, 0 or 1 for every joint of every row"
+            )
         for name, lowest in (("payload_kg", 0.0), ("temperature_c", -273.15)):
             values = getattr(self, name)
             if values is None:
                 continue
             if np.ndim(values) and values.shape != shape[:1]:
-                raise InputError(f"{place}: {name} has shape {values.shape}; expected one number per row, {shape[:1]}")
+                raise InputError(
+                    f"{place}: {name} has shape {values.shape}; expected one number per row, {shape[:1]}"
+                )
             if not (np.isfinite(values) & (values >= lowest)).all():
-                raise InputError(f"{place}: {name} holds a value that is not finite or below {lowest:g}")
+                raise InputError(
+                    f"{place}: {name} holds a value that is not finite or below {lowest:g}"
+                )
 
 
 def directions(q: Array, start: Array | None = None, before: Array | None = None) -> Array:

@@ -39,7 +39,9 @@ class Rows:
     def payload(self) -> Array:
         """Mass at the tool, kg: (N,) or ()."""
         given = self.conditions.payload_kg
-        return np.array(self.robot.source.description.mounting.payload_kg) if given is None else given
+        return (
+            np.array(self.robot.source.description.mounting.payload_kg) if given is None else given
+        )
 
     @property
     def warmth(self) -> Array:

@@ -31,7 +31,12 @@ class Harmonics(JointFunctions):
 
     def names(self, shape: tuple[int, ...], symbol: str) -> list[str]:
         orders = ["" if h == 0 else str(h + 1) for h in range(self.order(shape))]
-        return [f"{f}{order}q{j + 1}" for j in range(shape[0]) for order in orders for f in ("sin", "cos")]
+        return [
+            f"{f}{order}q{j + 1}"
+            for j in range(shape[0])
+            for order in orders
+            for f in ("sin", "cos")
+        ]
 
     def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
         return np.full(shape, tolerances.of.get(self.id, 0.3e-3))

@@ -15,7 +15,9 @@ from calibtool.robot.se3 import Array, exp6, readonly
 from calibtool.robot.starts import drawn as configurations
 
 _FULL = 10.0  # kg at which sizes and tolerances are stated
-_CARRIES_LOAD = 0.02  # a joint carries load when its moment reaches this part of the largest joint's
+_CARRIES_LOAD = (
+    0.02  # a joint carries load when its moment reaches this part of the largest joint's
+)
 _SAMPLES = 500
 
 
@@ -95,4 +97,6 @@ def largest_moment(robot: Robot) -> Array:
 
     q = configurations(robot, _SAMPLES, np.random.default_rng(0))
     along, across = moments(Rows(robot, q, Conditions(payload_kg=readonly(1.0))))
-    return readonly(np.stack([np.abs(along).max(axis=0), np.linalg.norm(across, axis=-1).max(axis=0)], axis=-1))
+    return readonly(
+        np.stack([np.abs(along).max(axis=0), np.linalg.norm(across, axis=-1).max(axis=0)], axis=-1)
+    )

@@ -42,7 +42,9 @@ class Placements(Family):
         return log6(exp6(value) @ exp6(step))
 
     def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:
-        value: Array = rng.normal(size=self.shape(robot.n)) * np.repeat([sizes.length, sizes.angle], 3)
+        value: Array = rng.normal(size=self.shape(robot.n)) * np.repeat(
+            [sizes.length, sizes.angle], 3
+        )
         return value
 
 

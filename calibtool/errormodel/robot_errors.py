@@ -30,7 +30,9 @@ class RobotErrors:
         """Errors of some families by id, none of the others. ValueError for a value of another shape."""
         if unknown := set(values) - set(BY_ID):
             raise ValueError(f"unknown families of errors: {', '.join(sorted(unknown))}")
-        return cls(robot, {family.id: family.value(robot.n, values.get(family.id)) for family in FAMILIES})
+        return cls(
+            robot, {family.id: family.value(robot.n, values.get(family.id)) for family in FAMILIES}
+        )
 
     def __getitem__(self, family: str) -> Array:
         return self.values[family]
@@ -41,7 +43,10 @@ class RobotErrors:
 
     def without(self, *families: str) -> Self:
         """The same errors but none of these families."""
-        return type(self).of(self.robot, **{name: value for name, value in self.values.items() if name not in families})
+        return type(self).of(
+            self.robot,
+            **{name: value for name, value in self.values.items() if name not in families},
+        )
 
     def moved(self, **steps: Array) -> Self:
         """The errors after steps (`Family.moved`) of some families; a step may be of another order than the value."""
@@ -113,7 +118,9 @@ class RobotErrors:
         if not any(family.by_row for family in self.present):
             return self.mechanism, driven
         placements = self._placements(rows)
-        return self.mechanism if placements.ndim == 3 else replace(self.mechanism, placements=placements), driven
+        return self.mechanism if placements.ndim == 3 else replace(
+            self.mechanism, placements=placements
+        ), driven
 
     def _motion(self, rows: Rows) -> Array:
         motion = np.zeros(rows.q.shape)

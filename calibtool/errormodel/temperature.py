@@ -50,10 +50,12 @@ class Temperature(Family):
         """What follows a link is shifted along it: R_(j−1) p_j times the rise, without a turn."""
         rows, frames = context.rows, context.frames
         n = rows.robot.n
-        turned = np.concatenate([np.broadcast_to(np.eye(3), (len(rows.q), 1, 3, 3)), frames.after[..., :3, :3]], axis=1)
-        along = (turned @ rows.robot.chain.placements[:, :3, 3, None])[..., 0] * np.asarray(rows.warmth)[
-            ..., None, None
-        ]
+        turned = np.concatenate(
+            [np.broadcast_to(np.eye(3), (len(rows.q), 1, 3, 3)), frames.after[..., :3, :3]], axis=1
+        )
+        along = (turned @ rows.robot.chain.placements[:, :3, 3, None])[..., 0] * np.asarray(
+            rows.warmth
+        )[..., None, None]
         result = np.zeros((len(rows.q), 6, n + 1))
         result[:, :3] = np.swapaxes(along, 1, 2)
         return result

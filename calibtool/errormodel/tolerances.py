@@ -35,7 +35,10 @@ class Tolerances:
                 "gravity": table.gravity_mrad * 1e-3,
                 "backlash": table.backlash_mrad * 1e-3,
             },
-            joints=tuple((int(j[1:]) - 1, t.length_mm * 1e-3, t.angle_mrad * 1e-3) for j, t in table.joints.items()),
+            joints=tuple(
+                (int(j[1:]) - 1, t.length_mm * 1e-3, t.angle_mrad * 1e-3)
+                for j, t in table.joints.items()
+            ),
         )
 
     def elements(self, n: int) -> Array:

@@ -39,7 +39,9 @@ class Twists(Family):
         return twist_columns(context.frames, context.twists, context.moved)
 
     def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:
-        value: Array = rng.normal(size=self.shape(robot.n)) * np.repeat([sizes.length, sizes.angle], 3)
+        value: Array = rng.normal(size=self.shape(robot.n)) * np.repeat(
+            [sizes.length, sizes.angle], 3
+        )
         return value
 
 

@@ -69,7 +69,9 @@ def parse_limit(text: str) -> Limit:
     return Limit(match[1], match[2], value, match[3])
 
 
-def broken_limits(methods: list[MethodErrors], limits: list[Limit], tests: Sequence[PoseTest | None] = ()) -> list[str]:
+def broken_limits(
+    methods: list[MethodErrors], limits: list[Limit], tests: Sequence[PoseTest | None] = ()
+) -> list[str]:
     """A line for every limit that a method does not meet; tests: AP and RP of each method alone."""
     broken = []
     for method, test in zip_longest(methods, tests):

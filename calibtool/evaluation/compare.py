@@ -82,11 +82,17 @@ class Evaluation:
             "robot": self.robot,
             "configurations": self.configurations,
             "kind": self.kind,
-            "methods": [summary(part, parts[0], whole) for part, whole in zip(parts, self.methods, strict=True)],
+            "methods": [
+                summary(part, parts[0], whole)
+                for part, whole in zip(parts, self.methods, strict=True)
+            ],
         }
         if self.uncorrectable is not None:
             count = len(self.uncorrectable.position)
-            result["uncorrectable"] = {"configurations": count, **pose_statistics(self.uncorrectable)}
+            result["uncorrectable"] = {
+                "configurations": count,
+                **pose_statistics(self.uncorrectable),
+            }
         if self.pose_test is not None:
             result["iso9283"] = self.pose_test.as_json()
         if self.proof is not None:
@@ -117,7 +123,9 @@ def evaluate(
     check_choice(method, get_args(Method), "method")
     check_choice(outside, OUTSIDE_POLICIES, "outside")
     for name, given in calibrations:
-        check_same_robot(given.robot, measurements.robot, f"calibration '{name}'", "the measurements")
+        check_same_robot(
+            given.robot, measurements.robot, f"calibration '{name}'", "the measurements"
+        )
     if measurements.commanded is not None or before is not None:
         return _proved(calibrations, measurements, before, refit_setup)
     measurements = judged_rows(measurements)
@@ -130,7 +138,9 @@ def evaluate(
         if calibration is not None:
             unlike = coverage(calibration, measurements.q).outside
             if outside == "refuse" and unlike.any():
-                raise NoSolutionError(f"{name}: {int(unlike.sum())} configurations are outside those of the training")
+                raise NoSolutionError(
+                    f"{name}: {int(unlike.sum())} configurations are outside those of the training"
+                )
         if measurements.truth is not None:
             errors, part, count = _compensated(
                 name, calibration, measurements, measurements.truth, nearest, method, outside
@@ -175,7 +185,9 @@ def _proved(
             "commanded; import them with --commanded"
         )
     if len(calibrations) != 1:
-        raise UsageError("the measurements were taken after one correction; give its calibration alone")
+        raise UsageError(
+            "the measurements were taken after one correction; give its calibration alone"
+        )
     ((name, calibration),) = calibrations
     if before is not None:
         check_same_robot(before.robot, after.robot, "before the correction", "after it")
@@ -204,12 +216,17 @@ def _pose_test(
 ) -> PoseTest | None:
     """ISO 9283 where configurations were repeated: from the measured points, which a noiseless drive does not have."""
     measurements = measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
-    poses = repeated_poses(measurements.q, measurements.robot.mechanism.forward(measurements.q)[:, :3, 3])
+    poses = repeated_poses(
+        measurements.q, measurements.robot.mechanism.forward(measurements.q)[:, :3, 3]
+    )
     if not poses:
         return None
     if measurements.truth is not None:
         first = every[1][1] if len(every) > 1 else None
-        methods = [_predicted(name, calibration, first, measurements, refit, outside) for name, calibration in every]
+        methods = [
+            _predicted(name, calibration, first, measurements, refit, outside)
+            for name, calibration in every
+        ]
     return pose_test(methods, poses)
 
 
@@ -263,7 +280,9 @@ def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErro
     if robot.n < 6:
         moved = log6(inverse(robot.chain.placements) @ actual.placements)  # thermal growth included
         errors = truth.actual.errors
-        kept = RobotErrors.of(robot, placements=moved, twists=errors["twists"], offsets=errors["offsets"])
+        kept = RobotErrors.of(
+            robot, placements=moved, twists=errors["twists"], offsets=errors["offsets"]
+        )
         nominal = identify(measurements, "nominal")
         knowing = replace(nominal, base=replace(nominal.base, model="local-poe", errors=kept))
         nearest = actual.forward(exact(knowing, q, commanded, _UNBOUNDED).q)

@@ -77,7 +77,11 @@ class PoseTest:
             "rp_mrad": listed(self.repeatability_turn),
             **earlier,
             "methods": [
-                {"name": name, "ap_mm": of_method(self.accuracy, k), "ap_mrad": of_method(self.accuracy_turn, k)}
+                {
+                    "name": name,
+                    "ap_mm": of_method(self.accuracy, k),
+                    "ap_mrad": of_method(self.accuracy_turn, k),
+                }
                 for k, name in enumerate(self.methods)
             ],
         }
@@ -111,9 +115,16 @@ def pose_test(methods: list[MethodErrors], poses: list[RepeatedPose]) -> PoseTes
     accuracy, repeatability = _accuracy_and_repeatability(position, poses)
     accuracy_turn = repeatability_turn = None
     if all(turn is not None for turn in turns):
-        accuracy_turn, repeatability_turn = _accuracy_and_repeatability([t for t in turns if t is not None], poses)
+        accuracy_turn, repeatability_turn = _accuracy_and_repeatability(
+            [t for t in turns if t is not None], poses
+        )
     return PoseTest(
-        poses, [errors.name for errors in methods], accuracy, repeatability, accuracy_turn, repeatability_turn
+        poses,
+        [errors.name for errors in methods],
+        accuracy,
+        repeatability,
+        accuracy_turn,
+        repeatability_turn,
     )
 
 
@@ -136,9 +147,13 @@ def measured_pose_test(
     )
 
 
-def _accuracy_and_repeatability(errors: list[Array], poses: list[RepeatedPose]) -> tuple[Array, Array]:
+def _accuracy_and_repeatability(
+    errors: list[Array], poses: list[RepeatedPose]
+) -> tuple[Array, Array]:
     """AP (m, p) and RP (p,) from errors (N, 3) per method."""
-    accuracy = np.array([[np.linalg.norm(e[pose.rows].mean(axis=0)) for pose in poses] for e in errors])
+    accuracy = np.array(
+        [[np.linalg.norm(e[pose.rows].mean(axis=0)) for pose in poses] for e in errors]
+    )
     repeatability = []
     for pose in poses:
         attained = errors[0][pose.rows]

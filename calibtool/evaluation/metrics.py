@@ -45,12 +45,18 @@ def statistics(values: Array, unit: float) -> dict[str, float]:
     }
 
 
-def summary(method: MethodErrors, nominal: MethodErrors, whole: MethodErrors | None = None) -> dict[str, object]:
+def summary(
+    method: MethodErrors, nominal: MethodErrors, whole: MethodErrors | None = None
+) -> dict[str, object]:
     """One entry of `methods` in the JSON of `evaluate`: statistics, and reductions against the nominal robot.
 
     whole: the errors for the statistics, where `method` and `nominal` are only the part that the joints can correct.
     """
-    return {"name": method.name, **pose_statistics(whole or method), "reduction_percent": _reductions(method, nominal)}
+    return {
+        "name": method.name,
+        **pose_statistics(whole or method),
+        "reduction_percent": _reductions(method, nominal),
+    }
 
 
 def pose_statistics(method: MethodErrors) -> dict[str, dict[str, float] | None]:
@@ -68,7 +74,8 @@ def _reductions(method: MethodErrors, nominal: MethodErrors) -> dict[str, float 
     for name, key in (("position", "position_mm"), ("orientation", "orientation_mrad")):
         a, b = before[key], found[key]
         result |= {
-            f"{name}_{s}": None if a is None or b is None else _reduction(a[s], b[s]) for s in ("mean", "max", "std")
+            f"{name}_{s}": None if a is None or b is None else _reduction(a[s], b[s])
+            for s in ("mean", "max", "std")
         }
     return result
 
@@ -90,5 +97,8 @@ def error_rows(methods: list[MethodErrors]) -> tuple[list[str], list[list[str]]]
         values = method.position.reshape(len(method.position), -1)
         if oriented and method.orientation is not None:
             values = np.concatenate([values, method.orientation], axis=-1)
-        rows += [[method.name, str(k + 1), *(f"{v * 1e3:.9g}" for v in row)] for k, row in enumerate(values)]
+        rows += [
+            [method.name, str(k + 1), *(f"{v * 1e3:.9g}" for v in row)]
+            for k, row in enumerate(values)
+        ]
     return header, rows

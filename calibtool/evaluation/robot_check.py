@@ -77,7 +77,10 @@ class RobotCheck:
             "joint_table": joints,
             "coupled_joints": robot.coupled,
             "tool_frame": robot.source.description.kinematics.tool_frame,
-            "reach_mm": {"from_base": round(self.reach[0] * 1e3, 1), "from_joint_1": round(self.reach[1] * 1e3, 1)},
+            "reach_mm": {
+                "from_base": round(self.reach[0] * 1e3, 1),
+                "from_joint_1": round(self.reach[1] * 1e3, 1),
+            },
             "tool_range_mm": [_rounded(corner * 1e3, 1) for corner in self.extent],
             "targets_mm": [_rounded(point * 1e3, 6) for point in robot.targets],
             "workspaces": [
@@ -132,12 +135,17 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     models = ("local-poe", "complete")
     designs = [("full", observability(robot, setup, design, design, model)) for model in models]
     if default != "full":
-        designs += [(default, observability(robot, setup, inside, design, model)) for model in models]
+        designs += [
+            (default, observability(robot, setup, inside, design, model)) for model in models
+        ]
     sources = _limit_sources(robot)
     return RobotCheck(
         robot=robot,
         limit_sources=sources,
-        reach=(float(np.linalg.norm(tools, axis=-1).max()), float(np.linalg.norm(tools - first, axis=-1).max())),
+        reach=(
+            float(np.linalg.norm(tools, axis=-1).max()),
+            float(np.linalg.norm(tools - first, axis=-1).max()),
+        ),
         extent=readonly([tools.min(axis=0), tools.max(axis=0)]),
         workspaces=workspaces,
         virtual_joints=equivalent.virtual_joints,
@@ -184,7 +192,9 @@ def _limit_sources(robot: Robot) -> list[str]:
 
 def _virtual_reason(robot: Robot) -> str:
     if robot.n >= 6:
-        return f"none: {robot.n} joints" + (", joint motion errors of minimum norm" if robot.n > 6 else "")
+        return f"none: {robot.n} joints" + (
+            ", joint motion errors of minimum norm" if robot.n > 6 else ""
+        )
     if robot.source.description.equivalent is not None:
         return "named in [equivalent]"
     return (
@@ -203,11 +213,15 @@ def _warnings(
     found = []
     missing = [f"j{j + 1}" for j, source in enumerate(sources) if source == "stand-in"]
     if missing:
-        found.append(f"no limits for {', '.join(missing)}: ±180 deg stand in; give them in [limits]")
+        found.append(
+            f"no limits for {', '.join(missing)}: ±180 deg stand in; give them in [limits]"
+        )
     count = len(robot.targets)
     if not determines_orientation(robot.targets):
         what = "lie on one line" if count >= 3 else f"are {count}" if count > 1 else "are one point"
-        found.append(f"the targets {what}: the tool's orientation is not seen; give three that span a triangle")
+        found.append(
+            f"the targets {what}: the tool's orientation is not seen; give three that span a triangle"
+        )
     if not any(inertia.mass > 0 for inertia in robot.chain.model.inertias):
         found.append(
             "the URDF has no masses: gravity is that of uniform links of 1 kg/m, of which only the shape counts"
@@ -217,7 +231,9 @@ def _warnings(
             f"'{robot.name}' is also a robot of the catalogue; files tell them apart by their texts, people do not"
         )
     if not workspaces:
-        found.append("no [workspaces]: everything is drawn from the whole joint range; describe where you work")
+        found.append(
+            "no [workspaces]: everything is drawn from the whole joint range; describe where you work"
+        )
     found += [
         f"the home of workspace {each.name} is singular (distance {each.singularity_distance:.2g}, at least "
         f"{MIN_SINGULARITY_DISTANCE} is needed); bend the arm there"
@@ -226,7 +242,9 @@ def _warnings(
     ]
     if given_as.endswith(".urdf"):
         tool = robot.source.description.kinematics.tool_frame
-        ends = end_links(robot.source.urdf_text, robot.chain.model.names[robot.n], robot.source.place)
+        ends = end_links(
+            robot.source.urdf_text, robot.chain.model.names[robot.n], robot.source.place
+        )
         others = [f"'{link}'" for link in ends if link != tool]
         could = f"; {', '.join(others)} could be it too" if others else ""
         found.append(

@@ -23,7 +23,9 @@ def calibration_as_onnx(
     """
     network, robot = tanh_network(calibration), calibration.robot
     if network is None:
-        raise InputError("the calibration has no network, and ONNX holds nothing else; export it as json, c or st")
+        raise InputError(
+            "the calibration has no network, and ONNX holds nothing else; export it as json, c or st"
+        )
     try:
         import onnx
         from onnx import TensorProto, helper, numpy_helper
@@ -32,7 +34,11 @@ def calibration_as_onnx(
             "ONNX needs the package onnx, which is not installed; run: pip install 'calibtool[onnx]'"
         ) from None
 
-    kind, dtype = (TensorProto.DOUBLE, np.float64) if precision == "double" else (TensorProto.FLOAT, np.float32)
+    kind, dtype = (
+        (TensorProto.DOUBLE, np.float64)
+        if precision == "double"
+        else (TensorProto.FLOAT, np.float32)
+    )
     constants = {
         "input_centre": network.input_centre,
         "input_scale": network.input_scale,
@@ -59,17 +65,26 @@ def calibration_as_onnx(
         steps[0] = ("Sub", ["serial", "input_centre"], "centred")
         steps.insert(0, ("MatMul", ["q", "coupling"], "serial"))
         moved = "rho_controller"
-    tensors = [numpy_helper.from_array(np.ascontiguousarray(value, dtype), name) for name, value in constants.items()]
+    tensors = [
+        numpy_helper.from_array(np.ascontiguousarray(value, dtype), name)
+        for name, value in constants.items()
+    ]
     if calibration.base.model == "nominal":
         ranges = {"first": 0, "last": n, "axis": 1}
-        tensors += [numpy_helper.from_array(np.array([value], np.int64), name) for name, value in ranges.items()]
+        tensors += [
+            numpy_helper.from_array(np.array([value], np.int64), name)
+            for name, value in ranges.items()
+        ]
         steps.append(("Slice", ["rho", *ranges], "rho_actuated"))
         if moved != "rho_actuated":
             steps.append(("MatMul", ["rho_actuated", "uncoupling"], moved))
         steps.append(("Sub", ["q", moved], "q_corrected"))
         outputs["q_corrected"] = n
     graph = helper.make_graph(
-        [helper.make_node(operator, inputs, [output], name=output) for operator, inputs, output in steps],
+        [
+            helper.make_node(operator, inputs, [output], name=output)
+            for operator, inputs, output in steps
+        ],
         "joint_motion_errors",
         [helper.make_tensor_value_info("q", kind, ["N", n])],
         [helper.make_tensor_value_info(name, kind, ["N", size]) for name, size in outputs.items()],
@@ -77,7 +92,10 @@ def calibration_as_onnx(
         doc_string=f"Joint motion errors rho = N(q) of a calibrated {robot.name}: {network_size(network)}.",
     )
     model = helper.make_model(
-        graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION, producer_name="calibtool"
+        graph,
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="calibtool",
     )
     helper.set_model_props(
         model,

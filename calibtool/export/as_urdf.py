@@ -59,7 +59,9 @@ def _calibrated_tree(robot: Robot, geometry: RobotErrors) -> tuple[ET.Element, s
         tool = _child(joints[tool])
     if tool not in links:
         place = robot.source.place
-        raise InputError(f"{place}: tool frame '{tool}' is no link of the URDF; name the link instead")
+        raise InputError(
+            f"{place}: tool frame '{tool}' is no link of the URDF; name the link instead"
+        )
     moved = [joints[name] for name in robot.chain.model.names[1:]]
     if geometry["placements"][-1].any():
         carrier = next((joint for joint in joints.values() if _child(joint) == tool), None)

@@ -25,13 +25,17 @@ def calibration_as_c(
     joint values q and q_m are. Raises UsageError when `prefix` is no C identifier.
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", prefix):
-        raise UsageError(f"'{prefix}' cannot begin the names of C functions; use letters, digits and _, no digit first")
+        raise UsageError(
+            f"'{prefix}' cannot begin the names of C functions; use letters, digits and _, no digit first"
+        )
     values = {
         **compensator_values(calibration, precision, joint_values),
         "prefix": prefix,
         "PREFIX": prefix.upper(),
         "real": "double" if precision == "double" else "float",
-        "f": "" if precision == "double" else "f",  # suffix of constants and of functions of <math.h>
+        "f": ""
+        if precision == "double"
+        else "f",  # suffix of constants and of functions of <math.h>
     }
     values["stack"] = _stack(values, 8 if precision == "double" else 4)
     number = partial(_number, precision)

@@ -59,7 +59,11 @@ def digits(value: float, precision: Precision) -> str:
 def wrapped(text: str, indent: int = 4, hanging: int = 0) -> str:
     """Text in lines of at most LINE characters."""
     return textwrap.fill(
-        text, LINE, initial_indent=" " * indent, subsequent_indent=" " * (indent + hanging), break_on_hyphens=False
+        text,
+        LINE,
+        initial_indent=" " * indent,
+        subsequent_indent=" " * (indent + hanging),
+        break_on_hyphens=False,
     )
 
 
@@ -70,7 +74,11 @@ def compensator_values(
 
     joint_values: whose joint values the code takes and gives.
     """
-    robot, equivalent, network = calibration.robot, calibration.equivalent, tanh_network(calibration)
+    robot, equivalent, network = (
+        calibration.robot,
+        calibration.equivalent,
+        tanh_network(calibration),
+    )
     errors, bounds, payload = calibration.errors, default_bounds(calibration), _payload(calibration)
     standing = errors.standing(calibration.conditions)
     converted = joint_values == "controller" and robot.coupled
@@ -98,7 +106,9 @@ def compensator_values(
         "rank": min(robot.n, 6),
         "parts": 2 if equivalent.virtual_joints else 1,
         "nominal_placements": robot.chain.placements,
-        "axes": np.where(np.array(robot.prismatic)[:, None], robot.chain.twists[:, :3], robot.chain.twists[:, 3:]),
+        "axes": np.where(
+            np.array(robot.prismatic)[:, None], robot.chain.twists[:, :3], robot.chain.twists[:, 3:]
+        ),
         "slides": any(robot.prismatic),
         "slide_flags": [int(slide) for slide in robot.prismatic],
         "base_placements": standing.placements,
@@ -131,7 +141,9 @@ def tanh_network(calibration: Calibration) -> Network | None:
     network = calibration.network
     if network is None or isinstance(network, Network):
         return network
-    raise UsageError(f"this format holds a tanh network, but the calibration has a '{network.id}' model; export JSON")
+    raise UsageError(
+        f"this format holds a tanh network, but the calibration has a '{network.id}' model; export JSON"
+    )
 
 
 def _screws(robot: Robot, errors: Array) -> dict[str, Array]:
@@ -152,16 +164,17 @@ def _screws(robot: Robot, errors: Array) -> dict[str, Array]:
         "swings": (errors[:, :3] - along) / rates,
         "crossings": across / rates,
     }
-    return {"gains": (rates - 1.0)[:, 0], **{name: np.where(turning, x, 0.0) for name, x in screws.items()}}
+    return {
+        "gains": (rates - 1.0)[:, 0],
+        **{name: np.where(turning, x, 0.0) for name, x in screws.items()},
+    }
 
 
 def network_size(network: Network | None) -> str:
     """A network in words."""
     if network is None:
         return "none"
-    return (
-        f"{len(network.input_scale)} inputs, {network.hidden} hidden nodes (tanh), {len(network.output_scale)} outputs"
-    )
+    return f"{len(network.input_scale)} inputs, {network.hidden} hidden nodes (tanh), {len(network.output_scale)} outputs"
 
 
 def left_out(calibration: Calibration) -> str:
@@ -169,7 +182,9 @@ def left_out(calibration: Calibration) -> str:
     backlash = calibration.base.errors["backlash"]
     if not backlash.any():
         return ""
-    return f"backlash ({backlash_text(calibration.robot, backlash)}): it needs the direction of motion"
+    return (
+        f"backlash ({backlash_text(calibration.robot, backlash)}): it needs the direction of motion"
+    )
 
 
 def _cost(calibration: Calibration, converted: bool) -> str:
@@ -186,7 +201,9 @@ def _cost(calibration: Calibration, converted: bool) -> str:
     calls = 2 * n * (1 if kinematic and not moves else 2) + steps * (min(n, 6) + 1) + 4
     if network is not None:
         runs = 2 if kinematic else 3
-        flops += runs * (2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 1)) + 2 * (12 * p + 186)
+        flops += runs * (2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 1)) + 2 * (
+            12 * p + 186
+        )
         calls += runs * network.hidden
     if moves:
         flops += n * (172 + 10 * errors["harmonics"].shape[1] + 124 * bool(errors["gravity"].any()))
@@ -214,7 +231,9 @@ def _conditions(calibration: Calibration) -> str:
         "payload": f"{float(rows.payload):g} kg at the tool",
         "temperature": f"links at {REFERENCE_C + float(rows.warmth):g} C",
     }
-    return ", ".join(text for family, text in words.items() if calibration.base.errors[family].any())
+    return ", ".join(
+        text for family, text in words.items() if calibration.base.errors[family].any()
+    )
 
 
 def _payload(calibration: Calibration) -> dict[str, Any] | None:
@@ -238,5 +257,7 @@ def _joints(robot: Robot) -> list[str]:
     names = [re.sub(r"[^A-Za-z0-9_. -]", "_", name) for name in robot.chain.model.names[1:]]
     return [
         f"{name}, {unit}, {low:.6g} to {high:.6g}"
-        for name, unit, low, high in zip(names, robot.joint_units, robot.lower, robot.upper, strict=True)
+        for name, unit, low, high in zip(
+            names, robot.joint_units, robot.lower, robot.upper, strict=True
+        )
     ]

@@ -40,7 +40,9 @@ def calibration_as_structured_text(
     UsageError when `name` is no identifier of IEC 61131-3.
     """
     if calibration.base.errors["payload"].any():
-        raise UsageError("Structured Text does not hold what a payload does; export C or JSON, or identify without it")
+        raise UsageError(
+            "Structured Text does not hold what a payload does; export C or JSON, or identify without it"
+        )
     plain = re.fullmatch(r"[A-Za-z]\w*|_[A-Za-z0-9]\w*", name, re.ASCII)
     if not plain or "__" in name or name.endswith("_") or name.lower() in RESERVED.split():
         raise UsageError(
@@ -60,7 +62,9 @@ def calibration_as_structured_text(
     }
     declarations = render("declarations.st.j2", values, **filters)
     memory = _memory(declarations, values["n"], 8 if precision == "double" else 4)
-    return render("compensator.st.j2", {**values, "declarations": declarations, "memory": memory}, **filters)
+    return render(
+        "compensator.st.j2", {**values, "declarations": declarations, "memory": memory}, **filters
+    )
 
 
 def _array(number: Any, values: Array) -> str:
@@ -71,7 +75,9 @@ def _array(number: Any, values: Array) -> str:
 def _memory(declarations: str, n: int, size: int) -> int:
     """Bytes of the declared numbers, with q and q_corrected; what a controller adds for alignment is not known."""
     total = 2 * n * size + 2
-    for names, ranges, kind in re.findall(r"^ +(\w[\w, ]*) : (?:ARRAY\[(.*?)\] OF )?(\w+)", declarations, re.MULTILINE):
+    for names, ranges, kind in re.findall(
+        r"^ +(\w[\w, ]*) : (?:ARRAY\[(.*?)\] OF )?(\w+)", declarations, re.MULTILINE
+    ):
         count = prod(int(last) for last in re.findall(r"1\.\.(\d+)", ranges))
         total += (names.count(",") + 1) * count * (2 if kind == "INT" else size)
     return total

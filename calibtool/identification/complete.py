@@ -17,7 +17,12 @@ from calibtool.errormodel.family import Rows
 from calibtool.errormodel.harmonics import LOW_ORDERS
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import InputError, NoSolutionError, check_choice, check_number
-from calibtool.identification.equations import NormalEquations, held_out_sizes, normal_equations, row_sizes
+from calibtool.identification.equations import (
+    NormalEquations,
+    held_out_sizes,
+    normal_equations,
+    row_sizes,
+)
 from calibtool.identification.evidence import Solution, inverse, most_probable, posterior_step
 from calibtool.identification.model import Flagged, Identification, Posterior, split_rms
 from calibtool.identification.parameters import Parameters, State
@@ -34,9 +39,13 @@ _PARSIMONY = 3.0  # nats by which a larger model with few harmonics must be more
 _WORTHWHILE = 0.95  # of the held-out squares: a larger model has to leave less than that
 _JUDGED = 500  # configurations on which many harmonics are judged
 _MAX_ITERATIONS = 30
-_PRIOR_STEPS = 3  # Gauss–Newton steps in which tolerances are re-estimated; one where a fit before has done so
+_PRIOR_STEPS = (
+    3  # Gauss–Newton steps in which tolerances are re-estimated; one where a fit before has done so
+)
 _CONVERGED = 1e-3  # a step this small against the posterior's standard deviations changes nothing
-_RANK_TOLERANCE = 1e-6  # of the largest singular value of normal equations; exact redundancies lie near 1e-8
+_RANK_TOLERANCE = (
+    1e-6  # of the largest singular value of normal equations; exact redundancies lie near 1e-8
+)
 _ROUGHLY = 0.1  # and this small a one not the choice of a model
 
 
@@ -88,7 +97,9 @@ class _Fit:
         return self.state.vector(self.parameters)
 
 
-def identify_complete(measurements: Measurements, options: CompleteOptions | None = None) -> Identification:
+def identify_complete(
+    measurements: Measurements, options: CompleteOptions | None = None
+) -> Identification:
     """Identify every error that a tolerance is given for, from any number of configurations.
 
     Joint-motion functions are chosen by the Savage–Dickey density ratio: one fit with all of them tells how likely each
@@ -138,12 +149,16 @@ def _most_probable_fit(
     choices |= {family.id: (1,) for family in FAMILIES if family.always} | {"harmonics": harmonics}
     choices |= {family: (order,) for family, order in options.orders.items()}
     candidates = [
-        Parameters.of(measurements.robot, measurements.setup, **dict(zip(choices, orders, strict=True)))
+        Parameters.of(
+            measurements.robot, measurements.setup, **dict(zip(choices, orders, strict=True))
+        )
         for orders in product(*choices.values())
     ]
     rough = _fit(measurements, candidates[-1], options, state, start, _ROUGHLY)
     parsimony = _PARSIMONY if harmonics == BY_ID["harmonics"].orders else 0.0
-    chosen = most_probable(rough.parameters, rough.theta, rough.covariance, rough.prior_std, candidates, parsimony)
+    chosen = most_probable(
+        rough.parameters, rough.theta, rough.covariance, rough.prior_std, candidates, parsimony
+    )
     return _fit(measurements, chosen, options, _reduced(rough, chosen), rough)
 
 
@@ -160,10 +175,13 @@ def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) ->
     The evidence alone takes joints that repeat badly for fine structure, or for backlash where the order of the rows is not
     that of the motion: its noise has no such thing.
     """
-    rows = np.unique(np.linspace(0, len(measurements) - 1, min(len(measurements), _JUDGED)).astype(int))
+    rows = np.unique(
+        np.linspace(0, len(measurements) - 1, min(len(measurements), _JUDGED)).astype(int)
+    )
     part = measurements.rows(rows)
     before, after = (
-        held_out_sizes(part, fit.parameters, fit.state, fit.covariance, fit.noise_factor) for fit in (smaller, larger)
+        held_out_sizes(part, fit.parameters, fit.state, fit.covariance, fit.noise_factor)
+        for fit in (smaller, larger)
     )
     return bool(after.mean() < _WORTHWHILE * before.mean())
 
@@ -184,7 +202,9 @@ def _fit(
     prior_std, noise_factor = tolerances, 1.0
     if start is not None:
         known = dict(zip(start.parameters.names, start.prior_std, strict=True))
-        prior_std = np.array([known.get(name, s) for name, s in zip(parameters.names, tolerances, strict=True)])
+        prior_std = np.array(
+            [known.get(name, s) for name, s in zip(parameters.names, tolerances, strict=True)]
+        )
         noise_factor = start.noise_factor
     known_before = start is not None and not len(parameters.missing_in(start.parameters))
     prior_steps, largest = 1 if known_before else _PRIOR_STEPS, parameters.largest_std(tolerances)
@@ -201,12 +221,18 @@ def _fit(
         nonlocal prior_std, noise_factor, row_weight, taken, equations, solution
         (equations, theta), previous = system, noise_factor
         taken += 1
-        priors = options.estimate_priors and taken <= prior_steps  # then they rest, so that the steps can converge
-        solution = posterior_step(parameters, equations, theta, prior_std, noise_factor, largest if priors else None)
+        priors = (
+            options.estimate_priors and taken <= prior_steps
+        )  # then they rest, so that the steps can converge
+        solution = posterior_step(
+            parameters, equations, theta, prior_std, noise_factor, largest if priors else None
+        )
         prior_std, noise_factor = solution.prior_std, solution.noise_factor
         if options.loss_function != "squared":
             row_weight = row_weights(equations.row_sizes, d, options.loss_function)
-        return solution.step, bool(solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01)
+        return solution.step, bool(
+            solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01
+        )
 
     state, iterations, settled = gauss_newton(
         state.moved(parameters, np.zeros(parameters.count)),
@@ -222,14 +248,25 @@ def _fit(
             f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order and target order"
         )
     sizes = row_sizes(measurements, state)
-    return _Fit(parameters, state, prior_std, equations.information, sizes, noise_factor, solution.effective, iterations)
+    return _Fit(
+        parameters,
+        state,
+        prior_std,
+        equations.information,
+        sizes,
+        noise_factor,
+        solution.effective,
+        iterations,
+    )
 
 
 def _reduced(fit: _Fit, smaller: Parameters) -> State:
     """The most probable state without the parameters that `smaller` does not have, by the fit's own quadratic model."""
     larger, covariance = fit.parameters, fit.covariance
     dropped = larger.missing_in(smaller)
-    step = -covariance[:, dropped] @ np.linalg.solve(covariance[np.ix_(dropped, dropped)], fit.theta[dropped])
+    step = -covariance[:, dropped] @ np.linalg.solve(
+        covariance[np.ix_(dropped, dropped)], fit.theta[dropped]
+    )
     return fit.state.moved(larger, step).kept(smaller)
 
 
@@ -243,8 +280,12 @@ def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> 
     prior_scaled = fit.prior_std[:, None] * fit.information * fit.prior_std / fit.noise_factor**2
     eigenvalues = np.clip(np.linalg.eigvalsh(prior_scaled), 0.0, None)[::-1]
     count = measurements.equations
-    squares = float(fit.row_sizes.sum()) / fit.noise_factor**2 + float(((fit.theta / fit.prior_std) ** 2).sum())
-    log_evidence = -0.5 * (squares + float(np.log1p(eigenvalues).sum())) - count * np.log(fit.noise_factor)
+    squares = float(fit.row_sizes.sum()) / fit.noise_factor**2 + float(
+        ((fit.theta / fit.prior_std) ** 2).sum()
+    )
+    log_evidence = -0.5 * (squares + float(np.log1p(eigenvalues).sum())) - count * np.log(
+        fit.noise_factor
+    )
     tool = fit.state.frames(measurements.q, measurements.conditions).tool
     left = residuals(measurements, fit.state.setup, tool)
     at_prior = np.sqrt(np.diag(covariance)) > 0.99 * fit.prior_std
@@ -278,7 +319,9 @@ def _observable_rank(measurements: Measurements, fit: _Fit) -> int:
     anywhere = replace(
         measurements.rows(np.zeros(count, dtype=int)),
         q=drawn(robot, count, rng),
-        points=np.zeros((count, *measurements.points.shape[1:])),  # every target is seen; where does not matter
+        points=np.zeros(
+            (count, *measurements.points.shape[1:])
+        ),  # every target is seen; where does not matter
         conditions=measurements.conditions.anywhere((count, robot.n), rng),
     )
     information = normal_equations(anywhere, parameters, fit.state, np.ones(count)).information

@@ -55,7 +55,9 @@ def normal_equations(
         pose_columns = parameters.pose_columns(context, functions=False)
         if functions_of:
             pose_columns = np.concatenate([context.offset_columns, pose_columns], axis=-1)
-        columns, left = linearised(part, state.setup, context.frames.tool, pose_columns, bool(parameters.targets))
+        columns, left = linearised(
+            part, state.setup, context.frames.tool, pose_columns, bool(parameters.targets)
+        )
         sizes[rows] = (left**2).sum(axis=-1)
         columns *= scale[..., None]
         left *= scale
@@ -70,7 +72,11 @@ def normal_equations(
 
 
 def held_out_sizes(
-    measurements: Measurements, parameters: Parameters, state: State, covariance: Array, noise_factor: float
+    measurements: Measurements,
+    parameters: Parameters,
+    state: State,
+    covariance: Array,
+    noise_factor: float,
 ) -> Array:
     """Squared residuals over the stated noise that every configuration would have if the others alone were fitted. (N,)
 
@@ -79,14 +85,18 @@ def held_out_sizes(
     sizes = np.empty(len(measurements))
     for rows, part, context in _chunks(measurements, state):
         pose_columns = parameters.pose_columns(context)
-        columns, left = linearised(part, state.setup, context.frames.tool, pose_columns, bool(parameters.targets))
+        columns, left = linearised(
+            part, state.setup, context.frames.tool, pose_columns, bool(parameters.targets)
+        )
         hat = columns @ covariance @ np.swapaxes(columns, 1, 2) / noise_factor**2
         alone = np.linalg.solve(np.eye(left.shape[1]) - hat, left[..., None])[..., 0]
         sizes[rows] = (alone**2).sum(axis=-1)
     return sizes
 
 
-def _chunks(measurements: Measurements, state: State) -> Iterator[tuple[np.ndarray, Measurements, Context]]:
+def _chunks(
+    measurements: Measurements, state: State
+) -> Iterator[tuple[np.ndarray, Measurements, Context]]:
     """Measurements some rows at a time, and the state's frames there."""
     for start in range(0, len(measurements), _CHUNK):
         rows = np.arange(start, min(start + _CHUNK, len(measurements)))
@@ -131,9 +141,15 @@ def _by_joint(parameters: Parameters, context: Context) -> list[tuple[int, np.nd
         joint = part.elements // (values.shape[1] // n)
         for j in np.unique(joint):
             chosen = joint == j
-            joints[j].append((block.start + np.flatnonzero(chosen), values[:, part.elements[chosen]]))
+            joints[j].append(
+                (block.start + np.flatnonzero(chosen), values[:, part.elements[chosen]])
+            )
     return [
-        (j, np.concatenate([index for index, _ in own]), np.concatenate([values for _, values in own], axis=-1))
+        (
+            j,
+            np.concatenate([index for index, _ in own]),
+            np.concatenate([values for _, values in own], axis=-1),
+        )
         for j, own in enumerate(joints)
         if own
     ]

@@ -53,7 +53,9 @@ def posterior_step(
         noise = float(np.sqrt((squares + _PSEUDO_OBSERVATIONS) / (freedom + _PSEUDO_OBSERVATIONS)))
         scaled = prior_std
         if largest_std is not None:
-            scaled = np.minimum(_re_estimated(parameters, theta + step, covariance, prior_std), largest_std)
+            scaled = np.minimum(
+                _re_estimated(parameters, theta + step, covariance, prior_std), largest_std
+            )
         change = max(abs(noise / noise_factor - 1.0), float(np.abs(scaled / prior_std - 1.0).max()))
         noise_factor, prior_std = noise, scaled
         if change < _SETTLED:
@@ -76,7 +78,9 @@ def most_probable(
 
     def log_evidence(candidate: Parameters) -> float:
         dropped = parameters.missing_in(candidate)
-        return _log_density_ratio(theta[dropped], covariance[np.ix_(dropped, dropped)], prior_std[dropped])
+        return _log_density_ratio(
+            theta[dropped], covariance[np.ix_(dropped, dropped)], prior_std[dropped]
+        )
 
     evidence = [log_evidence(candidate) for candidate in candidates]
     good = [c for c, e in zip(candidates, evidence, strict=True) if e >= max(evidence) - parsimony]
@@ -127,10 +131,14 @@ def _log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> flo
     if failed:
         raise _singular()
     log_det = 2.0 * np.log(np.diag(factor)).sum()
-    return float(-0.5 * (log_det + theta @ dpotrs(factor, theta, lower=True)[0]) + np.log(prior_std).sum())
+    return float(
+        -0.5 * (log_det + theta @ dpotrs(factor, theta, lower=True)[0]) + np.log(prior_std).sum()
+    )
 
 
-def _re_estimated(parameters: Parameters, theta: Array, covariance: Array, prior_std: Array) -> Array:
+def _re_estimated(
+    parameters: Parameters, theta: Array, covariance: Array, prior_std: Array
+) -> Array:
     """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances keep their ratios."""
     result = prior_std.copy()
     determined = 1.0 - np.diag(covariance) / prior_std**2

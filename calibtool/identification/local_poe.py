@@ -12,7 +12,13 @@ from calibtool.identification.model import Identification, split_rms
 from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.measurement.observation import linearised, observation_matrix, residuals, target_columns, weights
+from calibtool.measurement.observation import (
+    linearised,
+    observation_matrix,
+    residuals,
+    target_columns,
+    weights,
+)
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
@@ -46,7 +52,11 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
     def linearise(at: State) -> tuple[Array, Array]:
         context = at.errors.context(q)
         return linearised(
-            measurements, at.setup, context.frames.tool, parameters.pose_columns(context), bool(parameters.targets)
+            measurements,
+            at.setup,
+            context.frames.tool,
+            parameters.pose_columns(context),
+            bool(parameters.targets),
         )
 
     def solve(system: tuple[Array, Array], _: float) -> tuple[Array, bool]:
@@ -75,7 +85,9 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
         singular_values=readonly(singular_values),
         rank=rank,
         observable_rank=observable_rank,
-        unobservable=directions(null_space, seen_anywhere, parameters.names, observable_rank - rank),
+        unobservable=directions(
+            null_space, seen_anywhere, parameters.names, observable_rank - rank
+        ),
         residual_rms=split_rms(final, measurements),
         iterations=iterations,
     )
@@ -92,10 +104,16 @@ def _placements(robot: Robot, setup: Setup) -> Parameters:
 def _seen_anywhere(measurements: Measurements, state: State, parameters: Parameters) -> Array:
     """Weighted identification matrix (M, p) of configurations all over the joint range."""
     robot, rng = measurements.robot, np.random.default_rng(0)
-    context = state.errors.context(robot.lower + (robot.upper - robot.lower) * rng.random((100, robot.n)))
-    columns = observation_matrix(state.setup, context.frames.tool) @ parameters.pose_columns(context)
+    context = state.errors.context(
+        robot.lower + (robot.upper - robot.lower) * rng.random((100, robot.n))
+    )
+    columns = observation_matrix(state.setup, context.frames.tool) @ parameters.pose_columns(
+        context
+    )
     if parameters.targets:
-        columns = np.concatenate([columns, target_columns(state.setup, context.frames.tool)], axis=-1)
+        columns = np.concatenate(
+            [columns, target_columns(state.setup, context.frames.tool)], axis=-1
+        )
     weight = weights(measurements).max(axis=0)
     return np.asarray((columns * weight[:, None]).reshape(-1, parameters.count))
 
@@ -105,7 +123,9 @@ def numerical_rank(singular_values: np.ndarray) -> int:
     return int((singular_values > RANK_TOLERANCE * singular_values[0]).sum())
 
 
-def directions(null_space: Array, seen_anywhere: Array, names: list[str], missing: int) -> tuple[str, ...]:
+def directions(
+    null_space: Array, seen_anywhere: Array, names: list[str], missing: int
+) -> tuple[str, ...]:
     """Text for the directions that these configurations do not show but others would, clearest there first.
 
     The null space (k, p) holds the exact redundancies too; they stay invisible in `seen_anywhere` (M, p), the matrix of

@@ -103,7 +103,9 @@ def split_rms(left: Array, measurements: Measurements) -> tuple[float, float | N
     """RMS per measured coordinate of residuals (N, d): positions in m, the orientation in rad where it is measured."""
     split = 3 * measurements.points.shape[1]
     position = float(np.sqrt((left[:, :split] ** 2).sum() / (3 * measurements.seen.sum())))
-    return position, float(np.sqrt(np.mean(left[:, split:] ** 2))) if left.shape[1] > split else None
+    return position, float(np.sqrt(np.mean(left[:, split:] ** 2))) if left.shape[
+        1
+    ] > split else None
 
 
 def nominal_model(measurements: Measurements) -> Identification:

@@ -32,7 +32,9 @@ class Observability:
     unobservable: tuple[str, ...]
 
 
-def observability(robot: Robot, setup: Setup, q: Array, anywhere: Array, model: str) -> Observability:
+def observability(
+    robot: Robot, setup: Setup, q: Array, anywhere: Array, model: str
+) -> Observability:
     """Rank of the error columns at configurations q (N, n) seen through the targets of a set-up (known and registered).
 
     anywhere (M, n) are configurations all over the joint range, against which q is judged. Columns are scaled by their
@@ -50,7 +52,9 @@ def observability(robot: Robot, setup: Setup, q: Array, anywhere: Array, model: 
     _, sizes, vt = np.linalg.svd(seen, full_matrices=True)
     rank = numerical_rank(sizes)
     possible = numerical_rank(np.linalg.svd(everything, compute_uv=False))
-    return Observability(model, len(used), rank, possible, directions(vt[rank:], everything, names, possible - rank))
+    return Observability(
+        model, len(used), rank, possible, directions(vt[rank:], everything, names, possible - rank)
+    )
 
 
 def _columns(robot: Robot, setup: Setup, parameters: Parameters, q: Array, targets: bool) -> Array:

@@ -68,7 +68,9 @@ class Parameters:
         sizes = {part.family.id: len(part.elements) for part in self.parts}
         blocks, start = {}, 0
         for name in (*BY_ID, "base", "targets"):
-            size = {"base": 6 * self.frame_free, "targets": len(self.targets)}.get(name, sizes.get(name, 0))
+            size = {"base": 6 * self.frame_free, "targets": len(self.targets)}.get(
+                name, sizes.get(name, 0)
+            )
             blocks[name] = slice(start, start + size)
             start += size
         return blocks
@@ -113,7 +115,9 @@ class Parameters:
 
     def without(self, *families: str) -> Self:
         """The same parameters but none of these families."""
-        return replace(self, parts=tuple(part for part in self.parts if part.family.id not in families))
+        return replace(
+            self, parts=tuple(part for part in self.parts if part.family.id not in families)
+        )
 
     def missing_in(self, other: Self) -> np.ndarray:
         """Indices (k,) of the parameters that `other` does not have."""
@@ -123,7 +127,9 @@ class Parameters:
     def prior_std(self, tolerances: Tolerances | None = None) -> Array:
         """Prior standard deviation of every parameter (p,), SI; tolerances of the robot's description unless given."""
         stated = tolerances or Tolerances.of_robot(self.robot)
-        parts = [p.family.tolerance(self.robot, stated, p.shape).ravel()[p.elements] for p in self.parts]
+        parts = [
+            p.family.tolerance(self.robot, stated, p.shape).ravel()[p.elements] for p in self.parts
+        ]
         return np.concatenate([*parts, np.full(6 * self.frame_free + len(self.targets), _FREE)])
 
     def largest_std(self, tolerances: Array) -> Array:
@@ -143,7 +149,9 @@ class Parameters:
             units += [unit[i] for i in part.elements]
         units += ["mm"] * 3 + ["mrad"] * 3 if self.frame_free else []
         units += ["mrad" if ".r" in name else "mm" for name in self.targets]
-        return np.concatenate([*factors, np.full(6 * self.frame_free + len(self.targets), 1e3)]), units
+        return np.concatenate(
+            [*factors, np.full(6 * self.frame_free + len(self.targets), 1e3)]
+        ), units
 
     @property
     def family_words(self) -> list[str | None]:
@@ -153,7 +161,11 @@ class Parameters:
 
     def function_parts(self) -> list[tuple[Part, slice]]:
         """Families whose columns are those of the joint offsets times functions of a row, and where they stand."""
-        return [(p, self.blocks[p.family.id]) for p in self.parts if isinstance(p.family, JointFunctions)]
+        return [
+            (p, self.blocks[p.family.id])
+            for p in self.parts
+            if isinstance(p.family, JointFunctions)
+        ]
 
     def pose_columns(self, context: Context, functions: bool = True) -> Array:
         """∂δy/∂θ without the targets (N, 6, p − targets); without `functions`, those of `function_parts` are left out."""
@@ -182,8 +194,13 @@ class State:
 
     def vector(self, parameters: Parameters) -> Array:
         """θ as the prior sees it (p,); zero for base and targets, whose prior moves along."""
-        values = [p.family.resized(self.errors[p.family.id], p.shape).ravel()[p.elements] for p in parameters.parts]
-        return np.concatenate([*values, np.zeros(6 * parameters.frame_free + len(parameters.targets))])
+        values = [
+            p.family.resized(self.errors[p.family.id], p.shape).ravel()[p.elements]
+            for p in parameters.parts
+        ]
+        return np.concatenate(
+            [*values, np.zeros(6 * parameters.frame_free + len(parameters.targets))]
+        )
 
     def moved(self, parameters: Parameters, step: Array) -> Self:
         """The state after a step of the parameters (p,)."""

@@ -61,4 +61,6 @@ def strongest_correlations(posterior: Posterior, count: int = 5) -> list[tuple[s
     rows, columns = np.triu_indices(len(correlation), k=1)
     order = np.argsort(-np.abs(correlation[rows, columns]))[:count]
     names = posterior.parameters.names
-    return [(names[rows[k]], names[columns[k]], float(correlation[rows[k], columns[k]])) for k in order]
+    return [
+        (names[rows[k]], names[columns[k]], float(correlation[rows[k], columns[k]])) for k in order
+    ]

@@ -30,18 +30,26 @@ def row_weights(sizes: Array, d: np.ndarray, loss_function: LossFunction) -> Arr
 
 def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flagged:
     """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set; nothing is changed."""
-    from scipy.special import chdtri  # scipy.stats takes as long to import as everything else together
+    from scipy.special import (
+        chdtri,
+    )  # scipy.stats takes as long to import as everything else together
 
     d = (weights(measurements) > 0).sum(axis=-1)
     scale = _robust_scale(sizes, d)
     limit = chdtri(d, _FALSE_ALARM / len(sizes))
     rows = np.flatnonzero(sizes / scale**2 > limit)
-    left = residuals(measurements, state.setup, state.frames(measurements.q, measurements.conditions).tool)
-    points = left[rows, : 3 * len(state.setup.targets)].reshape(len(rows), len(state.setup.targets), 3)
+    left = residuals(
+        measurements, state.setup, state.frames(measurements.q, measurements.conditions).tool
+    )
+    points = left[rows, : 3 * len(state.setup.targets)].reshape(
+        len(rows), len(state.setup.targets), 3
+    )
     return Flagged(
         rows=rows,
         size=np.sqrt(sizes[rows] / d[rows]) / scale,
-        position=np.sqrt((points**2).sum(axis=-1).sum(axis=-1) / measurements.seen[rows].sum(axis=-1)),
+        position=np.sqrt(
+            (points**2).sum(axis=-1).sum(axis=-1) / measurements.seen[rows].sum(axis=-1)
+        ),
         cluster=_cluster(measurements, rows),
     )
 
@@ -56,7 +64,11 @@ def _robust_scale(sizes: Array, d: np.ndarray) -> float:
 def at_least(take: int, count: int, inside: int, flagged: int) -> float:
     """Chance that `take` or more of `flagged` rows, drawn from `count`, are among `inside` special ones (hypergeometric)."""
     k = np.arange(max(take, flagged - (count - inside)), min(inside, flagged) + 1)
-    log = _log_choose(inside, k) + _log_choose(count - inside, flagged - k) - _log_choose(count, flagged)
+    log = (
+        _log_choose(inside, k)
+        + _log_choose(count - inside, flagged - k)
+        - _log_choose(count, flagged)
+    )
     return float(np.exp(log).sum())
 
 
@@ -76,7 +88,9 @@ def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
     for j in range(measurements.robot.n):
         values = measurements.q[:, j]
         own = np.sort(values[rows])
-        take = max(3, int(np.ceil(0.7 * flagged)))  # most of the flagged rows; stragglers may lie elsewhere
+        take = max(
+            3, int(np.ceil(0.7 * flagged))
+        )  # most of the flagged rows; stragglers may lie elsewhere
         for start in range(flagged - take + 1):
             low, high = own[start], own[start + take - 1]
             inside = int(((values >= low) & (values <= high)).sum())

@@ -38,9 +38,13 @@ class Companions:
             lengths.add(len(values))
             object.__setattr__(self, field.name, readonly(np.array(values, dtype=float)))
         if len(lengths) > 1:
-            raise InputError(f"companions: the columns have {sorted(lengths)} rows; expected as many as configurations")
+            raise InputError(
+                f"companions: the columns have {sorted(lengths)} rows; expected as many as configurations"
+            )
 
     def rows(self, index: np.ndarray) -> Self:
         """The same columns at some configurations only: their indices (k,)."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return type(self)(**{name: None if column is None else column[index] for name, column in values.items()})
+        return type(self)(
+            **{name: None if column is None else column[index] for name, column in values.items()}
+        )

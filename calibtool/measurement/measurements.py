@@ -97,12 +97,18 @@ class Measurements:
         self.robot.check_positions(self.q, "measurements")
         shape = (len(self.q), len(self.setup.targets), 3)
         if self.points.shape != shape:
-            raise InputError(f"measurements: points have shape {self.points.shape}, expected {shape}")
+            raise InputError(
+                f"measurements: points have shape {self.points.shape}, expected {shape}"
+            )
         whole = np.isfinite(self.points).all(axis=-1) | np.isnan(self.points).all(axis=-1)
-        if not whole.all() or (self.rotations is not None and not np.isfinite(self.rotations).all()):
+        if not whole.all() or (
+            self.rotations is not None and not np.isfinite(self.rotations).all()
+        ):
             raise InputError("measurements: a measured value is not finite")
         if not self.seen.any(axis=-1).all():
-            raise InputError(f"measurements: row {int(np.argmin(self.seen.any(axis=-1))) + 1} has no target at all")
+            raise InputError(
+                f"measurements: row {int(np.argmin(self.seen.any(axis=-1))) + 1} has no target at all"
+            )
         if (self.rotations is None) != (self.setup.R_tool_sensor is None):
             raise InputError(
                 "measurements: measured rotations and the sensor's orientation on the tool belong together"
@@ -119,14 +125,19 @@ class Measurements:
         if self.truth is not None and self.truth.setup.targets.shape != self.setup.targets.shape:
             raise InputError("measurements: the true targets are not as many as the measured ones")
         if not all(
-            _SMALLEST_NOISE < noise < 1 / _SMALLEST_NOISE for noise in (self.noise_position, self.noise_orientation)
+            _SMALLEST_NOISE < noise < 1 / _SMALLEST_NOISE
+            for noise in (self.noise_position, self.noise_orientation)
         ):
-            raise InputError("measurements: the stated noise must be above zero; it is the weight of the fit")
+            raise InputError(
+                "measurements: the stated noise must be above zero; it is the weight of the fit"
+            )
 
         if self.deviations is not None:
             if self.deviations.shape != (len(self.q), self.coordinates):
                 raise InputError(f"measurements: deviations have shape {self.deviations.shape}")
-            if not ((self.deviations > _SMALLEST_NOISE) & (self.deviations < 1 / _SMALLEST_NOISE)).all():
+            if not (
+                (self.deviations > _SMALLEST_NOISE) & (self.deviations < 1 / _SMALLEST_NOISE)
+            ).all():
                 raise InputError("measurements: a standard deviation is not above zero")
 
     def __len__(self) -> int:
@@ -156,11 +167,16 @@ class Measurements:
     def points_alone(self) -> Self:
         """The measured points without orientations, and without what only a simulation knows."""
         setup = replace(self.setup, R_tool_sensor=None)
-        deviations = None if self.deviations is None else readonly(self.deviations[:, : 3 * len(setup.targets)])
+        deviations = (
+            None
+            if self.deviations is None
+            else readonly(self.deviations[:, : 3 * len(setup.targets)])
+        )
         return replace(self, rotations=None, setup=setup, truth=None, deviations=deviations)
 
     def rows(self, index: np.ndarray) -> Self:
         """The same measurements at some configurations only: their indices (k,)."""
+
         def chosen(values: Array | None) -> Array | None:
             return None if values is None else readonly(values[index])
 
@@ -193,4 +209,6 @@ def check_targets(targets: Array, place: str) -> None:
     for i, point in enumerate(targets):
         near = np.linalg.norm(targets[i + 1 :] - point, axis=-1) < 1e-6
         if near.any():
-            raise InputError(f"{place}: targets {i + 1} and {i + 2 + int(np.argmax(near))} are the same point")
+            raise InputError(
+                f"{place}: targets {i + 1} and {i + 2 + int(np.argmax(near))} are the same point"
+            )

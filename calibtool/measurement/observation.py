@@ -27,11 +27,17 @@ def residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> A
 
 def weighted_residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> Array:
     """The same over the stated noise (N, d), along the instrument's axes where that differs from axis to axis."""
-    return _whitened(measurements, setup, residuals(measurements, setup, T_base_tool)[..., None])[..., 0]
+    return _whitened(measurements, setup, residuals(measurements, setup, T_base_tool)[..., None])[
+        ..., 0
+    ]
 
 
 def linearised(
-    measurements: Measurements, setup: Setup, T_base_tool: Array, pose_columns: Array | None, targets: bool
+    measurements: Measurements,
+    setup: Setup,
+    T_base_tool: Array,
+    pose_columns: Array | None,
+    targets: bool,
 ) -> tuple[Array, Array]:
     """Columns (N, d, p) and residuals (N, d) of every configuration over the stated noise, at predicted poses (N, 4, 4).
 
@@ -40,7 +46,9 @@ def linearised(
     blocks = [] if pose_columns is None else [observation_matrix(setup, T_base_tool) @ pose_columns]
     blocks += [target_columns(setup, T_base_tool)] if targets else []
     columns = np.concatenate(blocks, axis=-1) if len(blocks) > 1 else blocks[0]
-    return _whitened(measurements, setup, columns), weighted_residuals(measurements, setup, T_base_tool)
+    return _whitened(measurements, setup, columns), weighted_residuals(
+        measurements, setup, T_base_tool
+    )
 
 
 def observation_matrix(setup: Setup, T_base_tool: Array) -> Array:
@@ -66,5 +74,7 @@ def _whitened(measurements: Measurements, setup: Setup, rows: Array) -> Array:
     """Rows (N, d, k) over the stated noise. Deviations of single axes are those of the instrument's axes."""
     if measurements.deviations is not None:
         count, d, k = rows.shape
-        rows = (setup.T_instrument_base[:3, :3] @ rows.reshape(count, d // 3, 3, k)).reshape(count, d, k)
+        rows = (setup.T_instrument_base[:3, :3] @ rows.reshape(count, d // 3, 3, k)).reshape(
+            count, d, k
+        )
     return rows * weights(measurements)[..., None]

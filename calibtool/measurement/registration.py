@@ -22,7 +22,9 @@ _MINIMA = 4  # refined, of those that the rotation search finds
 _ITERATIONS = 200
 
 
-def register(measurements: Measurements, T_base_tool: Array | None = None, start: Setup | None = None) -> Setup:
+def register(
+    measurements: Measurements, T_base_tool: Array | None = None, start: Setup | None = None
+) -> Setup:
     """The set-up with its unknown parts fitted to the measurements; known parts stay.
 
     T_base_tool (N, 4, 4): poses that a model of the robot gives; those of the nominal robot unless given.
@@ -32,7 +34,9 @@ def register(measurements: Measurements, T_base_tool: Array | None = None, start
     setup = measurements.setup
     if setup.known:
         return setup
-    poses = measurements.robot.mechanism.forward(measurements.q) if T_base_tool is None else T_base_tool
+    poses = (
+        measurements.robot.mechanism.forward(measurements.q) if T_base_tool is None else T_base_tool
+    )
     unknowns = 6 * (not setup.frame_known) + len(setup.target_names) * (not setup.targets_known)
     equations = measurements.equations
     if equations <= unknowns:
@@ -40,7 +44,9 @@ def register(measurements: Measurements, T_base_tool: Array | None = None, start
             f"registration: {len(measurements)} configurations give {equations} equations for {unknowns} unknowns of "
             "instrument frame and targets; measure more configurations"
         )
-    refined = [refine(measurements, candidate, poses) for candidate in _starts(measurements, poses, start)]
+    refined = [
+        refine(measurements, candidate, poses) for candidate in _starts(measurements, poses, start)
+    ]
     best, cost = min(refined, key=lambda item: item[1])
     if not np.isfinite(cost):
         raise NoSolutionError(
@@ -72,7 +78,10 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
         columns = system[0].reshape(len(right), -1)
         if damping:
             scale = np.sqrt(damping * (columns**2).sum(axis=0))
-            columns, right = np.concatenate([columns, np.diag(scale)]), np.concatenate([right, np.zeros(len(scale))])
+            columns, right = (
+                np.concatenate([columns, np.diag(scale)]),
+                np.concatenate([right, np.zeros(len(scale))]),
+            )
         step: Array = np.linalg.lstsq(columns, right, rcond=1e-9)[0].astype(float)
         return step, bool(np.abs(step).max() < 1e-11)
 
@@ -81,7 +90,9 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
         lambda at: linearised(measurements, at, poses, of_base, targets=not setup.targets_known),
         solve,
         lambda at, step: update_setup(
-            at, None if setup.frame_known else step[base], None if setup.targets_known else step[shift]
+            at,
+            None if setup.frame_known else step[base],
+            None if setup.targets_known else step[shift],
         ),
         _ITERATIONS,
         cost,
@@ -109,7 +120,8 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
             frames = frames[:1]  # the search had the very sum of squares of the refinement
         found = [(frame, _mean_targets(poses, frame, points)) for frame in frames]
     return [
-        setup.kind.from_points(replace(setup, T_instrument_base=readonly(frame)), on_tool) for frame, on_tool in found
+        setup.kind.from_points(replace(setup, T_instrument_base=readonly(frame)), on_tool)
+        for frame, on_tool in found
     ]
 
 
@@ -138,7 +150,9 @@ def frames_of_least_squares(
     left = both - linear @ solved
     form = RotationForm.of(left[:, :9], left[:, 9])
     turned = [inverse(guess)[None, :3, :3] for guess in guesses]
-    rotations = form.minimum(np.concatenate(turned if only_guesses else [*turned, form.relaxed(), rotation_grid()]))
+    rotations = form.minimum(
+        np.concatenate(turned if only_guesses else [*turned, form.relaxed(), rotation_grid()])
+    )
     frames = []
     for C in rotations[:_MINIMA]:
         T_base_instrument = np.eye(4)
@@ -151,7 +165,10 @@ def frames_of_least_squares(
 def _mean_targets(poses: Array, T_instrument_base: Array, points: Array) -> Array:
     """Targets in the tool frame, averaged over the configurations: (m, 3)."""
     T_tool_instrument = inverse(T_instrument_base @ poses)
-    seen = points @ np.swapaxes(T_tool_instrument[:, :3, :3], -1, -2) + T_tool_instrument[:, None, :3, 3]
+    seen = (
+        points @ np.swapaxes(T_tool_instrument[:, :3, :3], -1, -2)
+        + T_tool_instrument[:, None, :3, 3]
+    )
     mean: Array = np.nanmean(seen, axis=0)
     return mean
 

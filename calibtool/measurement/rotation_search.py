@@ -36,7 +36,10 @@ class RotationForm:
     def relaxed(self) -> Array:
         """Rotations nearest to the solutions without the constraint, one per rank tolerance: (2, 3, 3)."""
         # The second is for designs in which a direction is seen only through errors.
-        solutions = [np.linalg.pinv(self.M, rcond=tolerance, hermitian=True) @ self.g for tolerance in (1e-12, 1e-4)]
+        solutions = [
+            np.linalg.pinv(self.M, rcond=tolerance, hermitian=True) @ self.g
+            for tolerance in (1e-12, 1e-4)
+        ]
         return nearest_rotation(np.stack(solutions).reshape(-1, 3, 3))
 
     def minimum(self, starts: Array) -> list[Array]:
@@ -76,7 +79,9 @@ class RotationForm:
         hessian -= np.trace(bend, axis1=-2, axis2=-1)[:, None, None] * np.eye(3)
         values, vectors = np.linalg.eigh(hessian)
         largest = np.maximum(np.abs(values).max(axis=-1, keepdims=True), 1e-300)
-        scaled = np.einsum("kij,ki->kj", vectors, gradient) / np.maximum(np.abs(values), 1e-9 * largest)
+        scaled = np.einsum("kij,ki->kj", vectors, gradient) / np.maximum(
+            np.abs(values), 1e-9 * largest
+        )
         uphill: Array = np.einsum("kij,kj->ki", vectors, scaled)
         return -uphill
 

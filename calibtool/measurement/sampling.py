@@ -10,7 +10,9 @@ from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6
 
 
-def sample_configurations(robot: Robot, workspace: Workspace | None, count: int, rng: np.random.Generator) -> Array:
+def sample_configurations(
+    robot: Robot, workspace: Workspace | None, count: int, rng: np.random.Generator
+) -> Array:
     """Joint positions (count, n) of a workspace, in rad or m.
 
     With a workspace: poses uniform in its box and cone, solved by inverse kinematics from its home; for n < 6 the
@@ -23,7 +25,11 @@ def sample_configurations(robot: Robot, workspace: Workspace | None, count: int,
     found = tried = 0
     while found < count:
         batch = max(2 * (count - found), 50)
-        drawn = _uniform(robot, batch, rng) if workspace is None else _poses(robot, workspace, batch, rng)
+        drawn = (
+            _uniform(robot, batch, rng)
+            if workspace is None
+            else _poses(robot, workspace, batch, rng)
+        )
         tried += batch
         while len(drawn) and found < count:  # no more of them are solved than are needed
             part, drawn = np.split(drawn, [min(max(count - found, 50), len(drawn))])
@@ -85,6 +91,9 @@ def _solved(robot: Robot, workspace: Workspace, target: Array) -> Array:
     q = solved.q[solved.converged]
     q = q[((q > robot.lower + 1e-6) & (q < robot.upper - 1e-6)).all(axis=-1)]
     centre = robot.mechanism.forward(home[None])[0, :3, 3]
-    inside = np.abs(robot.mechanism.forward(q)[:, :3, 3] - centre) <= np.array(workspace.box_m) / 2 + 1e-9
+    inside = (
+        np.abs(robot.mechanism.forward(q)[:, :3, 3] - centre)
+        <= np.array(workspace.box_m) / 2 + 1e-9
+    )
     q = q[inside.all(axis=-1)]
     return q

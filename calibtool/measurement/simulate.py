@@ -14,7 +14,10 @@ from calibtool.robot.description import Workspace
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
-SMALLEST_NOISE, NO_NOISE = 1e-9, 1e-6  # m: less is none at all, for which the weights still need a figure
+SMALLEST_NOISE, NO_NOISE = (
+    1e-9,
+    1e-6,
+)  # m: less is none at all, for which the weights still need a figure
 ORIENTATION_NOISE = 0.1e-3  # rad, stated for 6-D instruments unless told otherwise
 
 
@@ -62,7 +65,9 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
     """
     again = simulation.same_robot is not None
     entropy = np.random.SeedSequence([simulation.seed, 1] if again else simulation.seed)
-    robot_rng, configuration_rng, noise_rng, setup_rng, load_rng = (np.random.default_rng(s) for s in entropy.spawn(5))
+    robot_rng, configuration_rng, noise_rng, setup_rng, load_rng = (
+        np.random.default_rng(s) for s in entropy.spawn(5)
+    )
 
     if simulation.same_robot is not None:
         truth = simulation.same_robot
@@ -77,7 +82,9 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
         q = simulation.at
         robot.check_positions(q, "configurations")
     else:
-        q = sample_configurations(robot, simulation.workspace, simulation.configurations, configuration_rng)
+        q = sample_configurations(
+            robot, simulation.workspace, simulation.configurations, configuration_rng
+        )
     if not len(q):
         raise InputError("configurations: there is none to measure at")
 
@@ -103,7 +110,9 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
     return measurements if known else replace(measurements, setup=register(measurements))
 
 
-def observe(actual: ActualRobot, setup: Setup, q: Array, conditions: Conditions | None = None) -> Array:
+def observe(
+    actual: ActualRobot, setup: Setup, q: Array, conditions: Conditions | None = None
+) -> Array:
     """Target points in the instrument's frame without noise, q (N, n) → (N, m, 3)."""
     return transform_points(setup.T_instrument_base @ actual.forward(q, conditions), setup.targets)
 

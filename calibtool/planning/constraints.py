@@ -57,7 +57,10 @@ class Constraints:
         margin = self.joint_margin * (robot.upper - robot.lower)
         inside = (q >= robot.lower + margin - 1e-9) & (q <= robot.upper - margin + 1e-9)
         yield "--joint-margin", inside.all(axis=-1)
-        yield "--min-singularity-distance", robot.singularity_distance(q) >= self.singularity_distance
+        yield (
+            "--min-singularity-distance",
+            robot.singularity_distance(q) >= self.singularity_distance,
+        )
         starts, ends = links(robot, targets, q)
         if self.floor is not None:
             yield "--floor-mm", (ends[..., 2] >= self.floor).all(axis=-1)
@@ -68,7 +71,9 @@ class Constraints:
 
     def kept(self, robot: Robot, targets: Array, q: Array) -> np.ndarray:
         """Whether q (N, n) keeps all of them: (N,) bool."""
-        kept: np.ndarray = np.logical_and.reduce([kept for _, kept in self.checks(robot, targets, q)])
+        kept: np.ndarray = np.logical_and.reduce(
+            [kept for _, kept in self.checks(robot, targets, q)]
+        )
         return kept
 
     def _seen(self, robot: Robot, targets: Array, q: Array) -> np.ndarray:
@@ -137,16 +142,22 @@ def draw_candidates(
             f"{robot.name}: {found} of {drawn} configurations keep the constraints, {needed} are needed; {worst} turns "
             f"down {rejected[worst]}: loosen it, or choose another --workspace"
         )
-    return Candidates(np.concatenate(accepted)[:count], first, drawn, {o: k for o, k in rejected.items() if k})
+    return Candidates(
+        np.concatenate(accepted)[:count], first, drawn, {o: k for o, k in rejected.items() if k}
+    )
 
 
 def links(robot: Robot, targets: Array, q: Array) -> tuple[Array, Array]:
     """Ends (N, s, 3) of the straight pieces of the moving arm, in K_0: joint to joint, flange to tool and to targets."""
     frames = robot.mechanism.frames(q)
     joints = frames.after[:, :, :3, 3]
-    points = np.concatenate([frames.tool[:, None, :3, 3], transform_points(frames.tool, targets)], axis=1)
+    points = np.concatenate(
+        [frames.tool[:, None, :3, 3], transform_points(frames.tool, targets)], axis=1
+    )
     last = np.broadcast_to(joints[:, -1:], points.shape)
-    return np.concatenate([joints[:, :-1], last], axis=1), np.concatenate([joints[:, 1:], points], axis=1)
+    return np.concatenate([joints[:, :-1], last], axis=1), np.concatenate(
+        [joints[:, 1:], points], axis=1
+    )
 
 
 def crosses(start: Array, end: Array, box: Array) -> np.ndarray:
@@ -170,11 +181,16 @@ def inside(robot: Robot, workspace: Workspace | None, q: Array) -> np.ndarray:
         return result
     home = robot.mechanism.forward(robot.home(workspace)[None])[0]
     pose = robot.mechanism.forward(q)
-    result &= (np.abs(pose[:, :3, 3] - home[:3, 3]) <= np.array(workspace.box_m) / 2 + 1e-9).all(axis=-1)
+    result &= (np.abs(pose[:, :3, 3] - home[:3, 3]) <= np.array(workspace.box_m) / 2 + 1e-9).all(
+        axis=-1
+    )
     if robot.n < 6:
         return result
     x, y, z, w = Rotation.from_matrix(home[:3, :3].T @ pose[:, :3, :3]).as_quat().T
-    tilt, turn = 2 * np.arctan2(np.hypot(x, y), np.hypot(z, w)), 2 * np.arctan2(z, w)  # swing, then twist about z
+    tilt, turn = (
+        2 * np.arctan2(np.hypot(x, y), np.hypot(z, w)),
+        2 * np.arctan2(z, w),
+    )  # swing, then twist about z
     turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
     roll = workspace.cone_deg if workspace.roll_deg is None else workspace.roll_deg
     result &= (tilt <= np.deg2rad(workspace.cone_deg) + 1e-9) & (turn <= np.deg2rad(roll) + 1e-9)

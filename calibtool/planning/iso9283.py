@@ -57,7 +57,9 @@ class TestCube:
         ]
         places = [
             {"pose": name, **dict(zip(("x_mm", "y_mm", "z_mm"), point, strict=True)), **row}
-            for name, point, row in zip(POSES, (self.pose[:, :3, 3] * 1e3).tolist(), joints, strict=True)
+            for name, point, row in zip(
+                POSES, (self.pose[:, :3, 3] * 1e3).tolist(), joints, strict=True
+            )
         ]
         return {"cube_mm": self.edge * 1e3, "cycles": cycles, "poses": places}
 
@@ -70,7 +72,11 @@ def five_poses(T_base_centre: Array, edge: float) -> Array:
 
 
 def plan_test(
-    robot: Robot, workspace: Workspace | None, constraints: Constraints, targets: Array, edge: float | None = None
+    robot: Robot,
+    workspace: Workspace | None,
+    constraints: Constraints,
+    targets: Array,
+    edge: float | None = None,
 ) -> TestCube:
     """The cube of an edge in m, or the largest one, round the home of a workspace (of the default one for the joint range).
 
@@ -88,13 +94,18 @@ def plan_test(
         cube = TestCube(robot, size, pose, q)
         for option, good in [("the reach", solved.reached), *constraints.checks(robot, targets, q)]:
             if not good.all():
-                return cube, f"{POSES[int(np.argmin(good))]} of a {size * 1e3:.4g} mm cube fails {option}"
+                return (
+                    cube,
+                    f"{POSES[int(np.argmin(good))]} of a {size * 1e3:.4g} mm cube fails {option}",
+                )
         return cube, None
 
     if edge is not None:
         cube, failure = tried(edge)
         if failure:
-            raise NoSolutionError(f"{robot.name}: {failure}; give a smaller --cube-mm or another --workspace")
+            raise NoSolutionError(
+                f"{robot.name}: {failure}; give a smaller --cube-mm or another --workspace"
+            )
         return cube
     largest = 2.0 * robot.length if workspace is None else min(workspace.box_m)
     best, failure = tried(max(largest, _SMALLEST))
@@ -103,7 +114,9 @@ def plan_test(
     low, high = _SMALLEST, largest
     best, failure = tried(low)
     if failure:
-        raise NoSolutionError(f"{robot.name}: {failure}; choose another --workspace, or loosen the constraint")
+        raise NoSolutionError(
+            f"{robot.name}: {failure}; choose another --workspace, or loosen the constraint"
+        )
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
         cube, failure = tried(middle)

@@ -15,7 +15,9 @@ from calibtool.measurement.simulate import ORIENTATION_NOISE
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
-HARMONICS = 2  # orders per joint in a design; higher ones ask for more configurations than a plan has
+HARMONICS = (
+    2  # orders per joint in a design; higher ones ask for more configurations than a plan has
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,15 +42,26 @@ class Knowledge:
     @classmethod
     def of_tolerances(cls, robot: Robot, noise: float, unregistered: bool = False) -> Self:
         """Nothing but the robot's tolerances; unregistered: instrument frame and targets are unknown as well."""
-        setup = Setup(readonly(np.eye(4)), robot.targets, frame_known=not unregistered, targets_known=not unregistered)
+        setup = Setup(
+            readonly(np.eye(4)),
+            robot.targets,
+            frame_known=not unregistered,
+            targets_known=not unregistered,
+        )
         parameters = Parameters.of(robot, setup, twists=1, harmonics=HARMONICS, gravity=1)
         prior_std = parameters.prior_std()
         state = State.nominal(robot, setup)
-        return cls(robot, parameters, state, readonly(prior_std), readonly(np.eye(parameters.count)), noise)
+        return cls(
+            robot, parameters, state, readonly(prior_std), readonly(np.eye(parameters.count)), noise
+        )
 
     @classmethod
     def of_identification(
-        cls, robot: Robot, identified: Identification, noise_position: float, noise_orientation: float
+        cls,
+        robot: Robot,
+        identified: Identification,
+        noise_position: float,
+        noise_orientation: float,
     ) -> Self:
         """The posterior of a complete model, its harmonics beyond `HARMONICS` taken as they are.
 
@@ -56,7 +69,9 @@ class Knowledge:
         """
         posterior = identified.posterior
         if posterior is None:
-            raise InputError(f"a '{identified.model}' model has no posterior to start from; identify --model complete")
+            raise InputError(
+                f"a '{identified.model}' model has no posterior to start from; identify --model complete"
+            )
         orders = posterior.parameters.orders
         orders |= {"harmonics": min(orders.get("harmonics", 0), HARMONICS)}
         # A plan does not choose directions, loads and temperatures.
@@ -66,7 +81,15 @@ class Knowledge:
         std = posterior.prior_std[kept]
         covariance = posterior.covariance[np.ix_(kept, kept)] / np.outer(std, std)
         state = identified.state
-        return cls(robot, parameters, state, readonly(std), readonly(covariance), noise_position, noise_orientation)
+        return cls(
+            robot,
+            parameters,
+            state,
+            readonly(std),
+            readonly(covariance),
+            noise_position,
+            noise_orientation,
+        )
 
     @property
     def effective(self) -> float:
@@ -78,7 +101,9 @@ class Knowledge:
         A = rows.reshape(-1, self.parameters.count)
         root = np.linalg.cholesky(self.covariance)
         seen = A @ root
-        return replace(self, covariance=readonly(root @ inverse(np.eye(len(root)) + seen.T @ seen) @ root.T))
+        return replace(
+            self, covariance=readonly(root @ inverse(np.eye(len(root)) + seen.T @ seen) @ root.T)
+        )
 
     def rows(self, q: Array) -> Array:
         """Rows of the identification matrix for q (N, n), over the noise, columns times the tolerances: (N, r, p).
@@ -102,7 +127,9 @@ class Knowledge:
         In the instrument's frame where that is unknown: what every set-up lets predict, unlike the tool frame itself.
         """
         seen, poses, targets = self._columns(q)
-        columns = seen @ poses if targets is None else np.concatenate([seen @ poses, targets], axis=-1)
+        columns = (
+            seen @ poses if targets is None else np.concatenate([seen @ poses, targets], axis=-1)
+        )
         points = len(self.state.setup.targets)
         columns = columns[:, : 3 * points] * self.prior_std
         variance: Array = ((columns @ self.covariance) * columns).sum(axis=(1, 2))

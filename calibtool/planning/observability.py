@@ -5,7 +5,9 @@ import numpy as np
 from calibtool.planning.knowledge import Knowledge
 from calibtool.robot.se3 import Array
 
-_OBSERVABLE = 1e-8  # smallest eigenvalue of the candidates' information, over the largest, that counts
+_OBSERVABLE = (
+    1e-8  # smallest eigenvalue of the candidates' information, over the largest, that counts
+)
 
 
 def observability_indices(knowledge: Knowledge, q: Array, candidates: Array) -> dict[str, float]:
@@ -43,7 +45,9 @@ def observability_indices(knowledge: Knowledge, q: Array, candidates: Array) -> 
 def _geometry_rows(knowledge: Knowledge, q: Array) -> Array:
     """Rows of the placements and of the unknown set-up, (N r, l)."""
     blocks = knowledge.parameters.blocks
-    columns = np.concatenate([np.arange(blocks[b].start, blocks[b].stop) for b in ("placements", "base", "targets")])
+    columns = np.concatenate(
+        [np.arange(blocks[b].start, blocks[b].stop) for b in ("placements", "base", "targets")]
+    )
     rows = knowledge.rows(q)[:, :, columns]
     return rows.reshape(-1, rows.shape[-1])
 

@@ -153,5 +153,7 @@ def _neighbours(robot: Robot, q: Array, scale: float, rng: np.random.Generator) 
     """Configurations near q (N, n): about half of the joints moved by normal steps of a part of the range, to the limits."""
     repeated = np.repeat(q, max(_NEIGHBOURS // len(q), 4), axis=0)
     step = rng.normal(size=repeated.shape) * (rng.random(repeated.shape) < 0.5)
-    result: Array = np.clip(repeated + scale * (robot.upper - robot.lower) * step, robot.lower, robot.upper)
+    result: Array = np.clip(
+        repeated + scale * (robot.upper - robot.lower) * step, robot.lower, robot.upper
+    )
     return result

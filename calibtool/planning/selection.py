@@ -46,7 +46,11 @@ def select(
 
 
 def improve(
-    rows: Array, covariance: Array, count: int, criterion: Criterion = "d", reference: Array | None = None
+    rows: Array,
+    covariance: Array,
+    count: int,
+    criterion: Criterion = "d",
+    reference: Array | None = None,
 ) -> np.ndarray:
     """Indices of the first `count` candidates, each replaced by a better one if there is one.
 
@@ -59,7 +63,9 @@ def improve(
 def _exchanged(rows: Array, information: Array, moments: Array | None, count: int) -> np.ndarray:
     chosen = list(range(count))
     for _ in range(_PASSES):
-        design = _Design(rows, information + _information(rows[chosen]), moments)  # afresh: rounding does not pile up
+        design = _Design(
+            rows, information + _information(rows[chosen]), moments
+        )  # afresh: rounding does not pile up
         exchanged = False
         for position, old in enumerate(chosen):
             design.move(old, -1)
@@ -120,7 +126,9 @@ class _Design:
         if self.moments is not None:
             MK = self.moments @ K
             cross = UT @ np.swapaxes(self._times(without @ MK), 1, 2)
-            self.H -= sign * (cross + np.swapaxes(cross, 1, 2) - UT @ (K.T @ MK) @ np.swapaxes(UT, 1, 2))
+            self.H -= sign * (
+                cross + np.swapaxes(cross, 1, 2) - UT @ (K.T @ MK) @ np.swapaxes(UT, 1, 2)
+            )
         self.G -= sign * (UT @ np.swapaxes(U, 1, 2))
 
     def _times(self, matrix: Array) -> Array:

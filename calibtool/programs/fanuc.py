@@ -49,7 +49,9 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     programs: list[Instructions] = []
     for number, code in texts.items():
         lines = Lines(code)
-        reader = Positions(sources[number].text, code, number, lines, robot, axes, literals, remarks)
+        reader = Positions(
+            sources[number].text, code, number, lines, robot, axes, literals, remarks
+        )
         programs += [Instructions(code, section, lines, reader) for section in sections(code)]
     changed = {key: why for one in reversed(programs) for key, why in one.changed()}
     frame, tool = (Selection(kind, listed.frames, changed) for kind in (FRAME, TOOL))

@@ -74,5 +74,9 @@ def item(code: str, start: int, end: int, depth: int = _DEEPEST) -> Item:
     if depth and end - start >= 2 and code[start] == "[" and closing(code, start) == end - 1:
         if not code[start + 1 : end - 1].strip():
             return Item(start, end, ())
-        return Item(start, end, tuple(item(code, *span, depth - 1) for span in split(code, start + 1, end - 1)))
+        return Item(
+            start,
+            end,
+            tuple(item(code, *span, depth - 1) for span in split(code, start + 1, end - 1)),
+        )
     return Item(start, end)

@@ -83,7 +83,9 @@ class Changes:
     passed: list[tuple[Assign, str]] = field(default_factory=list)
     late: list[tuple[str, bool]] = field(default_factory=list)
 
-    def settled(self, routines: Sequence[Routine], declared: dict[str, Value]) -> tuple[Routine, ...]:
+    def settled(
+        self, routines: Sequence[Routine], declared: dict[str, Value]
+    ) -> tuple[Routine, ...]:
         """The routines without assignments of parameters that nobody changes; uncertain data unknown."""
         pending = {id(step): parameter for step, parameter in self.passed}
         assigned = {
@@ -166,7 +168,9 @@ class Changes:
                 given = arguments(values.code, call.end() + 1, close)
                 yield from self.arguments(values, call[1], given, values.text.lines(call.start()))
 
-    def arguments(self, values: Values, name: str, given: Sequence[Argument], line: int) -> Iterator[Assign]:
+    def arguments(
+        self, values: Values, name: str, given: Sequence[Argument], line: int
+    ) -> Iterator[Assign]:
         """What an instruction or function may change of its arguments."""
         routine = values.names.routine(name, values.scopes[-1])
         if routine is not None:
@@ -179,7 +183,9 @@ class Changes:
                 word = values.code[argument.start : argument.end]
                 yield from changed(values, word, line, f"{name} may change it (line {line})")
 
-    def _by_reference(self, values: Values, word: str, parameter: Data, line: int) -> Iterator[Assign]:
+    def _by_reference(
+        self, values: Values, word: str, parameter: Data, line: int
+    ) -> Iterator[Assign]:
         """Assignments for an argument given by reference; they count if the parameter is changed."""
         why = f"a routine changes it (line {line})"
         parts = FRAMES.get(parameter.type, ("",))

@@ -124,7 +124,9 @@ class Names:
                 given = text.code[statement.start : statement.end].lower()
                 self.changed.update(re.findall(r"\w+", given))
 
-    def _parameters(self, text: Text, statement: Statement, routine: str) -> tuple[tuple[str, Data], ...]:
+    def _parameters(
+        self, text: Text, statement: Statement, routine: str
+    ) -> tuple[tuple[str, Data], ...]:
         found: list[tuple[str, Data]] = []
         space = self.inside.setdefault(routine, {})
         inner = text.code[statement.start + 1 : max(statement.start + 1, statement.end - 1)]

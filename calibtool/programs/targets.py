@@ -161,7 +161,9 @@ def spliced(text: str, edits: Iterable[tuple[int, int, str]]) -> str:
     return pieces.getvalue()
 
 
-def rewritten(text: str, numbers: Sequence[Number], values: Sequence[float]) -> list[tuple[int, int, str]]:
+def rewritten(
+    text: str, numbers: Sequence[Number], values: Sequence[float]
+) -> list[tuple[int, int, str]]:
     """Edits that put new SI values where numbers stand; none for a number that would not change."""
     edits = []
     for number, value in zip(numbers, values, strict=True):

@@ -12,8 +12,13 @@ from calibtool.robot.se3 import Array
 _VARIABLE = re.compile(r"^\[\*?\w+\*?\]\$?\w+[ \t]+Storage:", re.MULTILINE)
 _TABLE = re.compile(r"^\[\*SYSTEM\*\]\$MNU(FRAME|TOOL)[ \t]+Storage:[^\n]*\n", re.MULTILINE)
 _NUMBERS = r"\s*".join(rf"{key}:\s*({NUMBER})" for key in "XYZWPR")
-_ENTRY = re.compile(rf"^[ \t]*\[1,(\d+)\][ \t]*=[ \t]*(?:'[^\n]*')?\s*(?:Group:[^\n]*\n)?\s*{_NUMBERS}", re.MULTILINE)
-_TURN_AXIS = re.compile(r"\$SCR_GRP\[1\]\.\$TURN_AXIS\b[^\n]*\n((?:[ \t]*\[\d+\][ \t]*=[ \t]*\d+[ \t]*\r?\n?)+)")
+_ENTRY = re.compile(
+    rf"^[ \t]*\[1,(\d+)\][ \t]*=[ \t]*(?:'[^\n]*')?\s*(?:Group:[^\n]*\n)?\s*{_NUMBERS}",
+    re.MULTILINE,
+)
+_TURN_AXIS = re.compile(
+    r"\$SCR_GRP\[1\]\.\$TURN_AXIS\b[^\n]*\n((?:[ \t]*\[\d+\][ \t]*=[ \t]*\d+[ \t]*\r?\n?)+)"
+)
 _ELEMENT = re.compile(r"=[ \t]*(\d{1,3})\b")
 
 
@@ -38,11 +43,15 @@ class Listed:
             after = _VARIABLE.search(text, table.end())
             for entry in _ENTRY.finditer(text, table.end(), after.start() if after else len(text)):
                 units = ("mm",) * 3 + ("deg",) * 3
-                numbers = [number_at(text, *entry.span(k + 2), unit) for k, unit in enumerate(units)]
+                numbers = [
+                    number_at(text, *entry.span(k + 2), unit) for k, unit in enumerate(units)
+                ]
                 values = [number.value for number in numbers if number is not None]
                 if len(values) == 6:
                     name = f"$MNU{table[1]}[1,{entry[1]}]"
-                    self._add(kind, entry[1], pose(values, "wpr"), name, lines(entry.start(2)), source)
+                    self._add(
+                        kind, entry[1], pose(values, "wpr"), name, lines(entry.start(2)), source
+                    )
         axes = _TURN_AXIS.search(text)
         if axes:
             found = tuple(int(one) - 1 for one in _ELEMENT.findall(axes[1]))

@@ -29,9 +29,15 @@ from calibtool.programs.tp_positions import HELD, Positions, Taught
 
 _INC = frozenset({"INC", "INK", "INKR"})
 _OFFSETS = frozenset({"OFFSET", "TOOL_OFFSET", "VOFFSET", "WKZ_OFFSET", "SEARCH"})
-_SHIFTED = re.compile(r"(?:TOUCH\s+OFFSET|TRACK|DPM|MPOFFSET)\s+(END\b)?", re.IGNORECASE)  # the motions behind it
-_SELECT = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)_NUM\s*(?:\[([^\]]*)\])?\s*=\s*(.+)", re.IGNORECASE)
-_SET = re.compile(r"(UFRAME|BENUTZER|UTOOL|WKZ)\s*\[\s*(?:GP(\d)\s*:)?\s*([^=]*)\]\s*=", re.IGNORECASE)
+_SHIFTED = re.compile(
+    r"(?:TOUCH\s+OFFSET|TRACK|DPM|MPOFFSET)\s+(END\b)?", re.IGNORECASE
+)  # the motions behind it
+_SELECT = re.compile(
+    r"(UFRAME|BENUTZER|UTOOL|WKZ)_NUM\s*(?:\[([^\]]*)\])?\s*=\s*(.+)", re.IGNORECASE
+)
+_SET = re.compile(
+    r"(UFRAME|BENUTZER|UTOOL|WKZ)\s*\[\s*(?:GP(\d)\s*:)?\s*([^=]*)\]\s*=", re.IGNORECASE
+)
 _WRITTEN = re.compile(r"P\s*\[\s*(?:(\d{1,9})\b[^\]]*|.*)\]\s*=(?!=)")
 _CALL = re.compile(r"(?:CALL|AUFRUF)\s+([\w-]+)", re.IGNORECASE)
 _JUMP = re.compile(r"(?:JMP|SPRUNG)\s+(?:LBL|LABEL)\s*\[\s*([^\]:]*)", re.IGNORECASE)
@@ -98,13 +104,19 @@ class Instructions:
 
     def _left(self, relative: dict[int, int]) -> Callable[[int], str]:
         """Why positions of this program are none to correct, by their numbers."""
-        left = {number: f"a relative motion (INC in line {line})" for number, line in relative.items()}
+        left = {
+            number: f"a relative motion (INC in line {line})" for number, line in relative.items()
+        }
         for line, _, number in self.written:
             if number is not None:
                 left[number] = f"it is assigned (line {line})"
         points = [(found, point) for found in self.motions.values() for point in found.points]
         moved_to = {point.number for _, point in points if point.kind == "P"}
-        assigned = [f"may be assigned ({p}, line {line})" for line, p, which in self.written if which is None]
+        assigned = [
+            f"may be assigned ({p}, line {line})"
+            for line, p, which in self.written
+            if which is None
+        ]
         somewhere = next(
             (
                 f"may be used by a relative motion ({point.text[:30]} with INC in line {found.line})"
@@ -150,7 +162,11 @@ class Instructions:
         if point.kind == "PR":
             return Aim(Unknown("a register: its value is not in the program"))
         if point.kind != "P":
-            return Aim(Unknown(f"a position of a pallet: its value is not in the program ({point.text[:30]})"))
+            return Aim(
+                Unknown(
+                    f"a position of a pallet: its value is not in the program ({point.text[:30]})"
+                )
+            )
         if point.number is None:
             which = f"which position it is, a register tells ({point.text[:30]})"
             relative = "a relative motion (INC): " if found.options & _INC else ""

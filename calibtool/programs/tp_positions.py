@@ -12,7 +12,9 @@ from calibtool.programs.targets import Lines, Number, Remark, is_not_finite, num
 from calibtool.robot.model import Robot
 
 HELD = "the robot holds the work piece and not the tool"
-_POSITION = re.compile(r"^[ \t]*P[ \t]*\[[ \t]*(\d{1,9})[ \t]*(?::[^\n]*?)?\][ \t]*\{", re.MULTILINE)
+_POSITION = re.compile(
+    r"^[ \t]*P[ \t]*\[[ \t]*(\d{1,9})[ \t]*(?::[^\n]*?)?\][ \t]*\{", re.MULTILINE
+)
 _END = re.compile(r"\}[ \t]*;")
 _GROUP = re.compile(r"\bGP(\d+)[ \t]*:")
 _ITEM = re.compile(r"(?:'[^'\n]*'|[^,'\n])+")
@@ -67,7 +69,9 @@ class Positions:
     literals: list[Literal]
     remarks: list[Remark]
 
-    def read(self, span: tuple[int, int], left: Callable[[int], str], relative: Container[int]) -> dict[int, Taught]:
+    def read(
+        self, span: tuple[int, int], left: Callable[[int], str], relative: Container[int]
+    ) -> dict[int, Taught]:
         """The positions for motion group 1 in a part of the text.
 
         left: why one is none to correct, by its number; relative: those that are distances
@@ -98,7 +102,9 @@ class Positions:
                 why = "is written more than once" if twice[number] > 1 else left(number)
                 literal = self._literal(read, name, why)
                 if why and not literal.bad and number in relative:
-                    literal = replace(literal, line=line)  # it is no position, and its numbers are none
+                    literal = replace(
+                        literal, line=line
+                    )  # it is no position, and its numbers are none
                 elif why and not literal.bad:
                     whole = self._literal(read, name, "")
                     literal = literal if whole.bad else replace(whole, left=why)
@@ -123,7 +129,9 @@ class Positions:
             group.end = first
             if match := _FRAME.fullmatch(word):
                 number = (match[2].lstrip("0") or "0") if match[2].isdecimal() else "F"
-                group.frame, group.tool = (number, group.tool) if match[1] == "UF" else (group.frame, number)
+                group.frame, group.tool = (
+                    (number, group.tool) if match[1] == "UF" else (group.frame, number)
+                )
             elif match := _CONFIG.fullmatch(word):
                 group.config, group.offset = match, first
             elif match := _VALUE.fullmatch(word):
@@ -167,7 +175,9 @@ class Positions:
             blank=kind == POSE and not any(number.value for number in numbers), external=external,
         )  # fmt: skip
 
-    def _joints(self, group: _Group, values: dict[str, Number | None]) -> tuple[tuple[Number, ...], str]:
+    def _joints(
+        self, group: _Group, values: dict[str, Number | None]
+    ) -> tuple[tuple[Number, ...], str]:
         robot, count = self.robot, len(self.robot.arm)
         numbers = [values.get(f"J{k + 1}") for k in range(count)]
         found = tuple(number for number in numbers if number is not None)
@@ -202,7 +212,10 @@ class Positions:
         if match is None or group.config is None:
             return None, f"a configuration that is not of a six-joint arm ('{text}')"
         first = group.offset + group.config.start(1) + match.start(4)
-        turns = [Digit(first + turn.start(), first + turn.end(), int(turn[0])) for turn in _TURN.finditer(match[4])]
+        turns = [
+            Digit(first + turn.start(), first + turn.end(), int(turn[0]))
+            for turn in _TURN.finditer(match[4])
+        ]
         return Fanuc(match[1], match[2], match[3], tuple(turns), self.axes), ""
 
 

@@ -23,7 +23,9 @@ def load_robot(name: str) -> Robot:
     if name in names:
         return _carried(name)
     if not is_path(name):
-        raise UsageError(f"unknown robot '{name}'; {near_names(name, names)} (or the path of a robot.toml or URDF)")
+        raise UsageError(
+            f"unknown robot '{name}'; {near_names(name, names)} (or the path of a robot.toml or URDF)"
+        )
     if not Path(name).exists():
         raise UsageError(f"{name}: no such file or folder")
     return Robot.from_source(read_source(Path(name)))

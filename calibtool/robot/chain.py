@@ -89,9 +89,13 @@ def build_chain(source: Source) -> SerialChain:
         joints=tuple(joint_name(reduced, j) for j in joints),
         tool=kinematics.tool_frame,
         inertias=tuple(reduced.inertias[j].copy() for j in joints),
-        gravity=readonly(_gravity(source.description.mounting.gravity, base.rotation.T @ reduced.gravity.linear)),
+        gravity=readonly(
+            _gravity(source.description.mounting.gravity, base.rotation.T @ reduced.gravity.linear)
+        ),
     )
-    return SerialChain(bodies, readonly(placements), readonly(twists), readonly(lower), readonly(upper), limited_by)
+    return SerialChain(
+        bodies, readonly(placements), readonly(twists), readonly(lower), readonly(upper), limited_by
+    )
 
 
 def _gravity(direction: tuple[float, float, float] | None, urdf: Array) -> Array:
@@ -110,7 +114,9 @@ def joints_to(model: pin.Model, last: int, name: str) -> list[int]:
         last = model.parents[last]
     beside = [joint_name(model, j) for j in range(1, model.njoints) if j not in way]
     if beside:
-        raise InputError(f"{name}: joints {', '.join(beside)} are not between base and tool; lock them in [kinematics]")
+        raise InputError(
+            f"{name}: joints {', '.join(beside)} are not between base and tool; lock them in [kinematics]"
+        )
     if not way:
         raise InputError(f"{name}: no joint moves the tool frame")
     return way
@@ -122,14 +128,21 @@ def _unit_twist(joint: pin.JointModel, called: str, name: str) -> Array:
     joint.calc(data, np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0]))
     twist = np.array(data.S, dtype=float).reshape(6)
     if not abs(np.linalg.norm(twist) - 1.0) < 1e-9:
-        raise InputError(f"{name}: joint '{called}' has no axis; its <axis xyz=…/> must not be zero")
+        raise InputError(
+            f"{name}: joint '{called}' has no axis; its <axis xyz=…/> must not be zero"
+        )
     return twist
 
 
-def _limits(model: pin.Model, joint: pin.JointModel, prismatic: bool) -> tuple[float, float, LimitSource]:
+def _limits(
+    model: pin.Model, joint: pin.JointModel, prismatic: bool
+) -> tuple[float, float, LimitSource]:
     if joint.nq == 2:
         return -np.pi, np.pi, "continuous"
-    low, high = float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
+    low, high = (
+        float(model.lowerPositionLimit[joint.idx_q]),
+        float(model.upperPositionLimit[joint.idx_q]),
+    )
     if np.isfinite([low, high]).all() and high > low:
         return low, high, "urdf"
     return (np.nan, np.nan, "missing") if prismatic else (-np.pi, np.pi, "missing")

@@ -15,7 +15,9 @@ from calibtool.robot.se3 import Array, readonly
 JointValues = Literal["serial", "controller"]
 JOINT_VALUES = ("serial", "controller")
 
-_SMALLEST_CONDITION = 1e-6  # smallest singular value over the largest: below it a joint value cannot be told
+_SMALLEST_CONDITION = (
+    1e-6  # smallest singular value over the largest: below it a joint value cannot be told
+)
 
 
 def coupling_matrix(description: Description, n: int, place: str) -> Array:
@@ -39,7 +41,9 @@ def coupling_matrix(description: Description, n: int, place: str) -> Array:
         for other, factor in terms.items():
             j, k = (_joint(each, n, f"{place}: coupling.add") for each in (name, other))
             if j == k:
-                raise InputError(f"{place}: coupling.add.{name} names itself; name the joints that are added to it")
+                raise InputError(
+                    f"{place}: coupling.add.{name} names itself; name the joints that are added to it"
+                )
             matrix[j, k] = factor
     return _invertible(matrix, f"{place}: coupling.add")
 
@@ -97,5 +101,7 @@ def _joint(name: str, n: int, place: str) -> int:
 def _invertible(matrix: Array, place: str) -> Array:
     sizes = np.linalg.svd(matrix, compute_uv=False)
     if not sizes[-1] > _SMALLEST_CONDITION * sizes[0]:
-        raise InputError(f"{place} is singular: joint values cannot be converted back; check its rows")
+        raise InputError(
+            f"{place} is singular: joint values cannot be converted back; check its rows"
+        )
     return readonly(matrix)

@@ -46,7 +46,9 @@ def _solved(jacobian: Array, error: Array | None, length: float) -> tuple[Array,
     motion, distance = np.zeros((count if error is not None else 0, c)), np.empty(count)
     for start in range(0, count, _TOGETHER):
         rows = slice(start, start + _TOGETHER)
-        right = None if error is None else _rows_last(scale_rows(error[rows, :, None], length)[..., 0])
+        right = (
+            None if error is None else _rows_last(scale_rows(error[rows, :, None], length)[..., 0])
+        )
         with np.errstate(all="ignore"):  # singular rows are looked at again
             trace, solved = eliminated(_rows_last(regularised_gram(jacobian[rows], length)), right)
             distance[rows] = 1.0 / np.sqrt(trace)
@@ -59,7 +61,9 @@ def _solved(jacobian: Array, error: Array | None, length: float) -> tuple[Array,
         damping = np.maximum(0.0, MIN_SINGULARITY_DISTANCE - distance[again]) ** 2
         scaled_error = scale_rows(error[again, :, None], length)
         solution = np.linalg.solve(gram + damping[:, None, None] * np.eye(6), scaled_error)
-        motion[again] = (np.swapaxes(scale_rows(jacobian[again], length), -1, -2) @ solution)[..., 0]
+        motion[again] = (np.swapaxes(scale_rows(jacobian[again], length), -1, -2) @ solution)[
+            ..., 0
+        ]
     return motion, distance
 
 

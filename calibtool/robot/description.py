@@ -137,14 +137,18 @@ class Description(_Strict):
     equivalent: Equivalent | None = None
     tolerances: ToleranceTable = ToleranceTable()
     mounting: Mounting = Mounting()
-    external: dict[ExternalName, JointName] = {}  # external axes of programs that are joints of this chain
+    external: dict[
+        ExternalName, JointName
+    ] = {}  # external axes of programs that are joints of this chain
     coupling: Coupling | None = None  # the controller's joint values are those of the serial chain
     controller: ControllerTable | None = None  # controllers compute poses with the nominal robot
 
     @model_validator(mode="after")
     def _full_is_built_in(self) -> "Description":
         if "full" in self.workspaces:
-            raise ValueError("the workspace 'full' is built in (the whole joint range); choose another name")
+            raise ValueError(
+                "the workspace 'full' is built in (the whole joint range); choose another name"
+            )
         return self
 
 
@@ -184,7 +188,12 @@ def source_from_urdf(urdf_text: str, name: str) -> Source:
     """A description for a bare URDF: the last link is the tool, three targets on a circle of 0.1 m round it."""
     from calibtool.robot.urdf import last_frame  # Pinocchio is only needed here
 
-    safe = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in name).lstrip("._-") or "robot"
+    safe = (
+        "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in name).lstrip(
+            "._-"
+        )
+        or "robot"
+    )
     toml_text = (
         f'name = "{safe}"\ntitle = "{safe}, from a bare URDF"\n'
         'notes = ["Made from a bare URDF: the tool is the last link, the targets are stand-ins."]\n\n'
@@ -199,9 +208,13 @@ def example_robot_data() -> Path:
     from importlib.metadata import PackageNotFoundError, distribution
 
     try:
-        located = distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots")
+        located = distribution("example-robot-data").locate_file(
+            "cmeel.prefix/share/example-robot-data/robots"
+        )
     except PackageNotFoundError:
-        raise InputError("example-robot-data is not installed; run: pip install example-robot-data") from None
+        raise InputError(
+            "example-robot-data is not installed; run: pip install example-robot-data"
+        ) from None
     return Path(str(located))
 
 
@@ -222,18 +235,24 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except RecursionError:
         raise InputError(f"{place}: not valid TOML: nested too deeply") from None
-    except ValueError as error:  # TOMLDecodeError is one, and so is an integer of thousands of digits
+    except (
+        ValueError
+    ) as error:  # TOMLDecodeError is one, and so is an integer of thousands of digits
         raise InputError(f"{place}: not valid TOML: {error}") from None
 
 
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
     """A finding of pydantic as one line: key, what is wrong, near names for an unknown key, which comes first."""
     findings = error.errors()
-    first = next((finding for finding in findings if finding["type"] == "extra_forbidden"), findings[0])
+    first = next(
+        (finding for finding in findings if finding["type"] == "extra_forbidden"), findings[0]
+    )
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
         known = _fields_at(model, first["loc"][:-1])
-        return f"unknown key '{key}'" + (f"; {near_names(str(first['loc'][-1]), known)}" if known else "")
+        return f"unknown key '{key}'" + (
+            f"; {near_names(str(first['loc'][-1]), known)}" if known else ""
+        )
     message = first["msg"].removeprefix("Value error, ")
     return f"{key}: {message}" if key else message
 

@@ -8,7 +8,9 @@ import pinocchio as pin
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
-_CARRIES_LOAD = 0.02  # a joint carries load when its torque reaches this part of the largest joint's
+_CARRIES_LOAD = (
+    0.02  # a joint carries load when its torque reaches this part of the largest joint's
+)
 
 
 def gravity_torque(robot: Robot, q: Array) -> Array:

@@ -17,7 +17,9 @@ _STEP_LIMIT = 0.6  # rad (or characteristic lengths): longer steps leave the reg
 
 _ROWS_TOGETHER = 64  # rows for which several starts are tried at once
 _NEAR_STARTS = 24  # starts near the pose before those drawn from everywhere
-_FROM_NEAR = 12  # Newton steps: a start that needs more is at a joint limit, and another one is better
+_FROM_NEAR = (
+    12  # Newton steps: a start that needs more is at a joint limit, and another one is better
+)
 _FROM_AFAR = 60
 
 
@@ -81,9 +83,13 @@ def solve_poses(
             break
         bounds = lower[active], upper[active]
         step = _bounded_step(jacobian[active], error[active], caution[active], q[active], *bounds)
-        slides = np.linalg.norm(jacobian[active, 3:], axis=1) < 0.5  # joints that do not turn the tool, in m
+        slides = (
+            np.linalg.norm(jacobian[active, 3:], axis=1) < 0.5
+        )  # joints that do not turn the tool, in m
         longest = np.linalg.norm(np.where(slides, step / length, step), axis=-1, keepdims=True)
-        proposed = np.clip(q[active] + step * np.minimum(1.0, _STEP_LIMIT / np.maximum(longest, 1e-300)), *bounds)
+        proposed = np.clip(
+            q[active] + step * np.minimum(1.0, _STEP_LIMIT / np.maximum(longest, 1e-300)), *bounds
+        )
         moved = np.abs(proposed - q[active]).max(axis=-1)
         iterations[active] += 1
         new_pose, new_jacobian = forward_and_jacobian(proposed)
@@ -93,7 +99,9 @@ def solve_poses(
         rows = active[better]
         q[rows], error[rows] = proposed[better], new_error[better]
         jacobian[rows] = scale_rows(at_point(new_jacobian[better], new_pose[better, :3, 3]), length)
-        caution[active] = np.where(better, caution[active] / 5, np.maximum(5 * caution[active], 1e-4))
+        caution[active] = np.where(
+            better, caution[active] / 5, np.maximum(5 * caution[active], 1e-4)
+        )
         done = (moved < 1e-10) | (np.linalg.norm(error[active], axis=-1) < 1e-12)
         stationary[active[done]] = True
         active = active[~done]
@@ -156,10 +164,15 @@ def inverse_kinematics(
     near = starts_of(robot).nearest(target[rows], min(starts, _NEAR_STARTS))
     used = 0
     while used < starts and len(rows):
-        together = min(starts - used, max(2, _ROWS_TOGETHER // len(rows)))  # few rows: more starts in one batch
+        together = min(
+            starts - used, max(2, _ROWS_TOGETHER // len(rows))
+        )  # few rows: more starts in one batch
         q_start, steps = near[:, used : used + together], _FROM_NEAR
         if not q_start.shape[1]:
-            q_start, steps = drawn(robot, len(rows) * together, rng).reshape(len(rows), together, robot.n), _FROM_AFAR
+            q_start, steps = (
+                drawn(robot, len(rows) * together, rng).reshape(len(rows), together, robot.n),
+                _FROM_AFAR,
+            )
         together = q_start.shape[1]
         used += together
         again = solve(np.repeat(rows, together), q_start.reshape(-1, robot.n), steps)
@@ -173,7 +186,9 @@ def inverse_kinematics(
     return best
 
 
-def follow_path(robot: Robot, target: Array, q_seed: Array | None = None) -> tuple[Array, np.ndarray]:
+def follow_path(
+    robot: Robot, target: Array, q_seed: Array | None = None
+) -> tuple[Array, np.ndarray]:
     """Nominal joint positions (N, n) of poses in order (N, 4, 4), each from the answer before, and which were reached (N,).
 
     Neighbours stay on one branch. q_seed (n,) starts the first row, the home of the default workspace unless given.
@@ -190,7 +205,13 @@ def follow_path(robot: Robot, target: Array, q_seed: Array | None = None) -> tup
 
 
 def _bounded_step(
-    jacobian: Array, error: Array, caution: Array, q: Array, lower: Array, upper: Array, again: int = 2
+    jacobian: Array,
+    error: Array,
+    caution: Array,
+    q: Array,
+    lower: Array,
+    upper: Array,
+    again: int = 2,
 ) -> Array:
     """A damped step in which the joints that stand at a limit and would leave it keep still, looked for `again` times."""
     step = _damped_step(jacobian, error, caution)
@@ -207,7 +228,11 @@ def _damped_step(jacobian: Array, error: Array, caution: Array) -> Array:
     """Least-squares step (minimum norm for n > 6) with damping |error|² + caution: (N, 6, n), (N, 6) → (N, n)."""
     transposed = np.swapaxes(jacobian, -1, -2)
     # The last term keeps the matrix regular at a singularity: it must not drown in the rounding of large entries.
-    damping = np.minimum((error**2).sum(-1), 1.0) * 0.03 + caution + 1e-14 * np.maximum(1.0, (jacobian**2).sum((1, 2)))
+    damping = (
+        np.minimum((error**2).sum(-1), 1.0) * 0.03
+        + caution
+        + 1e-14 * np.maximum(1.0, (jacobian**2).sum((1, 2)))
+    )
     damping = damping[:, None, None]
     if jacobian.shape[-1] >= 6:
         gram = jacobian @ transposed + damping * np.eye(6)

@@ -61,7 +61,9 @@ class Mechanism:
     screws: tuple[Screw, ...]
 
     @classmethod
-    def of(cls, bodies: Bodies, placements: Array, twists: Array, offsets: Array | None = None) -> Self:
+    def of(
+        cls, bodies: Bodies, placements: Array, twists: Array, offsets: Array | None = None
+    ) -> Self:
         """The chain with these M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch per rad or m, and δq_j (n,), zero unless given."""
         screws = tuple(Screw.of(twist) for twist in twists)
         model = pin.Model()
@@ -110,7 +112,9 @@ class Mechanism:
         n = len(self.screws)
         columns = np.empty((len(q), n + 1, 4, 3))
         model, data, rows = self._moving(q)
-        live = [_columns_of(data.oMi[j + 1]) for j in range(n)] + [_columns_of(data.oMf[model.nframes - 1])]
+        live = [_columns_of(data.oMi[j + 1]) for j in range(n)] + [
+            _columns_of(data.oMf[model.nframes - 1])
+        ]
         for row, moved in zip(rows, columns, strict=True):
             pin.framesForwardKinematics(model, data, row)
             for j, frame in enumerate(live):
@@ -162,7 +166,9 @@ class Mechanism:
     def as_model(self, lower: Array, upper: Array) -> pin.Model:
         """A copy of the Pinocchio model with joint limits (n,) in rad or m, to go on with elsewhere."""
         model = self.model.copy()
-        model.lowerPositionLimit, model.upperPositionLimit = self.configuration(np.array([lower, upper]))
+        model.lowerPositionLimit, model.upperPositionLimit = self.configuration(
+            np.array([lower, upper])
+        )
         return model
 
     def _per_joint(self, jacobians: Array) -> Array:

@@ -48,7 +48,9 @@ class Robot:
                 raise InputError(f"{place}: joint {index + 1} is given twice, again by '{name}'")
             seen.add(index)
             if not low < high:
-                raise InputError(f"{place}.{name}: the lower limit {low:g} is not below the upper limit {high:g}")
+                raise InputError(
+                    f"{place}.{name}: the lower limit {low:g} is not below the upper limit {high:g}"
+                )
             lower[index], upper[index] = low * factor, high * factor
         for unlimited in np.flatnonzero(np.isnan(lower)):
             j = int(unlimited) + 1
@@ -64,12 +66,18 @@ class Robot:
                 raise InputError(
                     f"{source.place}: tolerances.joints.{name}: the robot has {n} joints (j{n + 1} is the tool)"
                 )
-        if description.equivalent is not None and len(set(description.equivalent.virtual_joints)) != max(6 - n, 0):
-            raise InputError(f"{source.place}: equivalent.virtual_joints: {max(6 - n, 0)} different ones are needed")
+        if description.equivalent is not None and len(
+            set(description.equivalent.virtual_joints)
+        ) != max(6 - n, 0):
+            raise InputError(
+                f"{source.place}: equivalent.virtual_joints: {max(6 - n, 0)} different ones are needed"
+            )
         coupling_matrix(description, n, source.place)
         for name, joint in description.external.items():
             if int(joint[1:]) > n or list(description.external.values()).count(joint) > 1:
-                raise InputError(f"{source.place}: external.{name}: '{joint}' is no joint of its own; there are {n}")
+                raise InputError(
+                    f"{source.place}: external.{name}: '{joint}' is no joint of its own; there are {n}"
+                )
         return cls(source, chain, readonly(lower), readonly(upper))
 
     @property
@@ -90,7 +98,10 @@ class Robot:
     @cached_property
     def external(self) -> dict[int, int]:
         """Joints that programs call external axes, by the number of the axis from 0: a track, a turntable below the arm."""
-        return {int(axis[1:]) - 1: int(joint[1:]) - 1 for axis, joint in self.source.description.external.items()}
+        return {
+            int(axis[1:]) - 1: int(joint[1:]) - 1
+            for axis, joint in self.source.description.external.items()
+        }
 
     @cached_property
     def arm(self) -> list[int]:
@@ -189,7 +200,9 @@ class Robot:
         names = self.workspace_names
         chosen = names[0] if name is None else name
         if chosen not in names:
-            raise UsageError(f"{self.name} has no workspace '{chosen}'; {near_names(chosen, names)}")
+            raise UsageError(
+                f"{self.name} has no workspace '{chosen}'; {near_names(chosen, names)}"
+            )
         return chosen, self.source.description.workspaces.get(chosen)
 
     def home(self, workspace: Workspace | None) -> Array:
@@ -211,7 +224,9 @@ class Robot:
     def check_positions(self, q: Array, place: str) -> None:
         """InputError unless q is (N, n) and finite."""
         if q.ndim != 2 or q.shape[1] != self.n:
-            raise InputError(f"{place}: joint positions have shape {q.shape}, but {self.name} has {self.n} joints")
+            raise InputError(
+                f"{place}: joint positions have shape {q.shape}, but {self.name} has {self.n} joints"
+            )
         if not np.isfinite(q).all():
             raise InputError(
                 f"{place}: row {int(np.argwhere(~np.isfinite(q))[0, 0]) + 1} holds a joint position that is not finite"
@@ -224,4 +239,9 @@ def _prismatic(chain: SerialChain) -> list[bool]:
 
 def is_path(name: str) -> bool:
     """Whether a robot's name means a file or a folder instead of one of the catalogue."""
-    return "/" in name or "\\" in name or Path(name).suffix in (".toml", ".urdf") or Path(name).is_dir()
+    return (
+        "/" in name
+        or "\\" in name
+        or Path(name).suffix in (".toml", ".urdf")
+        or Path(name).is_dir()
+    )

@@ -52,13 +52,17 @@ class Reach:
             p_tool=readonly(T_tool_base[:3, :3] @ points[-1] + T_tool_base[:3, 3]),
             a_base=readonly(axes[0]),
             a_tool=readonly(T_tool_base[:3, :3] @ axes[-1]),
-            distance=_polygon(np.linalg.norm(np.diff(points, axis=0), axis=1), float(strokes.sum())),
+            distance=_polygon(
+                np.linalg.norm(np.diff(points, axis=0), axis=1), float(strokes.sum())
+            ),
             angle=_polygon(angle_between(axes[1:], axes[:-1]), 0.0),
         )
 
     def excludes(self, target: Array, position: float, orientation: float) -> np.ndarray:
         """Poses (N, 4, 4) that no joint positions give to within `position` (m) and `orientation` (rad): (N,) bool."""
-        distance = np.linalg.norm(target[:, :3, :3] @ self.p_tool + target[:, :3, 3] - self.p_base, axis=-1)
+        distance = np.linalg.norm(
+            target[:, :3, :3] @ self.p_tool + target[:, :3, 3] - self.p_base, axis=-1
+        )
         angle = angle_between(target[:, :3, :3] @ self.a_tool, self.a_base)
         slack = position + orientation * float(np.linalg.norm(self.p_tool)) + _ROUNDING
         result: np.ndarray = _outside(distance, self.distance, slack)
@@ -99,7 +103,9 @@ def _nearest_points(points: Array, axes: Array) -> Array:
     for _ in range(100):
         lengths = np.linalg.norm(start + (sides @ shifts).reshape(-1, 3), axis=1)
         weights = np.repeat(1.0 / np.sqrt(np.maximum(lengths, 1e-6)), 3)
-        shifts[:] = -np.linalg.lstsq(weights[:, None] * sides, weights * start.ravel(), rcond=None)[0]
+        shifts[:] = -np.linalg.lstsq(weights[:, None] * sides, weights * start.ravel(), rcond=None)[
+            0
+        ]
     return points + shifts[:, None] * axes
 
 

@@ -37,7 +37,9 @@ class Screw:
         turn, speed = _length(angular), _length(linear)
         here, twist = readonly(np.zeros(3)), readonly(twist)
         if not turn:
-            return cls(pin.JointModelPrismaticUnaligned(linear / speed), here, readonly([speed]), twist)
+            return cls(
+                pin.JointModelPrismaticUnaligned(linear / speed), here, readonly([speed]), twist
+            )
         across = np.cross(angular, linear) / turn**2
         if np.linalg.norm(across) > _FARTHEST_AXIS:
             return cls(pin.JointModelFreeFlyer(), here, twist, twist)
@@ -58,7 +60,9 @@ def _turning(axis: Array, pitch: float) -> pin.JointModel:
     """The Pinocchio joint about a unit vector (3,) with a pitch in m per rad."""
     if pitch:
         return pin.JointModelHelicalUnaligned(axis, pitch)
-    for unit, model in zip(np.eye(3), (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ), strict=True):
+    for unit, model in zip(
+        np.eye(3), (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ), strict=True
+    ):
         if np.array_equal(axis, unit):
             return model()
     return pin.JointModelRevoluteUnaligned(axis)

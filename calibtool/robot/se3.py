@@ -16,7 +16,8 @@ def readonly(values: Any, shape: tuple[int, ...] | None = None) -> Array:
     """A read-only float copy of `values`; with `shape`, -1 stands for any length (ValueError otherwise)."""
     array = np.array(values, dtype=float)
     if shape is not None and (
-        array.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, array.shape, strict=True))
+        array.ndim != len(shape)
+        or any(want not in (-1, have) for want, have in zip(shape, array.shape, strict=True))
     ):
         raise ValueError(f"expected shape {shape}, got {array.shape}")
     array.flags.writeable = False
@@ -32,7 +33,9 @@ def skew(vector: Array) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """a × b of vectors (3, …), components first."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    return np.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
 def exp6(twist: Array) -> Array:
@@ -122,10 +125,14 @@ def check_poses(pose: Array, place: str) -> None:
     rotation = pose[:, :3, :3]
     with np.errstate(invalid="ignore"):
         rigid = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(axis=(1, 2)) < 1e-5
-        rigid &= (np.linalg.det(rotation) > 0) & (np.abs(pose[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-5)
+        rigid &= (np.linalg.det(rotation) > 0) & (
+            np.abs(pose[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-5
+        )
     wrong = np.flatnonzero(~(rigid & np.isfinite(pose).all(axis=(1, 2))))
     if len(wrong):
-        raise InputError(f"{place}: row {wrong[0] + 1} is no rigid motion: a finite translation and a rotation matrix")
+        raise InputError(
+            f"{place}: row {wrong[0] + 1} is no rigid motion: a finite translation and a rotation matrix"
+        )
 
 
 def adjoint(pose: Array) -> Array:

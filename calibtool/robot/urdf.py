@@ -28,7 +28,9 @@ def joint_name(model: pin.Model, joint: int) -> str:
 def parse_urdf(urdf_text: str, name: str) -> pin.Model:
     """The Pinocchio model of a URDF text; name stands in messages. InputError for what is no arm."""
     if re.search(r"<!(?:DOCTYPE|ENTITY)", urdf_text, re.IGNORECASE):
-        raise InputError(f"{name}: the URDF holds a document type or entities (<!DOCTYPE …>); expected plain XML")
+        raise InputError(
+            f"{name}: the URDF holds a document type or entities (<!DOCTYPE …>); expected plain XML"
+        )
     model = read_urdf(urdf_text, name, pin.buildModelFromUrdf)
     if model.njoints < 2:
         raise InputError(f"{name}: the URDF has no movable joint")
@@ -47,9 +49,13 @@ def read_urdf(urdf_text: str, name: str, read: Callable[[str], T]) -> T:
                     return read(str(path))
             except (ValueError, RuntimeError):
                 reason = _reason(said.read_text(errors="replace"))
-                raise InputError(f"{name}: the URDF cannot be read{reason}; check it with a URDF checker") from None
+                raise InputError(
+                    f"{name}: the URDF cannot be read{reason}; check it with a URDF checker"
+                ) from None
     except OSError as error:
-        raise UsageError(f"temporary folder: {error.strerror or error}; make room, or set TMPDIR") from None
+        raise UsageError(
+            f"temporary folder: {error.strerror or error}; make room, or set TMPDIR"
+        ) from None
 
 
 def _tell_joints_from_links(model: pin.Model) -> None:
@@ -93,7 +99,9 @@ def locked_joints(model: pin.Model, locked: dict[str, float], name: str) -> tupl
     ids, names = [], [joint_name(model, j) for j in range(model.njoints)]
     for joint, value in locked.items():
         if joint not in names[1:]:
-            raise InputError(f"{name}: locked joint '{joint}' is not in the URDF; {near_names(joint, names[1:])}")
+            raise InputError(
+                f"{name}: locked joint '{joint}' is not in the URDF; {near_names(joint, names[1:])}"
+            )
         j = names.index(joint, 1)
         check_single(model.joints[j], joint, name)
         ids.append(j)

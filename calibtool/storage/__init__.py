@@ -23,7 +23,11 @@ from calibtool.storage.untrusted import check_bytes, check_contents, sealed
 if TYPE_CHECKING:
     from calibtool.storage.studies import StudyFile
 
-MEASUREMENTS, CALIBRATION, STUDY = "calibtool/measurements", "calibtool/calibration", "calibtool/study"
+MEASUREMENTS, CALIBRATION, STUDY = (
+    "calibtool/measurements",
+    "calibtool/calibration",
+    "calibtool/study",
+)
 SCHEMA_VERSION = 1
 
 T = TypeVar("T")
@@ -34,7 +38,9 @@ def to_bytes(contents: Measurements | Calibration) -> bytes:
     """The HDF5 file of measurements or of a calibration."""
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=("v110", "v110")) as file:
-        put_string(file, "schema", MEASUREMENTS if isinstance(contents, Measurements) else CALIBRATION)
+        put_string(
+            file, "schema", MEASUREMENTS if isinstance(contents, Measurements) else CALIBRATION
+        )
         file.attrs["schema_version"] = SCHEMA_VERSION
         put_string(file, "creator", "calibtool")
         put_string(file, "creator_version", __version__)
@@ -66,7 +72,10 @@ def read_study(stream: BinaryIO, name: str) -> "StudyFile":
 
 def read_any(stream: BinaryIO, name: str) -> Measurements | Calibration:
     """Whichever of the two kinds the stream holds."""
-    build: Builders[Measurements | Calibration] = {MEASUREMENTS: build_measurements, CALIBRATION: build_calibration}
+    build: Builders[Measurements | Calibration] = {
+        MEASUREMENTS: build_measurements,
+        CALIBRATION: build_calibration,
+    }
     return _read(stream, name, build)
 
 
@@ -90,14 +99,18 @@ def _read(stream: BinaryIO, name: str, builders: Builders[T]) -> T:
     """What the builder of the file's schema makes of it."""
     data = stream.read()
     if not data:
-        raise InputError(f"{name}: empty; expected a calibtool HDF5 file (did the command before fail?)")
+        raise InputError(
+            f"{name}: empty; expected a calibtool HDF5 file (did the command before fail?)"
+        )
     try:
         check_bytes(data)
         with h5py.File(io.BytesIO(data), "r") as file:
             check_contents(file, len(data))
             found = _schema(file)
             if found == STUDY and STUDY not in builders:
-                raise InputError(f"{name}: the table of a study; calibtool info and any HDF5 reader open it")
+                raise InputError(
+                    f"{name}: the table of a study; calibtool info and any HDF5 reader open it"
+                )
             if found not in (MEASUREMENTS, CALIBRATION, STUDY):
                 raise InputError(
                     f"{name}: an HDF5 file, but not one of calibtool (no schema {MEASUREMENTS} or {CALIBRATION})"
@@ -116,8 +129,18 @@ def _read(stream: BinaryIO, name: str, builders: Builders[T]) -> T:
     except CalibtoolError:
         raise
     except OSError:
-        raise InputError(f"{name}: not an HDF5 file, or cut off; expected a file that calibtool wrote") from None
-    except (KeyError, ValueError, TypeError, RuntimeError, IndexError, AttributeError, OverflowError) as error:
+        raise InputError(
+            f"{name}: not an HDF5 file, or cut off; expected a file that calibtool wrote"
+        ) from None
+    except (
+        KeyError,
+        ValueError,
+        TypeError,
+        RuntimeError,
+        IndexError,
+        AttributeError,
+        OverflowError,
+    ) as error:
         raise InputError(f"{name}: damaged: {' '.join(str(error).split())}") from None
 
 

@@ -50,9 +50,23 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
     model.attrs["residual_rms_position_m"] = base.residual_rms[0]
     if base.residual_rms[1] is not None:
         model.attrs["residual_rms_orientation_rad"] = base.residual_rms[1]
-    put_text(model, "unobservable", list(base.unobservable), "parameters or directions that were not determined")
+    put_text(
+        model,
+        "unobservable",
+        list(base.unobservable),
+        "parameters or directions that were not determined",
+    )
     units = ", ".join(robot.joint_units)
-    put(model, "joint_positions", calibration.q, units, "configurations used", "joint", "configuration", "joint")
+    put(
+        model,
+        "joint_positions",
+        calibration.q,
+        units,
+        "configurations used",
+        "joint",
+        "configuration",
+        "joint",
+    )
     write_errors(model.create_group("errors"), base.errors)
     write_conditions(model.create_group("conditions"), calibration.conditions)
     put(
@@ -74,7 +88,10 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
         _write_frame(file.create_group("frame"), calibration.frame)
     equivalent = file.create_group("equivalent")
     put_text(
-        equivalent, "virtual_joints", list(calibration.equivalent.virtual_joints), "elementary twists of the tool frame"
+        equivalent,
+        "virtual_joints",
+        list(calibration.equivalent.virtual_joints),
+        "elementary twists of the tool frame",
     )
     for i, network in enumerate(calibration.networks):
         _write_network(file.create_group(f"networks/{i}"), network, units)
@@ -88,8 +105,26 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
 
 def _write_frame(group: h5py.Group, frame: ChosenFrame) -> None:
     put_string(group, "name", frame.name)
-    put(group, "T_taught_fitted", frame.T_taught_fitted, "m", "base of the fit", "taught base", "row", "column")
-    put(group, "T_tool_taught", frame.T_tool_taught, "m", "taught tool frame", "tool of the fit", "row", "column")
+    put(
+        group,
+        "T_taught_fitted",
+        frame.T_taught_fitted,
+        "m",
+        "base of the fit",
+        "taught base",
+        "row",
+        "column",
+    )
+    put(
+        group,
+        "T_tool_taught",
+        frame.T_tool_taught,
+        "m",
+        "taught tool frame",
+        "tool of the fit",
+        "row",
+        "column",
+    )
 
 
 def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
@@ -102,14 +137,31 @@ def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
         group.attrs[name] = getattr(posterior, name)
     put_text(group, "names", parameters.names, "parameter names")
     put(group, "prior_std", posterior.prior_std, "SI", "tolerance as used", "", "parameter")
-    put(group, "covariance", posterior.covariance, "SI", "of the estimate", "", "parameter", "parameter")
+    put(
+        group,
+        "covariance",
+        posterior.covariance,
+        "SI",
+        "of the estimate",
+        "",
+        "parameter",
+        "parameter",
+    )
 
 
 def _write_flagged(group: h5py.Group, flagged: Flagged) -> None:
     put_string(group, "cluster", flagged.cluster or "")
     group.attrs["dropped"] = flagged.dropped
     put(group, "rows", flagged.rows, "1", "configurations that do not fit, from 0", "", "row")
-    put(group, "size", flagged.size, "1", "residual in standard deviations per coordinate", "", "row")
+    put(
+        group,
+        "size",
+        flagged.size,
+        "1",
+        "residual in standard deviations per coordinate",
+        "",
+        "row",
+    )
     put(group, "position", flagged.position, "m", "residual over the target points", "base", "row")
 
 
@@ -131,7 +183,15 @@ def _write_training(group: h5py.Group, training: TrainingReport) -> None:
     put_string(group, "regularisation", training.regularisation)
     group.attrs["effective"] = training.effective
     group.attrs["hidden"] = training.hidden
-    put(group, "training_loss", history.training, training.loss_units, "loss on the training rows", "", "iteration")
+    put(
+        group,
+        "training_loss",
+        history.training,
+        training.loss_units,
+        "loss on the training rows",
+        "",
+        "iteration",
+    )
     put(
         group,
         "validation_loss",
@@ -151,7 +211,15 @@ def _write_training(group: h5py.Group, training: TrainingReport) -> None:
         "restart",
     )
     put(group, "training_rows", training.training_rows, "1", "configurations trained on", "", "row")
-    put(group, "validation_rows", training.validation_rows, "1", "configurations validated on", "", "row")
+    put(
+        group,
+        "validation_rows",
+        training.validation_rows,
+        "1",
+        "configurations validated on",
+        "",
+        "row",
+    )
 
 
 def build_calibration(file: h5py.File) -> Calibration:
@@ -186,11 +254,15 @@ def build_calibration(file: h5py.File) -> Calibration:
         robot=robot,
         base=base,
         equivalent=equivalent,
-        networks=tuple(_network(networks[str(i)], robot.n, equivalent.p) for i in range(len(networks))),
+        networks=tuple(
+            _network(networks[str(i)], robot.n, equivalent.p) for i in range(len(networks))
+        ),
         training=_training(file["training"]) if "training" in file else None,
         validation=None
         if validation is None
-        else CrossValidation(int(validation["folds"]), float(validation["gain"]), float(validation["standard_error"])),
+        else CrossValidation(
+            int(validation["folds"]), float(validation["gain"]), float(validation["standard_error"])
+        ),
         nominal_setup=read_setup(file["registration_nominal"]),
         noise_position=read_number(model, "noise_position_m"),
         noise_orientation=read_number(model, "noise_orientation_rad"),
@@ -220,7 +292,9 @@ def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
             if not np.array_equal(np.unique(elements), elements) or not (
                 0 <= elements.min() <= elements.max() < np.prod(shape)
             ):
-                raise ValueError(f"{group.name}: elements_{family.id} are not those of a value of shape {shape}")
+                raise ValueError(
+                    f"{group.name}: elements_{family.id} are not those of a value of shape {shape}"
+                )
             parts.append(Part(family, shape, elements))
     parameters = replace(Parameters.of(robot, setup), parts=tuple(parts))
     p = parameters.count
@@ -247,7 +321,10 @@ def _flagged(group: h5py.Group) -> Flagged:
 def _network(group: h5py.Group, n: int, p: int) -> Regressor:
     kind = REGRESSORS[string(group, "kind")]
     sizes = {"joint": n, "motion": p, "hidden": group["output_weights"].shape[1]}
-    shapes = {name: [sizes[dimension] for dimension in dimensions] for name, (_, _, dimensions) in kind.fields.items()}
+    shapes = {
+        name: [sizes[dimension] for dimension in dimensions]
+        for name, (_, _, dimensions) in kind.fields.items()
+    }
     return kind(**{name: get(group, name, *shape) for name, shape in shapes.items()})
 
 

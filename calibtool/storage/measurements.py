@@ -29,7 +29,16 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
     group.attrs["noise_position_m"] = measurements.noise_position
     group.attrs["noise_orientation_rad"] = measurements.noise_orientation
     units = ", ".join(robot.joint_units)
-    put(group, "joint_positions", measurements.q, units, "commanded joint positions", "joint", "configuration", "joint")
+    put(
+        group,
+        "joint_positions",
+        measurements.q,
+        units,
+        "commanded joint positions",
+        "joint",
+        "configuration",
+        "joint",
+    )
     write_conditions(group, measurements.conditions)
     if measurements.commanded is not None:
         labels = ("configuration", "row", "column")
@@ -39,10 +48,27 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
     put(group, "points", measurements.points, "m", "measured target points", "instrument", *labels)
     if measurements.rotations is not None:
         labels = ("configuration", "row", "column")
-        put(group, "rotations", measurements.rotations, "1", "measured sensor orientations", "instrument", *labels)
+        put(
+            group,
+            "rotations",
+            measurements.rotations,
+            "1",
+            "measured sensor orientations",
+            "instrument",
+            *labels,
+        )
     if measurements.deviations is not None:
         words = "standard deviations along the instrument's axes"
-        put(group, "deviations", measurements.deviations, "m, rad", words, "instrument", "configuration", "coordinate")
+        put(
+            group,
+            "deviations",
+            measurements.deviations,
+            "m, rad",
+            words,
+            "instrument",
+            "configuration",
+            "coordinate",
+        )
     write_setup(file.create_group("registration"), measurements.setup)
     if measurements.truth is not None:
         actual = measurements.truth.actual
@@ -60,7 +86,9 @@ def build_measurements(file: h5py.File) -> Measurements:
     truth = None
     if "truth" in file:
         stored = file["truth"]
-        actual = ActualRobot(read_errors(stored["errors"], robot), read_number(stored, "temperature_c"))
+        actual = ActualRobot(
+            read_errors(stored["errors"], robot), read_number(stored, "temperature_c")
+        )
         truth = Truth(actual, read_setup(stored["registration"]))
     return Measurements(
         robot=robot,

@@ -16,7 +16,9 @@ from calibtool.robot.se3 import Array, readonly
 from calibtool.storage.texts import put_string, put_text, string, text
 
 
-def put(group: h5py.Group, name: str, values: Any, units: str, long_name: str, frame: str, *dims: str) -> None:
+def put(
+    group: h5py.Group, name: str, values: Any, units: str, long_name: str, frame: str, *dims: str
+) -> None:
     """A dataset that describes itself."""
     dataset = group.create_dataset(name, data=np.asarray(values))
     put_string(dataset, "units", units)
@@ -97,7 +99,10 @@ def read_setup(group: h5py.Group) -> Setup:
     return Setup(
         T_instrument_base=get(group, "T_instrument_base", 4, 4),
         targets=get(group, "targets", -1, 3),
-        **{name: get(group, name, *shape) for name, (shape, _, _) in KINDS[string(group, "kind")].arrays.items()},
+        **{
+            name: get(group, name, *shape)
+            for name, (shape, _, _) in KINDS[string(group, "kind")].arrays.items()
+        },
         frame_known=bool(group.attrs["frame_known"]),
         targets_known=bool(group.attrs["targets_known"]),
     )
@@ -108,21 +113,43 @@ def write_errors(group: h5py.Group, errors: RobotErrors) -> None:
     for family in FAMILIES:
         value = errors[family.id]
         labels = ("joint", "term")[: value.ndim]
-        put(group, family.id, value, family.unit, f"{family.words}: {family.meaning}", "joint", *labels)
+        put(
+            group,
+            family.id,
+            value,
+            family.unit,
+            f"{family.words}: {family.meaning}",
+            "joint",
+            *labels,
+        )
 
 
 def read_errors(group: h5py.Group, robot: Robot) -> RobotErrors:
     """The same back. KeyError or ValueError for a damaged file."""
     shapes = {family.id: [-1] * len(family.shape(robot.n)) for family in FAMILIES}
-    return RobotErrors.of(robot, **{name: get(group, name, *shape) for name, shape in shapes.items()})
+    return RobotErrors.of(
+        robot, **{name: get(group, name, *shape) for name, shape in shapes.items()}
+    )
 
 
 def write_conditions(group: h5py.Group, conditions: Conditions) -> None:
     """What is known of the conditions of the rows."""
     if conditions.direction is not None:
         signs = conditions.direction.astype(np.int8)
-        put(group, "direction", signs, "1", "sign of each joint's last motion", "joint", "configuration", "joint")
-    for name, unit, words in (("payload_kg", "kg", "mass at the tool"), ("temperature_c", "°C", "of the links")):
+        put(
+            group,
+            "direction",
+            signs,
+            "1",
+            "sign of each joint's last motion",
+            "joint",
+            "configuration",
+            "joint",
+        )
+    for name, unit, words in (
+        ("payload_kg", "kg", "mass at the tool"),
+        ("temperature_c", "°C", "of the links"),
+    ):
         values = getattr(conditions, name)
         if values is not None:
             put(group, name, values, unit, words, "", *["configuration"][: np.ndim(values)])
@@ -131,9 +158,13 @@ def write_conditions(group: h5py.Group, conditions: Conditions) -> None:
 def read_conditions(group: h5py.Group, n: int) -> Conditions:
     """The same back, for n joints."""
     known = {
-        name: get(group, name, *[-1] * group[name].ndim) for name in ("payload_kg", "temperature_c") if name in group
+        name: get(group, name, *[-1] * group[name].ndim)
+        for name in ("payload_kg", "temperature_c")
+        if name in group
     }
-    return Conditions(direction=get(group, "direction", -1, n) if "direction" in group else None, **known)
+    return Conditions(
+        direction=get(group, "direction", -1, n) if "direction" in group else None, **known
+    )
 
 
 def read_provenance(file: h5py.File) -> dict[str, str]:

@@ -25,14 +25,18 @@ def read(path: str | os.PathLike[str]) -> Measurements | Calibration:
         raise InputError(f"{path}: {error.strerror or error}") from None
 
 
-def write(contents: Measurements | Calibration, path: str | os.PathLike[str], *, force: bool = False) -> None:
+def write(
+    contents: Measurements | Calibration, path: str | os.PathLike[str], *, force: bool = False
+) -> None:
     """Write an HDF5 file, whole or not at all; an existing one is replaced only with `force`.
 
     Raises UsageError if the file exists or cannot be written.
     """
     target = Path(path)
     if target.exists() and not force:
-        raise UsageError(f"{path}: exists already; choose another name, or overwrite it with force=True")
+        raise UsageError(
+            f"{path}: exists already; choose another name, or overwrite it with force=True"
+        )
     data = to_bytes(contents)
     temporary: str | None = None
     try:

@@ -45,7 +45,9 @@ def study_to_bytes(table: StudyTable, definition: str) -> bytes:
                 counts = np.array([-1 if cell is None else cell for cell in column], dtype=np.int64)
                 put(group, name, counts, "1", long_name, "", "row")
             else:
-                values = np.array([np.nan if cell is None else cell for cell in column], dtype=float)
+                values = np.array(
+                    [np.nan if cell is None else cell for cell in column], dtype=float
+                )
                 put(group, name, values, _units(name), long_name, "", "row")
     return sealed(buffer.getvalue())
 
@@ -64,7 +66,8 @@ def build_study(file: h5py.File) -> StudyFile:
         raise ValueError("its definition is none")
     key = string(file, "study")
     return StudyFile(
-        StudyTable(key, tuple(checked_row((key, *cells)) for cells in zip(*columns, strict=True))), definition
+        StudyTable(key, tuple(checked_row((key, *cells)) for cells in zip(*columns, strict=True))),
+        definition,
     )
 
 
@@ -76,8 +79,12 @@ def _column(group: h5py.Group, name: str) -> list[Cell]:
         raise ValueError(f"{group.name}/{name} holds a value that is not finite")
     if name in COUNTS:
         if group[name].dtype.kind not in "iu":
-            raise ValueError(f"{group.name}/{name} holds {group[name].dtype}; expected whole numbers")
-        return [None if value == -1 else int(value) for value in group[name][()]]  # seeds of 53 bits stay exact
+            raise ValueError(
+                f"{group.name}/{name} holds {group[name].dtype}; expected whole numbers"
+            )
+        return [
+            None if value == -1 else int(value) for value in group[name][()]
+        ]  # seeds of 53 bits stay exact
     return [None if np.isnan(value) else float(value) for value in values]
 
 

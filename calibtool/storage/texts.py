@@ -65,5 +65,7 @@ def _encoded(text: str) -> bytes:
 
 
 def _kind(*data: bytes) -> np.dtype:
-    kind: np.dtype = h5py.string_dtype("utf-8", max([1, *map(len, data)]))  # HDF5 has no text of length zero
+    kind: np.dtype = h5py.string_dtype(
+        "utf-8", max([1, *map(len, data)])
+    )  # HDF5 has no text of length zero
     return kind

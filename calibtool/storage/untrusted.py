@@ -41,7 +41,9 @@ def check_bytes(data: bytes) -> None:
         return
     behind = data[_end_of_file(data) :]
     if behind and (behind.startswith(_MARK) or _MARK.startswith(behind)):
-        raise ValueError("it ends in the middle of its SHA-256: cut off since it was written; get it again")
+        raise ValueError(
+            "it ends in the middle of its SHA-256: cut off since it was written; get it again"
+        )
     for heap in _HEAP.finditer(data):
         _check_heap(data, heap.start())
 

@@ -19,7 +19,12 @@ from typer.testing import CliRunner, Result
 
 from calibtool.cli import app
 
-_OWN = ("FORCE_COLOR", "CLICOLOR_FORCE", "PYTHONUNBUFFERED", "PYTHONIOENCODING")  # the tests choose these themselves
+_OWN = (
+    "FORCE_COLOR",
+    "CLICOLOR_FORCE",
+    "PYTHONUNBUFFERED",
+    "PYTHONIOENCODING",
+)  # the tests choose these themselves
 ENVIRONMENT = {
     **{name: value for name, value in os.environ.items() if name not in _OWN},
     "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
@@ -46,8 +51,12 @@ class Files:
 
 def run(*arguments: object, stdin: bytes | str = b"", code: int = 0) -> Result:
     """Run `calibtool ARGUMENTS` in this process and check its exit code."""
-    result = CliRunner().invoke(app, [str(a) for a in arguments], input=stdin, prog_name="calibtool")
-    assert result.exit_code == code, f"calibtool {arguments}: exit code {result.exit_code}\n{result.stderr}"
+    result = CliRunner().invoke(
+        app, [str(a) for a in arguments], input=stdin, prog_name="calibtool"
+    )
+    assert result.exit_code == code, (
+        f"calibtool {arguments}: exit code {result.exit_code}\n{result.stderr}"
+    )
     return result
 
 
@@ -84,10 +93,15 @@ def only_line(stderr: str) -> str:
 
 def contents(folder: Path) -> dict[str, bytes | None]:
     """Every file below a folder with its bytes, hidden ones too; None for folders and what is no regular file."""
-    return {str(p.relative_to(folder)): p.read_bytes() if p.is_file() else None for p in sorted(folder.rglob("*"))}
+    return {
+        str(p.relative_to(folder)): p.read_bytes() if p.is_file() else None
+        for p in sorted(folder.rglob("*"))
+    }
 
 
-def shell(script: str, folder: Path, timeout: float = 120, **environment: str) -> subprocess.CompletedProcess[bytes]:
+def shell(
+    script: str, folder: Path, timeout: float = 120, **environment: str
+) -> subprocess.CompletedProcess[bytes]:
     """Run a bash script with pipefail, `calibtool` on the PATH."""
     return subprocess.run(
         ["bash", "-c", f"set -o pipefail\n{script}"],
@@ -104,7 +118,9 @@ def rows_of(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
-def write_table(path: str, header: Sequence[str], rows: Sequence[Sequence[object]], separator: str = ",") -> str:
+def write_table(
+    path: str, header: Sequence[str], rows: Sequence[Sequence[object]], separator: str = ","
+) -> str:
     """Write a table without any quoting; returns the path."""
     lines = [separator.join(header), *(separator.join(map(str, row)) for row in rows)]
     Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -29,12 +29,23 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
         return str(folder / f"{name}.h5")
 
     run("simulate", "planar-3r", "-n", 40, "-o", path("measurements"))
-    run("simulate", "planar-3r", "-n", 30, "--same-robot", path("measurements"), "-o", path("fresh"))
+    run(
+        "simulate", "planar-3r", "-n", 30, "--same-robot", path("measurements"), "-o", path("fresh")
+    )
     run("identify", path("measurements"), "--model", "local-poe", "-o", path("local-poe"))
     run("train", path("measurements"), "--base", "nominal", "--restarts", 1, "-o", path("paper"))
     run("train", path("measurements"), "--restarts", 1, *EARLY, "-o", path("network"))
     run("simulate", "fanuc-m1000ia", "-n", 40, "-o", path("six-measurements"))
-    run("simulate", "fanuc-m1000ia", "-n", 30, "--same-robot", path("six-measurements"), "-o", path("six-fresh"))
+    run(
+        "simulate",
+        "fanuc-m1000ia",
+        "-n",
+        30,
+        "--same-robot",
+        path("six-measurements"),
+        "-o",
+        path("six-fresh"),
+    )
     run("train", path("six-measurements"), "--restarts", 1, *EARLY, "-o", path("six-network"))
     run("simulate", "ur10", "-n", 30, "-o", path("ten"))
     return Files(folder)

@@ -24,7 +24,9 @@ POINTS = [f"t{i}_{axis}_mm" for i in (1, 2, 3) for axis in "xyz"]
 
 def test_words_of_a_file_neither_break_the_line_nor_move_the_cursor(files: Files) -> None:
     words = "a\x85b\u2028c\x1b[2J\u202e"
-    line = refused(3, "compensate", files.local_poe, "-", stdin=f"{','.join(PLANAR)}\n1,2,{words}\n")
+    line = refused(
+        3, "compensate", files.local_poe, "-", stdin=f"{','.join(PLANAR)}\n1,2,{words}\n"
+    )
     assert r"holds 'a\x85b\u2028c\x1b[2J\u202e'" in line
     assert r"no\x1b[2Jsuch.h5" in refused(2, "info", "no\x1b[2Jsuch.h5")
 
@@ -137,7 +139,9 @@ def test_a_file_that_does_not_exist(files: Files, reader: str) -> None:
 @any_reader
 def test_a_folder_in_place_of_a_file(files: Files, reader: str) -> None:
     Path("folder.h5").mkdir()
-    code = 2 if reader == "compensate targets" else 3  # a folder of programs needs another one for its results
+    code = (
+        2 if reader == "compensate targets" else 3
+    )  # a folder of programs needs another one for its results
     assert refused(code, *given(reader, "folder.h5", files)).startswith("folder.h5: ")
 
 
@@ -183,7 +187,11 @@ def test_a_file_of_the_other_kind(files: Files, reader: str) -> None:
     """Measurements where a calibration is expected, and the reverse."""
     if reader == "info":
         pytest.skip("info takes both")
-    takes_measurements = reader in ("identify", "train", "simulate --same-robot") or reader.endswith("--on")
+    takes_measurements = reader in (
+        "identify",
+        "train",
+        "simulate --same-robot",
+    ) or reader.endswith("--on")
     wrong, expected = files.network, "calibtool/measurements"
     if not takes_measurements:
         wrong, expected = files.measurements, "calibtool/calibration"
@@ -215,7 +223,9 @@ def test_a_truncated_file(files: Files, name: str, part: float) -> None:
     Path("cut.h5").write_bytes(data[: int(len(data) * part)])
     message = refused(3, "info", "cut.h5")
     assert message.startswith("cut.h5: ")
-    assert refused(3, "info", "-", stdin=data[: int(len(data) * part)]) == message.replace("cut.h5", "stdin", 1)
+    assert refused(3, "info", "-", stdin=data[: int(len(data) * part)]) == message.replace(
+        "cut.h5", "stdin", 1
+    )
 
 
 @pytest.mark.parametrize("name", ["measurements", "network"])
@@ -319,7 +329,9 @@ def places(files: Files, header: list[str], rows: list[list[object]]) -> list[st
     return found
 
 
-@pytest.mark.parametrize("cell", ["NaN", "n/a", "inf", "1e999", "ten", "1,5e", "0x10", "1_0", "--3"])
+@pytest.mark.parametrize(
+    "cell", ["NaN", "n/a", "inf", "1e999", "ten", "1,5e", "0x10", "1_0", "--3"]
+)
 def test_a_cell_that_is_no_number(files: Files, cell: str) -> None:
     cell = cell.replace(",", ".")
     for message in places(files, PLANAR, [[1, 2, 3], [4, cell, 6], [7, 8, 9]]):
@@ -383,7 +395,10 @@ def test_degrees_in_a_column_of_radians(files: Files) -> None:
 def test_rows_of_another_length(files: Files) -> None:
     for text, cells in (("1,2,3\n4,5\n", "2 cells"), ("1,2,3\n4,5,6,7\n", "4 cells")):
         Path("t.csv").write_text("j1_deg,j2_deg,j3_deg\n" + text)
-        for arguments in (["compensate", files.network, "t.csv"], ["simulate", "planar-3r", "--at", "t.csv"]):
+        for arguments in (
+            ["compensate", files.network, "t.csv"],
+            ["simulate", "planar-3r", "--at", "t.csv"],
+        ):
             message = refused(3, *arguments, "-o", "out")
             assert message.startswith(f"t.csv:3: {cells}")
             assert "3 columns" in message
@@ -396,7 +411,10 @@ def test_a_header_without_rows(files: Files) -> None:
 
 def test_neither_joints_nor_poses(files: Files) -> None:
     write_table("t.csv", ["a", "b"], [[1, 2]])
-    for arguments in (["compensate", files.network, "t.csv"], ["simulate", "planar-3r", "--at", "t.csv"]):
+    for arguments in (
+        ["compensate", files.network, "t.csv"],
+        ["simulate", "planar-3r", "--at", "t.csv"],
+    ):
         message = refused(3, *arguments, "-o", "out")
         assert message.startswith("t.csv: ")
         assert "j1_deg" in message
@@ -418,7 +436,9 @@ def test_half_a_pose(files: Files, header: list[str], row: list[object]) -> None
 
 def test_a_quaternion_that_is_none(files: Files) -> None:
     write_table(
-        "t.csv", ["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"], [[1, 2, 3, 1, 0, 0, 0], [1, 2, 3, 1, 1, 0, 0]]
+        "t.csv",
+        ["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"],
+        [[1, 2, 3, 1, 0, 0, 0], [1, 2, 3, 1, 1, 0, 0]],
     )
     message = refused(3, "compensate", files.six_network, "t.csv", "-o", "c.csv")
     assert message.startswith("t.csv:3: quaternion")
@@ -467,8 +487,12 @@ def test_text_that_is_not_utf8(files: Files) -> None:
 
 def test_unreachable_poses() -> None:
     """Nothing to measure at; `compensate` writes the other rows, see there."""
-    write_table("t.csv", ["x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"], [[90000, 0, 0, 0, 0, 0]])
-    assert refused(4, "simulate", "fanuc-m1000ia", "--at", "t.csv", "-o", "m.h5").startswith("t.csv:2: ")
+    write_table(
+        "t.csv", ["x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"], [[90000, 0, 0, 0, 0, 0]]
+    )
+    assert refused(4, "simulate", "fanuc-m1000ia", "--at", "t.csv", "-o", "m.h5").startswith(
+        "t.csv:2: "
+    )
 
 
 # --- import ---------------------------------------------------------------------------------------------------------
@@ -490,7 +514,11 @@ unit = "mm"
         ('"j3_deg"', '"j3_dg"', "t.csv: no column 'j3_dg'; did you mean j3_deg"),
         ('"t1_z_mm"', '"t1_zz_mm"', "t.csv: no column 't1_zz_mm'; did you mean t1_z_mm"),
         (', "j3_deg"', "", "t.csv: 2 joint columns, but planar-3r has 3 joints"),
-        ('unit = "deg"', 'unit = "mm"', "t.csv: column 'j1_deg' is in mm, but its joint is revolute"),
+        (
+            'unit = "deg"',
+            'unit = "mm"',
+            "t.csv: column 'j1_deg' is in mm, but its joint is revolute",
+        ),
         ('unit = "deg"', 'unit = "degree"', "map.toml: joints.unit"),
         ('unit = "deg"', 'unit = ["deg", "deg"]', "t.csv: 2 joint units for 3 joints"),
         ('unit = "deg"', "", "map.toml: joints.unit"),
@@ -498,7 +526,11 @@ unit = "mm"
         ("[[targets]]", "[targets]", "map.toml: targets"),
         ("[joints]", "[joint]", "map.toml: "),
         ("[joints]", "[joints", "map.toml: not valid TOML"),
-        ('unit = "mm"', 'unit = "mm"\non_tool_mm = [1.0, nan, 0.0]', "map.toml: targets.0.on_tool_mm"),
+        (
+            'unit = "mm"',
+            'unit = "mm"\non_tool_mm = [1.0, nan, 0.0]',
+            "map.toml: targets.0.on_tool_mm",
+        ),
         ('unit = "mm"', 'unit = "mm"\n[noise]\nposition_mm = 0', "map.toml: noise.position_mm"),
         ('unit = "mm"', 'unit = "mm"\n[instrument]\nframe = "world"', "map.toml: instrument.frame"),
         ("\n[joints]", 'delimiter = ";;"\n[joints]', "map.toml: delimiter"),
@@ -510,14 +542,18 @@ def test_a_wrong_map(files: Files, old: str, new: str, named: str) -> None:
     measured_table(files.measurements, "t.csv")
     assert old in MAP
     Path("map.toml").write_text(MAP.replace(old, new, 1))
-    message = refused(3, "import", "t.csv", "--robot", "planar-3r", "--columns", "map.toml", "-o", "m.h5")
+    message = refused(
+        3, "import", "t.csv", "--robot", "planar-3r", "--columns", "map.toml", "-o", "m.h5"
+    )
     assert message.startswith(named)
 
 
 def test_a_misspelt_key_is_named_before_what_it_leaves_missing(files: Files) -> None:
     measured_table(files.measurements, "t.csv")
     Path("map.toml").write_text(MAP.replace('unit = "deg"', 'units = "deg"'))
-    message = refused(3, "import", "t.csv", "--robot", "planar-3r", "--columns", "map.toml", "-o", "m.h5")
+    message = refused(
+        3, "import", "t.csv", "--robot", "planar-3r", "--columns", "map.toml", "-o", "m.h5"
+    )
     assert "'joints.units'" in message
     assert "unit" in message.replace("units", "")
 
@@ -588,7 +624,9 @@ def test_collinear_targets_of_a_map(files: Files) -> None:
         for i in (1, 2, 3)
     )
     Path("map.toml").write_text(MAP[: MAP.index("[[targets]]")] + targets)
-    message = refused(3, "import", "t.csv", "--robot", "planar-3r", "--columns", "map.toml", "-o", "m.h5")
+    message = refused(
+        3, "import", "t.csv", "--robot", "planar-3r", "--columns", "map.toml", "-o", "m.h5"
+    )
     assert "collinear" in message
 
 
@@ -655,7 +693,9 @@ def test_a_folder_without_a_robot() -> None:
     ],
     ids=["a tag", "a number", "the end", "nothing", "no XML", "no joint"],
 )
-def test_a_urdf_that_cannot_be_read(old: str | None, new: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_urdf_that_cannot_be_read(
+    old: str | None, new: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     """The URDF library writes lines of its own on the process's stderr; the user must not see them."""
     text = (shipped("robots") / "planar-3r" / "robot.urdf").read_text(encoding="utf-8")
     assert old is None or old in text

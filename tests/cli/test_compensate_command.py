@@ -23,7 +23,9 @@ ANGLES = [[0, 10, -10, 0, -70, 0], [10, 20, -30, 5, -60, 10], [-15, 5, 0, -10, -
 
 
 def joints_of(text: str, columns: list[str]) -> np.ndarray:
-    return np.array([[float(row[c]) if row[c] else np.nan for c in columns] for row in rows_of(text)])
+    return np.array(
+        [[float(row[c]) if row[c] else np.nan for c in columns] for row in rows_of(text)]
+    )
 
 
 def poses_of_angles() -> np.ndarray:
@@ -31,17 +33,24 @@ def poses_of_angles() -> np.ndarray:
     return load_robot("fanuc-m1000ia").mechanism.forward(np.deg2rad(ANGLES))
 
 
-def pose_table(path: str, T: np.ndarray, form: str = "quaternion", unit: str = "mm", **more: list[str]) -> str:
+def pose_table(
+    path: str, T: np.ndarray, form: str = "quaternion", unit: str = "mm", **more: list[str]
+) -> str:
     turn = Rotation.from_matrix(T[:, :3, :3])
     names, values = {
         "quaternion": (["qw", "qx", "qy", "qz"], turn.as_quat(scalar_first=True)),
         "rotation vector": (["rx_rad", "ry_rad", "rz_rad"], turn.as_rotvec()),
-        "roll pitch yaw": (["roll_deg", "pitch_deg", "yaw_deg"], turn.as_euler("xyz", degrees=True)),
+        "roll pitch yaw": (
+            ["roll_deg", "pitch_deg", "yaw_deg"],
+            turn.as_euler("xyz", degrees=True),
+        ),
     }[form]
     positions = T[:, :3, 3] * (1e3 if unit == "mm" else 1)
     rows = np.hstack([positions, values]).tolist()
     header = [*(f"{axis}_{unit}" for axis in "xyz"), *names, *more]
-    return write_table(path, header, [[*row, *(c[k] for c in more.values())] for k, row in enumerate(rows)])
+    return write_table(
+        path, header, [[*row, *(c[k] for c in more.values())] for k, row in enumerate(rows)]
+    )
 
 
 # --- joints ---------------------------------------------------------------------------------------------------------
@@ -56,12 +65,18 @@ def test_corrected_joints_bring_the_actual_robot_where_it_should_be(files: Files
     run("simulate", "fanuc-m1000ia", "--at", "targets.csv", *exact, "-o", "drawing.h5")
     run("simulate", "fanuc-m1000ia", "--at", "targets.csv", *again, "-o", "before.h5")
     run("simulate", "fanuc-m1000ia", "--at", "corrected.csv", *again, "-o", "after.h5")
-    drawing, before, after = (stored(f"{n}.h5", "measurements/points") for n in ("drawing", "before", "after"))
-    error_before, error_after = (np.linalg.norm(p - drawing, axis=-1).mean(axis=1) for p in (before, after))
+    drawing, before, after = (
+        stored(f"{n}.h5", "measurements/points") for n in ("drawing", "before", "after")
+    )
+    error_before, error_after = (
+        np.linalg.norm(p - drawing, axis=-1).mean(axis=1) for p in (before, after)
+    )
     assert (error_after < 0.35 * error_before).all()
 
 
-@pytest.mark.parametrize("names", [PLANAR, ["j1_rad", "j2_rad", "j3_rad"], ["j1_deg", "j2_rad", "j3_deg"]])
+@pytest.mark.parametrize(
+    "names", [PLANAR, ["j1_rad", "j2_rad", "j3_rad"], ["j1_deg", "j2_rad", "j3_deg"]]
+)
 def test_joints_keep_their_units(files: Files, names: list[str]) -> None:
     factors = [np.pi / 180 if name.endswith("rad") else 1.0 for name in names]
     write_table("deg.csv", PLANAR, [[10, 20, 30], [-40, 70, 15]])
@@ -76,10 +91,16 @@ def test_joints_keep_their_units(files: Files, names: list[str]) -> None:
 def test_prismatic_joints_in_mm_and_m() -> None:
     run("simulate", "gantry", "-n", 15, "-o", "m.h5")
     run("identify", "m.h5", "-o", "c.h5")
-    write_table("mm.csv", ["j1_mm", "j2_mm", "j3_mm", "j4_deg", "j5_deg"], [[1500, 900, 400, 10, 40]])
+    write_table(
+        "mm.csv", ["j1_mm", "j2_mm", "j3_mm", "j4_deg", "j5_deg"], [[1500, 900, 400, 10, 40]]
+    )
     write_table("m.csv", ["j1_m", "j2_m", "j3_m", "j4_deg", "j5_deg"], [[1.5, 0.9, 0.4, 10, 40]])
-    mm = joints_of(run("compensate", "c.h5", "mm.csv").stdout, ["j1_mm", "j2_mm", "j3_mm", "j4_deg", "j5_deg"])
-    m = joints_of(run("compensate", "c.h5", "m.csv").stdout, ["j1_m", "j2_m", "j3_m", "j4_deg", "j5_deg"])
+    mm = joints_of(
+        run("compensate", "c.h5", "mm.csv").stdout, ["j1_mm", "j2_mm", "j3_mm", "j4_deg", "j5_deg"]
+    )
+    m = joints_of(
+        run("compensate", "c.h5", "m.csv").stdout, ["j1_m", "j2_m", "j3_m", "j4_deg", "j5_deg"]
+    )
     np.testing.assert_allclose(mm, m * [1000, 1000, 1000, 1, 1], rtol=1e-12)
 
 
@@ -94,7 +115,9 @@ def test_other_columns_pass_through(files: Files) -> None:
     assert [row["comment"] for row in rows] == ['left, then "up"', "é"]
     write_table("plain.csv", PLANAR, [[10, 20, 30], [11, 21, 31]])
     expected = joints_of(run("compensate", files.network, "plain.csv").stdout, PLANAR)
-    np.testing.assert_array_equal(joints_of(run("compensate", files.network, "t.csv").stdout, PLANAR), expected)
+    np.testing.assert_array_equal(
+        joints_of(run("compensate", files.network, "t.csv").stdout, PLANAR), expected
+    )
 
 
 def test_the_corrected_table_can_be_measured_at(files: Files) -> None:
@@ -121,7 +144,10 @@ def test_what_no_joint_can_correct_is_stated_for_few_joints(files: Files) -> Non
     assert 0 < float(row["left_mm"]) < 2
     assert 0 < float(row["left_mrad"]) < 10
     write_table("six.csv", SIX, ANGLES)
-    assert list(rows_of(run("compensate", files.six_network, "six.csv").stdout)[0]) == [*SIX, "status"]
+    assert list(rows_of(run("compensate", files.six_network, "six.csv").stdout)[0]) == [
+        *SIX,
+        "status",
+    ]
 
 
 def test_seven_joints() -> None:
@@ -149,7 +175,9 @@ def test_without_errors_nothing_is_corrected() -> None:
     run("simulate", "fanuc-m1000ia", "-n", 20, *exact, "-o", "m.h5")
     run("identify", "m.h5", "-o", "c.h5")
     write_table("t.csv", SIX, ANGLES)
-    np.testing.assert_allclose(joints_of(run("compensate", "c.h5", "t.csv").stdout, SIX), ANGLES, atol=1e-7)
+    np.testing.assert_allclose(
+        joints_of(run("compensate", "c.h5", "t.csv").stdout, SIX), ANGLES, atol=1e-7
+    )
 
 
 # --- poses ----------------------------------------------------------------------------------------------------------
@@ -172,7 +200,9 @@ def test_joints_beside_a_pose_choose_the_branch(files: Files) -> None:
     """A wrist has two ways to one orientation: flip joints 4 and 6 by half a turn and turn joint 5 round."""
     T = poses_of_angles()[1:2]
     flipped = [10, 20, -30, 5 - 180, 60, 10 - 180]
-    np.testing.assert_allclose(load_robot("fanuc-m1000ia").mechanism.forward(np.deg2rad([flipped])), T, atol=1e-9)
+    np.testing.assert_allclose(
+        load_robot("fanuc-m1000ia").mechanism.forward(np.deg2rad([flipped])), T, atol=1e-9
+    )
     for branch in (ANGLES[1], flipped):
         seeds = {name: [str(value + 2)] for name, value in zip(SIX, branch, strict=True)}
         pose_table("poses.csv", T, **seeds)
@@ -194,7 +224,9 @@ def test_an_unreachable_pose(files: Files) -> None:
     assert [rows[1][name] for name in SIX] == [""] * 6
     write_table("joints.csv", SIX, ANGLES)
     expected = joints_of(run("compensate", files.six_network, "joints.csv").stdout, SIX)
-    np.testing.assert_allclose(joints_of(Path("corrected.csv").read_text(), SIX)[[0, 2]], expected[[0, 2]], atol=1e-5)
+    np.testing.assert_allclose(
+        joints_of(Path("corrected.csv").read_text(), SIX)[[0, 2]], expected[[0, 2]], atol=1e-5
+    )
     lines = result.stderr.splitlines()
     assert len(lines) == 3
     assert lines[0].startswith("poses.csv:3: ")
@@ -239,7 +271,11 @@ def test_rows_outside_the_limits_are_marked(files: Files) -> None:
 def test_the_largest_change_is_told_and_kept(files: Files) -> None:
     write_table("t.csv", SIX, ANGLES)
     free = run("compensate", files.six_network, "t.csv")
-    told = [line for line in free.stderr.splitlines() if line.startswith("limit of the change of a joint: ")]
+    told = [
+        line
+        for line in free.stderr.splitlines()
+        if line.startswith("limit of the change of a joint: ")
+    ]
     assert len(told) == 1
     assert float(told[0].split(": ")[1].split()[0]) > 0.1
     bounded = run("compensate", files.six_network, "t.csv", "--largest-change-deg", "0.003")
@@ -253,7 +289,9 @@ def test_the_largest_change_is_told_and_kept(files: Files) -> None:
 @pytest.mark.parametrize("given", ["0", "-1", "nan", "0.0"])
 def test_a_largest_change_that_is_none_is_wrong_usage(files: Files, given: str) -> None:
     write_table("t.csv", SIX, ANGLES)
-    message = refused(2, "compensate", files.six_network, "t.csv", "-o", "c.csv", "--largest-change-deg", given)
+    message = refused(
+        2, "compensate", files.six_network, "t.csv", "-o", "c.csv", "--largest-change-deg", given
+    )
     assert "--largest-change-deg is" in message
     assert not Path("c.csv").exists()
 
@@ -261,11 +299,15 @@ def test_a_largest_change_that_is_none_is_wrong_usage(files: Files, given: str) 
 def test_weights_for_fewer_than_six_joints(files: Files) -> None:
     write_table("t.csv", PLANAR, [[20, 60, 20], [30, 50, 10]])
     plain, equal = (
-        run("compensate", files.network, "t.csv", *options).stdout for options in ([], ["--weights", "1,1,1,1,1,1"])
+        run("compensate", files.network, "t.csv", *options).stdout
+        for options in ([], ["--weights", "1,1,1,1,1,1"])
     )
     assert np.abs(joints_of(plain, PLANAR) - joints_of(equal, PLANAR)).max() > 1e-6
     left = [
-        sum(float(row["left_mm"]) ** 2 / 550**2 + (float(row["left_mrad"]) * 1e-3) ** 2 for row in rows_of(text))
+        sum(
+            float(row["left_mm"]) ** 2 / 550**2 + (float(row["left_mrad"]) * 1e-3) ** 2
+            for row in rows_of(text)
+        )
         for text in (plain, equal)
     ]
     assert left[1] < left[0]
@@ -273,13 +315,21 @@ def test_weights_for_fewer_than_six_joints(files: Files) -> None:
 
 @pytest.mark.parametrize(
     ("weights", "text"),
-    [("1,1,1", "six numbers"), ("a,b", "expected six numbers"), ("1,1,0,0,0,0", "2 weights are positive")],
+    [
+        ("1,1,1", "six numbers"),
+        ("a,b", "expected six numbers"),
+        ("1,1,0,0,0,0", "2 weights are positive"),
+    ],
 )
 def test_weights_that_are_none_are_wrong_usage(files: Files, weights: str, text: str) -> None:
     write_table("t.csv", PLANAR, [[20, 60, 20]])
-    assert text in refused(2, "compensate", files.network, "t.csv", "-o", "c.csv", "--weights", weights)
+    assert text in refused(
+        2, "compensate", files.network, "t.csv", "-o", "c.csv", "--weights", weights
+    )
     write_table("six.csv", SIX, ANGLES)
-    six = refused(2, "compensate", files.six_network, "six.csv", "-o", "c.csv", "--weights", "1,1,1,1,1,1")
+    six = refused(
+        2, "compensate", files.six_network, "six.csv", "-o", "c.csv", "--weights", "1,1,1,1,1,1"
+    )
     assert "fewer than six joints" in six
     assert not Path("c.csv").exists()
 
@@ -295,11 +345,15 @@ def test_targets_come_from_stdin_and_go_to_stdout_by_default(files: Files) -> No
     assert run("compensate", files.network, "-", stdin=data).stdout == expected
     run("compensate", files.network, "-", "-o", "c.csv", stdin=data)
     assert Path("c.csv").read_text() == expected
-    assert run("compensate", "-", "t.csv", stdin=Path(files.network).read_bytes()).stdout == expected
+    assert (
+        run("compensate", "-", "t.csv", stdin=Path(files.network).read_bytes()).stdout == expected
+    )
 
 
 def test_errors_in_stdin_are_placed_in_stdin(files: Files) -> None:
-    message = refused(3, "compensate", files.network, "-o", "c.csv", stdin="j1_deg,j2_deg,j3_deg\n1,2,x\n")
+    message = refused(
+        3, "compensate", files.network, "-o", "c.csv", stdin="j1_deg,j2_deg,j3_deg\n1,2,x\n"
+    )
     assert message.startswith("stdin:2: column 'j3_deg' holds 'x'")
 
 
@@ -324,5 +378,7 @@ def test_joint_values_of_a_controller(files: Files) -> None:
     assert float(shown["j3_controller_deg"]) + float(shown["j2_deg"]) == pytest.approx(
         float(serial["j3_serial_deg"]), abs=1e-9
     )
-    message = refused(2, "compensate", files.six_network, "serial.csv", "--joint-values", "controler")
+    message = refused(
+        2, "compensate", files.six_network, "serial.csv", "--joint-values", "controler"
+    )
     assert "--joint-values: unknown 'controler'; did you mean controller" in message

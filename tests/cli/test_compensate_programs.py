@@ -51,14 +51,21 @@ def test_the_format_can_be_given(calibration: str) -> None:
     other = run("compensate", calibration, "--format", "fanuc-ls", stdin=data)
     assert other.stdout_bytes == data
     assert "say so with --format" in other.stderr
-    assert "did you mean kuka-krl" in refused(2, "compensate", calibration, "--format", "kuka", "-o", "a", stdin=data)
+    assert "did you mean kuka-krl" in refused(
+        2, "compensate", calibration, "--format", "kuka", "-o", "a", stdin=data
+    )
 
 
 def test_a_table_is_still_a_table(calibration: str) -> None:
     text = "j1_deg,j2_deg,j3_serial_deg,j4_deg,j5_deg,j6_deg,note\n0,10,-10,0,-70,0,DEF movej(\n"
     table = run("compensate", calibration, "--format", "csv", stdin=text).stdout
     assert table.splitlines()[0].endswith(",note,status")
-    assert run("compensate", calibration, stdin=text.replace("movej(", "")).stdout.replace("DEF", "DEF movej(") == table
+    assert (
+        run("compensate", calibration, stdin=text.replace("movej(", "")).stdout.replace(
+            "DEF", "DEF movej("
+        )
+        == table
+    )
 
 
 # --- never over the original ----------------------------------------------------------------------------------------
@@ -70,7 +77,9 @@ def test_a_program_is_never_written_over_itself(calibration: str) -> None:
     Path("hard.ls").hardlink_to("a.ls")
     for output in ("a.ls", "./a.ls", "link.ls", "hard.ls"):
         message = refused(2, "compensate", calibration, "a.ls", "-o", output, "--force")
-        assert message == f"{output}: is the input; a program is never overwritten, give another name"
+        assert (
+            message == f"{output}: is the input; a program is never overwritten, give another name"
+        )
     assert "exists already" in refused(2, "compensate", calibration, "a.ls", "-o", "a.ls")
 
 
@@ -97,25 +106,41 @@ def test_errors_stop_or_are_skipped(calibration: str, line: str, code: int) -> N
 
 def test_a_calibration_of_another_robot(files: Files) -> None:
     message = refused(3, "compensate", files.local_poe, SAMPLES / "weld.ls", "-o", "b.ls")
-    assert "weld.ls:21: P[1]: holds J1, J2, J3, J4, J5, J6, but planar-3r has 3 joints; and" in message
+    assert (
+        "weld.ls:21: P[1]: holds J1, J2, J3, J4, J5, J6, but planar-3r has 3 joints; and" in message
+    )
 
 
 def test_options_that_do_not_fit(calibration: str) -> None:
     weld = SAMPLES / "weld.ls"
-    assert "--uncertainty" in refused(2, "compensate", calibration, weld, "--uncertainty", "-o", "b")
-    assert "--on-error" in refused(2, "compensate", calibration, weld, "--on-error", "stopp", "-o", "b")
-    assert "--joint-values" in refused(2, "compensate", calibration, weld, "--joint-values", "x", "-o", "b")
-    assert "no such file" in refused(2, "compensate", calibration, weld, "--frames", "x.toml", "-o", "b")
+    assert "--uncertainty" in refused(
+        2, "compensate", calibration, weld, "--uncertainty", "-o", "b"
+    )
+    assert "--on-error" in refused(
+        2, "compensate", calibration, weld, "--on-error", "stopp", "-o", "b"
+    )
+    assert "--joint-values" in refused(
+        2, "compensate", calibration, weld, "--joint-values", "x", "-o", "b"
+    )
+    assert "no such file" in refused(
+        2, "compensate", calibration, weld, "--frames", "x.toml", "-o", "b"
+    )
     Path("t.csv").write_text("j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg\n0,10,-10,0,-70,0\n")
-    assert "programs" in refused(2, "compensate", calibration, "t.csv", "--on-error", "skip", "-o", "b")
+    assert "programs" in refused(
+        2, "compensate", calibration, "t.csv", "--on-error", "skip", "-o", "b"
+    )
 
 
 def test_frames_from_a_file(calibration: str) -> None:
     Path("frames.toml").write_text("[frames.3]\nx_mm = 1900\n[tools.2]\n")
-    with_frames = run("compensate", calibration, SAMPLES / "weld.ls", "--frames", "frames.toml", "-o", "b.ls")
+    with_frames = run(
+        "compensate", calibration, SAMPLES / "weld.ls", "--frames", "frames.toml", "-o", "b.ls"
+    )
     assert "5 of 5 targets changed" in with_frames.stderr
     Path("frames.toml").write_text("[frames.3]\nx = 1900\n")
-    message = refused(3, "compensate", calibration, SAMPLES / "weld.ls", "--frames", "frames.toml", "-o", "c.ls")
+    message = refused(
+        3, "compensate", calibration, SAMPLES / "weld.ls", "--frames", "frames.toml", "-o", "c.ls"
+    )
     assert message.startswith("frames.toml: frames.3: unknown 'x'; did you mean ")
 
 
@@ -159,14 +184,35 @@ def test_frames_and_tools_of_another_file(calibration: str) -> None:
 def test_files_that_contradict_each_other(calibration: str) -> None:
     Path("part.mod").write_text(PART)
     Path("cell.sys").write_text(TOOLS)
-    Path("other.sys").write_text(TOOLS.replace("0,0,150", "0,0,151").replace("MODULE Cell", "MODULE Other"))
+    Path("other.sys").write_text(
+        TOOLS.replace("0,0,150", "0,0,151").replace("MODULE Cell", "MODULE Other")
+    )
     message = refused(
-        3, "compensate", calibration, "part.mod", "--with", "cell.sys", "--with", "other.sys", "-o", "b.mod"
+        3,
+        "compensate",
+        calibration,
+        "part.mod",
+        "--with",
+        "cell.sys",
+        "--with",
+        "other.sys",
+        "-o",
+        "b.mod",
     )
     assert message.startswith("other.sys:2: tGun: differs from cell.sys:2")
     assert not Path("b.mod").exists()
     Path("other.sys").write_text(TOOLS.replace("MODULE Cell", "MODULE Other"))
-    run("compensate", calibration, "part.mod", "--with", "cell.sys", "--with", "other.sys", "-o", "b.mod")
+    run(
+        "compensate",
+        calibration,
+        "part.mod",
+        "--with",
+        "cell.sys",
+        "--with",
+        "other.sys",
+        "-o",
+        "b.mod",
+    )
 
 
 def test_a_program_corrected_in_part(calibration: str) -> None:
@@ -177,11 +223,15 @@ def test_a_program_corrected_in_part(calibration: str) -> None:
     assert Path("b.mod").read_bytes() == Path("c.mod").read_bytes()
     assert partial.stderr.splitlines() == result.stderr.splitlines()[:-1]
     Path("joints.mod").write_text(PART.replace("  ENDPROC", f"    {GOOD}  ENDPROC"))
-    run("compensate", calibration, "joints.mod", "-o", "d.mod")  # no pose is corrected beside the one that is left
+    run(
+        "compensate", calibration, "joints.mod", "-o", "d.mod"
+    )  # no pose is corrected beside the one that is left
 
 
 def test_a_report_of_every_position(calibration: str) -> None:
-    Path("beside.mod").write_text(BESIDE.replace("  ENDPROC", f"    MoveL Offs(p,1,2,3),v100,fine,tool0;\n{GOOD}  ENDPROC"))
+    Path("beside.mod").write_text(
+        BESIDE.replace("  ENDPROC", f"    MoveL Offs(p,1,2,3),v100,fine,tool0;\n{GOOD}  ENDPROC")
+    )
     run("compensate", calibration, "beside.mod", "-o", "b.mod", "--partial", "--report", "r.csv")
     header, *rows = Path("r.csv").read_text().splitlines()
     assert header == "file,line,name,kind,fate,why"
@@ -203,19 +253,28 @@ def test_the_programs_of_a_folder(calibration: str) -> None:
     (folder / "sub" / "cell.sys").write_text(TOOLS)
     (folder / "weld.src").write_bytes((SAMPLES / "drill.src").read_bytes())
     (folder / "notes.txt").write_text("nothing\n")
-    result = run("compensate", calibration, "programs", "-o", "corrected", "--partial", "--report", "r.csv")
+    result = run(
+        "compensate", calibration, "programs", "-o", "corrected", "--partial", "--report", "r.csv"
+    )
     written = sorted(str(path) for path in Path("corrected").rglob("*") if path.is_file())
     assert written == ["corrected/part.mod", "corrected/sub/cell.sys", "corrected/weld.src"]
     assert Path("corrected/sub/cell.sys").read_text() == TOOLS
     assert Path("corrected/part.mod").read_text() != PART
-    assert any(line.startswith("programs (abb-rapid): 1 of 1 targets changed") for line in result.stderr.splitlines())
+    assert any(
+        line.startswith("programs (abb-rapid): 1 of 1 targets changed")
+        for line in result.stderr.splitlines()
+    )
     assert {row.split(",")[0] for row in Path("r.csv").read_text().splitlines()[1:]} == {
         "programs/part.mod",
         "programs/weld.src",
     }
-    assert "exists already" in refused(2, "compensate", calibration, "programs", "-o", "corrected", "--partial")
+    assert "exists already" in refused(
+        2, "compensate", calibration, "programs", "-o", "corrected", "--partial"
+    )
     (folder / "part.mod").write_text(PART.replace("658.584", "nan"))
-    assert refused(3, "compensate", calibration, "programs", "-o", "new").startswith("programs/part.mod:3: ")
+    assert refused(3, "compensate", calibration, "programs", "-o", "new").startswith(
+        "programs/part.mod:3: "
+    )
     assert not Path("new").exists()
     assert "-o" in refused(2, "compensate", calibration, "programs")
     Path("empty").mkdir()
@@ -237,12 +296,18 @@ def test_external_axes_beside_a_pose(calibration: str) -> None:
 
 def test_the_message_says_how_many_and_which(calibration: str) -> None:
     bad = FAR.replace("[1,0,0,0]", "[1,1,0,0]")
-    Path("a.mod").write_text(GOOD + bad + bad + GOOD.replace("10", "x", 1) + bad.replace("9000", "nan"))
+    Path("a.mod").write_text(
+        GOOD + bad + bad + GOOD.replace("10", "x", 1) + bad.replace("9000", "nan")
+    )
     message = refused(3, "compensate", calibration, "a.mod", "-o", "b.mod")
-    assert message.startswith("a.mod:2: MoveL […]: quaternion of length 1.414; expected 1; and 2 more (1 × ")
+    assert message.startswith(
+        "a.mod:2: MoveL […]: quaternion of length 1.414; expected 1; and 2 more (1 × "
+    )
 
 
-def test_a_program_of_very_many_positions(calibration: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_of_very_many_positions(
+    calibration: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("calibtool.programs.compensate.LARGEST", 2)
     Path("a.mod").write_text(GOOD * 3)
     message = refused(3, "compensate", calibration, "a.mod", "-o", "b.mod")

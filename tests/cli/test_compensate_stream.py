@@ -33,12 +33,19 @@ def test_a_program_asks_and_is_answered_row_by_row(files: Files) -> None:
 
 
 def test_json_lines_are_recognised(files: Files) -> None:
-    text = "".join(json.dumps({"j1_deg": a, "j2_deg": 20, "j3_deg": 30, "note": "x"}) + "\n" for a in (10, 20))
-    found = [json.loads(line) for line in run("compensate", files.network, stdin=text).stdout.splitlines()]
+    text = "".join(
+        json.dumps({"j1_deg": a, "j2_deg": 20, "j3_deg": 30, "note": "x"}) + "\n" for a in (10, 20)
+    )
+    found = [
+        json.loads(line)
+        for line in run("compensate", files.network, stdin=text).stdout.splitlines()
+    ]
     write_table("t.csv", PLANAR, [[10, 20, 30], [20, 20, 30]])
     rows = run("compensate", files.network, "t.csv").stdout.splitlines()[1:]
     for answer, row in zip(found, rows, strict=True):
-        assert [answer[name] for name in PLANAR] == pytest.approx([float(cell) for cell in row.split(",")[:3]])
+        assert [answer[name] for name in PLANAR] == pytest.approx(
+            [float(cell) for cell in row.split(",")[:3]]
+        )
         assert answer["note"] == "x"
 
 
@@ -51,7 +58,8 @@ def test_a_bad_row_far_down_leaves_no_file(files: Files) -> None:
 def test_a_reader_that_goes_away_ends_it_quietly(files: Files) -> None:
     write_table("t.csv", PLANAR, [[10, 20, 30]] * 50_000)
     result = shell(
-        f"calibtool compensate {files.network} t.csv | head -2 > two.csv; echo ${{PIPESTATUS[0]}}", Path.cwd()
+        f"calibtool compensate {files.network} t.csv | head -2 > two.csv; echo ${{PIPESTATUS[0]}}",
+        Path.cwd(),
     )
     assert len(Path("two.csv").read_text().splitlines()) == 2
     assert b"Traceback" not in result.stderr

@@ -14,7 +14,13 @@ FITTED = ["paper", "local-poe", "complete"]
 TABLES = ["evaluation.csv", "line.csv", "corrected.csv"]
 FIGURES = [f"{name}.{image}" for name in ("training", "errors") for image in ("png", "svg")]
 EXPORTED = [f"compensator.{suffix}" for suffix in ("json", "c", "h")]
-NAMES = [*(f"{name}.h5" for name in ("measurements", "fresh", *FITTED)), *TABLES, *FIGURES, *EXPORTED, "report.html"]
+NAMES = [
+    *(f"{name}.h5" for name in ("measurements", "fresh", *FITTED)),
+    *TABLES,
+    *FIGURES,
+    *EXPORTED,
+    "report.html",
+]
 
 
 def test_every_file_is_there_and_named(demo_run: Demo) -> None:
@@ -45,7 +51,9 @@ def test_stdout_stays_empty(demo_run: Demo) -> None:
 def test_the_evaluation_is_printed_and_true(demo_run: Demo) -> None:
     """The printed table is that of `evaluate` on the files left behind."""
     folder, result = demo_run
-    value = answer("evaluate", *(folder / f"{name}.h5" for name in FITTED), "--on", folder / "fresh.h5")
+    value = answer(
+        "evaluate", *(folder / f"{name}.h5" for name in FITTED), "--on", folder / "fresh.h5"
+    )
     assert [method["name"] for method in value["methods"]] == ["nominal", *FITTED]
     assert value["configurations"] == 1000
     printed = {line.split()[0]: line.split() for line in result.stderr.splitlines() if line.strip()}
@@ -56,7 +64,9 @@ def test_the_evaluation_is_printed_and_true(demo_run: Demo) -> None:
 
 def test_compensation_helps(demo_run: Demo) -> None:
     folder, _ = demo_run
-    for method in answer("evaluate", folder / "paper.h5", "--on", folder / "fresh.h5")["methods"][1:]:
+    for method in answer("evaluate", folder / "paper.h5", "--on", folder / "fresh.h5")["methods"][
+        1:
+    ]:
         assert method["reduction_percent"]["position_mean"] > 80
 
 
@@ -87,7 +97,9 @@ def test_every_file_says_where_it_comes_from(demo_run: Demo) -> None:
 
 def test_the_line_is_straight_and_all_of_it_is_corrected(demo_run: Demo) -> None:
     folder, _ = demo_run
-    line, corrected = (rows_of((folder / name).read_text()) for name in ("line.csv", "corrected.csv"))
+    line, corrected = (
+        rows_of((folder / name).read_text()) for name in ("line.csv", "corrected.csv")
+    )
     assert len(line) == len(corrected) == 100
     assert {row["x_mm"] for row in line} == {line[0]["x_mm"]}
     assert {row["status"] for row in corrected} == {"ok"}
@@ -99,7 +111,10 @@ def test_the_files_describe_themselves(demo_run: Demo) -> None:
     assert answer("info", folder / "measurements.h5")["configurations"] == 100
     assert answer("info", folder / "paper.h5")["base"]["model"] == "nominal"
     assert answer("info", folder / "local-poe.h5")["network"]["used"] is False
-    assert json.loads((folder / "compensator.json").read_text(encoding="utf-8"))["robot"] == "fanuc-m1000ia"
+    assert (
+        json.loads((folder / "compensator.json").read_text(encoding="utf-8"))["robot"]
+        == "fanuc-m1000ia"
+    )
 
 
 def test_a_folder_with_files_is_left_alone() -> None:
@@ -112,7 +127,9 @@ def test_a_folder_with_files_is_left_alone() -> None:
 @pytest.mark.parametrize("output", ["-", "taken", "taken/below"])
 def test_outputs_that_are_no_folder(output: str) -> None:
     Path("taken").write_text("a file")
-    assert output in refused(2, "demo", "-o", output).replace("-o DIR", "-" if output == "-" else "")
+    assert output in refused(2, "demo", "-o", output).replace(
+        "-o DIR", "-" if output == "-" else ""
+    )
 
 
 def test_an_empty_name_is_no_folder() -> None:

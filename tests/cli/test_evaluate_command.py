@@ -19,7 +19,9 @@ from commandline import (
 )
 
 STATISTICS = {"mean", "std", "rms", "p95", "max"}
-REDUCTIONS = {f"{quantity}_{s}" for quantity in ("position", "orientation") for s in ("mean", "max", "std")}
+REDUCTIONS = {
+    f"{quantity}_{s}" for quantity in ("position", "orientation") for s in ("mean", "max", "std")
+}
 
 
 @pytest.fixture
@@ -37,9 +39,21 @@ def real(files: Files) -> tuple[str, str]:
 
 def test_keys_of_the_contract(files: Files) -> None:
     value = answer("evaluate", files.network, files.paper, "--on", files.fresh)
-    assert set(value) == {"schema", "schema_version", "robot", "configurations", "kind", "methods", "uncorrectable"}
+    assert set(value) == {
+        "schema",
+        "schema_version",
+        "robot",
+        "configurations",
+        "kind",
+        "methods",
+        "uncorrectable",
+    }
     assert (value["schema"], value["schema_version"]) == ("calibtool/evaluation", 1)
-    assert (value["robot"], value["configurations"], value["kind"]) == ("planar-3r", 30, "compensated")
+    assert (value["robot"], value["configurations"], value["kind"]) == (
+        "planar-3r",
+        30,
+        "compensated",
+    )
     assert set(value["uncorrectable"]) == {"configurations", "position_mm", "orientation_mrad"}
     assert value["uncorrectable"]["configurations"] == 30  # three joints take no pose exactly
     for method in value["methods"]:
@@ -50,7 +64,12 @@ def test_keys_of_the_contract(files: Files) -> None:
 
 def test_nominal_comes_first_and_reduces_nothing(files: Files) -> None:
     value = answer("evaluate", files.network, files.paper, files.local_poe, "--on", files.fresh)
-    assert [method["name"] for method in value["methods"]] == ["nominal", "network", "paper", "local-poe"]
+    assert [method["name"] for method in value["methods"]] == [
+        "nominal",
+        "network",
+        "paper",
+        "local-poe",
+    ]
     assert set(value["methods"][0]["reduction_percent"].values()) == {0.0}
 
 
@@ -111,10 +130,23 @@ def test_a_robot_without_errors_has_none() -> None:
 def test_nominal_errors_are_those_of_the_simulated_robot(files: Files) -> None:
     """The arm measured without noise where it was commanded: the mean of its targets is off as the table says."""
     q = stored(files.fresh, "measurements/joint_positions")
-    Path("at.csv").write_text("j1_rad,j2_rad,j3_rad\n" + "\n".join(",".join(map(repr, row)) for row in q.tolist()))
+    Path("at.csv").write_text(
+        "j1_rad,j2_rad,j3_rad\n" + "\n".join(",".join(map(repr, row)) for row in q.tolist())
+    )
     exact = ["--length-error-mm", 0, "--angle-error-mrad", 0]
     run("simulate", "planar-3r", "--at", "at.csv", "--noise-mm", 0, *exact, "-o", "drawing.h5")
-    run("simulate", "planar-3r", "--at", "at.csv", "--noise-mm", 0, "--same-robot", files.fresh, "-o", "actual.h5")
+    run(
+        "simulate",
+        "planar-3r",
+        "--at",
+        "at.csv",
+        "--noise-mm",
+        0,
+        "--same-robot",
+        files.fresh,
+        "-o",
+        "actual.h5",
+    )
     points = "measurements/points"
     # Displacement of the targets' centroid: that of the tool point, less the lever arm of 50 mm times a few mrad.
     left = (stored("actual.h5", points) - stored("drawing.h5", points)).mean(axis=1) * 1e3
@@ -146,7 +178,10 @@ def test_the_table_for_people_goes_to_stderr(files: Files) -> None:
 def test_what_no_joint_can_correct_is_told(files: Files) -> None:
     stderr = run("evaluate", files.network, "--on", files.fresh).stderr
     beyond = answer("evaluate", files.network, "--on", files.fresh)["uncorrectable"]
-    assert f"30 poses are out of the joints' reach: at best {beyond['position_mm']['mean']:.3f} mm" in stderr
+    assert (
+        f"30 poses are out of the joints' reach: at best {beyond['position_mm']['mean']:.3f} mm"
+        in stderr
+    )
 
 
 def test_json_leaves_stderr_empty(files: Files) -> None:
@@ -192,7 +227,9 @@ def test_json_and_a_table_in_a_file(files: Files) -> None:
 
 
 def test_json_and_the_table_cannot_share_stdout(files: Files) -> None:
-    assert "--json" in refused(2, "evaluate", files.network, "--on", files.fresh, "--json", "-o", "-")
+    assert "--json" in refused(
+        2, "evaluate", files.network, "--on", files.fresh, "--json", "-o", "-"
+    )
 
 
 # --- real measurements ----------------------------------------------------------------------------------------------
@@ -219,11 +256,19 @@ def test_a_moved_instrument(real: tuple[str, str]) -> None:
     measurements, calibration = real
     run("simulate", "planar-3r", "-n", 30, "-o", "again.h5")
     table = rows_of(Path(measured_table("again.h5", "moved.csv")).read_text())
-    moved = [{k: str(float(v) + 100 * (k.endswith("x_mm"))) for k, v in row.items()} for row in table]
-    Path("moved.csv").write_text("\n".join([",".join(moved[0]), *(",".join(row.values()) for row in moved)]))
+    moved = [
+        {k: str(float(v) + 100 * (k.endswith("x_mm"))) for k, v in row.items()} for row in table
+    ]
+    Path("moved.csv").write_text(
+        "\n".join([",".join(moved[0]), *(",".join(row.values()) for row in moved)])
+    )
     run("import", "moved.csv", "--robot", "planar-3r", "-o", "moved.h5")
-    before = answer("evaluate", calibration, "--on", "moved.h5")["methods"][1]["position_mm"]["mean"]
-    after = answer("evaluate", calibration, "--on", "moved.h5", "--refit-setup")["methods"][1]["position_mm"]["mean"]
+    before = answer("evaluate", calibration, "--on", "moved.h5")["methods"][1]["position_mm"][
+        "mean"
+    ]
+    after = answer("evaluate", calibration, "--on", "moved.h5", "--refit-setup")["methods"][1][
+        "position_mm"
+    ]["mean"]
     assert before == pytest.approx(100, abs=5)
     assert after < 1
     assert Path(measurements).exists()
@@ -233,7 +278,9 @@ def test_a_moved_instrument(real: tuple[str, str]) -> None:
 
 
 def test_a_limit_that_is_met(files: Files) -> None:
-    result = run("evaluate", files.six_network, "--on", files.six_fresh, "--require", "position_max_mm=1000")
+    result = run(
+        "evaluate", files.six_network, "--on", files.six_fresh, "--require", "position_max_mm=1000"
+    )
     assert "above the limit" not in result.stderr
 
 
@@ -262,8 +309,12 @@ def test_nominal_need_not_meet_the_limit(files: Files) -> None:
 
 @pytest.mark.parametrize("statistic", sorted(STATISTICS))
 @pytest.mark.parametrize(("quantity", "unit"), [("position", "mm"), ("orientation", "mrad")])
-def test_limits_on_either_side_of_what_is_found(files: Files, quantity: str, unit: str, statistic: str) -> None:
-    found = answer("evaluate", files.paper, "--on", files.fresh)["methods"][1][f"{quantity}_{unit}"][statistic]
+def test_limits_on_either_side_of_what_is_found(
+    files: Files, quantity: str, unit: str, statistic: str
+) -> None:
+    found = answer("evaluate", files.paper, "--on", files.fresh)["methods"][1][
+        f"{quantity}_{unit}"
+    ][statistic]
     for factor, code in ((1.001, 0), (0.999, 5)):
         limit = f"{quantity}_{statistic}_{unit}={found * factor}"
         run("evaluate", files.paper, "--on", files.fresh, "--require", limit, code=code)
@@ -284,7 +335,9 @@ def test_a_limit_on_what_is_not_measured(files: Files) -> None:
     run("identify", "m.h5", "-o", "c.h5")
     value = answer("evaluate", "c.h5", "--on", "m.h5")
     assert [method["orientation_mrad"] for method in value["methods"]] == [None, None]
-    result = run("evaluate", "c.h5", "--on", "m.h5", "--json", "--require", "orientation_max_mrad=1", code=5)
+    result = run(
+        "evaluate", "c.h5", "--on", "m.h5", "--json", "--require", "orientation_max_mrad=1", code=5
+    )
     assert "orientation" in only_line(result.stderr)
 
 
@@ -296,7 +349,9 @@ WRONG_LIMITS = (
 
 @pytest.mark.parametrize("limit", ["", *WRONG_LIMITS.split()])
 def test_a_limit_that_cannot_be_read(files: Files, limit: str) -> None:
-    message = refused(2, "evaluate", files.network, "--on", files.fresh, "--require", limit, "-o", "errors.csv")
+    message = refused(
+        2, "evaluate", files.network, "--on", files.fresh, "--require", limit, "-o", "errors.csv"
+    )
     assert message.startswith(f"--require {limit}: expected position_S_mm=VALUE")
 
 
@@ -305,7 +360,9 @@ def test_a_limit_that_cannot_be_read(files: Files, limit: str) -> None:
 
 def test_exact_and_one_step(files: Files) -> None:
     exact, one = (
-        answer("evaluate", files.six_network, "--on", files.six_fresh, "--method", method)["methods"]
+        answer("evaluate", files.six_network, "--on", files.six_fresh, "--method", method)[
+            "methods"
+        ]
         for method in ("exact", "one-step")
     )
     assert exact[0] == one[0]
@@ -318,7 +375,16 @@ def test_rows_near_a_singularity_are_counted_in_a_warning(files: Files) -> None:
     """Joint 5 at zero lines joints 4 and 6 up."""
     header = "j1_deg,j2_deg,j3_serial_deg,j4_deg,j5_deg,j6_deg"
     Path("at.csv").write_text(f"{header}\n0,10,-10,0,0,0\n0,10,-10,0,-70,0\n")
-    run("simulate", "fanuc-m1000ia", "--at", "at.csv", "--same-robot", files.six_measurements, "-o", "m.h5")
+    run(
+        "simulate",
+        "fanuc-m1000ia",
+        "--at",
+        "at.csv",
+        "--same-robot",
+        files.six_measurements,
+        "-o",
+        "m.h5",
+    )
     result = run("evaluate", files.six_network, "--on", "m.h5", "--json")
     assert result.stderr.startswith("warning: six-network: 1 of 2 configurations")
     assert result.stderr.count("\n") == 1
@@ -341,7 +407,18 @@ def test_it_changes_no_input(files: Files) -> None:
 
 
 def test_rows_unlike_the_training_are_counted(files: Files) -> None:
-    run("simulate", "planar-3r", "-n", 40, "--workspace", "full", "--same-robot", files.measurements, "-o", "far.h5")
+    run(
+        "simulate",
+        "planar-3r",
+        "-n",
+        40,
+        "--workspace",
+        "full",
+        "--same-robot",
+        files.measurements,
+        "-o",
+        "far.h5",
+    )
     warning = "network: {} of 40 configurations are unlike the training's"
     shown = run("evaluate", files.network, "--on", "far.h5").stderr
     assert any(warning.format(count) in shown for count in range(1, 41))
@@ -351,7 +428,10 @@ def test_rows_unlike_the_training_are_counted(files: Files) -> None:
 
 def test_positions_alone_are_shown_without_orientation(files: Files) -> None:
     """One target three times at every configuration: no turn in the table, nor in the test after ISO 9283."""
-    q, points = stored(files.ten, "measurements/joint_positions"), stored(files.ten, "measurements/points")
+    q, points = (
+        stored(files.ten, "measurements/joint_positions"),
+        stored(files.ten, "measurements/points"),
+    )
     header = [*(f"j{k}_rad" for k in range(1, 7)), "x_m", "y_m", "z_m"]
     write_table("t.csv", header, np.repeat(np.hstack([q, points[:, 0]]), 3, axis=0).tolist())
     run("import", "t.csv", "--robot", "ur10", "-o", "m.h5")

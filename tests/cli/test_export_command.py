@@ -16,7 +16,10 @@ def test_json_on_stdout_and_in_a_file(files: Files) -> None:
     assert result.stderr == ""
     run("export", files.network, "--format", "json", "-o", "c.json")
     assert Path("c.json").read_text(encoding="utf-8") == result.stdout
-    assert run("export", "-", "--format", "json", stdin=Path(files.network).read_bytes()).stdout == result.stdout
+    assert (
+        run("export", "-", "--format", "json", stdin=Path(files.network).read_bytes()).stdout
+        == result.stdout
+    )
 
 
 def test_json_holds_what_a_reader_needs(files: Files) -> None:
@@ -26,7 +29,10 @@ def test_json_holds_what_a_reader_needs(files: Files) -> None:
     assert [joint["unit"] for joint in value["joints"]] == ["rad"] * 3
     assert np.shape(value["nominal_placements_m"]) == (4, 4, 4)
     assert np.shape(value["nominal_twists_per_rad_or_m"]) == (3, 6)
-    assert value["equivalent_robot"]["virtual_joints"] == answer("robots", "planar-3r")["virtual_joints"]
+    assert (
+        value["equivalent_robot"]["virtual_joints"]
+        == answer("robots", "planar-3r")["virtual_joints"]
+    )
     assert np.shape(value["network"]["hidden_weights"]) == (4, 3)
     assert np.shape(value["network"]["output_weights"]) == (6, 4)
     assert value["provenance"] == answer("info", files.network)["provenance"]
@@ -80,15 +86,22 @@ def test_c_corrects_as_the_command_does(files: Files, name: str, more: list[str]
         '    for (int j = 0; j < COMP_N; j++) printf("%.17g ", q_m[j]);\n  }\n  return 0;\n}\n'
     )
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
-    subprocess.run([compiler, *strict, "main.c", "comp.c", "-lm", "-o", "main"], check=True, timeout=60)
+    subprocess.run(
+        [compiler, *strict, "main.c", "comp.c", "-lm", "-o", "main"], check=True, timeout=60
+    )
     printed = subprocess.run(["./main"], capture_output=True, check=True, timeout=60).stdout
     found = np.array(printed.split(), dtype=float).reshape(2, n + 1)
     np.testing.assert_allclose(found[:, 1:], expected, rtol=0, atol=1e-12)
     for code, row in zip(found[:, 0], corrected, strict=True):
-        assert row["status"] in (STATUS[int(code)], "outside")  # of the training: a controller does not know it
+        assert row["status"] in (
+            STATUS[int(code)],
+            "outside",
+        )  # of the training: a controller does not know it
 
 
-@pytest.mark.parametrize("output", [[], ["-o", "-"], ["-o", "comp"], ["-o", "comp.h"], ["-o", "comp.cpp"]])
+@pytest.mark.parametrize(
+    "output", [[], ["-o", "-"], ["-o", "comp"], ["-o", "comp.h"], ["-o", "comp.cpp"]]
+)
 def test_c_needs_a_name_that_ends_in_c(files: Files, output: list[str]) -> None:
     assert ".c" in refused(2, "export", files.network, "--format", "c", *output)
 
@@ -101,10 +114,20 @@ def test_c_needs_a_name_that_can_begin_a_symbol(files: Files, name: str) -> None
 def test_structured_text_is_named_by_its_file(files: Files) -> None:
     run("export", files.network, "--format", "st", "-o", "robot_a.st")
     assert "\nFUNCTION_BLOCK robot_a\n" in Path("robot_a.st").read_text(encoding="ascii")
-    printed = run("export", "-", "--format", "st", "--precision", "REAL", stdin=Path(files.network).read_bytes()).stdout
+    printed = run(
+        "export",
+        "-",
+        "--format",
+        "st",
+        "--precision",
+        "REAL",
+        stdin=Path(files.network).read_bytes(),
+    ).stdout
     assert "\nFUNCTION_BLOCK calibtool\n" in printed
     assert "LREAL;" not in printed
-    assert "function block" in refused(2, "export", files.network, "--format", "st", "-o", "robot-a.st")
+    assert "function block" in refused(
+        2, "export", files.network, "--format", "st", "-o", "robot-a.st"
+    )
 
 
 def test_c_in_single_precision(files: Files) -> None:
@@ -122,7 +145,9 @@ def test_onnx_is_one_binary_file(files: Files) -> None:
 
 
 def test_onnx_needs_a_network(files: Files) -> None:
-    assert "no network" in refused(3, "export", files.local_poe, "--format", "onnx", "-o", "network.onnx")
+    assert "no network" in refused(
+        3, "export", files.local_poe, "--format", "onnx", "-o", "network.onnx"
+    )
 
 
 def test_a_urdf_is_a_robot_again_and_lists_what_it_leaves_out(files: Files) -> None:
@@ -134,10 +159,15 @@ def test_a_urdf_is_a_robot_again_and_lists_what_it_leaves_out(files: Files) -> N
 
 
 @pytest.mark.parametrize(
-    ("format", "precision"), [("json", "double"), ("urdf", "float"), ("c", "REAL"), ("st", "float"), ("onnx", "LREAL")]
+    ("format", "precision"),
+    [("json", "double"), ("urdf", "float"), ("c", "REAL"), ("st", "float"), ("onnx", "LREAL")],
 )
-def test_a_precision_that_the_format_does_not_have_is_refused(files: Files, format: str, precision: str) -> None:
-    assert "--precision" in refused(2, "export", files.network, "--format", format, "--precision", precision)
+def test_a_precision_that_the_format_does_not_have_is_refused(
+    files: Files, format: str, precision: str
+) -> None:
+    assert "--precision" in refused(
+        2, "export", files.network, "--format", format, "--precision", precision
+    )
 
 
 @pytest.mark.parametrize("existing", ["comp.c", "comp.h"])

@@ -42,7 +42,11 @@ def test_taught_programs_move_as_little_as_the_arm_is_off(here: Path) -> None:
     assert re.search(
         r"^frame fitted: every target moves by the common part, too: base 7", other, re.MULTILINE
     )
-    rows = rows_of(run("compensate", "c.h5", "s/targets.csv", "--joint-values", "serial", "--uncertainty").stdout)
+    rows = rows_of(
+        run(
+            "compensate", "c.h5", "s/targets.csv", "--joint-values", "serial", "--uncertainty"
+        ).stdout
+    )
     assert max(float(row["sd_mm"]) for row in rows) < 0.05
     for file in ("m.h5", "c.h5"):
         sizes = scene_of(read_any(io.BytesIO(Path(file).read_bytes()), file)).sizes

@@ -95,7 +95,14 @@ def test_no_command_prints_help() -> None:
 
 def test_help_names_the_exit_codes() -> None:
     text = " ".join(run("--help").stdout.split())
-    for meaning in ("0 done", "1 unexpected", "2 wrong usage", "3 bad input data", "4 no solution", "130 interrupted"):
+    for meaning in (
+        "0 done",
+        "1 unexpected",
+        "2 wrong usage",
+        "3 bad input data",
+        "4 no solution",
+        "130 interrupted",
+    ):
         assert meaning in text
 
 
@@ -103,11 +110,15 @@ def test_version() -> None:
     assert run("--version").stdout == f"calibtool {calibtool.__version__}\n"
 
 
-@pytest.mark.parametrize("start", [["-m", "calibtool"], [str(Path(sys.executable).with_name("calibtool"))]])
+@pytest.mark.parametrize(
+    "start", [["-m", "calibtool"], [str(Path(sys.executable).with_name("calibtool"))]]
+)
 def test_the_installed_command(start: list[str]) -> None:
     if not Path(start[-1]).exists() and len(start) == 1:
         pytest.skip("calibtool is not installed beside this Python")
-    finished = subprocess.run([sys.executable, *start, "--version"], capture_output=True, env=ENVIRONMENT, timeout=60)
+    finished = subprocess.run(
+        [sys.executable, *start, "--version"], capture_output=True, env=ENVIRONMENT, timeout=60
+    )
     assert finished.returncode == 0
     assert finished.stdout.decode() == f"calibtool {calibtool.__version__}\n"
     assert finished.stderr == b""
@@ -123,7 +134,9 @@ def test_help_does_not_import_what_computes() -> None:
         "heavy = {'numpy', 'scipy', 'pinocchio', 'h5py', 'matplotlib', 'jinja2'} & set(sys.modules)\n"
         "print('heavy:', *sorted(heavy), file=sys.stderr)\n"
     )
-    finished = subprocess.run([sys.executable, "-c", script], capture_output=True, env=ENVIRONMENT, timeout=60)
+    finished = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, env=ENVIRONMENT, timeout=60
+    )
     assert finished.stderr.decode() == "heavy:\n"
     assert finished.returncode == 0
 
@@ -136,9 +149,12 @@ def _tracker(files: Files) -> None:
     joints = [f"axis_{j}" for j in range(1, 7)]
     measured_table(files.ten, "tracker.csv", joints)
     targets = "".join(
-        f'[[targets]]\nmeasured = ["t{i}_x_mm", "t{i}_y_mm", "t{i}_z_mm"]\nunit = "mm"\n' for i in (1, 2, 3)
+        f'[[targets]]\nmeasured = ["t{i}_x_mm", "t{i}_y_mm", "t{i}_z_mm"]\nunit = "mm"\n'
+        for i in (1, 2, 3)
     )
-    Path("map.toml").write_text(f'[joints]\ncolumns = {joints}\nunit = "deg"\n{targets}'.replace("'", '"'))
+    Path("map.toml").write_text(
+        f'[joints]\ncolumns = {joints}\nunit = "deg"\n{targets}'.replace("'", '"')
+    )
 
 
 def _calibration(files: Files) -> None:
@@ -160,7 +176,9 @@ def _nothing(files: Files) -> None:
     del files
 
 
-PREPARED: dict[str, tuple[Callable[[Files], None], list[str]]] = {  # what must be there, what must come out
+PREPARED: dict[
+    str, tuple[Callable[[Files], None], list[str]]
+] = {  # what must be there, what must come out
     "robots": (_nothing, []),
     "simulate": (_nothing, ["measurements.h5"]),
     "import": (_tracker, ["measurements.h5"]),

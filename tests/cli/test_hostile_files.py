@@ -14,7 +14,11 @@ def test_a_damaged_sector_of_a_measurements_file(files: Files) -> None:
     data = bytearray(Path(files.measurements).read_bytes())
     data[1024:1536] = bytes(512)
     Path("bad.h5").write_bytes(data)
-    for command in (("info", "bad.h5"), ("identify", "bad.h5", "-o", "out.h5"), ("train", "-", "-o", "out.h5")):
+    for command in (
+        ("info", "bad.h5"),
+        ("identify", "bad.h5", "-o", "out.h5"),
+        ("train", "-", "-o", "out.h5"),
+    ):
         message = refused(3, *command, stdin=bytes(data))
         assert "do not match its SHA-256" in message
 
@@ -33,7 +37,9 @@ def test_a_robot_that_points_outside_of_its_folder() -> None:
         assert "is outside of arm; copy the file there" in refused(3, *command)
 
 
-@pytest.mark.parametrize("text", ["a = " + "[" * 5000, "a = " + "9" * 5000, "a." * 30_000 + "b = 1"])
+@pytest.mark.parametrize(
+    "text", ["a = " + "[" * 5000, "a = " + "9" * 5000, "a." * 30_000 + "b = 1"]
+)
 def test_toml_files(files: Files, text: str) -> None:
     Path("x.toml").write_text(text, encoding="utf-8")
     Path("t.csv").write_text("j1_deg,j2_deg,j3_deg,x_mm,y_mm,z_mm\n1,2,3,4,5,6\n", encoding="utf-8")

@@ -52,7 +52,9 @@ def test_json_and_the_file_cannot_share_stdout(files: Files) -> None:
     assert "-o" in message
 
 
-@pytest.mark.parametrize(("name", "revolute", "prismatic"), [("planar-3r", 3, 0), ("scara", 3, 1), ("ur10", 6, 0)])
+@pytest.mark.parametrize(
+    ("name", "revolute", "prismatic"), [("planar-3r", 3, 0), ("scara", 3, 1), ("ur10", 6, 0)]
+)
 def test_number_of_identifiable_parameters(name: str, revolute: int, prismatic: int) -> None:
     """A serial arm has 4 parameters per revolute joint, 2 per prismatic one and 6 of the tool, whatever its model."""
     run("simulate", name, "-n", 25, "-o", "m.h5")
@@ -69,7 +71,10 @@ def test_what_cannot_be_observed_is_said() -> None:
     assert base["rank"] < base["observable_rank"] == 18
     assert len(base["unobservable"]) == base["observable_rank"] - base["rank"]
     result = run("identify", "m.h5", *LOCAL, "-o", "c.h5")
-    assert f"warning: {base['observable_rank'] - base['rank']} directions are not observable" in result.stderr
+    assert (
+        f"warning: {base['observable_rank'] - base['rank']} directions are not observable"
+        in result.stderr
+    )
 
 
 def test_too_few_configurations(files: Files) -> None:
@@ -95,7 +100,10 @@ def test_it_finds_errors_that_its_model_can_express() -> None:
 def test_provenance(files: Files) -> None:
     run("identify", files.measurements, "-o", "c.h5")
     provenance = answer("info", "c.h5")["provenance"]
-    assert provenance["sha256_measurements"] == hashlib.sha256(Path(files.measurements).read_bytes()).hexdigest()
+    assert (
+        provenance["sha256_measurements"]
+        == hashlib.sha256(Path(files.measurements).read_bytes()).hexdigest()
+    )
     assert provenance["command"] == f"calibtool identify {files.measurements}"
 
 
@@ -110,8 +118,14 @@ def test_files_describe_themselves(files: Files) -> None:
 
             def look(name: str, item: object, missing: list[str] = missing) -> None:
                 if isinstance(item, h5py.Dataset) and np.issubdtype(item.dtype, np.number):
-                    missing += [f"{name}: {a}" for a in ("units", "long_name", "frame") if a not in item.attrs]
-                    missing += [f"{name}: dimension {k}" for k, d in enumerate(item.dims) if not d.label]
+                    missing += [
+                        f"{name}: {a}"
+                        for a in ("units", "long_name", "frame")
+                        if a not in item.attrs
+                    ]
+                    missing += [
+                        f"{name}: dimension {k}" for k, d in enumerate(item.dims) if not d.label
+                    ]
 
             file.visititems(look)
         assert missing == []
@@ -125,7 +139,8 @@ def test_refit_moves_a_calibration_and_says_whether_it_still_helps(files: Files)
     assert verdict["still_helps"]
     assert verdict["calibrated_rms_mm"] < 0.2 * verdict["nominal_rms_mm"]
     assert (
-        answer("info", "new.h5")["provenance"]["sha256_from"] == hashlib.sha256(Path("old.h5").read_bytes()).hexdigest()
+        answer("info", "new.h5")["provenance"]["sha256_from"]
+        == hashlib.sha256(Path("old.h5").read_bytes()).hexdigest()
     )
     run("simulate", "fanuc-m1000ia", "-n", 12, "--seed", 77, "-o", "other.h5")
     assert "no longer helps" in run("identify", "other.h5", *refit, "-o", "not.h5").stderr
@@ -135,5 +150,9 @@ def test_refit_moves_a_calibration_and_says_whether_it_still_helps(files: Files)
 def test_tolerances_are_those_asked_for(files: Files) -> None:
     options = ["--tolerance-mm", 2, "--tolerance-mrad", 3, "--fixed-tolerances"]
     rows = answer("identify", files.six_measurements, *options)["base"]["parameter_table"]
-    assert {row["tolerance"] for row in rows if row["name"].startswith("ζ") and row["unit"] == "mm"} == {2.0}
-    assert {row["tolerance"] for row in rows if row["name"].startswith("ζ") and row["unit"] == "mrad"} == {3.0}
+    assert {
+        row["tolerance"] for row in rows if row["name"].startswith("ζ") and row["unit"] == "mm"
+    } == {2.0}
+    assert {
+        row["tolerance"] for row in rows if row["name"].startswith("ζ") and row["unit"] == "mrad"
+    } == {3.0}

@@ -28,13 +28,19 @@ def test_by_the_names_of_the_header(files: Files, table: str) -> None:
     result = run("import", table, "--robot", "planar-3r", "-o", "m.h5")
     assert result.stdout_bytes == b""
     assert result.stderr == ""
-    np.testing.assert_allclose(stored("m.h5", JOINTS), stored(files.measurements, JOINTS), atol=1e-14)
-    np.testing.assert_allclose(stored("m.h5", POINTS), stored(files.measurements, POINTS), atol=1e-14)
+    np.testing.assert_allclose(
+        stored("m.h5", JOINTS), stored(files.measurements, JOINTS), atol=1e-14
+    )
+    np.testing.assert_allclose(
+        stored("m.h5", POINTS), stored(files.measurements, POINTS), atol=1e-14
+    )
     value = answer("info", "m.h5")
     assert value["simulated"] is False
     assert value["observation"] == "3 target points"
     assert value["registration"]["frame"] == value["registration"]["targets"] == "estimated"
-    assert value["provenance"]["sha256_table"] == hashlib.sha256(Path(table).read_bytes()).hexdigest()
+    assert (
+        value["provenance"]["sha256_table"] == hashlib.sha256(Path(table).read_bytes()).hexdigest()
+    )
 
 
 def test_from_stdin(table: str) -> None:
@@ -44,11 +50,27 @@ def test_from_stdin(table: str) -> None:
 
 def test_order_of_columns_and_units_do_not_matter(files: Files) -> None:
     q, points = stored(files.measurements, JOINTS), stored(files.measurements, POINTS)
-    header = ["t2_x_m", "t2_y_m", "t2_z_m", "comment", "j3_rad", "j1_rad", "j2_deg", "t1_z_mm", "t1_y_mm", "t1_x_mm"]
-    rows = [
-        [*p[1], "ok", a[2], a[0], np.rad2deg(a[1]), *(p[0][::-1] * 1e3)] for a, p in zip(q, points[:, :2], strict=True)
+    header = [
+        "t2_x_m",
+        "t2_y_m",
+        "t2_z_m",
+        "comment",
+        "j3_rad",
+        "j1_rad",
+        "j2_deg",
+        "t1_z_mm",
+        "t1_y_mm",
+        "t1_x_mm",
     ]
-    write_table("t.csv", header, [[v if isinstance(v, str) else repr(float(v)) for v in row] for row in rows])
+    rows = [
+        [*p[1], "ok", a[2], a[0], np.rad2deg(a[1]), *(p[0][::-1] * 1e3)]
+        for a, p in zip(q, points[:, :2], strict=True)
+    ]
+    write_table(
+        "t.csv",
+        header,
+        [[v if isinstance(v, str) else repr(float(v)) for v in row] for row in rows],
+    )
     run("import", "t.csv", "--robot", "planar-3r", "-o", "m.h5")
     np.testing.assert_allclose(stored("m.h5", JOINTS), q, atol=1e-14)
     np.testing.assert_allclose(stored("m.h5", POINTS), points[:, :2], atol=1e-14)
@@ -80,28 +102,44 @@ def test_spellings_of_a_table(table: str) -> None:
 def test_by_a_map(files: Files) -> None:
     measured_table(files.measurements, "t.csv", ["A1", "A2", "A3"])
     targets = "".join(
-        f'[[targets]]\nmeasured = ["t{i}_x_mm", "t{i}_y_mm", "t{i}_z_mm"]\nunit = "mm"\n' for i in (3, 1, 2)
+        f'[[targets]]\nmeasured = ["t{i}_x_mm", "t{i}_y_mm", "t{i}_z_mm"]\nunit = "mm"\n'
+        for i in (3, 1, 2)
     )
-    Path("map.toml").write_text(map_text(["A1", "A2", "A3"], targets + "[noise]\nposition_mm = 0.02\n"))
+    Path("map.toml").write_text(
+        map_text(["A1", "A2", "A3"], targets + "[noise]\nposition_mm = 0.02\n")
+    )
     run("import", "t.csv", "--robot", "planar-3r", "--columns", "map.toml", "-o", "m.h5")
-    np.testing.assert_allclose(stored("m.h5", JOINTS), stored(files.measurements, JOINTS), atol=1e-14)
-    np.testing.assert_allclose(stored("m.h5", POINTS), stored(files.measurements, POINTS)[:, [2, 0, 1]], atol=1e-14)
+    np.testing.assert_allclose(
+        stored("m.h5", JOINTS), stored(files.measurements, JOINTS), atol=1e-14
+    )
+    np.testing.assert_allclose(
+        stored("m.h5", POINTS), stored(files.measurements, POINTS)[:, [2, 0, 1]], atol=1e-14
+    )
     value = answer("info", "m.h5")
     assert value["noise_position_mm"] == pytest.approx(0.02)
-    assert value["provenance"]["sha256_columns"] == hashlib.sha256(Path("map.toml").read_bytes()).hexdigest()
+    assert (
+        value["provenance"]["sha256_columns"]
+        == hashlib.sha256(Path("map.toml").read_bytes()).hexdigest()
+    )
 
 
-@pytest.mark.parametrize(("sign", "error_is"), [(1, "measured-minus-nominal"), (-1, "nominal-minus-measured")])
+@pytest.mark.parametrize(
+    ("sign", "error_is"), [(1, "measured-minus-nominal"), (-1, "nominal-minus-measured")]
+)
 def test_nominal_points_and_errors(sign: int, error_is: str) -> None:
     header = ["a", "b", "c", "x", "y", "z", "dx", "dy", "dz"]
-    write_table("t.csv", header, [[0.1 * k, 5 * k, 20, 100 + k, 200, 300, 1, 2, 3] for k in range(8)], ";")
+    write_table(
+        "t.csv", header, [[0.1 * k, 5 * k, 20, 100 + k, 200, 300, 1, 2, 3] for k in range(8)], ";"
+    )
     target = (
         '[[targets]]\nnominal = ["x", "y", "z"]\nerror = ["dx", "dy", "dz"]\n'
         f'error_is = "{error_is}"\nunit = "mm"\non_tool_mm = [0.0, 0.0, 31.0]\n[instrument]\nframe = "base"\n'
     )
     Path("map.toml").write_text(map_text(["a", "b", "c"], target, more='delimiter = ";"\n'))
     run("import", "t.csv", "--robot", "planar-3r", "--columns", "map.toml", "-o", "m.h5")
-    expected = [[[0.1 + k * 1e-3 + sign * 1e-3, 0.2 + sign * 2e-3, 0.3 + sign * 3e-3]] for k in range(8)]
+    expected = [
+        [[0.1 + k * 1e-3 + sign * 1e-3, 0.2 + sign * 2e-3, 0.3 + sign * 3e-3]] for k in range(8)
+    ]
     np.testing.assert_allclose(stored("m.h5", POINTS), expected, atol=1e-15)
     registration = answer("info", "m.h5")["registration"]
     assert (registration["frame"], registration["targets"]) == ("known", "known")
@@ -110,7 +148,13 @@ def test_nominal_points_and_errors(sign: int, error_is: str) -> None:
 
 @pytest.mark.parametrize(
     ("convention", "columns"),
-    [("rotation-vector", 3), ("quaternion-wxyz", 4), ("quaternion-xyzw", 4), ("intrinsic-xyz", 3), ("fixed-zyx", 3)],
+    [
+        ("rotation-vector", 3),
+        ("quaternion-wxyz", 4),
+        ("quaternion-xyzw", 4),
+        ("intrinsic-xyz", 3),
+        ("fixed-zyx", 3),
+    ],
 )
 def test_six_dimensional_poses_by_a_map(convention: str, columns: int) -> None:
     robot = load_robot("ur10")
@@ -147,7 +191,15 @@ def test_six_dimensional_poses_by_the_header() -> None:
     q = np.random.default_rng(2).uniform(-1.5, 1.5, (20, 6))
     T = robot.mechanism.forward(q)
     angles = Rotation.from_matrix(T[:, :3, :3]).as_euler("xyz", degrees=True)
-    header = [*(f"j{k}_rad" for k in range(1, 7)), "x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg"]
+    header = [
+        *(f"j{k}_rad" for k in range(1, 7)),
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        "roll_deg",
+        "pitch_deg",
+        "yaw_deg",
+    ]
     rows = np.hstack([q, T[:, :3, 3] * 1e3, angles])
     write_table("t.csv", header, rows.tolist())
     run("import", "t.csv", "--robot", "ur10", "-o", "m.h5")
@@ -200,7 +252,18 @@ def test_wrong_number_of_targets_for_the_robot(files: Files) -> None:
 
 def split(table: str, *options: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of the table that were taken, that were left, and all of them, by their (unique) joint positions."""
-    run("import", table, "--robot", "planar-3r", *options, "-o", "taken.h5", "--rest", "rest.h5", "--force")
+    run(
+        "import",
+        table,
+        "--robot",
+        "planar-3r",
+        *options,
+        "-o",
+        "taken.h5",
+        "--rest",
+        "rest.h5",
+        "--force",
+    )
     run("import", table, "--robot", "planar-3r", "-o", "all.h5", "--force")
     every = stored("all.h5", JOINTS)
 
@@ -233,7 +296,9 @@ def test_sample_of_some_rows(table: str) -> None:
 
 
 def test_a_sample_depends_on_its_seed_alone(table: str) -> None:
-    first, again, other = (split(table, "--sample", 20, "--seed", seed)[0].tolist() for seed in (1, 1, 2))
+    first, again, other = (
+        split(table, "--sample", 20, "--seed", seed)[0].tolist() for seed in (1, 1, 2)
+    )
     assert first == again
     assert first != other
 
@@ -241,7 +306,9 @@ def test_a_sample_depends_on_its_seed_alone(table: str) -> None:
 def test_both_parts_share_the_registration(table: str) -> None:
     split(table, "--sample", 25)
     for name in ("T_instrument_base", "targets"):
-        assert np.array_equal(stored("taken.h5", f"registration/{name}"), stored("rest.h5", f"registration/{name}"))
+        assert np.array_equal(
+            stored("taken.h5", f"registration/{name}"), stored("rest.h5", f"registration/{name}")
+        )
 
 
 @pytest.mark.parametrize("rows", ["0:5", "5:41", "7:6", "5", "a:b", "-1:4", "1:2:3", ""])
@@ -251,12 +318,16 @@ def test_rows_that_are_not_there(table: str, rows: str) -> None:
 
 
 def test_a_sample_larger_than_the_table(table: str) -> None:
-    assert "--sample" in refused(2, "import", table, "--robot", "planar-3r", "--sample", 41, "-o", "m.h5")
+    assert "--sample" in refused(
+        2, "import", table, "--robot", "planar-3r", "--sample", 41, "-o", "m.h5"
+    )
 
 
 def test_there_is_no_empty_rest(table: str) -> None:
     """A file of no measurements is of no use to any command; it is refused where it would be made."""
-    message = refused(2, "import", table, "--robot", "planar-3r", "--rows", "1:40", "--rest", "r.h5", "-o", "m.h5")
+    message = refused(
+        2, "import", table, "--robot", "planar-3r", "--rows", "1:40", "--rest", "r.h5", "-o", "m.h5"
+    )
     assert "--rest" in message
 
 
@@ -264,14 +335,27 @@ def test_there_is_no_empty_rest(table: str) -> None:
 def test_rest_and_output_are_two_files(table: str, rest: str) -> None:
     for force in ([], ["--force"]):
         message = refused(
-            2, "import", table, "--robot", "planar-3r", "--sample", 10, "-o", "m.h5", "--rest", rest, *force
+            2,
+            "import",
+            table,
+            "--robot",
+            "planar-3r",
+            "--sample",
+            10,
+            "-o",
+            "m.h5",
+            "--rest",
+            rest,
+            *force,
         )
         assert "--rest" in message
 
 
 def test_rest_is_checked_before_anything_is_written(table: str) -> None:
     Path("r.h5").write_text("mine")
-    message = refused(2, "import", table, "--robot", "planar-3r", "--sample", 9, "-o", "m.h5", "--rest", "r.h5")
+    message = refused(
+        2, "import", table, "--robot", "planar-3r", "--sample", 9, "-o", "m.h5", "--rest", "r.h5"
+    )
     assert "r.h5" in message
 
 
@@ -282,7 +366,12 @@ def test_rows_outside_the_limits_are_kept_with_a_warning(files: Files) -> None:
     """A full turn more is the same pose: nothing is wrong but the limits."""
     q, points = stored(files.measurements, JOINTS).copy(), stored(files.measurements, POINTS)
     q[[4, 9], 0] += 2 * np.pi
-    header = ["j1_deg", "j2_deg", "j3_deg", *(f"t{i}_{axis}_m" for i in (1, 2, 3) for axis in "xyz")]
+    header = [
+        "j1_deg",
+        "j2_deg",
+        "j3_deg",
+        *(f"t{i}_{axis}_m" for i in (1, 2, 3) for axis in "xyz"),
+    ]
     write_table("t.csv", header, np.hstack([np.rad2deg(q), points.reshape(len(q), -1)]).tolist())
     result = run("import", "t.csv", "--robot", "planar-3r", "-o", "m.h5")
     assert result.stderr.count("\n") == 1
@@ -329,6 +418,10 @@ def test_joint_values_of_a_controller(files: Files) -> None:
     run("import", table, "--robot", "fanuc-m1000ia", "--joint-values", "controller", "-o", "m.h5")
     q, serial = stored("m.h5", JOINTS), stored(files.six_measurements, JOINTS)
     np.testing.assert_allclose(q[:, 2], serial[:, 1] + serial[:, 2], atol=1e-12)
-    result = run("import", table, "--robot", "fanuc-m1000ia", "--joint-values", "serial", "-o", "s.h5")
+    result = run(
+        "import", table, "--robot", "fanuc-m1000ia", "--joint-values", "serial", "-o", "s.h5"
+    )
     assert result.stderr == ""
-    assert "--joint-values" in refused(2, "import", table, "--robot", "fanuc-m1000ia", "--joint-values", "arm")
+    assert "--joint-values" in refused(
+        2, "import", table, "--robot", "fanuc-m1000ia", "--joint-values", "arm"
+    )

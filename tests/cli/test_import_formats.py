@@ -17,7 +17,9 @@ def exported(files: Files) -> tuple[str, str]:
     q, points = stored(files.measurements, JOINTS), stored(files.measurements, POINTS) * 1e3
     lines = ["// SA 2024", "// Collection Group Target x y z offset"]
     for k, row in enumerate(points, start=1):
-        lines += [f"A,p{k},T{i},{x:.9f},{y:.9f},{z:.9f},0.0" for i, (x, y, z) in enumerate(row, start=1)]
+        lines += [
+            f"A,p{k},T{i},{x:.9f},{y:.9f},{z:.9f},0.0" for i, (x, y, z) in enumerate(row, start=1)
+        ]
     Path("points.txt").write_text("\r\n".join(lines), encoding="utf-8-sig")
     rows = [[f"p{k}", *map(repr, row)] for k, row in enumerate(np.rad2deg(q).tolist(), start=1)]
     write_table("joints.csv", ["name", "j1_deg", "j2_deg", "j3_deg"], rows)
@@ -33,16 +35,31 @@ def test_spatial_analyzer_points_with_a_joint_file(files: Files, exported: tuple
     points, joints = exported
     run("import", points, *ARM, "--unit", "mm", "--joints", joints, "-o", "m.h5")
     same("m.h5", files.measurements)
-    run("import", "-", *ARM, "--unit", "mm", "--joints", joints, "-o", "n.h5", stdin=Path(points).read_bytes())
+    run(
+        "import",
+        "-",
+        *ARM,
+        "--unit",
+        "mm",
+        "--joints",
+        joints,
+        "-o",
+        "n.h5",
+        stdin=Path(points).read_bytes(),
+    )
     same("n.h5", files.measurements)
     assert "sha256_joints" in answer("info", "m.h5")["provenance"]
 
 
-def test_joints_by_name_in_another_order_and_without_some(files: Files, exported: tuple[str, str]) -> None:
+def test_joints_by_name_in_another_order_and_without_some(
+    files: Files, exported: tuple[str, str]
+) -> None:
     points, joints = exported
     header, *rows = Path(joints).read_text().splitlines()
     Path(joints).write_text("\n".join([header, *rows[:4:-1]]))  # backwards, without p1 … p5
-    result = run("import", points, *ARM, "--unit", "mm", "--joints", joints, "--join", "name", "-o", "m.h5")
+    result = run(
+        "import", points, *ARM, "--unit", "mm", "--joints", joints, "--join", "name", "-o", "m.h5"
+    )
     assert result.stderr == (
         "warning: points.txt: 5 of 40 rows have no partner of that name in joints.csv and are left out: "
         "line 3, 6, 9, 12, 15\n"
@@ -59,7 +76,8 @@ def test_a_missing_target_is_named_by_line(exported: tuple[str, str]) -> None:
     Path(points).write_text("\n".join(lines))
     result = run("import", points, *ARM, "--unit", "mm", "--joints", joints, "-o", "m.h5")
     assert (
-        "points.txt: target 2 (T2 x …) is missing in 1 of 40 rows; their other targets count: line 6" in result.stderr
+        "points.txt: target 2 (T2 x …) is missing in 1 of 40 rows; their other targets count: line 6"
+        in result.stderr
     )
     assert np.isnan(stored("m.h5", POINTS)[1, 1]).all()
 
@@ -72,20 +90,28 @@ def test_what_nobody_stated_is_asked_for(exported: tuple[str, str]) -> None:
     assert "--joints FILE" in refused(2, "import", joints, *ARM, "--join", "name", "-o", "m.h5")
 
 
-@pytest.mark.parametrize("option", ["--join", "--format", "--layout", "--unit", "--angle-unit", "--frame"])
+@pytest.mark.parametrize(
+    "option", ["--join", "--format", "--layout", "--unit", "--angle-unit", "--frame"]
+)
 def test_an_unknown_choice(exported: tuple[str, str], option: str) -> None:
-    message = refused(2, "import", exported[0], *ARM, "--joints", exported[1], option, "bogus", "-o", "m.h5")
+    message = refused(
+        2, "import", exported[0], *ARM, "--joints", exported[1], option, "bogus", "-o", "m.h5"
+    )
     assert message.startswith(f"{option}: unknown 'bogus'")
 
 
 def test_a_layout_for_a_table_and_a_sheet_for_a_text(files: Files) -> None:
     measured_table(files.measurements, "t.csv")
-    assert "--layout groups" in refused(2, "import", "t.csv", *ARM, "--layout", "groups", "-o", "m.h5")
+    assert "--layout groups" in refused(
+        2, "import", "t.csv", *ARM, "--layout", "groups", "-o", "m.h5"
+    )
     assert "--sheet one" in refused(2, "import", "t.csv", *ARM, "--sheet", "one", "-o", "m.h5")
 
 
 def test_a_workbook(files: Files) -> None:
-    openpyxl = pytest.importorskip("openpyxl", reason="openpyxl is not installed; pip install 'calibtool[excel]'")
+    openpyxl = pytest.importorskip(
+        "openpyxl", reason="openpyxl is not installed; pip install 'calibtool[excel]'"
+    )
     measured_table(files.measurements, "t.csv")
     header, *rows = (line.split(",") for line in Path("t.csv").read_text().splitlines())
     book = openpyxl.Workbook()
@@ -117,7 +143,9 @@ def test_mixed_line_ends_are_one_table(files: Files) -> None:
     same("m.h5", files.measurements)
 
 
-def test_a_dry_run_says_how_the_table_is_understood_and_writes_nothing(exported: tuple[str, str]) -> None:
+def test_a_dry_run_says_how_the_table_is_understood_and_writes_nothing(
+    exported: tuple[str, str],
+) -> None:
     points, joints = exported
     before = sorted(Path().iterdir())
     shown = run("import", points, *ARM, "--unit", "mm", "--joints", joints, "--dry-run").stdout
@@ -142,7 +170,9 @@ def test_a_dry_run_says_how_the_table_is_understood_and_writes_nothing(exported:
 def test_a_dry_run_shows_columns_that_are_not_used_and_needs_no_output(files: Files) -> None:
     measured_table(files.measurements, "t.csv")
     lines = Path("t.csv").read_text().splitlines()
-    Path("t.csv").write_text("\n".join([lines[0] + ",comment", *(line + ",ok" for line in lines[1:])]))
+    Path("t.csv").write_text(
+        "\n".join([lines[0] + ",comment", *(line + ",ok" for line in lines[1:])])
+    )
     shown = run("import", "t.csv", *ARM, "--frame", "base", "--robot-targets", "--dry-run").stdout
     assert "comment (t.csv)" in shown
     assert "the robot's base" in shown

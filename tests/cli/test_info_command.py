@@ -11,16 +11,26 @@ from commandline import Files, answer, run
 def test_a_measurements_file(files: Files) -> None:
     value = answer("info", files.measurements)
     assert (value["schema"], value["schema_version"]) == ("calibtool/info", 1)
-    assert (value["kind"], value["robot"], value["configurations"]) == ("measurements", "planar-3r", 40)
+    assert (value["kind"], value["robot"], value["configurations"]) == (
+        "measurements",
+        "planar-3r",
+        40,
+    )
     assert value["observation"] == "3 target points"
     assert value["noise_position_mm"] == pytest.approx(0.05)
     assert value["simulated"] is True
-    assert value["registration"]["targets_on_tool_mm"] == answer("robots", "planar-3r")["targets_mm"]
+    assert (
+        value["registration"]["targets_on_tool_mm"] == answer("robots", "planar-3r")["targets_mm"]
+    )
 
 
 def test_a_calibration_file(files: Files) -> None:
     value = answer("info", files.network)
-    assert (value["kind"], value["robot"], value["configurations"]) == ("calibration", "planar-3r", 40)
+    assert (value["kind"], value["robot"], value["configurations"]) == (
+        "calibration",
+        "planar-3r",
+        40,
+    )
     assert value["base"]["model"] == "local-poe"
     assert value["network"]["used"] is True
     assert value["network"]["restarts"] == 1
@@ -35,7 +45,10 @@ def test_provenance(files: Files) -> None:
         provenance["command"]
         == f"calibtool train {files.measurements} --restarts 1 --base local-poe --regularisation early-stopping"
     )
-    assert provenance["sha256_measurements"] == hashlib.sha256(Path(files.measurements).read_bytes()).hexdigest()
+    assert (
+        provenance["sha256_measurements"]
+        == hashlib.sha256(Path(files.measurements).read_bytes()).hexdigest()
+    )
     assert provenance["version_calibtool"] == version("calibtool")
     assert provenance["version_numpy"] == version("numpy")
 
@@ -87,7 +100,11 @@ def test_the_table_of_a_study(name: str) -> None:
         name,
     )
     value = answer("info", name)
-    assert (value["schema"], value["kind"], value["robots"]) == ("calibtool/info", "study", ["planar-3r"])
+    assert (value["schema"], value["kind"], value["robots"]) == (
+        "calibtool/info",
+        "study",
+        ["planar-3r"],
+    )
     assert (value["methods"], value["configurations"]) == (["nominal", "local-poe"], [10, 20])
     assert (value["runs"], value["rows"], value["finished"], value["failed"]) == (4, 8, 8, 0)
     assert [(m["method"], m["configurations"]) for m in value["medians"]] == [

@@ -10,7 +10,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from commandline import ENVIRONMENT, Files, contents, measured_table, only_line, refused, run, write_table
+from commandline import (
+    ENVIRONMENT,
+    Files,
+    contents,
+    measured_table,
+    only_line,
+    refused,
+    run,
+    write_table,
+)
 
 # Per command: arguments without the output, and the output's name. `m`, `c` and `t` are made by `inputs`.
 WRITERS: dict[str, tuple[list[str], str]] = {
@@ -141,7 +150,9 @@ def test_a_failure_while_writing_leaves_everything_as_it_was(
 
 
 @pytest.mark.parametrize("existing", [[], ["out.c"], ["out.h"], ["out.c", "out.h"]])
-def test_c_code_is_written_whole_or_not_at_all(existing: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_c_code_is_written_whole_or_not_at_all(
+    existing: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Two files: when the second one fails, the first one is as it was before."""
     for name in existing:
         Path(name).write_text("mine")
@@ -156,7 +167,9 @@ def test_c_code_is_written_whole_or_not_at_all(existing: list[str], monkeypatch:
     refused(2, "export", "c.h5", "--format", "c", "-o", "out.c", "--force")
 
 
-def test_measurements_and_the_rest_are_written_whole_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_measurements_and_the_rest_are_written_whole_or_not_at_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The same for the two parts of a table."""
     link = os.link
 
@@ -168,7 +181,17 @@ def test_measurements_and_the_rest_are_written_whole_or_not_at_all(monkeypatch: 
     monkeypatch.setattr("calibtool.cli.staging.os.link", fail)
     monkeypatch.setattr("calibtool.cli.staging.os.replace", fail)
     message = refused(
-        2, "import", "t.csv", "--robot", "planar-3r", "--sample", "30", "-o", "out.h5", "--rest", "rest.h5"
+        2,
+        "import",
+        "t.csv",
+        "--robot",
+        "planar-3r",
+        "--sample",
+        "30",
+        "-o",
+        "out.h5",
+        "--rest",
+        "rest.h5",
     )
     assert message.startswith("rest.h5: ")
 
@@ -193,7 +216,9 @@ def test_an_input_may_be_replaced_by_the_output() -> None:
 def test_what_is_no_regular_file_is_never_replaced(force: list[str]) -> None:
     """A named pipe stands for every device: --force as root on the null device must not put a file in its place."""
     os.mkfifo("pipe")
-    held = os.open("pipe", os.O_RDWR | os.O_NONBLOCK)  # a reader, so that whoever writes into the pipe is not stopped
+    held = os.open(
+        "pipe", os.O_RDWR | os.O_NONBLOCK
+    )  # a reader, so that whoever writes into the pipe is not stopped
     try:
         from typer.testing import CliRunner
 
@@ -211,7 +236,12 @@ def test_what_is_no_regular_file_is_never_replaced(force: list[str]) -> None:
 def on_a_terminal(stream: str, *arguments: str) -> str:
     """What a command that must be refused says when its stdin or stdout is a terminal."""
     parent, child = pty.openpty()
-    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, stream: child}
+    streams = {
+        "stdin": subprocess.DEVNULL,
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+        stream: child,
+    }
     command = [sys.executable, "-m", "calibtool", *arguments]
     try:
         done = subprocess.run(command, env=ENVIRONMENT, **streams)  # type: ignore[call-overload]

@@ -51,14 +51,17 @@ def test_identical_fits_give_identical_bytes(here: Path) -> None:
     """In processes of their own, with a hash seed of their own; `train` identifies its base model first."""
     run("simulate", "planar-3r", "-n", 30, "-o", "m.h5")
     for seed, name in (("1", "a"), ("2", "b")):
-        finished = shell(f"calibtool train m.h5 --restarts 1 -o {name}.h5", here, PYTHONHASHSEED=seed)
+        finished = shell(
+            f"calibtool train m.h5 --restarts 1 -o {name}.h5", here, PYTHONHASHSEED=seed
+        )
         assert finished.returncode == 0, finished.stderr.decode()
     assert Path("a.h5").read_bytes() == Path("b.h5").read_bytes()
 
 
 def test_info_of_a_stream(here: Path) -> None:
     finished = shell(
-        f"{SIMULATE} | calibtool identify - --model local-poe 2> report | calibtool info - | head -n 1", here
+        f"{SIMULATE} | calibtool identify - --model local-poe 2> report | calibtool info - | head -n 1",
+        here,
     )
     assert finished.stdout == b"kind: calibration\n"
     assert finished.stderr == b""
@@ -66,7 +69,9 @@ def test_info_of_a_stream(here: Path) -> None:
 
 
 def test_evaluate_a_stream(here: Path, files: Files) -> None:
-    finished = shell(f"cat '{files.paper}' | calibtool evaluate - --on '{files.fresh}' --json", here)
+    finished = shell(
+        f"cat '{files.paper}' | calibtool evaluate - --on '{files.fresh}' --json", here
+    )
     assert finished.returncode == 0
     assert b'"name": "stdin"' in finished.stdout
     assert finished.stderr == b""
@@ -75,9 +80,7 @@ def test_evaluate_a_stream(here: Path, files: Files) -> None:
 def test_targets_of_a_stream(here: Path, files: Files) -> None:
     """Between the ordinary tools of a shell."""
     targets(here)
-    script = (
-        f"cat targets.csv | calibtool compensate '{files.network}' | tee all.csv | tail -n +2 | cut -d, -f4 | sort -r"
-    )
+    script = f"cat targets.csv | calibtool compensate '{files.network}' | tee all.csv | tail -n +2 | cut -d, -f4 | sort -r"
     finished = shell(script, here)
     assert finished.returncode == 0
     assert finished.stdout == b"b\na\n"
@@ -143,7 +146,11 @@ def test_a_full_disk_behind_stdout_is_a_failure_and_no_bug(here: Path, unbuffere
 @both
 def test_a_reader_that_goes_away_is_a_failure(here: Path, unbuffered: str) -> None:
     """200 kB do not fit into a pipe: the writer learns that nobody takes the rest."""
-    finished = shell("calibtool simulate planar-3r -n 2000 | head -c 1 | wc -c", here, PYTHONUNBUFFERED=unbuffered)
+    finished = shell(
+        "calibtool simulate planar-3r -n 2000 | head -c 1 | wc -c",
+        here,
+        PYTHONUNBUFFERED=unbuffered,
+    )
     assert finished.returncode != 0
     assert finished.stdout.split() == [b"1"]
     assert finished.stderr == b""

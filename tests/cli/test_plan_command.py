@@ -18,7 +18,9 @@ def test_the_loop_of_plan_simulate_and_identify() -> None:
     table = run("plan", "planar-3r", "-n", 15, *FEW).stdout_bytes
     measured = run("simulate", "planar-3r", "--at", "-", stdin=table).stdout_bytes
     run("identify", "-", "-o", "c.h5", stdin=measured)
-    assert np.allclose(stored("c.h5", "model/joint_positions"), np.deg2rad(joints(table.decode(), 3)), atol=1e-14)
+    assert np.allclose(
+        stored("c.h5", "model/joint_positions"), np.deg2rad(joints(table.decode(), 3)), atol=1e-14
+    )
 
 
 def test_stdout_is_the_table_and_stderr_the_report() -> None:
@@ -31,12 +33,16 @@ def test_stdout_is_the_table_and_stderr_the_report() -> None:
 
 
 def test_keys_of_the_json() -> None:
-    value = answer("plan", "scara", "-n", 9, *FEW, "--workspace", "full", "--criterion", "i", "-o", "plan.csv")
+    value = answer(
+        "plan", "scara", "-n", 9, *FEW, "--workspace", "full", "--criterion", "i", "-o", "plan.csv"
+    )
     assert (value["schema"], value["schema_version"]) == ("calibtool/plan", 1)
     assert (value["robot"], value["workspace"], value["configurations"]) == ("scara", "full", 9)
     assert (value["criterion"], value["candidates"], value["seed"]) == ("i", 60, 0)
     for part in ("before", "random", "selected"):
-        assert {"effective_parameters", "target_std_mean_mm", "target_std_max_mm"} <= set(value[part])
+        assert {"effective_parameters", "target_std_mean_mm", "target_std_max_mm"} <= set(
+            value[part]
+        )
     assert set(value["selected"]["observability"]) == {"O1", "O2", "O3", "O4", "O5"}
     assert value["selected"]["target_std_mean_mm"] < value["random"]["target_std_mean_mm"]
     written = rows_of(Path("plan.csv").read_text())
@@ -86,7 +92,16 @@ def test_poses_of_an_acceptance_test_and_their_figures(files: Files) -> None:
     rows = rows_of(Path("test.csv").read_text())
     assert [row["pose"] for row in rows[:6]] == ["P5", "P4", "P3", "P2", "P1", "P5"]
     assert [row["cycle"] for row in rows] == [str(1 + k // 5) for k in range(25)]
-    run("simulate", "fanuc-m1000ia", "--at", "test.csv", "--same-robot", files.six_measurements, "-o", "m.h5")
+    run(
+        "simulate",
+        "fanuc-m1000ia",
+        "--at",
+        "test.csv",
+        "--same-robot",
+        files.six_measurements,
+        "-o",
+        "m.h5",
+    )
     value = answer("evaluate", files.six_network, "--on", "m.h5")["iso9283"]
     assert value["poses"] == ["P1", "P2", "P3", "P4", "P5"]
     assert [entry["name"] for entry in value["methods"]] == ["nominal", "six-network"]
@@ -134,8 +149,12 @@ def test_the_cube_in_json() -> None:
         (4, ["--iso9283", "--cube-mm", "9000", *SERIAL], "9000 mm cube fails the reach --cube-mm"),
     ],
 )
-def test_wrong_use_is_one_line_with_a_remedy(code: int, arguments: list[object], words: str) -> None:
-    line = refused(code, "plan", "fanuc-m1000ia", *arguments, *([] if "--candidates" in arguments else FEW))
+def test_wrong_use_is_one_line_with_a_remedy(
+    code: int, arguments: list[object], words: str
+) -> None:
+    line = refused(
+        code, "plan", "fanuc-m1000ia", *arguments, *([] if "--candidates" in arguments else FEW)
+    )
     for word in words.split(" "):
         assert word in line
 
@@ -147,5 +166,7 @@ def test_calibrations_that_are_no_start(files: Files) -> None:
     line = refused(3, "plan", "planar-3r", "--from", files.local_poe)
     assert "local-poe.h5" in line
     assert "--model complete" in line
-    assert "--unregistered" in refused(2, "plan", "planar-3r", "--from", files.local_poe, "--unregistered")
+    assert "--unregistered" in refused(
+        2, "plan", "planar-3r", "--from", files.local_poe, "--unregistered"
+    )
     assert "MEASUREMENTS" not in refused(3, "plan", "planar-3r", "--from", files.measurements)

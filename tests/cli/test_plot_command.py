@@ -29,7 +29,10 @@ def test_errors_name_every_method(files: Files) -> None:
     run("plot", "errors", files.network, files.paper, "--on", files.fresh, "-o", "a.svg")
     text = Path("a.svg").read_text(encoding="utf-8")
     assert looks_like("a.svg") == "svg"
-    assert all(f">{name}<" in text or f"<!-- {name} -->" in text for name in ("nominal", "network", "paper"))
+    assert all(
+        f">{name}<" in text or f"<!-- {name} -->" in text
+        for name in ("nominal", "network", "paper")
+    )
 
 
 @pytest.mark.parametrize("image", ["svg", "pdf"])
@@ -68,7 +71,17 @@ def test_the_other_figures(files: Files, kind: str) -> None:
 
 def test_limits_are_drawn_into_the_distribution(files: Files) -> None:
     limit = "position_max_mm=2.5"
-    run("plot", "distribution", files.network, "--on", files.fresh, "-o", "a.svg", "--require", limit)
+    run(
+        "plot",
+        "distribution",
+        files.network,
+        "--on",
+        files.fresh,
+        "-o",
+        "a.svg",
+        "--require",
+        limit,
+    )
     assert "max ≤ 2.5 mm" in Path("a.svg").read_text(encoding="utf-8")
 
 
@@ -76,14 +89,18 @@ def test_the_width_is_that_of_the_column(files: Files) -> None:
     for width in (85, 180):
         run("plot", "training", files.network, "-o", "a.svg", "--width-mm", width, "--force")
         root = ElementTree.parse("a.svg").getroot()
-        assert float(root.attrib["width"].removesuffix("pt")) == pytest.approx(width / 25.4 * 72, abs=1e-3)
+        assert float(root.attrib["width"].removesuffix("pt")) == pytest.approx(
+            width / 25.4 * 72, abs=1e-3
+        )
     refused(2, "plot", "training", files.network, "-o", "b.svg", "--width-mm", 5)
 
 
 def test_figures_without_anything_to_show_say_why(files: Files) -> None:
     assert "local-poe.h5: " in refused(3, "plot", "motions", files.local_poe, "-o", "b.png")
     assert "uncertainty" in refused(3, "plot", "parameters", files.local_poe, "-o", "b.png")
-    assert "ISO 9283" in refused(3, "plot", "iso9283", files.network, "--on", files.fresh, "-o", "b.png")
+    assert "ISO 9283" in refused(
+        3, "plot", "iso9283", files.network, "--on", files.fresh, "-o", "b.png"
+    )
 
 
 def test_calibrations_of_different_robots_are_not_drawn_together(files: Files) -> None:

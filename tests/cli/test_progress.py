@@ -60,7 +60,18 @@ def test_progress_is_shown_on_a_terminal_and_goes_without_a_trace(trained: str) 
 
 
 def test_nothing_of_it_elsewhere(files: Files) -> None:
-    result = run("train", files.measurements, "--base", "local-poe", "--restarts", 1, "--folds", 2, "-o", "c.h5")
+    result = run(
+        "train",
+        files.measurements,
+        "--base",
+        "local-poe",
+        "--restarts",
+        1,
+        "--folds",
+        2,
+        "-o",
+        "c.h5",
+    )
     assert "training on" not in result.stderr
     assert "\x1b" not in result.stderr
 
@@ -93,15 +104,33 @@ def test_quiet_keeps_the_rows_that_have_no_joints(files: Files) -> None:
 
 
 def test_quiet_is_quiet_on_a_terminal(files: Files, here: Path) -> None:
-    said, code = on_terminal("-q", "identify", files.measurements, "--model", "local-poe", "-o", "c.h5")
+    said, code = on_terminal(
+        "-q", "identify", files.measurements, "--model", "local-poe", "-o", "c.h5"
+    )
     assert (said, code) == ("", 0)
 
 
 def test_verbose_says_what_is_done_and_how_long_it_took(files: Files) -> None:
     said = run(
-        "train", files.measurements, "--base", "local-poe", "--folds", 2, "--restarts", 1, "-v", "-o", "c.h5"
+        "train",
+        files.measurements,
+        "--base",
+        "local-poe",
+        "--folds",
+        2,
+        "--restarts",
+        1,
+        "-v",
+        "-o",
+        "c.h5",
     ).stderr
-    for part in ("measurements.h5: ", " bytes read", "2 folds: ", "training on 40 configurations: ", " bytes written"):
+    for part in (
+        "measurements.h5: ",
+        " bytes read",
+        "2 folds: ",
+        "training on 40 configurations: ",
+        " bytes written",
+    ):
         assert part in said
     assert said.splitlines()[-1].endswith(" s  done")
 
@@ -130,7 +159,9 @@ def test_a_first_line_for_every_command_that_may_take_longer() -> None:
 def test_the_first_line_needs_no_import() -> None:
     """Everything that takes time is imported after it."""
     code = "import sys, calibtool.__main__; print('typer' in sys.modules, 'numpy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=ENVIRONMENT, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, env=ENVIRONMENT, text=True, check=True
+    )
     assert done.stdout.split() == ["False", "False"]
 
 
@@ -147,8 +178,12 @@ sys.meta_path.insert(0, Interrupted())
 main()
 """
     command = [sys.executable, "-c", code]
-    done = subprocess.run([*command, "calibtool.cli"], capture_output=True, env=ENVIRONMENT, check=False)
+    done = subprocess.run(
+        [*command, "calibtool.cli"], capture_output=True, env=ENVIRONMENT, check=False
+    )
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, b"", b"")
-    done = subprocess.run([*command, "calibtool.cli.app"], capture_output=True, env=ENVIRONMENT, check=False)
+    done = subprocess.run(
+        [*command, "calibtool.cli.app"], capture_output=True, env=ENVIRONMENT, check=False
+    )
     assert done.returncode == 1
     assert b"ZeroDivisionError" in done.stderr  # what is no interrupt is told

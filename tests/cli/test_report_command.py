@@ -51,7 +51,9 @@ def test_the_page_holds_what_evaluate_says(page: str, files: Files) -> None:
     found = re.search(r'<script type="application/json" id="evaluation">(.*?)</script>', page)
     assert found is not None
     calibration = Path(files.local_poe).read_bytes()
-    assert json.loads(found[1]) == answer("evaluate", files.network, "-", "--on", files.fresh, stdin=calibration)
+    assert json.loads(found[1]) == answer(
+        "evaluate", files.network, "-", "--on", files.fresh, stdin=calibration
+    )
     assert page.startswith("<!DOCTYPE html>")
     assert page.endswith("</html>\n")
 
@@ -72,8 +74,12 @@ def test_wrong_usage(files: Files) -> None:
 
 def test_wrong_files(files: Files) -> None:
     assert "kinematics differ" in refused(3, "report", files.six_network, "--on", files.fresh)
-    assert "expected calibtool/calibration" in refused(3, "report", files.fresh, "--on", files.fresh)
-    assert "expected calibtool/measurements" in refused(3, "report", files.network, "--on", files.network)
+    assert "expected calibtool/calibration" in refused(
+        3, "report", files.fresh, "--on", files.fresh
+    )
+    assert "expected calibtool/measurements" in refused(
+        3, "report", files.network, "--on", files.network
+    )
 
 
 @pytest.fixture
@@ -85,7 +91,9 @@ def look(page: str, tmp_path: Path) -> Open:
 
     def opened(width: int, dark: bool) -> dict[str, Any]:
         place = tmp_path / "page.html"
-        framed = html.escape(page.replace("</body>", _LOOK))  # a window is never as narrow as a frame can be
+        framed = html.escape(
+            page.replace("</body>", _LOOK)
+        )  # a window is never as narrow as a frame can be
         style = f"width: {width}px; height: 800px; border: 0; color-scheme: light dark"
         place.write_text(
             '<!DOCTYPE html><html style="color-scheme: light dark"><link rel="icon" href="data:,"><title></title>'
@@ -99,7 +107,11 @@ def look(page: str, tmp_path: Path) -> Open:
             "--enable-logging=stderr",
             "--virtual-time-budget=2000",
         ]
-        options += [f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1200,900", "--hide-scrollbars"]
+        options += [
+            f"--user-data-dir={tmp_path / 'profile'}",
+            "--window-size=1200,900",
+            "--hide-scrollbars",
+        ]
         if dark:
             options.append("--blink-settings=preferredColorScheme=0")
         command = [browser, *options, "--dump-dom", place.as_uri()]

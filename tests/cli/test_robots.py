@@ -18,7 +18,9 @@ NAMES = robot_names()
 def test_the_list_has_every_robot_of_the_folder() -> None:
     result = run("robots")
     listed = [line.split()[0] for line in result.stdout.splitlines()]
-    assert listed == sorted(path.name for path in shipped("robots").iterdir() if (path / "robot.toml").is_file())
+    assert listed == sorted(
+        path.name for path in shipped("robots").iterdir() if (path / "robot.toml").is_file()
+    )
     assert "fanuc-m1000ia" in listed
     assert result.stderr == ""
 
@@ -41,7 +43,13 @@ def test_the_machining_workspace_is_the_default_of_the_m1000ia() -> None:
 
 @pytest.mark.parametrize(
     ("name", "joints"),
-    [("planar-3r", "RRR"), ("scara", "RRPR"), ("gantry", "PPPRR"), ("fanuc-m1000ia", "R" * 6), ("panda", "R" * 7)],
+    [
+        ("planar-3r", "RRR"),
+        ("scara", "RRPR"),
+        ("gantry", "PPPRR"),
+        ("fanuc-m1000ia", "R" * 6),
+        ("panda", "R" * 7),
+    ],
 )
 def test_joints_of_one_robot(name: str, joints: str) -> None:
     value = answer("robots", name)
@@ -70,7 +78,9 @@ def test_planar_arm_by_hand() -> None:
     y = sum(length * math.sin(a) for length, a in zip(links, angles, strict=True))
     assert value["home_tool_position_mm"] == pytest.approx([x, y, 0.0], abs=2e-3)
     assert [joint["axis"] for joint in value["joint_table"]] == [[0.0, 0.0, 1.0]] * 3
-    assert [joint["upper_deg"] for joint in value["joint_table"]] == pytest.approx([170, 160, 170], abs=1e-6)
+    assert [joint["upper_deg"] for joint in value["joint_table"]] == pytest.approx(
+        [170, 160, 170], abs=1e-6
+    )
 
 
 def test_text_for_people_holds_what_json_holds() -> None:
@@ -113,4 +123,7 @@ def test_json_is_readable_whatever_the_terminal_speaks() -> None:
         timeout=60,
     )
     assert finished.returncode == 0, finished.stderr.decode()
-    assert json.loads(finished.stdout.decode("utf-8"))["notes"] == answer("robots", "fanuc-m1000ia")["notes"]
+    assert (
+        json.loads(finished.stdout.decode("utf-8"))["notes"]
+        == answer("robots", "fanuc-m1000ia")["notes"]
+    )

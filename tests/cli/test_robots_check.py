@@ -35,7 +35,10 @@ def test_a_copy_of_a_carried_robot_is_told_from_it() -> None:
     Path("own").mkdir()
     for name in ("robot.toml", "robot.urdf"):
         Path("own", name).write_text((path / name).read_text())
-    assert any("also a robot of the catalogue" in w for w in answer("robots", "--check", "./own")["warnings"])
+    assert any(
+        "also a robot of the catalogue" in w
+        for w in answer("robots", "--check", "./own")["warnings"]
+    )
 
 
 def test_a_bare_urdf() -> None:
@@ -45,7 +48,9 @@ def test_a_bare_urdf() -> None:
 
 def test_what_is_wrong_ends_with_place_and_remedy() -> None:
     assert "no such file" in refused(2, "robots", "--check", "nowhere/robot.toml")
-    message = refused(3, "robots", "--check", urdf(one="prismatic", limit='<limit effort="1" velocity="1"/>'))
+    message = refused(
+        3, "robots", "--check", urdf(one="prismatic", limit='<limit effort="1" velocity="1"/>')
+    )
     assert message.startswith("mine: slide 'one' has no limits")
     assert "[limits] j1_mm = " in message
     message = refused(3, "robots", "--check", urdf(mimic='<mimic joint="one"/>'))
@@ -68,7 +73,9 @@ def test_a_picture() -> None:
     assert "home_singular" in run("robots", "--check", "planar-3r", "--picture", "arm.svg").stdout
     assert b"<svg" in Path("arm.svg").read_bytes()
     assert "arm.svg" in refused(2, "robots", "planar-3r", "--picture", "arm.svg")
-    assert "plots are written as .png, .svg or .pdf" in refused(2, "robots", "planar-3r", "--picture", "arm.eps")
+    assert "plots are written as .png, .svg or .pdf" in refused(
+        2, "robots", "planar-3r", "--picture", "arm.eps"
+    )
 
 
 def test_check_and_picture_need_a_robot() -> None:

@@ -25,7 +25,9 @@ def truth_of(path: str) -> dict[str, np.ndarray | float]:
     found: dict[str, np.ndarray | float] = {}
     with h5py.File(path, "r") as file:
         file["truth"].visititems(
-            lambda name, item: found.__setitem__(name, item[()]) if isinstance(item, h5py.Dataset) else None
+            lambda name, item: (
+                found.__setitem__(name, item[()]) if isinstance(item, h5py.Dataset) else None
+            )
         )
         found["temperature_c"] = float(file["truth"].attrs["temperature_c"])
     return found
@@ -39,7 +41,9 @@ def same_truth(a: str, b: str) -> bool:
 # --- robots and numbers ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "n"), [("planar-3r", 3), ("scara", 4), ("gantry", 5), ("ur3", 6), ("panda", 7)])
+@pytest.mark.parametrize(
+    ("name", "n"), [("planar-3r", 3), ("scara", 4), ("gantry", 5), ("ur3", 6), ("panda", 7)]
+)
 def test_any_number_of_joints(name: str, n: int) -> None:
     run("simulate", name, "-n", 6, "-o", "m.h5")
     assert stored("m.h5", "measurements/joint_positions").shape == (6, n)
@@ -90,7 +94,9 @@ def test_geometric_errors_have_the_sizes_that_were_asked_for() -> None:
     assert not placements[:, 3:].any()
 
 
-@pytest.mark.parametrize("form", [["--length-error-mm", "-1"], ["-n", "0"], ["--seed", "-1"], ["--noise-mm", "nan"]])
+@pytest.mark.parametrize(
+    "form", [["--length-error-mm", "-1"], ["-n", "0"], ["--seed", "-1"], ["--noise-mm", "nan"]]
+)
 def test_numbers_out_of_range(form: list[str]) -> None:
     assert form[0] in refused(2, "simulate", "planar-3r", *form, "-o", "m.h5")
 
@@ -112,7 +118,11 @@ def test_one_kind_of_errors(kind: str) -> None:
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [("all", KINDS), ("gear,geometric", ["geometric", "gear"]), ("thermal, gravity", ["gravity", "thermal"])],
+    [
+        ("all", KINDS),
+        ("gear,geometric", ["geometric", "gear"]),
+        ("thermal, gravity", ["gravity", "thermal"]),
+    ],
 )
 def test_several_kinds_of_errors(text: str, expected: list[str]) -> None:
     run("simulate", "fanuc-m1000ia", "-n", 4, "--errors", text, "-o", "m.h5")
@@ -154,7 +164,9 @@ def test_seeds_make_other_robots_and_other_configurations() -> None:
 def test_same_robot_keeps_the_truth_and_takes_fresh_configurations() -> None:
     """Even with the same seed, no configuration may come twice: the second file judges the first."""
     run("simulate", "planar-3r", "-n", 20, "--errors", "all", "--seed", 3, "-o", "first.h5")
-    run("simulate", "planar-3r", "-n", 20, "--seed", 3, "--same-robot", "first.h5", "-o", "fresh.h5")
+    run(
+        "simulate", "planar-3r", "-n", 20, "--seed", 3, "--same-robot", "first.h5", "-o", "fresh.h5"
+    )
     assert same_truth("first.h5", "fresh.h5")
     assert answer("info", "fresh.h5")["errors"] == answer("info", "first.h5")["errors"]
     first, fresh = (stored(f, "measurements/joint_positions") for f in ("first.h5", "fresh.h5"))
@@ -172,26 +184,54 @@ def test_same_robot_takes_stdin(files: Files) -> None:
     data = Path(files.measurements).read_bytes()
     run("simulate", "planar-3r", "-n", 5, "--same-robot", "-", "-o", "fresh.h5", stdin=data)
     assert same_truth(files.measurements, "fresh.h5")
-    assert answer("info", "fresh.h5")["provenance"]["sha256_same_robot"] == hashlib.sha256(data).hexdigest()
+    assert (
+        answer("info", "fresh.h5")["provenance"]["sha256_same_robot"]
+        == hashlib.sha256(data).hexdigest()
+    )
 
 
 def test_same_robot_of_another_robot(files: Files) -> None:
-    message = refused(3, "simulate", "fanuc-m1000ia", "--same-robot", files.measurements, "-o", "m.h5")
+    message = refused(
+        3, "simulate", "fanuc-m1000ia", "--same-robot", files.measurements, "-o", "m.h5"
+    )
     assert "planar-3r" in message
     assert "fanuc-m1000ia" in message
 
 
 def test_same_robot_needs_a_simulation(files: Files) -> None:
-    table = [["j1_deg", "j2_deg", "j3_deg", "x_mm", "y_mm", "z_mm"], [[10 * k, 7 * k, 50, k, 2, 3] for k in range(9)]]
+    table = [
+        ["j1_deg", "j2_deg", "j3_deg", "x_mm", "y_mm", "z_mm"],
+        [[10 * k, 7 * k, 50, k, 2, 3] for k in range(9)],
+    ]
     write_table("real.csv", table[0], table[1])
-    run("import", "real.csv", "--robot", "planar-3r", "--frame", "base", "--rows", "1:8", "-o", "real.h5")
+    run(
+        "import",
+        "real.csv",
+        "--robot",
+        "planar-3r",
+        "--frame",
+        "base",
+        "--rows",
+        "1:8",
+        "-o",
+        "real.h5",
+    )
     message = refused(3, "simulate", "planar-3r", "--same-robot", "real.h5", "-o", "m.h5")
     assert message.startswith("real.h5: ")
     assert files.folder.is_dir()
 
 
 def test_same_robot_contradicts_unregistered(files: Files) -> None:
-    message = refused(2, "simulate", "planar-3r", "--same-robot", files.measurements, "--unregistered", "-o", "m.h5")
+    message = refused(
+        2,
+        "simulate",
+        "planar-3r",
+        "--same-robot",
+        files.measurements,
+        "--unregistered",
+        "-o",
+        "m.h5",
+    )
     assert "--unregistered" in message
 
 
@@ -200,11 +240,15 @@ def test_same_robot_contradicts_unregistered(files: Files) -> None:
 
 def test_at_joints_in_degrees_and_radians() -> None:
     angles = [[10.0, -20.5, 30.25], [0.0, 90.0, -45.0]]
-    write_table("deg.csv", ["name", "j3_deg", "j1_deg", "j2_deg"], [["p", a[2], a[0], a[1]] for a in angles])
+    write_table(
+        "deg.csv", ["name", "j3_deg", "j1_deg", "j2_deg"], [["p", a[2], a[0], a[1]] for a in angles]
+    )
     write_table("rad.csv", ["j1_rad", "j2_rad", "j3_rad"], np.deg2rad(angles).tolist())
     for unit in ("deg", "rad"):
         run("simulate", "planar-3r", "--at", f"{unit}.csv", "-o", f"{unit}.h5")
-        np.testing.assert_allclose(stored(f"{unit}.h5", "measurements/joint_positions"), np.deg2rad(angles), atol=1e-15)
+        np.testing.assert_allclose(
+            stored(f"{unit}.h5", "measurements/joint_positions"), np.deg2rad(angles), atol=1e-15
+        )
         digest = hashlib.sha256(Path(f"{unit}.csv").read_bytes()).hexdigest()
         assert answer("info", f"{unit}.h5")["provenance"]["sha256_at"] == digest
 
@@ -222,7 +266,9 @@ def test_at_poses() -> None:
     q = np.deg2rad([[10, -80, 70, -60, -80, 20], [-30, -100, 90, -100, -70, 0]])
     T = robot.mechanism.forward(q)
     values = np.hstack([T[:, :3, 3] * 1e3, Rotation.from_matrix(T[:, :3, :3]).as_rotvec()])
-    write_table("poses.csv", ["x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"], values.tolist())
+    write_table(
+        "poses.csv", ["x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"], values.tolist()
+    )
     run("simulate", "ur10", "--at", "poses.csv", "-o", "m.h5")
     found = robot.mechanism.forward(stored("m.h5", "measurements/joint_positions"))
     np.testing.assert_allclose(found, T, atol=1e-7)
@@ -279,7 +325,10 @@ def test_unregistered_estimates_what_it_hides() -> None:
     registration = answer("info", "m.h5")["registration"]
     assert (registration["frame"], registration["targets"]) == ("estimated", "estimated")
     for name in ("T_instrument_base", "targets"):
-        estimated, true = stored("m.h5", f"registration/{name}"), stored("m.h5", f"truth/registration/{name}")
+        estimated, true = (
+            stored("m.h5", f"registration/{name}"),
+            stored("m.h5", f"truth/registration/{name}"),
+        )
         np.testing.assert_allclose(estimated, true, atol=1e-7)
     assert np.linalg.norm(stored("m.h5", "truth/registration/T_instrument_base")[:3, 3]) > 0.1
 
@@ -361,7 +410,9 @@ def test_payload_and_temperature_from_simulation_to_corrected_joints_and_code() 
     joints = []
     for load in ((), ("--payload-kg", 10), ("--payload-kg", 10, "--temperature-c", 60)):
         run("compensate", "c.h5", "t.csv", *load, "-o", "out.csv", "--force")
-        joints.append([float(cell) for cell in Path("out.csv").read_text().splitlines()[1].split(",")[:6]])
+        joints.append(
+            [float(cell) for cell in Path("out.csv").read_text().splitlines()[1].split(",")[:6]]
+        )
     assert np.abs(np.diff(joints, axis=0)).max(axis=1).min() > 1e-4
     run("export", "c.h5", "--format", "c", "--payload-kg", 10, "--temperature-c", 60, "-o", "arm.c")
     assert "10 kg at the tool, links at 60 C" in Path("arm.h").read_text()
@@ -371,6 +422,8 @@ def test_a_payload_is_refused_where_nobody_knows_what_it_does() -> None:
     run("simulate", "planar-3r", "-n", 20, "-o", "m.h5")
     run("identify", "m.h5", "-o", "c.h5")
     Path("t.csv").write_text("j1_deg,j2_deg,j3_deg\n10,20,30\n")
-    assert "payload_kg" in refused(2, "compensate", "c.h5", "t.csv", "--payload-kg", 5, "-o", "out.csv")
+    assert "payload_kg" in refused(
+        2, "compensate", "c.h5", "t.csv", "--payload-kg", 5, "-o", "out.csv"
+    )
     for bad in ("1,2,3", "-1", "x"):
         assert "--payload-kg" in refused(2, "simulate", "ur5", f"--payload-kg={bad}", "-o", "n.h5")

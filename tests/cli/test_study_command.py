@@ -10,7 +10,19 @@ from pathlib import Path
 import pytest
 from commandline import ENVIRONMENT, answer, refused, rows_of, run
 
-SMALL = ["fanuc-m1000ia", "--runs", 3, "-n", 20, "--fresh", 10, "--methods", "local-poe", "--workers", 1]
+SMALL = [
+    "fanuc-m1000ia",
+    "--runs",
+    3,
+    "-n",
+    20,
+    "--fresh",
+    10,
+    "--methods",
+    "local-poe",
+    "--workers",
+    1,
+]
 JOURNAL = Path("s.csv.journal")
 KEYS = {
     "robot",
@@ -51,11 +63,20 @@ def test_a_finished_study_is_not_performed_again(table: bytes) -> None:
     assert "local-poe" in Path("s.svg").read_text()
     assert Path("s.csv").read_bytes() == table
     value = answer("study", *SMALL, "-o", "s.csv")
-    assert (value["schema"], value["schema_version"], value["rows"], value["failed"]) == ("calibtool/study", 1, 6, 0)
+    assert (value["schema"], value["schema_version"], value["rows"], value["failed"]) == (
+        "calibtool/study",
+        1,
+        6,
+        0,
+    )
     group = value["groups"][1]
     assert set(group) >= KEYS
     assert set(group["position_mm"]) == {"mean", "std", "rms", "p95", "max"}
-    values = sorted(float(row["position_max_mm"]) for row in rows_of(table.decode()) if row["method"] == "local-poe")
+    values = sorted(
+        float(row["position_max_mm"])
+        for row in rows_of(table.decode())
+        if row["method"] == "local-poe"
+    )
     assert [group["position_mm"]["max"][q] for q in ("min", "median", "max")] == values
 
 
@@ -74,8 +95,13 @@ def test_plan_file_options_before_its_keys_and_hdf5() -> None:
 def stopped(with_signal: signal.Signals) -> tuple[int, str]:
     """A study into s.csv that got a signal after its first finished run: its exit code and stderr."""
     command = [sys.executable, "-m", "calibtool", "study", *map(str, SMALL), "-o", "s.csv"]
-    with subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        while not (JOURNAL.exists() and JOURNAL.read_bytes().count(b"\n") >= 2) and process.poll() is None:
+    with subprocess.Popen(
+        command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        while (
+            not (JOURNAL.exists() and JOURNAL.read_bytes().count(b"\n") >= 2)
+            and process.poll() is None
+        ):
             time.sleep(0.002)
         os.kill(process.pid, with_signal)
         _, told = process.communicate(timeout=60)
@@ -140,4 +166,6 @@ def test_wrong_usage(arguments: list[object], words: str) -> None:
 
 def test_a_wrong_plan_is_bad_data() -> None:
     Path("plan.toml").write_text("rums = 3\n")
-    assert refused(3, "study", "--plan", "plan.toml").startswith("plan.toml: unknown key 'rums'; did you mean runs")
+    assert refused(3, "study", "--plan", "plan.toml").startswith(
+        "plan.toml: unknown key 'rums'; did you mean runs"
+    )

@@ -17,7 +17,14 @@ def mean_error(calibration: str, on: str) -> tuple[float, float]:
 
 
 def trained(files: Files, *options: object) -> dict[str, Any]:
-    return answer("train", files.measurements, "--restarts", 1, *(() if "--base" in options else EARLY), *options)
+    return answer(
+        "train",
+        files.measurements,
+        "--restarts",
+        1,
+        *(() if "--base" in options else EARLY),
+        *options,
+    )
 
 
 def test_report_and_file(files: Files) -> None:
@@ -25,7 +32,10 @@ def test_report_and_file(files: Files) -> None:
     assert result.stdout_bytes == b""
     assert "network: 4 hidden nodes, task loss, lm" in result.stderr
     assert Path("c.h5").exists()
-    assert run("train", files.measurements, "--restarts", 1, *EARLY).stdout_bytes == Path("c.h5").read_bytes()
+    assert (
+        run("train", files.measurements, "--restarts", 1, *EARLY).stdout_bytes
+        == Path("c.h5").read_bytes()
+    )
 
 
 def test_json_makes_no_file_unless_one_is_named(files: Files) -> None:
@@ -66,16 +76,41 @@ def test_base_models(files: Files) -> None:
 
 def test_a_file_as_base(files: Files) -> None:
     """The identified model of a file is used as it is: the same network as if it were identified here."""
-    run("train", files.measurements, "--restarts", 1, "--base", files.local_poe, *EARLY[2:], "-o", "c.h5")
+    run(
+        "train",
+        files.measurements,
+        "--restarts",
+        1,
+        "--base",
+        files.local_poe,
+        *EARLY[2:],
+        "-o",
+        "c.h5",
+    )
     value = answer("info", "c.h5")
     assert value["network"] == answer("info", files.network)["network"]
     provenance = value["provenance"]
-    assert provenance["sha256_base"] == hashlib.sha256(Path(files.local_poe).read_bytes()).hexdigest()
-    assert provenance["sha256_measurements"] == hashlib.sha256(Path(files.measurements).read_bytes()).hexdigest()
+    assert (
+        provenance["sha256_base"] == hashlib.sha256(Path(files.local_poe).read_bytes()).hexdigest()
+    )
+    assert (
+        provenance["sha256_measurements"]
+        == hashlib.sha256(Path(files.measurements).read_bytes()).hexdigest()
+    )
 
 
 def test_base_from_stdin(files: Files) -> None:
-    run("train", files.measurements, "--restarts", 1, "--base", "-", "-o", "c.h5", stdin=_bytes(files.local_poe))
+    run(
+        "train",
+        files.measurements,
+        "--restarts",
+        1,
+        "--base",
+        "-",
+        "-o",
+        "c.h5",
+        stdin=_bytes(files.local_poe),
+    )
     assert answer("info", "c.h5")["base"]["model"] == "local-poe"
 
 
@@ -106,7 +141,9 @@ def test_hidden_nodes(files: Files) -> None:
     assert answer("info", files.six_network)["network"]["hidden"] == 6
 
 
-@pytest.mark.parametrize(("validation", "training", "held"), [(0.5, 20, 20), (0.25, 30, 10), (0, 40, 0)])
+@pytest.mark.parametrize(
+    ("validation", "training", "held"), [(0.5, 20, 20), (0.25, 30, 10), (0, 40, 0)]
+)
 def test_validation_part(files: Files, validation: float, training: int, held: int) -> None:
     network = trained(files, "--validation", validation)["network"]
     assert network["training_configurations"] == training
@@ -128,15 +165,27 @@ def test_a_network_that_does_not_help_is_not_used() -> None:
 
 
 @pytest.mark.parametrize(
-    "form", [["--hidden", "0"], ["--validation", "1"], ["--validation", "-0.1"], ["--restarts", "0"], ["--seed", "-1"]]
+    "form",
+    [
+        ["--hidden", "0"],
+        ["--validation", "1"],
+        ["--validation", "-0.1"],
+        ["--restarts", "0"],
+        ["--seed", "-1"],
+    ],
 )
 def test_numbers_out_of_range(files: Files, form: list[str]) -> None:
     assert form[0] in refused(2, "train", files.measurements, *form, "-o", "c.h5")
 
 
 def test_a_loss_is_called_validation_only_where_something_was_held_back(files: Files) -> None:
-    assert "validation loss" in run("train", files.measurements, "--restarts", 1, *EARLY, "-o", "a.h5").stderr
-    without = run("train", files.measurements, "--restarts", 1, *EARLY, "--validation", 0, "-o", "b.h5").stderr
+    assert (
+        "validation loss"
+        in run("train", files.measurements, "--restarts", 1, *EARLY, "-o", "a.h5").stderr
+    )
+    without = run(
+        "train", files.measurements, "--restarts", 1, *EARLY, "--validation", 0, "-o", "b.h5"
+    ).stderr
     assert "network: 4 hidden nodes" in without
     assert "validation loss" not in without
 
@@ -156,5 +205,15 @@ def test_the_learning_curve_falls_and_says_what_more_would_give(files: Files) ->
 
 
 def test_bayes_needs_second_derivatives(files: Files) -> None:
-    message = refused(2, "train", files.measurements, "--optimizer", "gd", "--regularisation", "bayes", "-o", "c.h5")
+    message = refused(
+        2,
+        "train",
+        files.measurements,
+        "--optimizer",
+        "gd",
+        "--regularisation",
+        "bayes",
+        "-o",
+        "c.h5",
+    )
     assert "early-stopping" in message

@@ -32,7 +32,9 @@ def test_the_tutorial_runs_and_says_what_is_true(here: Path) -> None:
     assert mean_of(last, "nominal") > 0.5
     assert re.search(r"warning: 1 row does not fit .*\n  configuration 1: ", said)
     assert re.search(r"─\s+backlash1 +0\.(09|10)", said)  # the clearest
-    old, new = (Path(name).read_text().splitlines() for name in ("sample/seam.ls", "seam_corrected.ls"))
+    old, new = (
+        Path(name).read_text().splitlines() for name in ("sample/seam.ls", "seam_corrected.ls")
+    )
     changed = [line for line, after in zip(old, new, strict=True) if line != after]
     assert len(changed) == 8  # two lines of each of four targets
     assert len(Path("next.csv").read_text().splitlines()) == 1 + 5
@@ -56,5 +58,14 @@ def test_the_sample_goes_into_a_folder_of_its_own(here: Path) -> None:
 @pytest.mark.parametrize("name", ["tracker.csv", "verification.csv"])
 def test_the_sample_gives_no_findings(name: str, here: Path) -> None:
     run("demo", "--sample", "-o", "s")
-    result = run("import", f"s/{name}", "--robot", "fanuc-m1000ia", "--joint-values", "controller", "-o", "m.h5")
+    result = run(
+        "import",
+        f"s/{name}",
+        "--robot",
+        "fanuc-m1000ia",
+        "--joint-values",
+        "controller",
+        "-o",
+        "m.h5",
+    )
     assert result.stderr == ""

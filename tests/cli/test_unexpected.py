@@ -24,7 +24,10 @@ def failing(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> 
     ("failing", "line"),
     [
         (MemoryError(), "out of memory; use fewer configurations at a time"),
-        (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), "standard streams: No space left on device"),
+        (
+            OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)),
+            "standard streams: No space left on device",
+        ),
         (OSError(errno.EIO, os.strerror(errno.EIO), "x.h5"), "x.h5: Input/output error"),
     ],
     indirect=["failing"],
@@ -38,7 +41,9 @@ def test_what_the_system_refuses_is_said(line: str) -> None:
 @pytest.mark.usefixtures("failing")
 def test_a_bug_is_one_line_that_asks_for_a_report() -> None:
     line = run("robots", code=1).stderr
-    assert line == "unexpected ZeroDivisionError: a b; please report it with the output of --debug\n"
+    assert (
+        line == "unexpected ZeroDivisionError: a b; please report it with the output of --debug\n"
+    )
     assert isinstance(run("--debug", "robots", code=1).exception, ZeroDivisionError)
 
 

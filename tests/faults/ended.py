@@ -24,7 +24,11 @@ from calibtool.cli import files, main
 from calibtool.cli.staging import SUFFIX, Part, staged
 
 SAMPLES = Path(__file__).resolve().parent.parent / "programs"
-WATCHED = ("files.py", "staging.py", "interrupts.py")  # modules of the command line in which an output comes to be
+WATCHED = (
+    "files.py",
+    "staging.py",
+    "interrupts.py",
+)  # modules of the command line in which an output comes to be
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,14 @@ DEMO = tuple(
     for name in (
         *(f"{stem}.h5" for stem in ("measurements", "fresh", "paper", "local-poe", "complete")),
         *(f"{stem}.{image}" for stem in ("training", "errors") for image in ("png", "svg")),
-        *("evaluation.csv", "line.csv", "corrected.csv", "compensator.json", "compensator.h", "compensator.c"),
+        *(
+            "evaluation.csv",
+            "line.csv",
+            "corrected.csv",
+            "compensator.json",
+            "compensator.h",
+            "compensator.c",
+        ),
         "report.html",
     )
 )
@@ -84,10 +95,14 @@ def available(name: str) -> bool:
 
 def make_inputs(folder: Path) -> None:
     """What the commands above read."""
-    targets = "\n".join(["j1_deg,j2_deg,j3_deg", *(f"{i % 50},{20 + i % 30},{30 - i % 20}" for i in range(2000))])
+    targets = "\n".join(
+        ["j1_deg,j2_deg,j3_deg", *(f"{i % 50},{20 + i % 30},{30 - i % 20}" for i in range(2000))]
+    )
     (folder / "targets.csv").write_text(targets + "\n")
     (folder / "weld.ls").write_bytes((SAMPLES / "weld.ls").read_bytes())
-    header = [f"j{j}_deg" for j in (1, 2, 3)] + [f"t{i}_{axis}_mm" for i in (1, 2, 3) for axis in "xyz"]
+    header = [f"j{j}_deg" for j in (1, 2, 3)] + [
+        f"t{i}_{axis}_mm" for i in (1, 2, 3) for axis in "xyz"
+    ]
     for command in (
         "simulate planar-3r -n 30 -o m.h5",
         "train m.h5 --base nominal --restarts 1 -o c.h5",
@@ -98,7 +113,9 @@ def make_inputs(folder: Path) -> None:
     with h5py.File(folder / "m.h5") as file:
         q, points = file["measurements/joint_positions"][()], file["measurements/points"][()]
     rows = np.hstack([np.rad2deg(q), points.reshape(len(q), -1) * 1e3]).tolist()
-    (folder / "t.csv").write_text("\n".join(",".join(map(str, row)) for row in [header, *rows]) + "\n")
+    (folder / "t.csv").write_text(
+        "\n".join(",".join(map(str, row)) for row in [header, *rows]) + "\n"
+    )
 
 
 def start(words: list[str], folder: Path, before: Callable[[], object] = lambda: None) -> int:
@@ -112,7 +129,9 @@ def start(words: list[str], folder: Path, before: Callable[[], object] = lambda:
         null = os.open(os.devnull, os.O_RDWR)
         for number in (0, 1, 2):
             os.dup2(null, number)
-        sys.stdin, sys.stdout, sys.stderr = (os.fdopen(i, mode) for i, mode in ((0, "r"), (1, "w"), (2, "w")))
+        sys.stdin, sys.stdout, sys.stderr = (
+            os.fdopen(i, mode) for i, mode in ((0, "r"), (1, "w"), (2, "w"))
+        )
         signal.signal(
             signal.SIGINT, signal.default_int_handler
         )  # a process in the background may have been told to ignore it
@@ -184,7 +203,9 @@ def limit_file_size(size: int) -> Callable[[], None]:
 
 def snapshot(folder: Path, writer: Writer) -> dict[str, bytes]:
     """The outputs that are there."""
-    return {name: (folder / name).read_bytes() for name in writer.outputs if (folder / name).exists()}
+    return {
+        name: (folder / name).read_bytes() for name in writer.outputs if (folder / name).exists()
+    }
 
 
 def parts(folder: Path) -> list[str]:
@@ -199,7 +220,9 @@ def remove_outputs(folder: Path, writer: Writer) -> None:
         (folder / name).unlink()
 
 
-def broken(folder: Path, writer: Writer, old: dict[str, bytes], new: dict[str, bytes], others: set[str]) -> str:
+def broken(
+    folder: Path, writer: Writer, old: dict[str, bytes], new: dict[str, bytes], others: set[str]
+) -> str:
     """What breaks the law, '' for nothing: every output is the old one, the new one or (if there was none) absent."""
     now = snapshot(folder, writer)
     for name in writer.outputs:

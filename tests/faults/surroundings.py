@@ -38,9 +38,13 @@ class Surroundings:
 
 
 SURROUNDINGS = {
-    "no HOME": Surroundings(taken=("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR", "USER", "LOGNAME")),
+    "no HOME": Surroundings(
+        taken=("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR", "USER", "LOGNAME")
+    ),
     "a HOME that is not there": Surroundings({"HOME": "/proc/none", "MPLCONFIGDIR": "/proc/none"}),
-    "C locale": Surroundings({"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}),
+    "C locale": Surroundings(
+        {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    ),
     "de_DE locale, decimal comma": Surroundings({"LC_ALL": GERMAN, "LANG": GERMAN}, before=_LOCALE),
     "a clock that runs backwards": Surroundings(before=_CLOCK),
     "a folder with spaces and non-ASCII names": Surroundings(folder="größe ω – 測量 (1) 'x'"),
@@ -69,7 +73,9 @@ def placed(inputs: Path, where: Path, surroundings: Surroundings) -> Iterator[Pa
         shutil.rmtree(folder)
 
 
-def run(words: list[str], folder: Path, surroundings: Surroundings, locales: Path | None = None) -> int:
+def run(
+    words: list[str], folder: Path, surroundings: Surroundings, locales: Path | None = None
+) -> int:
     """Exit code of `calibtool WORDS`; locales: where the German one was made."""
     environment = {key: value for key, value in os.environ.items() if key not in surroundings.taken}
     environment |= surroundings.added | ({"LOCPATH": str(locales)} if locales else {})

@@ -22,7 +22,15 @@ from calibtool.cli.staging import SUFFIX
 
 QUICK = [
     "simulate",
-    *("import", "import, two files", "train", "compensate, rows", "compensate, program", "export, JSON", "export, C"),
+    *(
+        "import",
+        "import, two files",
+        "train",
+        "compensate, rows",
+        "compensate, program",
+        "export, JSON",
+        "export, C",
+    ),
     "plot",
 ]  # the rest write as these do
 each = pytest.mark.parametrize("name", QUICK)
@@ -64,7 +72,10 @@ def test_killed_at_any_moment(name: str, clean: Path) -> None:
     for existing in (False, True):
         old = before(clean, writer, existing)
         step = rng.randint(1, steps)
-        assert finished(start(writer.words, clean, ended.signal_at_step(step, signal.SIGKILL))) == -signal.SIGKILL
+        assert (
+            finished(start(writer.words, clean, ended.signal_at_step(step, signal.SIGKILL)))
+            == -signal.SIGKILL
+        )
         assert not broken(clean, writer, old, new, others), step
         old = before(clean, writer, existing)
         ended.signal_after(start(writer.words, clean), rng.uniform(0, 0.3), signal.SIGKILL)
@@ -85,7 +96,9 @@ def test_asked_to_end(name: str, number: int, clean: Path) -> None:
     new = snapshot(clean, writer)
     for existing in (False, True):
         old = before(clean, writer, existing)
-        code = finished(start(writer.words, clean, ended.signal_at_step(rng.randint(1, steps), number)))
+        code = finished(
+            start(writer.words, clean, ended.signal_at_step(rng.randint(1, steps), number))
+        )
         assert code in (0, 128 + number)  # 0: on the last step, when everything is done
         assert not broken(clean, writer, old, new, others)
         assert snapshot(clean, writer) in (old, new)
@@ -108,7 +121,9 @@ def test_a_disk_that_is_really_full(clean: Path) -> None:
     """A tmpfs with no page left, and with one for an output of four."""
     disk = clean / "disk"
     disk.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "none", str(disk)], capture_output=True).returncode:
+    if subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=64k", "none", str(disk)], capture_output=True
+    ).returncode:
         pytest.skip("mounting is not allowed here")
     try:
         for free in (0, 4096):
@@ -206,13 +221,16 @@ def test_closed_streams_end_up_in_no_file(closed: tuple[int, ...], clean: Path) 
     expected = (clean / "out.h5").read_bytes()
     shut = " ".join(f"{number}{'<' if number == 0 else '>'}&-" for number in closed)
     code = subprocess.call(
-        ["bash", "-c", f"{sys.executable} -m calibtool {' '.join(SIMULATE)} --force {shut}"], cwd=clean
+        ["bash", "-c", f"{sys.executable} -m calibtool {' '.join(SIMULATE)} --force {shut}"],
+        cwd=clean,
     )
     assert code == 0
     assert (clean / "out.h5").read_bytes() == expected
 
 
-@pytest.mark.parametrize("fault", [name for name in SURROUNDINGS if "HOME" not in name and "closed" not in name])
+@pytest.mark.parametrize(
+    "fault", [name for name in SURROUNDINGS if "HOME" not in name and "closed" not in name]
+)
 def test_surroundings_change_no_byte(fault: str, clean: Path, tmp_path: Path) -> None:
     words = WRITERS["compensate, rows"].words
     chosen, german = SURROUNDINGS[fault], "de_DE" in fault
@@ -228,9 +246,17 @@ def test_a_hostile_environment_changes_nothing(clean: Path) -> None:
     """No home, no cache, no UTF-8 locale: the same bytes, not a word, and a name that is not ASCII."""
     words = ["plot", "training", "c.h5", "--force", "-o"]
     assert finished(start([*words, "out.svg"], clean)) == 0
-    environment = {"LC_ALL": "POSIX", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "MPLCONFIGDIR": "/proc/none"}
+    environment = {
+        "LC_ALL": "POSIX",
+        "PYTHONUTF8": "0",
+        "PYTHONCOERCECLOCALE": "0",
+        "MPLCONFIGDIR": "/proc/none",
+    }
     done = subprocess.run(
-        [sys.executable, "-m", "calibtool", *words, "größe ω.svg"], cwd=clean, env=environment, capture_output=True
+        [sys.executable, "-m", "calibtool", *words, "größe ω.svg"],
+        cwd=clean,
+        env=environment,
+        capture_output=True,
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
     assert (clean / "größe ω.svg").read_bytes() == (clean / "out.svg").read_bytes()
@@ -258,7 +284,10 @@ main()
 @pytest.mark.parametrize("step", [1, 100, 400])
 def test_an_interrupt_while_modules_are_imported_is_silent(step: int, clean: Path) -> None:
     command = [sys.executable, "-c", INTERRUPTED.format(step=step)]
-    environment = {**os.environ, "COVERAGE_PROCESS_CONFIG": ""}  # its measurement changes how much is imported
+    environment = {
+        **os.environ,
+        "COVERAGE_PROCESS_CONFIG": "",
+    }  # its measurement changes how much is imported
     done = subprocess.run(command, cwd=clean, env=environment, capture_output=True)
     assert (done.returncode, done.stderr) == (130, b"")
 

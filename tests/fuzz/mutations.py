@@ -7,9 +7,50 @@ import zipfile
 from collections.abc import Callable, Sequence
 
 NUMBERS = (
-    *("nan", "inf", "-inf", "1e999", "-0", "-0.0", "1e308", "-1e308", "1e-320", "0", "1", "-1", "180", "1e6", "2e9"),
-    *("4294967296", "9223372036854775808", "-9223372036854775809", "1_0", "0x1f", "1,5", "٣", "½", "1e", ".", "--1"),
-    *("9" * 400, "9" * 5000, "0." + "0" * 400 + "1", "true", "null", "None", '"1"', "''", "[]", "{}", "1;2", "1 2"),
+    *(
+        "nan",
+        "inf",
+        "-inf",
+        "1e999",
+        "-0",
+        "-0.0",
+        "1e308",
+        "-1e308",
+        "1e-320",
+        "0",
+        "1",
+        "-1",
+        "180",
+        "1e6",
+        "2e9",
+    ),
+    *(
+        "4294967296",
+        "9223372036854775808",
+        "-9223372036854775809",
+        "1_0",
+        "0x1f",
+        "1,5",
+        "٣",
+        "½",
+        "1e",
+        ".",
+        "--1",
+    ),
+    *(
+        "9" * 400,
+        "9" * 5000,
+        "0." + "0" * 400 + "1",
+        "true",
+        "null",
+        "None",
+        '"1"',
+        "''",
+        "[]",
+        "{}",
+        "1;2",
+        "1 2",
+    ),
 )
 WORDS = (
     *(
@@ -86,7 +127,9 @@ def flip(rng: random.Random, data: bytes, seeds: Sequence[bytes]) -> bytes:
 def overwrite(rng: random.Random, data: bytes, seeds: Sequence[bytes]) -> bytes:
     """Some bytes, by others or by a number at the edge of a binary field."""
     start, end = _span(rng, data, 8)
-    new = rng.choice((rng.randbytes(end - start), b"\xff" * (end - start), b"\0" * (end - start), b"\x7f" * 8))
+    new = rng.choice(
+        (rng.randbytes(end - start), b"\xff" * (end - start), b"\0" * (end - start), b"\x7f" * 8)
+    )
     return data[:start] + new + data[start + len(new) :]
 
 
@@ -174,18 +217,56 @@ def nest(rng: random.Random, data: bytes, seeds: Sequence[bytes]) -> bytes:
     start = rng.randrange(len(data) + 1)
     count = rng.choice((2, 30, 300, 3000, 30_000))
     opened = rng.choice(OPENING)
-    closed = {"[": "]", "(": ")", "{": "}", '{"a":': "}", "{a=": "}", "[[": "]]", "<a>": "</a>"}.get(opened, "")
-    return data[:start] + (opened * count + "1" + closed * rng.choice((0, count))).encode() + data[start:]
+    closed = {
+        "[": "]",
+        "(": ")",
+        "{": "}",
+        '{"a":': "}",
+        "{a=": "}",
+        "[[": "]]",
+        "<a>": "</a>",
+    }.get(opened, "")
+    return (
+        data[:start]
+        + (opened * count + "1" + closed * rng.choice((0, count))).encode()
+        + data[start:]
+    )
 
 
 TEXT: tuple[Mutation, ...] = (
-    *(number, number, number, transplant, transplant, insert, insert, lines, lines, delete, splice, truncate, flip),
+    *(
+        number,
+        number,
+        number,
+        transplant,
+        transplant,
+        insert,
+        insert,
+        lines,
+        lines,
+        delete,
+        splice,
+        truncate,
+        flip,
+    ),
     *(repeat, overwrite, nest),
 )
-BINARY: tuple[Mutation, ...] = (flip, flip, overwrite, overwrite, zero_sector, truncate, delete, repeat, splice)
+BINARY: tuple[Mutation, ...] = (
+    flip,
+    flip,
+    overwrite,
+    overwrite,
+    zero_sector,
+    truncate,
+    delete,
+    repeat,
+    splice,
+)
 
 
-def mutated(rng: random.Random, seeds: Sequence[bytes], mutations: Sequence[Mutation], most: int = 3) -> bytes:
+def mutated(
+    rng: random.Random, seeds: Sequence[bytes], mutations: Sequence[Mutation], most: int = 3
+) -> bytes:
     """One of the seeds after a few mutations."""
     data = rng.choice(seeds)
     for _ in range(rng.randint(1, most)):
@@ -199,8 +280,12 @@ def mutated_archive(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
         return mutated(rng, seeds, BINARY)
     archive = zipfile.ZipFile(io.BytesIO(rng.choice(seeds)))
     members = {name: archive.read(name) for name in archive.namelist()}
-    chosen = rng.choice([name for name in members if "sheet" in name or "shared" in name or rng.random() < 0.4])
-    members[chosen] = mutated(rng, list(members.values()) if rng.random() < 0.1 else [members[chosen]], TEXT)
+    chosen = rng.choice(
+        [name for name in members if "sheet" in name or "shared" in name or rng.random() < 0.4]
+    )
+    members[chosen] = mutated(
+        rng, list(members.values()) if rng.random() < 0.1 else [members[chosen]], TEXT
+    )
     if rng.random() < 0.05:
         del members[rng.choice(list(members))]
     out = io.BytesIO()

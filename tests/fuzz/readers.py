@@ -23,7 +23,13 @@ from calibtool.evaluation.study import Definition, Study, StudyTable, parse_defi
 from calibtool.evaluation.study.journal import SCHEMA as JOURNAL
 from calibtool.evaluation.study.journal import Journal
 from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, failed, parse_csv
-from calibtool.measurement.importing import ColumnMap, JointFile, Stated, parse_column_map, read_table
+from calibtool.measurement.importing import (
+    ColumnMap,
+    JointFile,
+    Stated,
+    parse_column_map,
+    read_table,
+)
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
@@ -78,7 +84,9 @@ def six() -> Robot:
 @cache
 def measurements(robot: str = "planar-3r") -> Measurements:
     made = load_robot(robot)
-    simulated = simulate(made, Simulation(seed=1, workspace=made.workspace(None)[1], configurations=12))
+    simulated = simulate(
+        made, Simulation(seed=1, workspace=made.workspace(None)[1], configurations=12)
+    )
     return replace(simulated, provenance={"command": "calibtool simulate", "note": "µm"})
 
 
@@ -145,13 +153,28 @@ def _strange(rng: random.Random, values: object) -> object:
             [1.0],
             np.zeros((0, 3)),
         ),
-        *(np.zeros((2, 2, 2, 2)), np.array([1 + 2j]), np.array([(1, 2.0)], dtype="i4,f8"), ["a", "b"], "9" * 5000),
+        *(
+            np.zeros((2, 2, 2, 2)),
+            np.array([1 + 2j]),
+            np.array([(1, 2.0)], dtype="i4,f8"),
+            ["a", "b"],
+            "9" * 5000,
+        ),
     ]
-    if isinstance(values, np.ndarray) and values.dtype.kind in "fiu" and values.size and rng.random() < 0.7:
+    if (
+        isinstance(values, np.ndarray)
+        and values.dtype.kind in "fiu"
+        and values.size
+        and rng.random() < 0.7
+    ):
         changed = values.astype(float)
         big = changed * np.where(np.abs(changed) < 1e100, 1e200, 1.0)
-        changed.flat[rng.randrange(values.size)] = rng.choice((np.nan, np.inf, -1.0, 0.0, 1e300, -1e300, 1e-320, 7.5))
-        return rng.choice((changed, big, changed[:-1], changed[..., None], changed.T, np.zeros_like(changed)))
+        changed.flat[rng.randrange(values.size)] = rng.choice(
+            (np.nan, np.inf, -1.0, 0.0, 1e300, -1e300, 1e-320, 7.5)
+        )
+        return rng.choice(
+            (changed, big, changed[:-1], changed[..., None], changed.T, np.zeros_like(changed))
+        )
     return rng.choice(choices)
 
 
@@ -183,7 +206,11 @@ def _rows(data: bytes) -> None:
 def _objects(data: bytes) -> None:
     """Joints as objects, corrected and written."""
     lines = io.StringIO(text_of(data), newline=None)
-    list(compensate_stream(calibrations()[1], lines, "rows", StreamOptions(), StreamReport(), "ndjson"))
+    list(
+        compensate_stream(
+            calibrations()[1], lines, "rows", StreamOptions(), StreamReport(), "ndjson"
+        )
+    )
 
 
 def _sound(found: Measurements) -> None:
@@ -197,8 +224,17 @@ def _imported(data: bytes) -> None:
 
 
 def _points(data: bytes) -> None:
-    joints = JointFile(b"name,j1_deg,j2_deg,j3_deg\np1,1,2,3\np2,4,5,6\np3,7,8,9\n", "joints.csv", "name")
-    read = read_table(data, "points", arm(), format="spatial-analyzer", stated=Stated("mm", None, None), joints=joints)
+    joints = JointFile(
+        b"name,j1_deg,j2_deg,j3_deg\np1,1,2,3\np2,4,5,6\np3,7,8,9\n", "joints.csv", "name"
+    )
+    read = read_table(
+        data,
+        "points",
+        arm(),
+        format="spatial-analyzer",
+        stated=Stated("mm", None, None),
+        joints=joints,
+    )
     _sound(read.measurements)
 
 
@@ -206,7 +242,9 @@ def _mapped(data: bytes) -> None:
     columns: ColumnMap = parse_column_map(text_of(data), "map.toml")
     header = "A;B;C;x;y;z;x2;y2;z2;T;clock\n"
     _sound(
-        read_table(header + "1;2;3;4;5;6;7;8;9;20;1\n2;3;4;5;6;8;7;9;9;20;2\n", "t.csv", arm(), columns).measurements
+        read_table(
+            header + "1;2;3;4;5;6;7;8;9;20;1\n2;3;4;5;6;8;7;9;9;20;2\n", "t.csv", arm(), columns
+        ).measurements
     )
 
 
@@ -219,7 +257,9 @@ def workbooks() -> Sequence[bytes]:
         book = openpyxl.Workbook()
         for line in path.read_text(encoding="utf-8").splitlines():
             cells = line.split(",")
-            book.active.append([float(c) if c.replace(".", "").lstrip("-").isdigit() else c or None for c in cells])
+            book.active.append(
+                [float(c) if c.replace(".", "").lstrip("-").isdigit() else c or None for c in cells]
+            )
         out = io.BytesIO()
         book.save(out)
         found.append(out.getvalue())
@@ -227,7 +267,11 @@ def workbooks() -> Sequence[bytes]:
 
 
 def _workbook(data: bytes) -> None:
-    _sound(read_table(data, "w.xlsx", arm(), format="excel", stated=Stated("mm", "deg", None)).measurements)
+    _sound(
+        read_table(
+            data, "w.xlsx", arm(), format="excel", stated=Stated("mm", "deg", None)
+        ).measurements
+    )
 
 
 # --- robots ----------------------------------------------------------------------------------------------------------
@@ -241,7 +285,9 @@ def _check_robot(robot: Robot) -> None:
 
 
 def _description(data: bytes) -> None:
-    _check_robot(Robot.from_source(parse_source(text_of(data), arm().source.urdf_text, "robot.toml")))
+    _check_robot(
+        Robot.from_source(parse_source(text_of(data), arm().source.urdf_text, "robot.toml"))
+    )
 
 
 def _urdf(data: bytes) -> None:
@@ -270,9 +316,14 @@ def study() -> Study:
 def studied() -> StudyTable:
     """Made-up results of three runs, one of them failed."""
     rows = [
-        tuple("planar-3r" if c in TEXTS else run + 1 if c in COUNTS else 0.125 * run for c in COLUMNS) for run in (1, 2)
+        tuple(
+            "planar-3r" if c in TEXTS else run + 1 if c in COUNTS else 0.125 * run for c in COLUMNS
+        )
+        for run in (1, 2)
     ]
-    return StudyTable("planar-3r", (*rows, failed(rows[0][: COLUMNS.index("status")], "no solution")))
+    return StudyTable(
+        "planar-3r", (*rows, failed(rows[0][: COLUMNS.index("status")], "no solution"))
+    )
 
 
 def _journal(data: bytes) -> None:
@@ -287,7 +338,11 @@ def _journal(data: bytes) -> None:
 def journals() -> Sequence[bytes]:
     start = json.dumps({"schema": JOURNAL, "study": study().key})
     rows = studied().rows
-    return ["\n".join([start, *(json.dumps({"run": k, "rows": [row]}) for k, row in enumerate(rows)), ""]).encode()]
+    return [
+        "\n".join(
+            [start, *(json.dumps({"run": k, "rows": [row]}) for k, row in enumerate(rows)), ""]
+        ).encode()
+    ]
 
 
 # --- programs --------------------------------------------------------------------------------------------------------
@@ -314,10 +369,14 @@ READERS: dict[str, Reader] = {
     "xlsx": Reader(workbooks, mutated_archive, _workbook),
     "column-map": Reader(lambda: corpus("column-map"), _text, _mapped),
     "study-definition": Reader(
-        lambda: corpus("study-definition"), _text, lambda data: parse_definition(text_of(data), "study.toml")
+        lambda: corpus("study-definition"),
+        _text,
+        lambda data: parse_definition(text_of(data), "study.toml"),
     ),
     "study-csv": Reader(
-        lambda: [studied().as_csv().encode()], _text, lambda data: parse_csv(text_of(data), "s.csv").as_csv()
+        lambda: [studied().as_csv().encode()],
+        _text,
+        lambda data: parse_csv(text_of(data), "s.csv").as_csv(),
     ),
     "study-journal": Reader(journals, _text, _journal),
     "hdf5-study": Reader(
@@ -327,7 +386,9 @@ READERS: dict[str, Reader] = {
     ),
     "robot-toml": Reader(lambda: corpus("robot-toml"), _text, _description),
     "urdf": Reader(lambda: corpus("urdf"), _text, _urdf),
-    "frames-toml": Reader(lambda: corpus("frames-toml"), _text, lambda data: read_frames(text_of(data), "frames.toml")),
+    "frames-toml": Reader(
+        lambda: corpus("frames-toml"), _text, lambda data: read_frames(text_of(data), "frames.toml")
+    ),
     "ur-yaml": Reader(lambda: corpus("ur-yaml"), _text, _controller(None)),
     "ur-conf": Reader(lambda: corpus("ur-conf"), _text, _controller(None)),
     "dh-table": Reader(lambda: corpus("dh-table"), _text, _controller("standard")),

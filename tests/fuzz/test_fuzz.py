@@ -9,7 +9,15 @@ from watched import watched
 
 from calibtool.errors import CalibtoolError
 
-SLOW = {"hdf5-measurements", "hdf5-calibration", "urdf", "robot-toml", "xlsx", "hdf5-study", "study-journal"}
+SLOW = {
+    "hdf5-measurements",
+    "hdf5-calibration",
+    "urdf",
+    "robot-toml",
+    "xlsx",
+    "hdf5-study",
+    "study-journal",
+}
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -34,7 +34,9 @@ def refused(data: bytes, reason: str) -> None:
 
 def test_the_digest_is_that_of_what_stands_before_it() -> None:
     data = to_bytes(measurements())
-    assert data[-82:] == b"calibtool/sha256 " + hashlib.sha256(data[:-82]).hexdigest().encode() + b"\n"
+    assert (
+        data[-82:] == b"calibtool/sha256 " + hashlib.sha256(data[:-82]).hexdigest().encode() + b"\n"
+    )
 
 
 def test_hdf5_reads_the_file_with_its_digest_and_without_it() -> None:
@@ -51,7 +53,9 @@ def test_a_file_that_ends_inside_its_digest_is_refused() -> None:
         refused(data[:-missing], "cut off")
 
 
-@pytest.mark.parametrize("contents", [measurements(), calibrations()[2]], ids=["measurements", "calibration"])
+@pytest.mark.parametrize(
+    "contents", [measurements(), calibrations()[2]], ids=["measurements", "calibration"]
+)
 def test_a_zeroed_sector_anywhere_is_refused(contents: object) -> None:
     data = to_bytes(contents)  # type: ignore[arg-type]
     for start in range(0, len(data) - 82 - 512, 512):  # the digest itself stays
@@ -99,7 +103,9 @@ def move(file: h5py.File, path: str, link: object) -> None:
 
 
 @pytest.mark.parametrize("path", ["registration", "measurements/points", "robot/urdf"])
-@pytest.mark.parametrize("link", [h5py.ExternalLink("/etc/passwd", "/"), h5py.SoftLink("/"), h5py.SoftLink("loop")])
+@pytest.mark.parametrize(
+    "link", [h5py.ExternalLink("/etc/passwd", "/"), h5py.SoftLink("/"), h5py.SoftLink("loop")]
+)
 def test_links_are_refused(path: str, link: object) -> None:
     refused(changed(lambda file: move(file, path, link)), "link to another place")
 
@@ -137,7 +143,9 @@ def test_external_storage(tmp_path: Path) -> None:
 
     def change(file: h5py.File) -> None:
         del file["measurements/joint_positions"]
-        file.create_dataset("measurements/joint_positions", (12, 3), "f8", external=[(str(secret), 0, 288)])
+        file.create_dataset(
+            "measurements/joint_positions", (12, 3), "f8", external=[(str(secret), 0, 288)]
+        )
 
     refused(changed(change), "in another file")
 
@@ -158,7 +166,9 @@ def test_a_compression_bomb() -> None:
     def change(file: h5py.File) -> None:
         del file["measurements/joint_positions"]
         zeros = np.zeros((1 << 20, 3))
-        file.create_dataset("measurements/joint_positions", data=zeros, chunks=(1 << 17, 3), compression="gzip")
+        file.create_dataset(
+            "measurements/joint_positions", data=zeros, chunks=(1 << 17, 3), compression="gzip"
+        )
 
     data = changed(change)
     assert len(data) < 200_000
@@ -176,7 +186,9 @@ def test_a_long_list_of_texts() -> None:
     buffer = io.BytesIO(without_digest(to_bytes(calibrations()[0])))
     with h5py.File(buffer, "r+") as file:
         del file["model/unobservable"]
-        file.create_dataset("model/unobservable", data=["x" * 50_000] * 30, dtype=h5py.string_dtype())
+        file.create_dataset(
+            "model/unobservable", data=["x" * 50_000] * 30, dtype=h5py.string_dtype()
+        )
     refused(buffer.getvalue(), "characters")
 
 
@@ -195,7 +207,9 @@ def test_a_long_list_of_texts() -> None:
     ids=["complex", "compound", "text", "boolean", "opaque"],
 )
 def test_what_is_no_number_never_becomes_one(values: np.ndarray) -> None:
-    refused(changed(lambda file: move(file, "measurements/joint_positions", values)), "expected numbers")
+    refused(
+        changed(lambda file: move(file, "measurements/joint_positions", values)), "expected numbers"
+    )
 
 
 def test_row_numbers_that_no_table_has() -> None:

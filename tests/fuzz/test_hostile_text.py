@@ -37,7 +37,14 @@ TOML_READERS: list[Callable[[str], object]] = [
 @pytest.mark.parametrize("read", TOML_READERS, ids=["robot", "columns", "frames"])
 @pytest.mark.parametrize(
     "text",
-    ["a = " + "[" * 5000, "a = " + "{b=" * 5000, "a = " + "9" * 5000, "a." * 30_000 + "b = 1", "a = 1e999", "a = 0x"],
+    [
+        "a = " + "[" * 5000,
+        "a = " + "{b=" * 5000,
+        "a = " + "9" * 5000,
+        "a." * 30_000 + "b = 1",
+        "a = 1e999",
+        "a = 0x",
+    ],
     ids=["lists", "tables", "digits", "dots", "infinite", "syntax"],
 )
 def test_toml_that_python_cannot_follow(read: Callable[[str], object], text: str) -> None:
@@ -46,14 +53,29 @@ def test_toml_that_python_cannot_follow(read: Callable[[str], object], text: str
 
 
 @pytest.mark.parametrize(
-    "value", ["[" * 100_000, '{"a":' * 100_000, "9" * 5000, "1e999", "NaN", "-Infinity", "[1]", "true", "1e300"]
+    "value",
+    [
+        "[" * 100_000,
+        '{"a":' * 100_000,
+        "9" * 5000,
+        "1e999",
+        "NaN",
+        "-Infinity",
+        "[1]",
+        "true",
+        "1e300",
+    ],
 )
 def test_json_values_that_are_no_number(value: str) -> None:
     from readers import calibrations
 
     rows = [f'{{"j1_deg": {value}, "j2_deg": 0, "j3_deg": 0}}']
     with pytest.raises(InputError, match=r"^x:1: "):
-        list(compensate_stream(calibrations()[0], rows, "x", StreamOptions(), StreamReport(), "ndjson"))
+        list(
+            compensate_stream(
+                calibrations()[0], rows, "x", StreamOptions(), StreamReport(), "ndjson"
+            )
+        )
 
 
 # --- robots ----------------------------------------------------------------------------------------------------------
@@ -67,15 +89,21 @@ def folder_with(tmp_path: Path, urdf: str) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("urdf", ["../outside.urdf", "/etc/passwd", "a/../../outside.urdf", "/dev/zero", ".."])
+@pytest.mark.parametrize(
+    "urdf", ["../outside.urdf", "/etc/passwd", "a/../../outside.urdf", "/dev/zero", ".."]
+)
 def test_a_description_reads_nothing_outside_of_its_folder(tmp_path: Path, urdf: str) -> None:
-    with pytest.raises(InputError, match=r"robot\.toml: kinematics\.urdf: .* is outside of .*; copy the file there"):
+    with pytest.raises(
+        InputError, match=r"robot\.toml: kinematics\.urdf: .* is outside of .*; copy the file there"
+    ):
         read_source(folder_with(tmp_path, urdf))
 
 
 def test_example_robot_data_is_not_left_either(tmp_path: Path) -> None:
     folder = folder_with(tmp_path, "robot.urdf")
-    text = TOML.replace('urdf = "robot.urdf"', 'example_robot_data = "../../../../../../etc/passwd"')
+    text = TOML.replace(
+        'urdf = "robot.urdf"', 'example_robot_data = "../../../../../../etc/passwd"'
+    )
     (folder / "robot.toml").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match="is outside of"):
         read_source(folder)
@@ -121,7 +149,9 @@ def test_document_types_and_entities_are_refused(head: str) -> None:
         source_from_urdf(URDF.replace("<robot", head + "<robot", 1), "x.urdf")
 
 
-@pytest.mark.parametrize("mesh", ["package://../../etc/passwd", "/dev/zero", "file:///etc/passwd", "../../../x.stl"])
+@pytest.mark.parametrize(
+    "mesh", ["package://../../etc/passwd", "/dev/zero", "file:///etc/passwd", "../../../x.stl"]
+)
 def test_meshes_are_not_looked_at(mesh: str) -> None:
     visual = f'<visual><geometry><mesh filename="{mesh}"/></geometry></visual>'
     text = URDF.replace('<link name="link_1"/>', f'<link name="link_1">{visual}</link>')
@@ -131,10 +161,14 @@ def test_meshes_are_not_looked_at(mesh: str) -> None:
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "1e999", "-1e308"])
-@pytest.mark.parametrize("attribute", ['xyz="0.5 0 0"', 'rpy="0 0 0"', 'axis xyz="0 0 1"', 'upper="2.96705972839"'])
+@pytest.mark.parametrize(
+    "attribute", ['xyz="0.5 0 0"', 'rpy="0 0 0"', 'axis xyz="0 0 1"', 'upper="2.96705972839"']
+)
 def test_numbers_of_a_urdf_are_finite(attribute: str, value: str) -> None:
     name, _, old = attribute.partition('="')
-    text = URDF.replace(attribute, f'{name}="{old.replace(old.split()[0], value, 1)}' + ("" if " " in old else '"'))
+    text = URDF.replace(
+        attribute, f'{name}="{old.replace(old.split()[0], value, 1)}' + ("" if " " in old else '"')
+    )
     try:
         robot = Robot.from_source(source_from_urdf(text, "x"))
     except InputError:
@@ -158,9 +192,7 @@ def with_sheet(xml: str, **extra: bytes) -> bytes:
     return out.getvalue()
 
 
-SHEET = (
-    '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>{}</sheetData></worksheet>'
-)
+SHEET = '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>{}</sheetData></worksheet>'
 
 
 def test_a_zip_bomb() -> None:
@@ -228,7 +260,9 @@ def test_tables_with_endless_names_and_numbers(name: str, data: bytes) -> None:
         READERS[name].read(data)
 
 
-@pytest.mark.parametrize("name", ["fanuc-ls", "kuka-krl", "abb-rapid", "ur-script", "ros2-trajectory"])
+@pytest.mark.parametrize(
+    "name", ["fanuc-ls", "kuka-krl", "abb-rapid", "ur-script", "ros2-trajectory"]
+)
 @pytest.mark.parametrize(
     "word",
     ["[", "{", "(", "a", "END", "P[1]{", "/POS\n", "robtarget a := [", "robtarget a {", "MoveL ", "movej(", "E6POS A={",
@@ -248,7 +282,9 @@ def test_a_program_of_numbers_without_end() -> None:
     assert [literal.bad for literal in program.literals] == [True]
 
 
-@pytest.mark.parametrize("word", ["robtarget a", "robtarget a{1}", "MoveL a", "CONST jointtarget b :="])
+@pytest.mark.parametrize(
+    "word", ["robtarget a", "robtarget a{1}", "MoveL a", "CONST jointtarget b :="]
+)
 @pytest.mark.parametrize("blank", [" ", "\n", "x"])
 def test_a_name_and_endless_blanks(word: str, blank: str) -> None:
     """The time grows with the length here too."""
@@ -269,7 +305,13 @@ TABLE = studied().as_csv()
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [("0.125", "1e999"), ("0.125", "0.1_2"), ("0.125", "٣"), (",2,", f",{2**63},"), (",2,", "," + "9" * 5000 + ",")],
+    [
+        ("0.125", "1e999"),
+        ("0.125", "0.1_2"),
+        ("0.125", "٣"),
+        (",2,", f",{2**63},"),
+        (",2,", "," + "9" * 5000 + ","),
+    ],
     ids=["infinite", "underscore", "another script", "64 bits", "5000 digits"],
 )
 def test_cells_of_a_study_that_are_no_number(old: str, new: str) -> None:
@@ -283,7 +325,9 @@ def test_a_cell_of_a_study_without_end() -> None:
         parse_csv(TABLE.replace("planar-3r", "x" * 140_000), "s.csv")
 
 
-@pytest.mark.parametrize("text", ["runs = [" + "[" * 5000, "runs = " + "9" * 5000, "a." * 30_000 + "b = 1"])
+@pytest.mark.parametrize(
+    "text", ["runs = [" + "[" * 5000, "runs = " + "9" * 5000, "a." * 30_000 + "b = 1"]
+)
 def test_definitions_that_python_cannot_follow(text: str) -> None:
     with pytest.raises(InputError, match=r"^s\.toml: "):
         parse_definition(text, "s.toml")

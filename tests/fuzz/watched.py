@@ -19,8 +19,24 @@ _RUNNING = (
     "subprocess.Popen",
     "pty.spawn",
 )
-_CHANGING = ("os.remove", "os.rename", "os.mkdir", "os.rmdir", "os.link", "os.symlink", "os.truncate", "os.chmod")
-_REACHING = ("socket.connect", "socket.bind", "socket.getaddrinfo", "urllib.Request", "ctypes.dlopen", "exec")
+_CHANGING = (
+    "os.remove",
+    "os.rename",
+    "os.mkdir",
+    "os.rmdir",
+    "os.link",
+    "os.symlink",
+    "os.truncate",
+    "os.chmod",
+)
+_REACHING = (
+    "socket.connect",
+    "socket.bind",
+    "socket.getaddrinfo",
+    "urllib.Request",
+    "ctypes.dlopen",
+    "exec",
+)
 EVENTS = frozenset(("open", *_RUNNING, *_CHANGING, *_REACHING))
 
 # Folders that are made for the moment: Pinocchio is given a URDF as a file, a journal is one.
@@ -38,7 +54,9 @@ def _note(event: str, arguments: tuple[object, ...]) -> None:
     what = arguments[0] if arguments else ""
     where = what.co_filename if isinstance(what, CodeType) else str(what)
     imported = where.startswith(_MODULES) and where.endswith((".py", ".pyc", ".so"))
-    emptied = event in ("os.remove", "os.rmdir") and arguments[-1] != -1  # inside a folder that is open
+    emptied = (
+        event in ("os.remove", "os.rmdir") and arguments[-1] != -1
+    )  # inside a folder that is open
     opened = where.isdigit()  # already, as a descriptor
     if not (imported or emptied or opened or where.startswith(_OWN)):
         _seen.append(f"{event} {where}")

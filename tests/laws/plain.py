@@ -30,14 +30,18 @@ class PlainChain:
 
     def with_errors(self, placements: Array, twists: Array) -> "PlainChain":
         """M_j exp(δζ_j) and ξ_j + δξ_j."""
-        moved = [M @ exponential(error) for M, error in zip(self.placements, placements, strict=True)]
+        moved = [
+            M @ exponential(error) for M, error in zip(self.placements, placements, strict=True)
+        ]
         return PlainChain(np.array(moved), self.twists + twists)
 
 
 def hat(twist: Array) -> Array:
     """[[ω]×, v; 0, 0] of (v, ω)."""
     x, y, z = twist[3:]
-    return np.array([[0, -z, y, twist[0]], [z, 0, -x, twist[1]], [-y, x, 0, twist[2]], [0, 0, 0, 0]])
+    return np.array(
+        [[0, -z, y, twist[0]], [z, 0, -x, twist[1]], [-y, x, 0, twist[2]], [0, 0, 0, 0]]
+    )
 
 
 def exponential(twist: Array) -> Array:
@@ -90,7 +94,10 @@ def origin_of(joint: ElementTree.Element) -> Array:
     """Fixed axes x, y, z: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     origin = joint.find("origin")
     roll, pitch, yaw = numbers(origin, "rpy", [0.0, 0.0, 0.0])
-    turns = [exponential(np.array([0, 0, 0, *axis])) for axis in ([0, 0, yaw], [0, pitch, 0], [roll, 0, 0])]
+    turns = [
+        exponential(np.array([0, 0, 0, *axis]))
+        for axis in ([0, 0, yaw], [0, pitch, 0], [roll, 0, 0])
+    ]
     pose = turns[0] @ turns[1] @ turns[2]
     pose[:3, 3] = numbers(origin, "xyz", [0.0, 0.0, 0.0])
     return pose
@@ -98,7 +105,9 @@ def origin_of(joint: ElementTree.Element) -> Array:
 
 def logarithm(pose: Array) -> Array:
     """Twist (v, ω) whose exponential is `pose`, |ω| < π."""
-    w_v = RigidTransform.from_matrix(np.vstack([pose[:3], [0, 0, 0, 1]])).as_exp_coords()  # expm rounds there, too
+    w_v = RigidTransform.from_matrix(
+        np.vstack([pose[:3], [0, 0, 0, 1]])
+    ).as_exp_coords()  # expm rounds there, too
     return np.array([*w_v[3:], *w_v[:3]])
 
 

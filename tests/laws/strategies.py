@@ -35,11 +35,15 @@ def _triples(values: st.SearchStrategy) -> st.SearchStrategy[tuple]:
 
 
 angles = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi]) | _lengths(3.0)
-axes = st.sampled_from(SIMPLE_AXES) | _triples(_lengths(1.0)).filter(lambda a: np.linalg.norm(a) > 0.1)
+axes = st.sampled_from(SIMPLE_AXES) | _triples(_lengths(1.0)).filter(
+    lambda a: np.linalg.norm(a) > 0.1
+)
 
 
 @st.composite
-def drawn_joints(draw: st.DrawFn, kinds: tuple[str, ...] = ("revolute", "continuous", "prismatic")) -> DrawnJoint:
+def drawn_joints(
+    draw: st.DrawFn, kinds: tuple[str, ...] = ("revolute", "continuous", "prismatic")
+) -> DrawnJoint:
     """Right angles and parallel or crossing axes are as likely as skew ones."""
     return DrawnJoint(
         draw(st.sampled_from(kinds)),
@@ -52,13 +56,21 @@ def drawn_joints(draw: st.DrawFn, kinds: tuple[str, ...] = ("revolute", "continu
 
 @st.composite
 def drawn_chains(
-    draw: st.DrawFn, smallest: int = 1, largest: int = 8, kinds: tuple = ("revolute", "continuous", "prismatic")
+    draw: st.DrawFn,
+    smallest: int = 1,
+    largest: int = 8,
+    kinds: tuple = ("revolute", "continuous", "prismatic"),
 ) -> DrawnChain:
     """Chains whose links are together at least 0.1 m long."""
     joints = draw(st.lists(drawn_joints(kinds), min_size=smallest, max_size=largest))
-    tool = replace(draw(drawn_joints()), xyz=draw(_triples(_lengths(0.4)).filter(lambda x: np.linalg.norm(x) > 0.1)))
+    tool = replace(
+        draw(drawn_joints()),
+        xyz=draw(_triples(_lengths(0.4)).filter(lambda x: np.linalg.norm(x) > 0.1)),
+    )
     height = draw(_lengths(100.0))
-    return DrawnChain(tuple(joints), tool, ((100.0, 0.0, height), (-50.0, 86.6, height), (-50.0, -86.6, height)))
+    return DrawnChain(
+        tuple(joints), tool, ((100.0, 0.0, height), (-50.0, 86.6, height), (-50.0, -86.6, height))
+    )
 
 
 carried = st.sampled_from(robot_names()).map(load_robot)
@@ -72,7 +84,12 @@ def robots(largest: int = 8) -> st.SearchStrategy[Robot]:
 def plain_chain(robot: Robot) -> PlainChain:
     """The same robot, read by the second reader."""
     kinematics = robot.source.description.kinematics
-    return read_urdf(robot.source.urdf_text, kinematics.base_frame, kinematics.tool_frame, kinematics.locked_joints)
+    return read_urdf(
+        robot.source.urdf_text,
+        kinematics.base_frame,
+        kinematics.tool_frame,
+        kinematics.locked_joints,
+    )
 
 
 def configurations(robot: Robot, count: int, rng: np.random.Generator) -> Array:
@@ -83,10 +100,14 @@ def configurations(robot: Robot, count: int, rng: np.random.Generator) -> Array:
 def geometric(robot: Robot, rng: np.random.Generator, size: float = 1e-3) -> RobotErrors:
     """Errors in every element: δξ makes revolute joints helical, and slides slightly turning."""
     shapes = {"placements": (robot.n + 1, 6), "twists": (robot.n, 6), "offsets": (robot.n,)}
-    return RobotErrors.of(robot, **{name: size * rng.normal(size=shape) for name, shape in shapes.items()})
+    return RobotErrors.of(
+        robot, **{name: size * rng.normal(size=shape) for name, shape in shapes.items()}
+    )
 
 
-def with_motion_errors(errors: RobotErrors, rng: np.random.Generator, orders: int = 2) -> RobotErrors:
+def with_motion_errors(
+    errors: RobotErrors, rng: np.random.Generator, orders: int = 2
+) -> RobotErrors:
     """Harmonics of the turning joints and wind-up of those that carry load, added."""
     robot = errors.robot
     turning = ~np.array(robot.prismatic)
@@ -130,11 +151,15 @@ def measured(
     if pose:
         sensor = exp6(np.concatenate([np.zeros(3), rng.normal(size=3)]))[:3, :3]
         setup = Setup(readonly(frame), robot.targets[:1], readonly(sensor))
-        turns = np.concatenate([np.zeros((len(q), 3)), noise * rng.normal(size=(len(q), 3))], axis=-1)
+        turns = np.concatenate(
+            [np.zeros((len(q), 3)), noise * rng.normal(size=(len(q), 3))], axis=-1
+        )
         rotations = readonly(exp6(turns)[:, :3, :3] @ poses[:, :3, :3] @ sensor)
     points = transform_points(poses, setup.targets)
     points = readonly(points + noise * rng.normal(size=points.shape))
-    return Measurements(robot, readonly(q), points, rotations, setup, stated, stated, Truth(actual, setup))
+    return Measurements(
+        robot, readonly(q), points, rotations, setup, stated, stated, Truth(actual, setup)
+    )
 
 
 def simulated(
@@ -149,17 +174,28 @@ def simulated(
 ) -> Measurements:
     """A random actual robot, measured all over its joint range."""
     actual = random_actual(robot, ErrorScales(kinds=ERROR_KINDS) if scales is None else scales, rng)
-    return measured(robot, configurations(robot, count, rng), actual, rng, noise=noise, pose=pose, frame=frame)
+    return measured(
+        robot, configurations(robot, count, rng), actual, rng, noise=noise, pose=pose, frame=frame
+    )
 
 
 def calibrated(
-    robot: Robot, rng: np.random.Generator, *, with_network: bool = True, with_motion: bool = True, size: float = 1e-3
+    robot: Robot,
+    rng: np.random.Generator,
+    *,
+    with_network: bool = True,
+    with_motion: bool = True,
+    size: float = 1e-3,
 ) -> Calibration:
     """A calibration with made-up errors of every kind: what it predicts is known without any fit."""
     assume_regular(robot)
     q = configurations(robot, 20, rng)
     plain = identify(measured(robot, q, perfect(robot), rng), "nominal")
     errors = geometric(robot, rng, size)
-    base = replace(plain.base, model="complete", errors=with_motion_errors(errors, rng) if with_motion else errors)
+    base = replace(
+        plain.base,
+        model="complete",
+        errors=with_motion_errors(errors, rng) if with_motion else errors,
+    )
     networks = (network(robot, plain.equivalent.p, q, rng),) if with_network else ()
     return replace(plain, base=base, networks=networks)

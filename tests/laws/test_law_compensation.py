@@ -46,7 +46,9 @@ def compared(robot: Robot, a: Array, b: Array) -> Array:
 
 @examples(12)
 @given(robots(), seeds)
-def test_compensated_joints_take_the_calibrated_robot_to_the_nominal_pose(robot: Robot, seed: int) -> None:
+def test_compensated_joints_take_the_calibrated_robot_to_the_nominal_pose(
+    robot: Robot, seed: int
+) -> None:
     rng = np.random.default_rng(seed)
     calibration = calibrated(robot, rng)
     q = configurations(robot, 20, rng)
@@ -61,7 +63,9 @@ def test_compensated_joints_take_the_calibrated_robot_to_the_nominal_pose(robot:
 
 @examples(12)
 @given(robots(), seeds, st.sampled_from(["exact", "one-step"]), st.sampled_from([1e-3, 1e-2]))
-def test_no_correction_is_worse_than_none(robot: Robot, seed: int, method: str, size: float) -> None:
+def test_no_correction_is_worse_than_none(
+    robot: Robot, seed: int, method: str, size: float
+) -> None:
     """By the whole weighted pose error, and by the components that the joints can correct."""
     rng = np.random.default_rng(seed)
     calibration = calibrated(robot, rng, size=size)
@@ -84,7 +88,9 @@ def whole_errors(calibration: Calibration, pose: Array, aim: Array) -> Array:
     rows = []
     for a, b in zip(pose, aim, strict=True):
         turn = logarithm(a @ np.linalg.inv(b))[3:]
-        rows.append([*(b[:3, :3].T @ (a - b)[:3, 3] / calibration.robot.length), *(b[:3, :3].T @ turn)])
+        rows.append(
+            [*(b[:3, :3].T @ (a - b)[:3, 3] / calibration.robot.length), *(b[:3, :3].T @ turn)]
+        )
     return np.array(rows).reshape(-1, 6)
 
 
@@ -97,7 +103,9 @@ def task_errors(calibration: Calibration, pose: Array, aim: Array) -> Array:
 
 @examples(8)
 @given(robots(), seeds, st.sampled_from(["exact", "one-step"]))
-def test_a_calibration_without_errors_corrects_nothing(robot: Robot, seed: int, method: str) -> None:
+def test_a_calibration_without_errors_corrects_nothing(
+    robot: Robot, seed: int, method: str
+) -> None:
     rng = np.random.default_rng(seed)
     made = calibrated(robot, rng, with_network=False)
     base = replace(made.base, errors=RobotErrors.of(robot))

@@ -26,8 +26,12 @@ from calibtool.storage import read_any, read_study, to_bytes
 from calibtool.storage.studies import study_to_bytes
 from calibtool.tables import joints_from_header, parse_table
 
-texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), min_size=1, max_size=20)
-words = st.text(st.characters(categories=["L", "N", "P", "S"]) | st.just(" "), min_size=1, max_size=20)
+texts = st.text(
+    st.characters(exclude_categories=["Cs"], exclude_characters="\0"), min_size=1, max_size=20
+)
+words = st.text(
+    st.characters(categories=["L", "N", "P", "S"]) | st.just(" "), min_size=1, max_size=20
+)
 provenances = st.dictionaries(texts.filter(lambda t: "/" not in t), texts, max_size=3)
 
 
@@ -35,7 +39,10 @@ def assert_same(a: object, b: object, place: str) -> None:
     """Equal in every field and bit; robots by their texts."""
     assert type(a) is type(b), f"{place}: {type(a).__name__} became {type(b).__name__}"
     if isinstance(a, Robot) and isinstance(b, Robot):
-        assert (a.source.toml_text, a.source.urdf_text) == (b.source.toml_text, b.source.urdf_text), place
+        assert (a.source.toml_text, a.source.urdf_text) == (
+            b.source.toml_text,
+            b.source.urdf_text,
+        ), place
         assert np.array_equal(a.chain.placements, b.chain.placements), place
         assert np.array_equal([a.lower, a.upper], [b.lower, b.upper]), place
     elif isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
@@ -102,9 +109,13 @@ def test_calibrations_are_read_as_they_were_written(
 ) -> None:
     rng = np.random.default_rng(seed)
     made = calibrated(robot, rng)
-    base = replace(made.base, setup=replace(made.base.setup, frame_known=known, targets_known=known))
+    base = replace(
+        made.base, setup=replace(made.base.setup, frame_known=known, targets_known=known)
+    )
     if posterior:
-        parameters = Parameters.of(robot, base.setup, twists=int(known), harmonics=members, gravity=int(not known))
+        parameters = Parameters.of(
+            robot, base.setup, twists=int(known), harmonics=members, gravity=int(not known)
+        )
         p = parameters.count
         base = replace(
             base,
@@ -115,12 +126,26 @@ def test_calibrations_are_read_as_they_were_written(
     if flagged:
         rows = np.arange(members)
         cluster = "joint 1" if known else None
-        base = replace(base, flagged=Flagged(rows, rng.random(members), rng.random(members), cluster, dropped=training))
+        base = replace(
+            base,
+            flagged=Flagged(
+                rows, rng.random(members), rng.random(members), cluster, dropped=training
+            ),
+        )
     made = replace(made, base=base, networks=made.networks * members, provenance=provenance)
     if training:
         history = History(rng.random(5), np.full(5, np.nan), 4, "settled")
         report = TrainingReport(
-            history, np.arange(7), np.arange(members), rng.random(2), 1.5, 3.0, "task", "lm", "bayes", 4
+            history,
+            np.arange(7),
+            np.arange(members),
+            rng.random(2),
+            1.5,
+            3.0,
+            "task",
+            "lm",
+            "bayes",
+            4,
         )
         made = replace(made, training=report)
     if validation:
@@ -138,7 +163,9 @@ def cells(column: str) -> st.SearchStrategy:
     """What may stand in a column of a study: a name or message, a count, a number of nine digits, nothing."""
     if column in TEXTS:
         return words
-    filled = st.integers(0, 2**63 - 1) if column in COUNTS else st.floats(-1e300, 1e300).map(rounded)
+    filled = (
+        st.integers(0, 2**63 - 1) if column in COUNTS else st.floats(-1e300, 1e300).map(rounded)
+    )
     return filled if COLUMNS.index(column) <= COLUMNS.index("status") else st.none() | filled
 
 
@@ -147,19 +174,29 @@ def cells(column: str) -> st.SearchStrategy:
 def test_studies_are_read_as_they_were_written(key: str, rows: list[tuple]) -> None:
     table = StudyTable(key, tuple((key, *row) for row in rows))
     assert_same(parse_csv(table.as_csv(), "drawn.csv"), table, "CSV")
-    assert_same(read_study(io.BytesIO(study_to_bytes(table, "{}")), "drawn.h5").table, table, "HDF5")
+    assert_same(
+        read_study(io.BytesIO(study_to_bytes(table, "{}")), "drawn.h5").table, table, "HDF5"
+    )
 
 
 @examples(40)
 @given(robots(), seeds, st.booleans())
 def test_joint_positions_are_read_as_they_were_written(robot: Robot, seed: int, si: bool) -> None:
     """In every unit that a table may have, to half of the last decimal, or to 14 digits where numbers are large."""
-    units = [("m" if si else "mm") if prismatic else ("rad" if si else "deg") for prismatic in robot.prismatic]
-    factors = np.array([{"m": 1.0, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180}[unit] for unit in units])
+    units = [
+        ("m" if si else "mm") if prismatic else ("rad" if si else "deg")
+        for prismatic in robot.prismatic
+    ]
+    factors = np.array(
+        [{"m": 1.0, "mm": 1e-3, "rad": 1.0, "deg": np.pi / 180}[unit] for unit in units]
+    )
     q = configurations(robot, 5, np.random.default_rng(seed))
     decimals = [DECIMALS[unit] for unit in units]
     assert len(set(decimals)) == 1
-    lines = [",".join(f"j{j}_{unit}" for j, unit in enumerate(units, 1)), *decimal_rows(q / factors, decimals[0])]
+    lines = [
+        ",".join(f"j{j}_{unit}" for j, unit in enumerate(units, 1)),
+        *decimal_rows(q / factors, decimals[0]),
+    ]
     found = joints_from_header(parse_table("\n".join(lines), "drawn.csv"), robot, "serial")
     assert found is not None
     large = np.abs(q / factors).max(axis=1, keepdims=True) > (9.9 if si else 999.0)

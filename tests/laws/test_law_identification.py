@@ -64,21 +64,30 @@ def test_order_of_rows_does_not_matter(robot: Robot, seed: int, options: BaseOpt
 
 @examples(8)
 @given(drawn_chains(), seeds, MODELS)
-def test_where_the_base_stands_does_not_matter(chain: DrawnChain, seed: int, options: BaseOptions) -> None:
+def test_where_the_base_stands_does_not_matter(
+    chain: DrawnChain, seed: int, options: BaseOptions
+) -> None:
     """The same points told in another base frame: the same poses, told in that frame."""
     rng = np.random.default_rng(seed)
     data = simulated(chain.robot(), rng, 25, scales=GEOMETRIC)
     base = rng.uniform(-2, 2, 6)
     standing = chain.robot(base=base)
-    stand = standing.mechanism.forward(data.q[:1])[0] @ inverse(chain.robot().mechanism.forward(data.q[:1]))[0]
-    moved = replace(data, robot=standing, points=readonly(transform_points(stand, data.points)), truth=None)
+    stand = (
+        standing.mechanism.forward(data.q[:1])[0]
+        @ inverse(chain.robot().mechanism.forward(data.q[:1]))[0]
+    )
+    moved = replace(
+        data, robot=standing, points=readonly(transform_points(stand, data.points)), truth=None
+    )
     first, second = identified(data, options), identified(moved, options)
     np.testing.assert_allclose(second.forward(data.q), stand @ first.forward(data.q), atol=1e-8)
 
 
 @examples(8)
 @given(robots(), seeds, MODELS, st.booleans())
-def test_where_the_instrument_stands_does_not_matter(robot: Robot, seed: int, options: BaseOptions, pose: bool) -> None:
+def test_where_the_instrument_stands_does_not_matter(
+    robot: Robot, seed: int, options: BaseOptions, pose: bool
+) -> None:
     rng = np.random.default_rng(seed)
     data = simulated(robot, rng, 25, pose=pose)
     frame = exp6(rng.uniform(-3, 3, 6))
@@ -93,13 +102,20 @@ def test_where_the_instrument_stands_does_not_matter(robot: Robot, seed: int, op
 
 @examples(8)
 @given(robots(), seeds, MODELS)
-def test_targets_that_were_not_seen_change_nothing_else(robot: Robot, seed: int, options: BaseOptions) -> None:
+def test_targets_that_were_not_seen_change_nothing_else(
+    robot: Robot, seed: int, options: BaseOptions
+) -> None:
     """A row of three targets is the same as two rows of it, in which one and the other two were seen."""
     rng = np.random.default_rng(seed)
     data = simulated(robot, rng, 20)
     one, two = data.points.copy(), data.points.copy()
     one[:, :-1], two[:, -1] = np.nan, np.nan
-    twice = replace(data, q=readonly(np.tile(data.q, (2, 1))), points=readonly(np.concatenate([one, two])), truth=None)
+    twice = replace(
+        data,
+        q=readonly(np.tile(data.q, (2, 1))),
+        points=readonly(np.concatenate([one, two])),
+        truth=None,
+    )
     pose = robot.mechanism.forward(data.q)
     whole = residuals(data, data.setup, pose) * weights(data)
     split = residuals(twice, data.setup, np.tile(pose, (2, 1, 1))) * weights(twice)
@@ -127,7 +143,9 @@ def test_zero_errors_are_found_as_zero(robot: Robot, seed: int, model: str, pose
 
 @examples(6)
 @given(robots(), seeds, st.sampled_from(["local-poe", "complete"]))
-def test_errors_without_noise_are_found_where_they_can_be_seen(robot: Robot, seed: int, model: str) -> None:
+def test_errors_without_noise_are_found_where_they_can_be_seen(
+    robot: Robot, seed: int, model: str
+) -> None:
     """Predicted and actual poses of the measured configurations agree a thousand times better than before."""
     rng = np.random.default_rng(seed)
     actual = random_actual(robot, GEOMETRIC, rng)
@@ -137,7 +155,10 @@ def test_errors_without_noise_are_found_where_they_can_be_seen(robot: Robot, see
     data = replace(data, noise_position=1e-8)
     found = identified(data, BaseOptions(model))
     true, nominal = actual.forward(data.q), robot.mechanism.forward(data.q)
-    left, before = (np.linalg.norm((true - pose)[:, :3, 3], axis=-1).max() for pose in (found.forward(data.q), nominal))
+    left, before = (
+        np.linalg.norm((true - pose)[:, :3, 3], axis=-1).max()
+        for pose in (found.forward(data.q), nominal)
+    )
     assert left < 1e-3 * before + 1e-9
 
 
@@ -154,7 +175,9 @@ ROBOTS = 100
 def test_errors_are_recovered_within_their_covariance() -> None:
     """(θ̂ − θ)ᵀ C⁻¹ (θ̂ − θ) is χ² with one degree of freedom per parameter, if θ is drawn from the prior."""
     tolerances = Tolerances(length=0.3e-3, angle=0.3e-3)
-    options = CompleteOptions(tolerances, {"harmonics": 0, "gravity": 0, "twists": 1}, estimate_priors=False)
+    options = CompleteOptions(
+        tolerances, {"harmonics": 0, "gravity": 0, "twists": 1}, estimate_priors=False
+    )
     robot = load_robot("scara")
     distances, scores, parameters = [], [], 0
     for seed in range(ROBOTS):
@@ -197,7 +220,12 @@ def test_what_local_poe_leaves_over_is_noise(name: str) -> None:
 
 
 @examples(6)
-@given(drawn_chains(largest=7, kinds=("revolute", "continuous")), seeds, st.sampled_from([0.05, 20.0]), MODELS)
+@given(
+    drawn_chains(largest=7, kinds=("revolute", "continuous")),
+    seeds,
+    st.sampled_from([0.05, 20.0]),
+    MODELS,
+)
 def test_lengths_times_s_give_position_errors_times_s(
     chain: DrawnChain, seed: int, scale: float, options: BaseOptions
 ) -> None:
@@ -212,6 +240,9 @@ def test_lengths_times_s_give_position_errors_times_s(
         noise_position=data.noise_position * scale,
         truth=None,
     )
-    first, second = identified(data, options).forward(data.q), identified(scaled, options).forward(data.q)
+    first, second = (
+        identified(data, options).forward(data.q),
+        identified(scaled, options).forward(data.q),
+    )
     np.testing.assert_allclose(second[:, :3, :3], first[:, :3, :3], atol=1e-9)
     np.testing.assert_allclose(second[:, :3, 3] / scale, first[:, :3, 3], atol=1e-9)

@@ -35,7 +35,9 @@ from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6, readonly, relative_error, transform_points
 
 
-def assert_slope(function: Callable[[Array], Array], derivative: Array, rng: np.random.Generator) -> None:
+def assert_slope(
+    function: Callable[[Array], Array], derivative: Array, rng: np.random.Generator
+) -> None:
     """`derivative` (…, k) is that of `function` at zero (k,), along three random directions: every column is in each."""
     directions = rng.normal(size=(derivative.shape[-1], 3))
     assert_derivative(lambda x: function(directions @ x), derivative @ directions, np.zeros(3))
@@ -53,7 +55,9 @@ def test_forward_kinematics_is_the_plain_product_of_exponentials(robot: Robot, s
 
 @examples(40)
 @given(robots(), seeds, st.sampled_from([1e-9, 1e-6, 1e-3, 0.3]))
-def test_a_robot_with_errors_is_the_plain_product_of_changed_exponentials(robot: Robot, seed: int, size: float) -> None:
+def test_a_robot_with_errors_is_the_plain_product_of_changed_exponentials(
+    robot: Robot, seed: int, size: float
+) -> None:
     rng = np.random.default_rng(seed)
     errors, q = geometric(robot, rng, size), configurations(robot, 3, rng)
     chain = plain_chain(robot).with_errors(errors["placements"], errors["twists"])
@@ -78,7 +82,9 @@ def test_jacobians_are_derivatives(robot: Robot, seed: int) -> None:
     _, J = virtual.forward_and_jacobian(built, q)
     columns = np.eye(6)[virtual.virtual_columns]
 
-    assert_slope(lambda x: relative_error(pose @ exp6(x @ columns), pose)[0], J[0, :, robot.n :], rng)
+    assert_slope(
+        lambda x: relative_error(pose @ exp6(x @ columns), pose)[0], J[0, :, robot.n :], rng
+    )
 
 
 @examples(20)
@@ -90,25 +96,33 @@ def test_error_columns_are_derivatives(robot: Robot, seed: int) -> None:
     n = robot.n
 
     def change(placements: Array, twists: Array, offsets: Array) -> Array:
-        stepped = errors.moved(placements=placements.reshape(n + 1, 6), twists=twists.reshape(n, 6), offsets=offsets)
+        stepped = errors.moved(
+            placements=placements.reshape(n + 1, 6), twists=twists.reshape(n, 6), offsets=offsets
+        )
         return relative_error(stepped.frames(q).tool, frames.tool)[0]
 
     twists, driven = robot.chain.twists + errors["twists"], q + errors["offsets"]
     none = np.zeros((n + 1, 6)), np.zeros((n, 6)), np.zeros(n)
     assert_slope(lambda x: change(x, *none[1:]), placement_columns(frames)[0], rng)
-    assert_slope(lambda x: change(none[0], x, none[2]), twist_columns(frames, twists, driven)[0], rng)
+    assert_slope(
+        lambda x: change(none[0], x, none[2]), twist_columns(frames, twists, driven)[0], rng
+    )
     assert_slope(lambda x: change(*none[:2], x), offset_columns(frames, twists)[0], rng)
 
 
 @examples(12)
 @given(robots(), seeds, st.booleans())
-def test_columns_of_the_complete_model_are_derivatives_of_what_is_seen(robot: Robot, seed: int, pose: bool) -> None:
+def test_columns_of_the_complete_model_are_derivatives_of_what_is_seen(
+    robot: Robot, seed: int, pose: bool
+) -> None:
     """Every parameter: δζ, δξ, δq, harmonics, wind-up, instrument frame, targets, orientation of a sensor."""
     rng = np.random.default_rng(seed)
     q = configurations(robot, 1, rng)
     frame = exp6(rng.normal(size=6))
     setup = replace(
-        measured(robot, q, perfect(robot), rng, pose=pose, frame=frame).setup, frame_known=False, targets_known=False
+        measured(robot, q, perfect(robot), rng, pose=pose, frame=frame).setup,
+        frame_known=False,
+        targets_known=False,
     )
     parameters = Parameters.of(robot, setup, twists=1, harmonics=2, gravity=1)
     state = State(with_motion_errors(geometric(robot, rng), rng), setup)
@@ -130,7 +144,9 @@ def test_columns_of_the_complete_model_are_derivatives_of_what_is_seen(robot: Ro
         return np.concatenate([points, relative_error(turned, before)[3:]])
 
     scale = np.ones(parameters.count)
-    scale[parameters.blocks["gravity"]] = 1e-3  # rad per N m: a step of the others' size would turn the arm over
+    scale[parameters.blocks["gravity"]] = (
+        1e-3  # rad per N m: a step of the others' size would turn the arm over
+    )
     assert_slope(lambda x: seen(state.moved(parameters, x * scale)), columns[0] * scale, rng)
 
 
@@ -153,13 +169,17 @@ bases = st.tuples(*[st.floats(-2, 2)] * 6).map(lambda x: np.round(x, 3))
 
 @examples(25)
 @given(drawn_chains(), seeds, bases)
-def test_a_base_frame_after_a_stand_is_the_robot_without_the_stand(chain: DrawnChain, seed: int, base: Array) -> None:
+def test_a_base_frame_after_a_stand_is_the_robot_without_the_stand(
+    chain: DrawnChain, seed: int, base: Array
+) -> None:
     q = configurations(chain.robot(), 3, np.random.default_rng(seed))
     expected = chain.robot().mechanism.forward(q)
     named = chain.robot(base=base, base_frame="base").mechanism.forward(q)
     np.testing.assert_allclose(named, expected, atol=1e-12)
     whole = chain.robot(base=base).mechanism.forward(q)
-    np.testing.assert_allclose(whole @ np.linalg.inv(expected), np.broadcast_to(stand_of(base), (3, 4, 4)), atol=1e-11)
+    np.testing.assert_allclose(
+        whole @ np.linalg.inv(expected), np.broadcast_to(stand_of(base), (3, 4, 4)), atol=1e-11
+    )
 
 
 def stand_of(base: Array) -> Array:
@@ -189,7 +209,11 @@ def test_lengths_times_s_give_positions_times_s(chain: DrawnChain, seed: int, sc
     expected, found = small.mechanism.forward(q), large.mechanism.forward(stretched)
     np.testing.assert_allclose(found[:, :3, :3], expected[:, :3, :3], atol=1e-12)
     np.testing.assert_allclose(found[:, :3, 3] / scale, expected[:, :3, 3], atol=1e-12)
-    if not any(small.prismatic):  # a slide's column is 1 m over the characteristic length, which slides bound
+    if not any(
+        small.prismatic
+    ):  # a slide's column is 1 m over the characteristic length, which slides bound
         np.testing.assert_allclose(large.length / scale, small.length, rtol=1e-12)
         distance = small.singularity_distance(q)
-        np.testing.assert_allclose(large.singularity_distance(stretched), distance, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(
+            large.singularity_distance(stretched), distance, rtol=1e-6, atol=1e-7
+        )

@@ -5,4 +5,13 @@ from calibtool.evaluation.plots.figures import FIGURES, Subject, draw
 from calibtool.evaluation.plots.study import draw_study
 from calibtool.evaluation.plots.style import WIDTH_MM, ImageFormat, image_format
 
-__all__ = ["FIGURES", "WIDTH_MM", "ImageFormat", "Subject", "draw", "draw_arm", "draw_study", "image_format"]
+__all__ = [
+    "FIGURES",
+    "WIDTH_MM",
+    "ImageFormat",
+    "Subject",
+    "draw",
+    "draw_arm",
+    "draw_study",
+    "image_format",
+]

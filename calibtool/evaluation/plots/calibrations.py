@@ -44,10 +44,17 @@ def training(calibrations: Named, width_mm: float) -> Figure:
         curves = [history.training]
         panel.plot(iterations, history.training, color=COLOURS[1], label="training")
         if len(report.validation_rows):
-            panel.plot(iterations, history.validation, color=COLOURS[2], linestyle="-.", label="validation")
+            panel.plot(
+                iterations, history.validation, color=COLOURS[2], linestyle="-.", label="validation"
+            )
             curves.append(history.validation)
         panel.axhline(report.loss_without, color=COLOURS[0], linestyle=":", label="without network")
-        panel.axvline(history.chosen, color=COLOURS[3], linestyle="--", label=f"kept: iteration {history.chosen}")
+        panel.axvline(
+            history.chosen,
+            color=COLOURS[3],
+            linestyle="--",
+            label=f"kept: iteration {history.chosen}",
+        )
         log_scale(panel, "y", [*curves, np.array([report.loss_without])])
         weighted = "weighted squared error" if report.loss == "task" else "squared joint error"
         panel.set_title(f"{label(name)}: {report.loss} loss, {report.optimiser}")
@@ -61,7 +68,11 @@ def training(calibrations: Named, width_mm: float) -> Figure:
 def joint_motions(calibration: Calibration, q: Array) -> Array:
     """δρ of the actuated joints (N, n) at q (N, n), rad or m: joint-motion functions and network, no constant offsets."""
     motion = calibration.base.errors.motion(q, calibration.conditions)
-    return motion if calibration.network is None else motion + calibration.network(q)[:, : calibration.robot.n]
+    return (
+        motion
+        if calibration.network is None
+        else motion + calibration.network(q)[:, : calibration.robot.n]
+    )
 
 
 def motions(calibrations: Named, width_mm: float) -> Figure:
@@ -71,13 +82,17 @@ def motions(calibrations: Named, width_mm: float) -> Figure:
     """
     moving = [(i, name, c) for i, (name, c) in enumerate(calibrations, 1) if _moves(c)]
     if not moving:
-        raise InputError("no calibration has joint motions: neither harmonics nor gravity nor a network")
+        raise InputError(
+            "no calibration has joint motions: neither harmonics nor gravity nor a network"
+        )
     robot = moving[0][2].robot
     figure, axes = panels(width_mm, robot.n, (55.0, 42.0))
     for j, panel in enumerate(axes):
         factor, unit = (1e3, "mm") if robot.prismatic[j] else (180 / np.pi, "deg")
         for i, name, calibration in moving:
-            rows = np.unique(np.linspace(0, len(calibration.q) - 1, min(len(calibration.q), _DOTS)).astype(int))
+            rows = np.unique(
+                np.linspace(0, len(calibration.q) - 1, min(len(calibration.q), _DOTS)).astype(int)
+            )
             q = calibration.q[rows]
             found = joint_motions(calibration, q)[:, j] * 1e3
             panel.plot(
@@ -93,10 +108,15 @@ def motions(calibrations: Named, width_mm: float) -> Figure:
             harmonics = calibration.base.errors["harmonics"]
             if harmonics[j].any():
                 along = np.linspace(q[:, j].min(), q[:, j].max(), 300)
-                curve = harmonic_functions(along[:, None], harmonics.shape[1] // 2)[:, 0] @ harmonics[j]
+                curve = (
+                    harmonic_functions(along[:, None], harmonics.shape[1] // 2)[:, 0] @ harmonics[j]
+                )
                 panel.plot(along * factor, curve * 1e3, color=colour(i), linewidth=0.8)
         panel.axhline(0, color=INK, linewidth=0.4)
-        panel.set(xlabel=f"joint {j + 1}, {unit}", ylabel=f"δρ{j + 1}, {'mm' if robot.prismatic[j] else 'mrad'}")
+        panel.set(
+            xlabel=f"joint {j + 1}, {unit}",
+            ylabel=f"δρ{j + 1}, {'mm' if robot.prismatic[j] else 'mrad'}",
+        )
         panel.grid()
     legend(figure, axes[0])
     return figure
@@ -122,7 +142,9 @@ def parameters(calibrations: Named, width_mm: float) -> Figure:
         place = {name: k for k, name in enumerate(names)}
         for number, (i, name, rows) in enumerate(known):
             own = [row for row in rows if row.name in place and row.unit == unit]
-            x = [place[row.name] + (number - (len(known) - 1) / 2) * 0.7 / len(known) for row in own]
+            x = [
+                place[row.name] + (number - (len(known) - 1) / 2) * 0.7 / len(known) for row in own
+            ]
             bars = [2 * row.std for row in own]
             panel.errorbar(
                 x,
@@ -156,12 +178,24 @@ def observability(calibrations: Named, width_mm: float) -> Figure:
         s = base.singular_values
         floor = 1.0 if base.posterior is not None else RANK_TOLERANCE * float(s[0])
         shown = np.maximum(s, floor * 1e-4)
-        panel.plot(np.arange(1, len(s) + 1), shown, linestyle="none", markersize=2.5, markeredgewidth=0, **mark(i))
+        panel.plot(
+            np.arange(1, len(s) + 1),
+            shown,
+            linestyle="none",
+            markersize=2.5,
+            markeredgewidth=0,
+            **mark(i),
+        )
         panel.axhline(
-            floor, color=INK, linestyle=":", label="as informative as the tolerance" if floor == 1 else "rank limit"
+            floor,
+            color=INK,
+            linestyle=":",
+            label="as informative as the tolerance" if floor == 1 else "rank limit",
         )
         log_scale(panel, "y", [shown])
-        panel.set_title(f"{label(name)}: rank {base.rank} of {base.observable_rank}, {base.parameters} parameters")
+        panel.set_title(
+            f"{label(name)}: rank {base.rank} of {base.observable_rank}, {base.parameters} parameters"
+        )
         panel.set(xlabel="direction", ylabel="singular value")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.grid(axis="y")
@@ -174,7 +208,9 @@ def coverage(calibrations: Named, robot: Robot, judged: Array, width_mm: float) 
     figure, axes = panels(width_mm, robot.n, (55.0, 34.0))
     sets: list[tuple[int, str, Array]] = []
     for i, (name, calibration) in enumerate(calibrations, 1):
-        same = next((k for k, (_, _, q) in enumerate(sets) if np.array_equal(q, calibration.q)), None)
+        same = next(
+            (k for k, (_, _, q) in enumerate(sets) if np.array_equal(q, calibration.q)), None
+        )
         if same is None:
             sets.append((i, name, calibration.q))
         else:
@@ -182,9 +218,15 @@ def coverage(calibrations: Named, robot: Robot, judged: Array, width_mm: float) 
     for j, panel in enumerate(axes):
         factor, unit = (1e3, "mm") if robot.prismatic[j] else (180 / np.pi, "deg")
         every = np.concatenate([judged[:, j], *(q[:, j] for _, _, q in sets)]) * factor
-        low, high = min(robot.lower[j] * factor, every.min()), max(robot.upper[j] * factor, every.max())
+        low, high = (
+            min(robot.lower[j] * factor, every.min()),
+            max(robot.upper[j] * factor, every.max()),
+        )
         bins = np.linspace(low, high, 41).tolist()
-        share = [np.full(len(judged), 100 / len(judged)), *(np.full(len(q), 100 / len(q)) for _, _, q in sets)]
+        share = [
+            np.full(len(judged), 100 / len(judged)),
+            *(np.full(len(q), 100 / len(q)) for _, _, q in sets),
+        ]
         panel.hist(judged[:, j] * factor, bins, weights=share[0], color=SHADE, label="judged")
         for k, ((i, name, q), weight) in enumerate(zip(sets, share[1:], strict=True)):
             panel.hist(

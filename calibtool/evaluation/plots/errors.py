@@ -30,8 +30,18 @@ Sizes = list[tuple[str, Array]]
 
 def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Sizes]]:
     """Name, axis label and sizes (N,) of every method, in mm and mrad; the orientation where it is seen."""
-    result = [("position", "position error, mm", [(m.name, m.position_size * 1e3) for m in evaluation.methods])]
-    turns = [(m.name, m.orientation_size * 1e3) for m in evaluation.methods if m.orientation_size is not None]
+    result = [
+        (
+            "position",
+            "position error, mm",
+            [(m.name, m.position_size * 1e3) for m in evaluation.methods],
+        )
+    ]
+    turns = [
+        (m.name, m.orientation_size * 1e3)
+        for m in evaluation.methods
+        if m.orientation_size is not None
+    ]
     return [*result, ("orientation", "orientation error, mrad", turns)] if turns else result
 
 
@@ -41,7 +51,9 @@ def errors(evaluation: Evaluation, width_mm: float) -> Figure:
     wide = width_mm >= _WIDE_MM
     rows = len(quantities) if wide else 2 * len(quantities)
     figure = sheet(width_mm, 50.0 * rows + _BOTTOM_MM)
-    grid = figure.subplots(rows, 2 if wide else 1, squeeze=False, width_ratios=(3, 1) if wide else None)
+    grid = figure.subplots(
+        rows, 2 if wide else 1, squeeze=False, width_ratios=(3, 1) if wide else None
+    )
     for k, (_, axis, sizes) in enumerate(quantities):
         points, boxes = grid[k] if wide else grid[2 * k : 2 * k + 2, 0]
         _points_and_boxes(points, boxes, sizes, axis)
@@ -64,10 +76,14 @@ def _points_and_boxes(points: Axes, boxes: Axes, sizes: Sizes, axis: str) -> Non
             rasterized=count > MANY,
             **mark(i),
         )
-    drawn = boxes.boxplot([values for _, values in sizes], whis=(0, 100), widths=0.6, patch_artist=True)
+    drawn = boxes.boxplot(
+        [values for _, values in sizes], whis=(0, 100), widths=0.6, patch_artist=True
+    )
     for i, box in enumerate(drawn["boxes"]):
         box.set_facecolor(colour(i))
-    boxes.set_xticks(range(1, len(sizes) + 1), [label(name, 14) for name, _ in sizes], rotation=30, ha="right")
+    boxes.set_xticks(
+        range(1, len(sizes) + 1), [label(name, 14) for name, _ in sizes], rotation=30, ha="right"
+    )
     for panel in (points, boxes):
         log_scale(panel, "y", [values for _, values in sizes])
         panel.grid(axis="y")
@@ -87,8 +103,12 @@ def distribution(evaluation: Evaluation, limits: tuple[Limit, ...], width_mm: fl
         for limit in own:
             panel.axvline(limit.value, color=INK, linestyle=":")
             text = f"{limit.statistic} ≤ {limit.value:g} {limit.unit}"
-            panel.annotate(text, (limit.value, 3), (2, 0), textcoords="offset points", rotation=90, fontsize=6)
-        log_scale(panel, "x", [values for _, values in sizes] + [np.array([limit.value for limit in own])])
+            panel.annotate(
+                text, (limit.value, 3), (2, 0), textcoords="offset points", rotation=90, fontsize=6
+            )
+        log_scale(
+            panel, "x", [values for _, values in sizes] + [np.array([limit.value for limit in own])]
+        )
         panel.set(xlabel=axis, ylabel="configurations, %", ylim=(0, 101))
         panel.grid()
     legend(figure, axes[0], 5 if width_mm >= _WIDE_MM else 2)
@@ -106,9 +126,21 @@ def vectors(evaluation: Evaluation, position: Array, width_mm: float) -> Figure:
         error = method.position.mean(axis=1)
         factor = magnification(extent, error)
         for panel, (a, b) in zip(grid[i], ((0, 1), (0, 2), (1, 2)), strict=True):
-            arrows = (position[rows, a], position[rows, b], factor * error[rows, a], factor * error[rows, b])
+            arrows = (
+                position[rows, a],
+                position[rows, b],
+                factor * error[rows, a],
+                factor * error[rows, b],
+            )
             panel.quiver(
-                *arrows, angles="xy", scale_units="xy", scale=1, color=colour(i), width=0.005, headwidth=4, headlength=4
+                *arrows,
+                angles="xy",
+                scale_units="xy",
+                scale=1,
+                color=colour(i),
+                width=0.005,
+                headwidth=4,
+                headlength=4,
             )
             tips_a, tips_b = (position[rows, k] + factor * error[rows, k] for k in (a, b))
             panel.update_datalim(np.column_stack([tips_a, tips_b]))
@@ -136,7 +168,9 @@ def pose_test(evaluation: Evaluation, width_mm: float) -> Figure:
     """Pose accuracy AP of every method and repeatability RP at every repeated pose. InputError where nothing is repeated."""
     test = evaluation.pose_test
     if test is None:
-        raise InputError("no configuration was measured at least three times, so there is no AP and RP after ISO 9283")
+        raise InputError(
+            "no configuration was measured at least three times, so there is no AP and RP after ISO 9283"
+        )
     shown = [("position, mm", test.accuracy, test.repeatability)]
     if test.accuracy_turn is not None and test.repeatability_turn is not None:
         shown.append(("orientation, mrad", test.accuracy_turn, test.repeatability_turn))
@@ -147,14 +181,25 @@ def pose_test(evaluation: Evaluation, width_mm: float) -> Figure:
         for i, name in enumerate(test.methods):
             shift = (i - (len(test.methods) - 1) / 2) * 0.6 / len(test.methods)
             panel.plot(
-                x + shift, accuracy[i] * 1e3, linestyle="none", markersize=4, label=f"AP {label(name)}", **mark(i)
+                x + shift,
+                accuracy[i] * 1e3,
+                linestyle="none",
+                markersize=4,
+                label=f"AP {label(name)}",
+                **mark(i),
             )
-        panel.plot(x, repeatability * 1e3, "_", color=INK, markersize=12, markeredgewidth=1.5, label="RP")
+        panel.plot(
+            x, repeatability * 1e3, "_", color=INK, markersize=12, markeredgewidth=1.5, label="RP"
+        )
         log_scale(panel, "y", [accuracy * 1e3, repeatability * 1e3])
         panel.set_ylabel(axis)
         panel.grid(axis="y")
         if few:
-            panel.set_xticks(x, [pose.name for pose in test.poses], rotation=0 if len(test.poses[0].name) < 4 else 30)
+            panel.set_xticks(
+                x,
+                [pose.name for pose in test.poses],
+                rotation=0 if len(test.poses[0].name) < 4 else 30,
+            )
         else:
             panel.set_xlabel("repeated pose")
     legend(figure, axes[0], 5 if width_mm >= _WIDE_MM else 2)

@@ -52,7 +52,9 @@ def _coverage(subject: Subject, width_mm: float) -> Figure:
 
 FIGURES: dict[str, FigureKind] = {
     "errors": FigureKind(
-        "Errors of every configuration, and their spread", True, lambda s, w: errors.errors(_with_evaluation(s)[1], w)
+        "Errors of every configuration, and their spread",
+        True,
+        lambda s, w: errors.errors(_with_evaluation(s)[1], w),
     ),
     "distribution": FigureKind(
         "Cumulative distribution of the errors",
@@ -61,16 +63,24 @@ FIGURES: dict[str, FigureKind] = {
     ),
     "vectors": FigureKind("Error vectors in the workspace, three projections", True, _vectors),
     "training": FigureKind(
-        "Loss over the iterations of the training", False, lambda s, w: inside.training(s.calibrations, w)
+        "Loss over the iterations of the training",
+        False,
+        lambda s, w: inside.training(s.calibrations, w),
     ),
     "motions": FigureKind(
-        "Joint motions δρ against the joint positions", False, lambda s, w: inside.motions(s.calibrations, w)
+        "Joint motions δρ against the joint positions",
+        False,
+        lambda s, w: inside.motions(s.calibrations, w),
     ),
     "parameters": FigureKind(
-        "Identified parameters ± 2 standard deviations", False, lambda s, w: inside.parameters(s.calibrations, w)
+        "Identified parameters ± 2 standard deviations",
+        False,
+        lambda s, w: inside.parameters(s.calibrations, w),
     ),
     "observability": FigureKind(
-        "Singular values of the identification", False, lambda s, w: inside.observability(s.calibrations, w)
+        "Singular values of the identification",
+        False,
+        lambda s, w: inside.observability(s.calibrations, w),
     ),
     "coverage": FigureKind("Joint positions of the training and judged ones", True, _coverage),
     "iso9283": FigureKind(
@@ -82,7 +92,12 @@ FIGURES: dict[str, FigureKind] = {
 
 
 def draw(
-    kind: str, subject: Subject, image: ImageFormat, width_mm: float = WIDTH_MM, *, letters: bool = False
+    kind: str,
+    subject: Subject,
+    image: ImageFormat,
+    width_mm: float = WIDTH_MM,
+    *,
+    letters: bool = False,
 ) -> bytes:
     """The figure called `kind`, as the bytes of a picture of this width.
 

@@ -120,7 +120,13 @@ def label(name: str, longest: int = 28) -> str:
 def legend(figure: Figure, axes: Axes, across: int = 4) -> None:
     """One legend above all panels."""
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=max(1, min(len(labels), across)), markerscale=2)
+    figure.legend(
+        handles,
+        labels,
+        loc="outside upper center",
+        ncols=max(1, min(len(labels), across)),
+        markerscale=2,
+    )
 
 
 def log_scale(axes: Axes, axis: Literal["x", "y"], values: list[np.ndarray]) -> None:
@@ -141,7 +147,12 @@ def log_scale(axes: Axes, axis: Literal["x", "y"], values: list[np.ndarray]) -> 
 def to_bytes(figure: Figure, image: ImageFormat, *, letters: bool = False) -> bytes:
     """The picture; the same figure gives the same bytes. letters: keep the text of an SVG text, in the reader's font."""
     buffer = io.BytesIO()
-    with warnings.catch_warnings(), matplotlib.rc_context({"svg.fonttype": "none" if letters else "path"}):
-        warnings.filterwarnings("ignore", message="Glyph .* missing")  # a file may be called anything
+    with (
+        warnings.catch_warnings(),
+        matplotlib.rc_context({"svg.fonttype": "none" if letters else "path"}),
+    ):
+        warnings.filterwarnings(
+            "ignore", message="Glyph .* missing"
+        )  # a file may be called anything
         figure.savefig(buffer, format=image, metadata=_NO_METADATA[image], transparent=letters)
     return buffer.getvalue()

@@ -19,7 +19,11 @@ def training_section(subject: Subject) -> Section:
         report, validation = calibration.training, calibration.validation
         if report is None:
             continue
-        used = f"{len(calibration.networks)} used" if calibration.networks else "not used, because it does not help"
+        used = (
+            f"{len(calibration.networks)} used"
+            if calibration.networks
+            else "not used, because it does not help"
+        )
         text = (
             f"{name}: network with {report.hidden} hidden nodes, {report.regularisation}, {report.optimiser}, {used}; "
             f"ended because: {report.history.reason}"
@@ -38,7 +42,9 @@ def motions_section(subject: Subject) -> Section:
     lines = []
     if virtual and any(c.networks for _, c in subject.calibrations):
         names = ", ".join(virtual)
-        lines = [f"The virtual joints ({names}, in the tool frame) have no position of their own and are not drawn."]
+        lines = [
+            f"The virtual joints ({names}, in the tool frame) have no position of their own and are not drawn."
+        ]
     return Section(
         "motions",
         "Joint motions",
@@ -65,15 +71,34 @@ def parameters_section(subject: Subject) -> Section:
             lines.append(
                 f"{name}: {base.posterior.effective:.1f} of {base.observable_rank} directions determined "
                 f"({len(rows)} parameters); strongest correlations "
-                + ", ".join(f"{a} and {b} {value:+.2f}" for a, b, value in strongest_correlations(base.posterior, 3))
+                + ", ".join(
+                    f"{a} and {b} {value:+.2f}"
+                    for a, b, value in strongest_correlations(base.posterior, 3)
+                )
                 + "."
             )
             cells = [
-                [r.name, f"{r.value:.4f}", f"{r.std:.4f}", f"{r.tolerance:.4f}", r.unit, f"{100 * r.determined:.1f} %"]
+                [
+                    r.name,
+                    f"{r.value:.4f}",
+                    f"{r.std:.4f}",
+                    f"{r.tolerance:.4f}",
+                    r.unit,
+                    f"{100 * r.determined:.1f} %",
+                ]
                 for r in rows
             ]
-            header = ["parameter", "value", "± standard deviation", "tolerance", "unit", "determined"]
-            tables.append(Table(f"Parameters of {name}", header, cells, folded=len(cells) > _OPEN_ROWS))
+            header = [
+                "parameter",
+                "value",
+                "± standard deviation",
+                "tolerance",
+                "unit",
+                "determined",
+            ]
+            tables.append(
+                Table(f"Parameters of {name}", header, cells, folded=len(cells) > _OPEN_ROWS)
+            )
         elif base.model != "nominal":
             tables.append(_placements(name, calibration))
     if not tables:
@@ -87,7 +112,9 @@ def _placements(name: str, calibration: Calibration) -> Table:
     errors = calibration.base.errors["placements"]
     rows = [[f"ζ{j + 1}", *(f"{v * 1e3:.4f}" for v in row)] for j, row in enumerate(errors)]
     header = ["error", *(f"{c} {'mrad' if c.startswith('r') else 'mm'}" for c in COMPONENTS)]
-    return Table(f"Placement errors of {name} (least norm, no uncertainty)", header, rows, folded=True)
+    return Table(
+        f"Placement errors of {name} (least norm, no uncertainty)", header, rows, folded=True
+    )
 
 
 def flagged_section(subject: Subject) -> Section:
@@ -107,7 +134,11 @@ def flagged_section(subject: Subject) -> Section:
         if flagged.cluster:
             lines.append(f"{name}: {flagged.cluster}.")
         rows = [
-            [str(int(flagged.rows[k]) + 1), number(float(flagged.position[k]) * 1e3), f"{flagged.size[k]:.1f}"]
+            [
+                str(int(flagged.rows[k]) + 1),
+                number(float(flagged.position[k]) * 1e3),
+                f"{flagged.size[k]:.1f}",
+            ]
             for k in (-flagged.size).argsort(kind="stable")
         ]
         header = ["configuration", "residual mm", "times the noise"]
@@ -130,17 +161,37 @@ def observability_section(subject: Subject) -> Section:
             continue
         kept = base.singular_values[: max(base.rank, 1)]
         rows.append(
-            [name, str(base.parameters), str(base.rank), str(base.observable_rank), f"{kept[0]:.3g}", f"{kept[-1]:.3g}"]
+            [
+                name,
+                str(base.parameters),
+                str(base.rank),
+                str(base.observable_rank),
+                f"{kept[0]:.3g}",
+                f"{kept[-1]:.3g}",
+            ]
         )
         if base.unobservable:
             missing = ", ".join(base.unobservable[:_NAMED])
-            more = f" and {len(base.unobservable) - _NAMED} more" if len(base.unobservable) > _NAMED else ""
+            more = (
+                f" and {len(base.unobservable) - _NAMED} more"
+                if len(base.unobservable) > _NAMED
+                else ""
+            )
             lines.append(f"{name}: not observable from these configurations: {missing}{more}.")
-    header = ["calibration", "parameters", "rank", "could be determined", "largest", "smallest kept"]
+    header = [
+        "calibration",
+        "parameters",
+        "rank",
+        "could be determined",
+        "largest",
+        "smallest kept",
+    ]
     tables = [Table("Rank and singular values", header, rows)] if rows else []
     caption = "Singular values. Complete model: relative to the tolerances; above 1 the data say more than those do."
     alt = "Singular values in falling order, with the limit below which a direction is not determined."
-    return Section("observability", "Observability", lines, [Drawing("observability", caption, alt)], tables)
+    return Section(
+        "observability", "Observability", lines, [Drawing("observability", caption, alt)], tables
+    )
 
 
 def noise_section(subject: Subject) -> Section:
@@ -151,17 +202,27 @@ def noise_section(subject: Subject) -> Section:
         factor = None if base.posterior is None else base.posterior.noise_factor
         left, turned = base.residual_rms
         stated = calibration.noise_position * 1e3
-        cells = [number(stated), number(None if factor is None else factor * stated), number(left * 1e3)]
+        cells = [
+            number(stated),
+            number(None if factor is None else factor * stated),
+            number(left * 1e3),
+        ]
         if turned is not None:
             angle = calibration.noise_orientation * 1e3
-            cells += [number(angle), number(None if factor is None else factor * angle), number(turned * 1e3)]
+            cells += [
+                number(angle),
+                number(None if factor is None else factor * angle),
+                number(turned * 1e3),
+            ]
         elif any(c.base.residual_rms[1] is not None for _, c in subject.calibrations):
             cells += ["–"] * 3
         rows.append([name, *cells, _noise_verdict(factor)])
     header = ["calibration", "stated mm", "estimated mm", "base residual rms mm"]
     if len(rows[0]) > len(header) + 1:
         header += ["stated mrad", "estimated mrad", "base residual rms mrad"]
-    return Section("noise", "Noise", (), (), [Table("Per measured coordinate", [*header, "verdict"], rows)])
+    return Section(
+        "noise", "Noise", (), (), [Table("Per measured coordinate", [*header, "verdict"], rows)]
+    )
 
 
 def _noise_verdict(factor: float | None) -> str:
@@ -169,7 +230,11 @@ def _noise_verdict(factor: float | None) -> str:
         return "not estimated by this model"
     if factor > 2:
         return f"{factor:.1f} times the stated: it is wrong, or the robot does what the model cannot describe"
-    return "as stated" if factor >= 0.5 else f"{factor:.2f} times the stated: the statement is too careful"
+    return (
+        "as stated"
+        if factor >= 0.5
+        else f"{factor:.2f} times the stated: the statement is too careful"
+    )
 
 
 def provenance_section(subject: Subject, own: dict[str, str], judged: Measurements) -> Section:
@@ -177,9 +242,20 @@ def provenance_section(subject: Subject, own: dict[str, str], judged: Measuremen
     sources = [("this page", own), *((name, c.provenance) for name, c in subject.calibrations)]
     sources.append(("the measurements", judged.provenance))
     tables = [
-        Table(f"Provenance of {name}", ["entry", "value"], list(map(list, entries.items())), folded=name != "this page")
+        Table(
+            f"Provenance of {name}",
+            ["entry", "value"],
+            list(map(list, entries.items())),
+            folded=name != "this page",
+        )
         for name, entries in sources
         if entries
     ]
     missing = [name for name, entries in sources if not entries]
-    return Section("provenance", "Provenance", [f"Nothing is recorded for {name}." for name in missing], (), tables)
+    return Section(
+        "provenance",
+        "Provenance",
+        [f"Nothing is recorded for {name}." for name in missing],
+        (),
+        tables,
+    )

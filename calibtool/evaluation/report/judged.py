@@ -27,14 +27,21 @@ def errors_section(subject: Subject, judged: Measurements) -> Section:
         Table(
             f"{quantity.capitalize()} error, {unit}",
             ["method", *STATISTICS],
-            [[e["name"], *(number(e[f"{quantity}_{unit}"][s]) for s in STATISTICS)] for e in entries],
+            [
+                [e["name"], *(number(e[f"{quantity}_{unit}"][s]) for s in STATISTICS)]
+                for e in entries
+            ],
         )
         for quantity, unit in (("position", "mm"), ("orientation", "mrad"))
         if entries[0][f"{quantity}_{unit}"] is not None
     ]
     if evaluation.proof is not None:
         tables = [_with_expected(table, evaluation.proof.expected) for table in tables]
-    lines = [] if len(tables) == 2 else ["The target points do not show the orientation: only the position is judged."]
+    lines = (
+        []
+        if len(tables) == 2
+        else ["The target points do not show the orientation: only the position is judged."]
+    )
     spread = "; ".join(
         f"{e['name']}: mean {number(e['position_mm']['mean'])}, largest {number(e['position_mm']['max'])}"
         for e in entries
@@ -87,7 +94,9 @@ def vectors_section(subject: Subject) -> Section:
     return Section(
         "vectors",
         "Error vectors in the workspace",
-        ["Arrows start at the commanded tool position, in the robot's base frame; their length is magnified."],
+        [
+            "Arrows start at the commanded tool position, in the robot's base frame; their length is magnified."
+        ],
         [
             Drawing(
                 "vectors",
@@ -110,7 +119,11 @@ def vectors_data(subject: Subject, judged: Measurements) -> dict[str, object]:
     for method in evaluation.methods:
         error = method.position.mean(axis=1)
         methods.append(
-            {"name": method.name, "factor": magnification(extent, error), "errors_mm": _rounded(error[rows] * 1e3)}
+            {
+                "name": method.name,
+                "factor": magnification(extent, error),
+                "errors_mm": _rounded(error[rows] * 1e3),
+            }
         )
     return {"positions_m": _rounded(position[rows]), "methods": methods}
 
@@ -127,7 +140,9 @@ def uncorrectable_section(subject: Subject) -> Section:
     beyond = evaluation.uncorrectable
     if beyond is None:
         known = (
-            evaluation.kind == "compensated" and subject.measurements is not None and subject.measurements.setup.known
+            evaluation.kind == "compensated"
+            and subject.measurements is not None
+            and subject.measurements.setup.known
         )
         reason = (
             "Nothing: the actual robot can take every judged pose."
@@ -146,7 +161,9 @@ def uncorrectable_section(subject: Subject) -> Section:
         for quantity, unit in (("position", "mm"), ("orientation", "mrad"))
         if (values := whole[f"{quantity}_{unit}"]) is not None
     ]
-    return Section(section.id, section.title, [line], (), [Table("Nearest poses", ["", *STATISTICS], rows)])
+    return Section(
+        section.id, section.title, [line], (), [Table("Nearest poses", ["", *STATISTICS], rows)]
+    )
 
 
 def pose_test_section(subject: Subject) -> Section:
@@ -155,18 +172,27 @@ def pose_test_section(subject: Subject) -> Section:
     assert evaluation is not None
     title = "ISO 9283: pose accuracy and repeatability"
     drawing = Drawing(
-        "iso9283", "AP of every method, RP (bars) of the robot.", "Pose accuracy AP and repeatability RP."
+        "iso9283",
+        "AP of every method, RP (bars) of the robot.",
+        "Pose accuracy AP and repeatability RP.",
     )
     test = evaluation.pose_test
     if test is None:
         return Section("iso9283", title, (), [drawing])
     tables = []
-    shown = (("mm", test.accuracy, test.repeatability), ("mrad", test.accuracy_turn, test.repeatability_turn))
+    shown = (
+        ("mm", test.accuracy, test.repeatability),
+        ("mrad", test.accuracy_turn, test.repeatability_turn),
+    )
     for unit, accuracy, repeatability in shown:
         if accuracy is None or repeatability is None:
             continue
         rows = [
-            [pose.name, str(len(pose.rows)), *(number(float(v) * 1e3) for v in (*accuracy[:, k], repeatability[k]))]
+            [
+                pose.name,
+                str(len(pose.rows)),
+                *(number(float(v) * 1e3) for v in (*accuracy[:, k], repeatability[k])),
+            ]
             for k, pose in enumerate(test.poses)
         ]
         header = ["pose", "repeats", *(f"AP {name}" for name in test.methods), "RP"]
@@ -193,9 +219,22 @@ def coverage_section(subject: Subject, judged: Measurements) -> Section:
                 number(float(found.distance.max())),
             ]
         )
-        lines += [f"{name}: {finding.message}" for finding in design_findings(calibration.robot, calibration.q)]
-    header = ["calibration", "training rows", "judged rows", "unlike the training", "largest distance"]
-    table = Table("Distance to the nearest training row over the largest one within the training", header, rows)
+        lines += [
+            f"{name}: {finding.message}"
+            for finding in design_findings(calibration.robot, calibration.q)
+        ]
+    header = [
+        "calibration",
+        "training rows",
+        "judged rows",
+        "unlike the training",
+        "largest distance",
+    ]
+    table = Table(
+        "Distance to the nearest training row over the largest one within the training",
+        header,
+        rows,
+    )
     return Section(
         "coverage",
         "Coverage of the joint space",

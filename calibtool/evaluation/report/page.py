@@ -15,7 +15,12 @@ from calibtool.evaluation.report.content import Drawing, Section, Table
 from calibtool.evaluation.report.verdict import cautions, headline, remarks, verdicts
 from calibtool.evaluation.words import words
 
-_VARIABLES = {INK: "--ink", GRID: "--grid", SHADE: "--shade", **{c: f"--m{i}" for i, c in enumerate(COLOURS)}}
+_VARIABLES = {
+    INK: "--ink",
+    GRID: "--grid",
+    SHADE: "--shade",
+    **{c: f"--m{i}" for i, c in enumerate(COLOURS)},
+}
 
 _COORDINATES = re.compile(r' (d|x|y|transform)="[^"]*"')
 _DIGITS = re.compile(r"(\.\d\d)\d+")  # a hundredth of a point is enough
@@ -103,5 +108,7 @@ def _inline(svg: str, prefix: str) -> Markup:
     svg = _COORDINATES.sub(lambda found: _DIGITS.sub(r"\1", found[0]), svg)
     for value, variable in _VARIABLES.items():
         svg = svg.replace(value, f"var({variable})")
-    svg = re.sub(r'<svg [^>]*?(viewBox="[^"]*")[^>]*>', r'<svg \1 aria-hidden="true">', svg, count=1)
+    svg = re.sub(
+        r'<svg [^>]*?(viewBox="[^"]*")[^>]*>', r'<svg \1 aria-hidden="true">', svg, count=1
+    )
     return Markup(svg)

@@ -13,7 +13,13 @@ from calibtool.evaluation.report.content import Change, Judgement, Verdict, numb
 from calibtool.evaluation.words import brought, words
 from calibtool.robot.se3 import Array
 
-_WORDS = {"mean": "mean", "std": "standard deviation", "rms": "rms", "p95": "95th percentile", "max": "largest"}
+_WORDS = {
+    "mean": "mean",
+    "std": "standard deviation",
+    "rms": "rms",
+    "p95": "95th percentile",
+    "max": "largest",
+}
 
 
 @dataclass(frozen=True)
@@ -30,7 +36,8 @@ def verdicts(subject: Subject) -> list[Verdict]:
     entries: list[dict[str, Any]] = subject.evaluation.as_json()["methods"]  # type: ignore[assignment]
     nominal, *others = entries
     return [
-        Verdict(entry["name"], _changes(nominal, entry), _judgements(subject, k)) for k, entry in enumerate(others, 1)
+        Verdict(entry["name"], _changes(nominal, entry), _judgements(subject, k))
+        for k, entry in enumerate(others, 1)
     ]
 
 
@@ -42,18 +49,20 @@ def headline(subject: Subject, found: list[Verdict]) -> Headline:
     assert subject.evaluation is not None
     outcome = brought(subject.evaluation, best.name, change.before, change.after)
     if not lowered:
-        outcome = (
-            f"No calibration lowers the mean position error: {change.before} without, {change.after} with {best.name}."
-        )
+        outcome = f"No calibration lowers the mean position error: {change.before} without, {change.after} with {best.name}."
     if not subject.limits:
         return Headline(outcome, None if lowered else False)
     passed = [verdict.name for verdict in found if verdict.met]
     failed = [verdict.name for verdict in found if not verdict.met]
     limits = "the limit" if len(subject.limits) == 1 else f"the {len(subject.limits)} limits"
     if not passed:
-        return Headline(f"Not met: {_listed(failed)} {_verb(failed, 'miss')} {limits}. {outcome}", False)
+        return Headline(
+            f"Not met: {_listed(failed)} {_verb(failed, 'miss')} {limits}. {outcome}", False
+        )
     but = f"; {_listed(failed)} {_verb(failed, 'do')} not" if failed else ""
-    return Headline(f"Met: {_listed(passed)} {_verb(passed, 'keep')} {limits}{but}. {outcome}", True)
+    return Headline(
+        f"Met: {_listed(passed)} {_verb(passed, 'keep')} {limits}{but}. {outcome}", True
+    )
 
 
 def cautions(subject: Subject, judged: Array) -> list[str]:
@@ -73,7 +82,9 @@ def cautions(subject: Subject, judged: Array) -> list[str]:
                 f"{evaluation.marked[k]} corrections by {name} leave a part of the error, or all of it."
             )
         if evaluation.outside[k]:
-            result.append(f"{evaluation.outside[k]} judged configurations are unlike those of the training of {name}.")
+            result.append(
+                f"{evaluation.outside[k]} judged configurations are unlike those of the training of {name}."
+            )
     return result
 
 
@@ -114,7 +125,9 @@ def _changes(nominal: dict[str, Any], entry: dict[str, Any]) -> list[Change]:
                     before_value=before[statistic],
                     after_value=after[statistic],
                     unit=unit,
-                    reduction="–" if reduction is None else f"{-reduction:+.1f} %".replace("-", "−"),
+                    reduction="–"
+                    if reduction is None
+                    else f"{-reduction:+.1f} %".replace("-", "−"),
                 )
             )
     return changes
@@ -127,7 +140,11 @@ def _judgements(subject: Subject, k: int) -> list[Judgement]:
     result = []
     for limit in subject.limits:
         found = limit.found(method, test)
-        what = f"{limit.quantity} error" if limit.quantity in ("position", "orientation") else limit.quantity.upper()
+        what = (
+            f"{limit.quantity} error"
+            if limit.quantity in ("position", "orientation")
+            else limit.quantity.upper()
+        )
         asked = f"{_WORDS[limit.statistic]} {what} at most {limit.value:g} {limit.unit}"
         result.append(
             Judgement(

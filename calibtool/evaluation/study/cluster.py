@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 REACH_SECONDS = 4  # a scheduler answers at once or not at all
 
 
-def on_cluster(study: Study, indices: Sequence[int], address: str) -> Generator[tuple[int, list[Row]], None, None]:
+def on_cluster(
+    study: Study, indices: Sequence[int], address: str
+) -> Generator[tuple[int, list[Row]], None, None]:
     """(index, rows) of every run, in the order in which they finish, from the workers of a Dask scheduler.
 
     Workers need calibtool of this version. A run whose worker dies again and again gets rows that say so.
@@ -42,7 +44,9 @@ def on_cluster(study: Study, indices: Sequence[int], address: str) -> Generator[
             else:
                 yield index, future.result()
     except (OSError, RuntimeError, TimeoutError) as error:
-        raise CalibtoolError(f"{address}: the cluster is lost: {' '.join(str(error).split())}") from None
+        raise CalibtoolError(
+            f"{address}: the cluster is lost: {' '.join(str(error).split())}"
+        ) from None
     finally:
         with contextlib.suppress(Exception):
             client.close(timeout=2)
@@ -60,9 +64,13 @@ def _connect(address: str) -> "Client":
         raise UsageError("--cluster needs Dask; run: pip install 'calibtool[cluster]'") from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said by the error
     try:
-        asyncio.run(asyncio.wait_for(_reach(address), REACH_SECONDS))  # a Client that fails to connect fails noisily
+        asyncio.run(
+            asyncio.wait_for(_reach(address), REACH_SECONDS)
+        )  # a Client that fails to connect fails noisily
         return Client(address, timeout=REACH_SECONDS, set_as_default=False)
-    except Exception as error:  # also what comes of a server that speaks another language, such as MemoryError
+    except (
+        Exception
+    ) as error:  # also what comes of a server that speaks another language, such as MemoryError
         text = " ".join(str(error).split()) if isinstance(error, OSError | ValueError) else ""
         text = text or f"it does not answer like one within {REACH_SECONDS} s"
         raise UsageError(f"--cluster {address}: no Dask scheduler: {text}") from None
@@ -73,7 +81,9 @@ async def _reach(address: str) -> None:
     from distributed import Security
     from distributed.comm import connect
 
-    comm = await connect(address, timeout=REACH_SECONDS - 1, **Security().get_connection_args("client"))
+    comm = await connect(
+        address, timeout=REACH_SECONDS - 1, **Security().get_connection_args("client")
+    )
     comm.abort()
 
 

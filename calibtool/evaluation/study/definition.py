@@ -89,7 +89,10 @@ class Definition(BaseModel):
             kinds=tuple(kinds.split(",")),
             length=self.length_error_mm * mm,
             angle=self.angle_error_mrad * mrad,
-            sizes={kind: getattr(self, f"{kind}_mrad") * mrad for kind in ("gear", "gravity", "backlash", "payload")},
+            sizes={
+                kind: getattr(self, f"{kind}_mrad") * mrad
+                for kind in ("gear", "gravity", "backlash", "payload")
+            },
             warmth=self.thermal_k * factor,
         )
 
@@ -110,7 +113,9 @@ def _kinds(text: str) -> list[str]:
         return list(ERROR_KINDS)
     for kind in wanted:
         if kind not in ERROR_KINDS:
-            raise ValueError(f"unknown kind of error '{kind}'; {near_names(kind, ('all', *ERROR_KINDS))}")
+            raise ValueError(
+                f"unknown kind of error '{kind}'; {near_names(kind, ('all', *ERROR_KINDS))}"
+            )
     return [kind for kind in ERROR_KINDS if kind in wanted]
 
 
@@ -171,13 +176,19 @@ class Study:
     @cached_property
     def key(self) -> str:
         """Twelve hexadecimal digits of the SHA-256 of everything that decides the results."""
-        parts = [self.version, self.definition.model_dump_json(), *(t for r in self.robots for t in (r.toml, r.urdf))]
+        parts = [
+            self.version,
+            self.definition.model_dump_json(),
+            *(t for r in self.robots for t in (r.toml, r.urdf)),
+        ]
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:12]
 
     @cached_property
     def _combinations(self) -> list[tuple[int, str, float, float, int]]:
         d = self.definition
-        return list(product(range(len(self.robots)), d.errors, d.error_scale, d.noise_mm, d.configurations))
+        return list(
+            product(range(len(self.robots)), d.errors, d.error_scale, d.noise_mm, d.configurations)
+        )
 
     @property
     def count(self) -> int:
@@ -189,10 +200,14 @@ class Study:
         combination, replicate = divmod(index, self.definition.runs)
         robot, errors, scale, noise, configurations = self._combinations[combination]
         stream = np.random.SeedSequence(self.definition.seed, spawn_key=(replicate,))
-        seed = int(stream.generate_state(1, np.uint64)[0] >> np.uint64(11))  # 53 bits: exact in any JSON reader
+        seed = int(
+            stream.generate_state(1, np.uint64)[0] >> np.uint64(11)
+        )  # 53 bits: exact in any JSON reader
         return Run(robot, configurations, errors, scale, noise, replicate + 1, seed)
 
     def check_version(self, version: str) -> None:
         """CalibtoolError unless a worker's calibtool is the one that defined the study."""
         if version != self.version:
-            raise CalibtoolError(f"a worker has calibtool {version}, this is {self.version}; install the same on both")
+            raise CalibtoolError(
+                f"a worker has calibtool {version}, this is {self.version}; install the same on both"
+            )

@@ -55,7 +55,12 @@ class Journal:
     def __enter__(self) -> "Journal":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         if self._file is not None:
             if not self.finished:
                 self.remove()
@@ -72,7 +77,9 @@ class Journal:
         try:
             with open(file, "rb", closefd=False) as stream:
                 data = stream.read()
-            whole = data[: data.rfind(b"\n") + 1]  # a line that was cut off by an interruption is dropped
+            whole = data[
+                : data.rfind(b"\n") + 1
+            ]  # a line that was cut off by an interruption is dropped
             try:
                 if not data.startswith(_START[: len(data)]):
                     raise UsageError(f"{path}: is no journal of calibtool study; {_REMEDY}")

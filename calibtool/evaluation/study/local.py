@@ -18,7 +18,9 @@ _TRIES = 2
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def in_processes(study: Study, indices: Sequence[int], workers: int) -> Generator[tuple[int, list[Row]], None, None]:
+def in_processes(
+    study: Study, indices: Sequence[int], workers: int
+) -> Generator[tuple[int, list[Row]], None, None]:
     """(index, rows) of every run, in the order in which they finish, from `workers` processes.
 
     A run whose process is killed twice gets rows that say so. Raises CalibtoolError when processes cannot even start.
@@ -40,7 +42,9 @@ def in_processes(study: Study, indices: Sequence[int], workers: int) -> Generato
                 except (EOFError, OSError):
                     stillborn = 0 if worker.ready else stillborn + 1
                     if stillborn > _TRIES * len(pool):
-                        raise CalibtoolError("the worker processes end before they are ready") from None
+                        raise CalibtoolError(
+                            "the worker processes end before they are ready"
+                        ) from None
                     worker.end()
                     pool[place] = _Worker(study)
                     if index is None:
@@ -48,7 +52,10 @@ def in_processes(study: Study, indices: Sequence[int], workers: int) -> Generato
                     if tries[index] < _TRIES:
                         waiting.appendleft(index)
                     else:
-                        yield index, lost(study, index, f"its worker process was killed {_TRIES} times")
+                        yield (
+                            index,
+                            lost(study, index, f"its worker process was killed {_TRIES} times"),
+                        )
                     continue
                 worker.index, worker.ready, stillborn = None, True, 0
                 if waiting:
@@ -66,9 +73,13 @@ class _Worker:
     """A process that performs one run at a time."""
 
     def __init__(self, study: Study) -> None:
-        context = multiprocessing.get_context("spawn")  # no copy of this process: nothing is shared by accident
+        context = multiprocessing.get_context(
+            "spawn"
+        )  # no copy of this process: nothing is shared by accident
         self.connection, theirs = context.Pipe()
-        self.process: SpawnProcess = context.Process(target=_serve, args=(theirs, study), daemon=True)
+        self.process: SpawnProcess = context.Process(
+            target=_serve, args=(theirs, study), daemon=True
+        )
         with _one_blas_thread():
             self.process.start()
         theirs.close()

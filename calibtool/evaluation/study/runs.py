@@ -26,7 +26,9 @@ _CALIBRATE: dict[str, Callable[[Measurements, int], Calibration]] = {
     "complete": lambda m, seed: identify(m, "complete"),
     "network": lambda m, seed: train(m, "nominal", TrainingOptions(seed=seed)),
     "network-local-poe": lambda m, seed: train(m, "local-poe", TrainingOptions(seed=seed)),
-    "default": lambda m, seed: train(m, "complete", TrainingOptions(regularisation="bayes", seed=seed)),
+    "default": lambda m, seed: train(
+        m, "complete", TrainingOptions(regularisation="bayes", seed=seed)
+    ),
 }
 
 
@@ -91,7 +93,9 @@ def _measure(study: Study, index: int) -> tuple[Measurements, Measurements]:
     )
     if not definition.fresh:
         return measurements, measurements
-    again = Simulation(configurations=definition.fresh, same_robot=measurements.truth, noise=0.0, **common)
+    again = Simulation(
+        configurations=definition.fresh, same_robot=measurements.truth, noise=0.0, **common
+    )
     return measurements, simulate(robot, again)
 
 
@@ -124,7 +128,11 @@ def _results(evaluation: Evaluation, networks: dict[str, int]) -> dict[str, tupl
             marked,
             *(_cell(entry["position_mm"], s) for s in STATISTICS),
             *(_cell(entry["orientation_mrad"], s) for s in STATISTICS),
-            *(_cell(entry["reduction_percent"], f"{p}_{s}") for p in ("position", "orientation") for s in REDUCTIONS),
+            *(
+                _cell(entry["reduction_percent"], f"{p}_{s}")
+                for p in ("position", "orientation")
+                for s in REDUCTIONS
+            ),
         )
         for entry, marked in zip(entries, evaluation.marked, strict=True)
     }
@@ -138,7 +146,9 @@ def _cell(values: dict[str, float | None] | None, name: str) -> float | None:
 def _reason(error: Exception) -> str:
     """Why there is no result, on one line."""
     text = " ".join(str(error).split())
-    return text if isinstance(error, CalibtoolError) else f"unexpected {type(error).__name__}: {text}"
+    return (
+        text if isinstance(error, CalibtoolError) else f"unexpected {type(error).__name__}: {text}"
+    )
 
 
 @lru_cache(maxsize=64)

@@ -8,10 +8,31 @@ import numpy as np
 from calibtool.evaluation.metrics import STATISTICS
 from calibtool.evaluation.study.table import COLUMNS, OK, REDUCTIONS, Cell, Row, StudyTable
 
-GROUP = ("robot", "workspace", "errors", "error_scale", "noise_mm", "configurations", "fresh", "method")
-QUANTILES = {"min": 0.0, "q05": 0.05, "q25": 0.25, "median": 0.5, "q75": 0.75, "q95": 0.95, "max": 1.0}
+GROUP = (
+    "robot",
+    "workspace",
+    "errors",
+    "error_scale",
+    "noise_mm",
+    "configurations",
+    "fresh",
+    "method",
+)
+QUANTILES = {
+    "min": 0.0,
+    "q05": 0.05,
+    "q25": 0.25,
+    "median": 0.5,
+    "q75": 0.75,
+    "q95": 0.95,
+    "max": 1.0,
+}
 _TOLD = (
-    *(f"{part}_{s}_{unit}" for part, unit in (("position", "mm"), ("orientation", "mrad")) for s in ("mean", "max")),
+    *(
+        f"{part}_{s}_{unit}"
+        for part, unit in (("position", "mm"), ("orientation", "mrad"))
+        for s in ("mean", "max")
+    ),
     *(f"{part}_max_reduction_percent" for part in ("position", "orientation")),
 )
 
@@ -83,7 +104,10 @@ def study_contents(table: StudyTable, definition: Mapping[str, object] | None) -
         "schema_version": 1,
         "study": table.key,
         **{f"{name}s": varied(name) for name in ("robot", "workspace", "method")},
-        **{name: varied(name) for name in ("errors", "error_scale", "noise_mm", "configurations", "fresh")},
+        **{
+            name: varied(name)
+            for name in ("errors", "error_scale", "noise_mm", "configurations", "fresh")
+        },
         "runs": len(table.rows) // max(len(methods), 1),
         "rows": len(table.rows),
         "finished": len(table.rows) - failures.total(),
@@ -109,4 +133,6 @@ def _spread(rows: list[Row], column: str) -> dict[str, float] | None:
     values = numbers(rows, column)
     if not values:
         return None
-    return dict(zip(QUANTILES, map(float, np.quantile(values, list(QUANTILES.values()))), strict=True))
+    return dict(
+        zip(QUANTILES, map(float, np.quantile(values, list(QUANTILES.values()))), strict=True)
+    )

@@ -18,7 +18,18 @@ REDUCTIONS = ("mean", "max", "std")
 TEXTS = ("study", "robot", "workspace", "errors", "method", "status")
 COUNTS = ("configurations", "fresh", "run", "seed", "networks", "marked")
 COLUMNS = (
-    *("study", "robot", "workspace", "errors", "error_scale", "noise_mm", "configurations", "fresh", "run", "seed"),
+    *(
+        "study",
+        "robot",
+        "workspace",
+        "errors",
+        "error_scale",
+        "noise_mm",
+        "configurations",
+        "fresh",
+        "run",
+        "seed",
+    ),
     *("method", "status", "networks", "marked"),
     *(f"position_{s}_mm" for s in STATISTICS),
     *(f"orientation_{s}_mrad" for s in STATISTICS),
@@ -64,17 +75,23 @@ def parse_csv(text: str, name: str) -> StudyTable:
     """A table that `as_csv` wrote. Raises InputError for anything else."""
     reader = csv.reader(io.StringIO(text))
     if text.partition("\n")[0].rstrip("\r") != ",".join(COLUMNS):
-        raise InputError(f"{name}: not a table of calibtool study; choose another name, or overwrite it with --force")
+        raise InputError(
+            f"{name}: not a table of calibtool study; choose another name, or overwrite it with --force"
+        )
     next(reader)
     rows = []
     try:
         for cells in reader:
             if len(cells) != len(COLUMNS):
-                raise InputError(f"{name}:{reader.line_num}: {len(cells)} cells; expected {len(COLUMNS)}")
+                raise InputError(
+                    f"{name}:{reader.line_num}: {len(cells)} cells; expected {len(COLUMNS)}"
+                )
             parsed = [_parsed(column, cell) for column, cell in zip(COLUMNS, cells, strict=True)]
             rows.append(checked_row(parsed))
     except ValueError:
-        raise InputError(f"{name}:{reader.line_num}: a cell is not the number that its column needs") from None
+        raise InputError(
+            f"{name}:{reader.line_num}: a cell is not the number that its column needs"
+        ) from None
     except csv.Error as error:
         raise InputError(f"{name}:{reader.line_num}: {error}; check the quotes") from None
     return table_of(rows, name)
@@ -118,7 +135,9 @@ def _parsed(column: str, cell: str) -> Cell:
         return cell
     if cell == "" and COLUMNS.index(column) >= _FIRST_RESULT:
         return None
-    if "_" in cell or not cell.isascii():  # Python would take 1_0 and digits of any script for numbers
+    if (
+        "_" in cell or not cell.isascii()
+    ):  # Python would take 1_0 and digits of any script for numbers
         raise ValueError(cell)
     return int(cell) if column in COUNTS else float(cell)
 

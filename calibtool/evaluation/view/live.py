@@ -33,7 +33,9 @@ def serving(
     visualizer = _visualizer(scene, shape)
     _check_free(host, port)
     size = max(scene.extent, _SMALL)
-    with contextlib.redirect_stdout(io.StringIO()):  # viser greets and says goodbye where data belong
+    with contextlib.redirect_stdout(
+        io.StringIO()
+    ):  # viser greets and says goodbye where data belong
         server = _server(host, port, f"calibtool: {scene.robot.name}")
         visualizer.initViewer(viewer=server)
         visualizer.loadViewerModel("arm", frame_axis_length=size / 20, frame_axis_radius=size / 600)
@@ -53,7 +55,9 @@ def serving(
         flange = np.broadcast_to(scene.arm[now, -1], scene.nominal[now].shape)
         _lines(server, "/tool", np.stack([flange, scene.nominal[now]], axis=1), _NOMINAL, 2.0)
         _pairs(server, "now", scene.nominal[now], found[now], size / 120)
-        rest = np.arange(len(scene)) != now if everywhere.value else np.zeros(len(scene), dtype=bool)
+        rest = (
+            np.arange(len(scene)) != now if everywhere.value else np.zeros(len(scene), dtype=bool)
+        )
         _pairs(server, "all", scene.nominal[rest], found[rest], size / 300)
         told.content = (
             f"**{scene.sizes[now] * 1e3:.3f} mm** off here, {np.median(scene.sizes) * 1e3:.3f} mm in the median; "
@@ -75,7 +79,9 @@ def _visualizer(scene: Scene, shape: pin.GeometryModel) -> "ViserVisualizer":
         import viser  # noqa: F401  (Pinocchio's message names another remedy)
         from pinocchio.visualize import ViserVisualizer
     except ImportError:
-        raise UsageError("view needs viser; run: pip install 'calibtool[view]' (or write a page with --html)") from None
+        raise UsageError(
+            "view needs viser; run: pip install 'calibtool[view]' (or write a page with --html)"
+        ) from None
     return ViserVisualizer(scene.robot.chain.model, pin.GeometryModel(), shape)
 
 
@@ -97,7 +103,10 @@ def _pairs(server: "ViserServer", name: str, nominal: Array, found: Array, width
     """Nominal and found targets and the lines between them; targets that were not seen stay away."""
     seen = ~np.isnan(found[..., 0])
     _lines(server, f"/errors/{name}", np.stack([nominal[seen], found[seen]], axis=1), _FOUND, 3.0)
-    for kind, points, colour in (("nominal", nominal[seen], _NOMINAL), ("found", found[seen], _FOUND)):
+    for kind, points, colour in (
+        ("nominal", nominal[seen], _NOMINAL),
+        ("found", found[seen], _FOUND),
+    ):
         server.scene.add_point_cloud(
             f"/{kind}/{name}",
             points.astype(np.float32),
@@ -108,10 +117,14 @@ def _pairs(server: "ViserServer", name: str, nominal: Array, found: Array, width
         )
 
 
-def _lines(server: "ViserServer", name: str, segments: Array, colour: tuple[int, int, int], width: float) -> None:
+def _lines(
+    server: "ViserServer", name: str, segments: Array, colour: tuple[int, int, int], width: float
+) -> None:
     """Segments (k, 2, 3), `width` pixels wide."""
     segments = segments.astype(np.float32)
-    server.scene.add_line_segments(name, segments, colour, thickness=width, thickness_units="screen")
+    server.scene.add_line_segments(
+        name, segments, colour, thickness=width, thickness_units="screen"
+    )
 
 
 def _check_free(host: str, port: int) -> None:
@@ -121,4 +134,6 @@ def _check_free(host: str, port: int) -> None:
         try:
             probe.bind((host, port))
         except OSError as error:
-            raise UsageError(f"--port {port}: {error.strerror or error}; choose another one") from None
+            raise UsageError(
+                f"--port {port}: {error.strerror or error}; choose another one"
+            ) from None

@@ -16,7 +16,9 @@ def page_of(scene: Scene, magnify: float) -> str:
     the same text.
     """
     environment = Environment(
-        loader=PackageLoader("calibtool.evaluation.view"), undefined=StrictUndefined, autoescape=True
+        loader=PackageLoader("calibtool.evaluation.view"),
+        undefined=StrictUndefined,
+        autoescape=True,
     )
     data = {
         "arm": _numbers(scene.arm, 6),
@@ -26,7 +28,11 @@ def page_of(scene: Scene, magnify: float) -> str:
     }
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return environment.get_template("scene.html.j2").render(
-        robot=scene.robot.name, meaning=scene.meaning, count=len(scene), magnify=f"{magnify:g}", data=text
+        robot=scene.robot.name,
+        meaning=scene.meaning,
+        count=len(scene),
+        magnify=f"{magnify:g}",
+        data=text,
     )
 
 

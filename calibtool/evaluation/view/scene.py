@@ -57,7 +57,9 @@ class Scene:
             return 1.0
         wanted = self.extent / 12 / median
         power = 10.0 ** np.floor(np.log10(wanted))
-        return float(max(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)), 1.0))
+        return float(
+            max(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)), 1.0)
+        )
 
 
 def scene_of(contents: Measurements | Calibration) -> Scene:
@@ -83,5 +85,7 @@ def scene_of(contents: Measurements | Calibration) -> Scene:
 def _arm(robot: Robot, q: Array) -> Array:
     """Origins of base, joints before and after their motion, and tool (N, 2n+2, 3)."""
     frames = robot.mechanism.frames(q)
-    joints = np.stack([frames.before, frames.after], axis=2)[..., :3, 3].reshape(len(q), 2 * robot.n, 3)
+    joints = np.stack([frames.before, frames.after], axis=2)[..., :3, 3].reshape(
+        len(q), 2 * robot.n, 3
+    )
     return np.concatenate([np.zeros((len(q), 1, 3)), joints, frames.tool[:, None, :3, 3]], axis=1)

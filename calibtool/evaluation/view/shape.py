@@ -52,8 +52,12 @@ def _visual_geometry(source: Source, urdf_text: str) -> pin.GeometryModel:
     """
     name, kinematics = source.place, source.description.kinematics
     full = parse_urdf(urdf_text, name)
-    every = read_urdf(urdf_text, name, lambda path: pin.buildGeomFromUrdf(full, path, pin.GeometryType.VISUAL))
-    reduced, geometry = pin.buildReducedModel(full, every, *locked_joints(full, kinematics.locked_joints, name))
+    every = read_urdf(
+        urdf_text, name, lambda path: pin.buildGeomFromUrdf(full, path, pin.GeometryType.VISUAL)
+    )
+    reduced, geometry = pin.buildReducedModel(
+        full, every, *locked_joints(full, kinematics.locked_joints, name)
+    )
     tool = reduced.frames[frame_id(reduced, kinematics.tool_frame, name)]
     way = [0, *joints_to(reduced, tool.parentJoint, name)]
     base = base_placement(reduced, kinematics.base_frame, name)
@@ -89,12 +93,23 @@ def simple_shape(robot: Robot) -> pin.GeometryModel:
     placements, twists = robot.chain.placements, robot.chain.twists
     width = float(np.linalg.norm(placements[:, :3, 3], axis=-1).sum()) / 60 or 0.01
     origin = np.zeros(3)
-    for j, placement in enumerate(placements):  # link j goes from the origin of joint frame j to that of the next
-        _add_rod(shape, f"link{j}", j, origin, placement[:3, 3], width if j < robot.n else width / 2)
+    for j, placement in enumerate(
+        placements
+    ):  # link j goes from the origin of joint frame j to that of the next
+        _add_rod(
+            shape, f"link{j}", j, origin, placement[:3, 3], width if j < robot.n else width / 2
+        )
     for j, twist in enumerate(twists):
         if robot.prismatic[j]:
             axis, zero = placements[j][:3, :3] @ twist[:3], placements[j][:3, 3]
-            _add_rod(shape, f"rail{j + 1}", j, zero + axis * robot.lower[j], zero + axis * robot.upper[j], width / 2)
+            _add_rod(
+                shape,
+                f"rail{j + 1}",
+                j,
+                zero + axis * robot.lower[j],
+                zero + axis * robot.upper[j],
+                width / 2,
+            )
             solid, along = coal.Box(3 * width, 3 * width, 4 * width), twist[:3]
         else:
             solid, along = coal.Cylinder(1.5 * width, 4 * width), twist[3:]
@@ -102,7 +117,9 @@ def simple_shape(robot: Robot) -> pin.GeometryModel:
     return shape
 
 
-def _add_rod(shape: pin.GeometryModel, name: str, joint: int, start: Array, end: Array, radius: float) -> None:
+def _add_rod(
+    shape: pin.GeometryModel, name: str, joint: int, start: Array, end: Array, radius: float
+) -> None:
     """A cylinder between two points of a joint's frame."""
     length = float(np.linalg.norm(end - start))
     if length > _THIN:
@@ -111,7 +128,12 @@ def _add_rod(shape: pin.GeometryModel, name: str, joint: int, start: Array, end:
 
 
 def _add(
-    shape: pin.GeometryModel, name: str, joint: int, placement: pin.SE3, solid: coal.CollisionGeometry, colour: Array
+    shape: pin.GeometryModel,
+    name: str,
+    joint: int,
+    placement: pin.SE3,
+    solid: coal.CollisionGeometry,
+    colour: Array,
 ) -> None:
     piece = pin.GeometryObject(name, joint, placement, solid)
     piece.meshColor = colour

@@ -11,7 +11,9 @@ from calibtool.measurement.measurements import Measurements
 __all__ = ["Finding", "check_measurements", "design_findings"]
 
 
-def check_measurements(measurements: Measurements, companions: Companions | None = None) -> list[Finding]:
+def check_measurements(
+    measurements: Measurements, companions: Companions | None = None
+) -> list[Finding]:
     """Every finding about measurements and what was recorded beside them (companions), warnings first.
 
     Nothing is changed and nothing raised: a check whose data are missing says nothing. Row numbers count from 1.
@@ -22,7 +24,9 @@ def check_measurements(measurements: Measurements, companions: Companions | None
     if not mistakes and (orientation := orientation_finding(measurements, fit)) is not None:
         found.append(orientation)
     found += condition_findings(measurements, fit, companions or Companions())
-    repeats = any(finding.name == "repeatability" for finding in found)  # it counts the repeated rows too
+    repeats = any(
+        finding.name == "repeatability" for finding in found
+    )  # it counts the repeated rows too
     found += [
         finding
         for finding in design_findings(measurements.robot, measurements.q)

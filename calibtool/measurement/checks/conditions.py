@@ -19,7 +19,9 @@ _TOLERANCE = 1e-3  # m, and rad: geometric errors that a trend must not be mista
 _CLEAR = 5.0  # standard errors at which a drift or the better joint positions are named
 
 
-def condition_findings(measurements: Measurements, fit: Fit, companions: Companions) -> list[Finding]:
+def condition_findings(
+    measurements: Measurements, fit: Fit, companions: Companions
+) -> list[Finding]:
     """Repeatability, drift of reference points, trend with temperature, and which joint positions explain more.
 
     fit: the nominal robot registered to the measurements.
@@ -76,7 +78,9 @@ def _drift(measurements: Measurements, companions: Companions) -> Finding | None
         squares += float((path**2).sum())
         steps += float((np.diff(path, axis=0) ** 2).sum())
         weight += 3 * (len(rows) ** 2 - 1) / (len(rows) - 2)
-        means = np.array([part.mean(axis=0) for part in np.array_split(path, min(5, len(rows) // 3))])
+        means = np.array(
+            [part.mean(axis=0) for part in np.array_split(path, min(5, len(rows) // 3))]
+        )
         paths.append((rows, means))
     if not paths:
         return None
@@ -86,11 +90,16 @@ def _drift(measurements: Measurements, companions: Companions) -> Finding | None
     span, noise = max(spans), measurements.noise_position
     numbers: Numbers = {"moved_mm": span * 1e3, "standard_errors": z}
     if z < _CLEAR:
-        message = f"the reference points do not drift: {span * 1e3:.3g} mm between parts of the file"
+        message = (
+            f"the reference points do not drift: {span * 1e3:.3g} mm between parts of the file"
+        )
         return Finding("reference_drift", "note", message, numbers)
     numbers["first_to_last_mm"] = [float(v) * 1e3 for v in means[-1] - means[0]]
     speed = ""
-    if companions.time_s is not None and (hours := float(np.ptp(companions.time_s[rows])) / 3600) > 0:
+    if (
+        companions.time_s is not None
+        and (hours := float(np.ptp(companions.time_s[rows])) / 3600) > 0
+    ):
         numbers["hours"] = hours
         speed = f" in {hours:.3g} h"
     message = (
@@ -108,7 +117,9 @@ def _temperature(measurements: Measurements, fit: Fit, companions: Companions) -
     """
     if companions.temperature_c is None or np.ptp(companions.temperature_c) < 0.1:
         return None
-    outward = transform_points(measurements.robot.mechanism.forward(measurements.q), fit.setup.targets)
+    outward = transform_points(
+        measurements.robot.mechanism.forward(measurements.q), fit.setup.targets
+    )
     slopes, sizes = _trends(measurements, fit, outward, companions.temperature_c)
     order_sizes = _trends(measurements, fit, outward, np.arange(float(len(measurements))))[1]
     strongest, span = int(np.argmax(sizes)), float(np.ptp(companions.temperature_c))
@@ -122,7 +133,9 @@ def _temperature(measurements: Measurements, fit: Fit, companions: Companions) -
         "standard_errors_by_row_order": float(order_sizes.max()),
         "p_value": p,
     }
-    place = f"between {companions.temperature_c.min():.1f} and {companions.temperature_c.max():.1f} °C"
+    place = (
+        f"between {companions.temperature_c.min():.1f} and {companions.temperature_c.max():.1f} °C"
+    )
     if p > _RARE:
         message = f"no trend with temperature {place} (p = {p:.2g})"
         return Finding("temperature_trend", "note", message, numbers)
@@ -130,10 +143,14 @@ def _temperature(measurements: Measurements, fit: Fit, companions: Companions) -
     message = f"{kind} with temperature, by {change * 1e3:.3g} mm {place} (p = {p:.1g})"
     if order_sizes.max() > sizes[strongest]:
         message += "; the order of the rows explains more than that: something drifts with time"
-    return Finding("temperature_trend", severity(change > measurements.noise_position), message, numbers)
+    return Finding(
+        "temperature_trend", severity(change > measurements.noise_position), message, numbers
+    )
 
 
-def _trends(measurements: Measurements, fit: Fit, outward: Array, values: Array) -> tuple[Array, Array]:
+def _trends(
+    measurements: Measurements, fit: Fit, outward: Array, values: Array
+) -> tuple[Array, Array]:
     """Slopes (4,) of the residual over values (N,) along x, y, z and outward (N, m, 3); their sizes in standard errors."""
     left = without_geometry(measurements, fit.setup, fit.left)
     slopes, sizes = np.empty(4), np.empty(4)
@@ -152,7 +169,9 @@ def without_geometry(measurements: Measurements, setup: Setup, series: Array) ->
     blocks = adjoint(np.concatenate([frames.before, frames.tool[:, None]], axis=1))
     P = observation_matrix(setup, frames.tool)
     seen = measurements.seen.repeat(3, axis=-1)
-    columns: Array = (P[:, None] @ blocks * seen[:, None, :, None]).transpose(0, 2, 1, 3).reshape(seen.size, -1)
+    columns: Array = (
+        (P[:, None] @ blocks * seen[:, None, :, None]).transpose(0, 2, 1, 3).reshape(seen.size, -1)
+    )
     size = _TOLERANCE / measurements.noise_position
     normal_matrix = columns.T @ columns * size**2 + np.eye(columns.shape[1])
     errors = np.linalg.solve(normal_matrix, columns.T @ series.ravel() * size**2)
@@ -177,14 +196,18 @@ def _commanded_or_read(measurements: Measurements, companions: Companions) -> Fi
         read = measurements.q if read is None else read
     if np.abs(commanded - read).max() < 1e-9:
         return None
-    fits = [nominal_fit(replace(measurements, q=readonly(q)), free=False) for q in (commanded, read)]
+    fits = [
+        nominal_fit(replace(measurements, q=readonly(q)), free=False) for q in (commanded, read)
+    ]
     if not all(np.isfinite(fit.rms) for fit in fits):
         return None
     apart = fits[0].left - fits[1].left
     power = float((apart**2).sum())
     if power < 1e-30:
         return None
-    apart, whole = (without_geometry(measurements, fits[0].setup, series) for series in (apart, fits[0].left))
+    apart, whole = (
+        without_geometry(measurements, fits[0].setup, series) for series in (apart, fits[0].left)
+    )
     share, error = _slope(apart, whole)
     used_read = np.abs(measurements.q - read).max() < np.abs(measurements.q - commanded).max()
     better_read = share > 0.5

@@ -20,7 +20,13 @@ def design_findings(robot: Robot, q: Array) -> list[Finding]:
 
     q (N, n), rad or m.
     """
-    found = [_still(robot, q), *_equal_joints(robot, q), _one_at_a_time(robot, q), _repeated(q), _plane(robot, q)]
+    found = [
+        _still(robot, q),
+        *_equal_joints(robot, q),
+        _one_at_a_time(robot, q),
+        _repeated(q),
+        _plane(robot, q),
+    ]
     return [finding for finding in found if finding is not None]
 
 
@@ -34,9 +40,15 @@ def repeated_groups(q: Array) -> np.ndarray:
 
 def equal_columns(values: Array) -> list[tuple[int, int]]:
     """Pairs of columns of (N, c) that hold the same numbers and do vary."""
-    moving = np.flatnonzero(np.nan_to_num(np.nanmax(values, axis=0) - np.nanmin(values, axis=0)) > 1e-6)
+    moving = np.flatnonzero(
+        np.nan_to_num(np.nanmax(values, axis=0) - np.nanmin(values, axis=0)) > 1e-6
+    )
     pairs = [(int(a), int(b)) for k, a in enumerate(moving) for b in moving[k + 1 :]]
-    return [(a, b) for a, b in pairs if np.allclose(values[:, a], values[:, b], rtol=0, atol=1e-9, equal_nan=True)]
+    return [
+        (a, b)
+        for a, b in pairs
+        if np.allclose(values[:, a], values[:, b], rtol=0, atol=1e-9, equal_nan=True)
+    ]
 
 
 def _still(robot: Robot, q: Array) -> Finding | None:
@@ -81,7 +93,12 @@ def _repeated(q: Array) -> Finding | None:
     if not repeated:
         return None
     message = f"{repeated} rows repeat the joint positions of another row; they count, but show nothing new"
-    return Finding("repeated_configurations", "note", message, {"rows": repeated, "configurations": len(q) - repeated})
+    return Finding(
+        "repeated_configurations",
+        "note",
+        message,
+        {"rows": repeated, "configurations": len(q) - repeated},
+    )
 
 
 def _plane(robot: Robot, q: Array) -> Finding | None:
@@ -92,4 +109,9 @@ def _plane(robot: Robot, q: Array) -> Finding | None:
     if extents[2] >= _FLAT * extents[0]:
         return None
     message = "all tool positions lie in one plane; errors out of it are hardly seen"
-    return Finding("flat_design", "warning", message, {"extent_ratio": float(extents[2] / max(extents[0], 1e-300))})
+    return Finding(
+        "flat_design",
+        "warning",
+        message,
+        {"extent_ratio": float(extents[2] / max(extents[0], 1e-300))},
+    )

@@ -15,7 +15,10 @@ from calibtool.measurement.observation import residuals
 from calibtool.measurement.registration import register
 from calibtool.robot.se3 import Array, readonly, transform_points
 
-_SUSPICIOUS, _AT_LEAST = 1.5e-2, 5e-3  # of the length, and m: no arm is built so badly that its drawing misses by more
+_SUSPICIOUS, _AT_LEAST = (
+    1.5e-2,
+    5e-3,
+)  # of the length, and m: no arm is built so badly that its drawing misses by more
 _GROSS = 3e-2  # the same, when nothing that was tried explains it
 _BETTER = 3.0  # how much better the data must be explained before a mistake is named
 _FAR = 4.0  # times the median: rows tried without
@@ -82,7 +85,9 @@ def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
         f"the measured orientations differ from the robot's by {np.rad2deg(spread):.3g} deg rms although its positions fit; "
         "check the convention and the unit of the angles"
     )
-    return Finding("orientation_convention", "warning", message, {"rms_deg": float(np.rad2deg(spread))})
+    return Finding(
+        "orientation_convention", "warning", message, {"rms_deg": float(np.rad2deg(spread))}
+    )
 
 
 @dataclass(frozen=True)
@@ -102,7 +107,10 @@ def _mistakes(measurements: Measurements) -> Iterator[_Mistake]:
     def with_q(name: str, text: str, values: Array) -> _Mistake:
         return _Mistake(name, text, replace(measurements, q=readonly(values)))
 
-    for factor, text in ((1 / _UNIT, "in degrees, given as rad"), (_UNIT, "in rad, given as degrees")):
+    for factor, text in (
+        (1 / _UNIT, "in degrees, given as rad"),
+        (_UNIT, "in rad, given as degrees"),
+    ):
         for joints in [turning, *([j] for j in turning)]:
             scale = np.ones(robot.n)
             scale[joints] = factor
@@ -110,7 +118,11 @@ def _mistakes(measurements: Measurements) -> Iterator[_Mistake]:
             yield with_q("angle_unit", f"{who} {text}", q * scale)
     mirrored = measurements.points * [1.0, -1.0, 1.0]
     repaired = replace(measurements, points=readonly(mirrored))
-    yield _Mistake("left_handed_axes", "the instrument's axes are left-handed (mirror one coordinate)", repaired)
+    yield _Mistake(
+        "left_handed_axes",
+        "the instrument's axes are left-handed (mirror one coordinate)",
+        repaired,
+    )
     for j in range(robot.n):
         sign = np.ones(robot.n)
         sign[j] = -1.0
@@ -118,11 +130,15 @@ def _mistakes(measurements: Measurements) -> Iterator[_Mistake]:
     for a, b in combinations(range(robot.n), 2):
         order = np.arange(robot.n)
         order[[a, b]] = b, a
-        yield with_q("joint_order", f"the columns of joints {a + 1} and {b + 1} are swapped", q[:, order])
+        yield with_q(
+            "joint_order", f"the columns of joints {a + 1} and {b + 1} are swapped", q[:, order]
+        )
     if len(turning) >= 3 and turning[1:3] == [1, 2]:
         coupled = q.copy()
         coupled[:, 2] += q[:, 1]
-        yield with_q("joint_coupling", "joint 3 is counted from the horizontal (add joint 2)", coupled)
+        yield with_q(
+            "joint_coupling", "joint 3 is counted from the horizontal (add joint 2)", coupled
+        )
 
 
 def _single_mistake(measurements: Measurements) -> list[Finding]:
@@ -138,7 +154,9 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
             f"the nominal robot explains the points to {_mm(before)} rms, but to {_mm(best)} if "
             f"{' or '.join(mistake.text for mistake in alike[:3])}"
         )
-        numbers: Numbers = {"rms_mm": before * 1e3, "repaired_rms_mm": best * 1e3} if np.isfinite(before) else {}
+        numbers: Numbers = (
+            {"rms_mm": before * 1e3, "repaired_rms_mm": best * 1e3} if np.isfinite(before) else {}
+        )
         return [Finding(alike[0].name, "warning", message, numbers)]
     if (rows_off := _rows_off(measurements)) is not None:
         return [rows_off]
@@ -186,25 +204,39 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
         tried = []
         for order in permutations(range(m)):
             permuted = replace(setup, targets=readonly(setup.targets[list(order)]))
-            tried.append((nominal_fit(replace(measurements, setup=permuted), free=False).rms, order))
+            tried.append(
+                (nominal_fit(replace(measurements, setup=permuted), free=False).rms, order)
+            )
         after, order = min(tried)
         if after * _BETTER < before:
             message = (
                 f"the targets fit to {_mm(before)} rms in the order given, but to {_mm(after)} as {listed(order)}; "
                 "sort their columns"
             )
-            numbers: Numbers = {"order": [i + 1 for i in order], "rms_mm": before * 1e3, "repaired_rms_mm": after * 1e3}
+            numbers: Numbers = {
+                "order": [i + 1 for i in order],
+                "rms_mm": before * 1e3,
+                "repaired_rms_mm": after * 1e3,
+            }
             return Finding("target_order", "warning", message, numbers)
     given = " and ".join(
         what
-        for what, known in (("instrument frame", setup.frame_known), ("targets on the tool", setup.targets_known))
+        for what, known in (
+            ("instrument frame", setup.frame_known),
+            ("targets on the tool", setup.targets_known),
+        )
         if known
     )
     message = (
         f"with the {given} as given the points fit to {_mm(before)} rms, with an estimated set-up to {_mm(free.rms)}; "
         "check what was given, or leave it out"
     )
-    return Finding("given_setup", "warning", message, {"rms_mm": before * 1e3, "estimated_rms_mm": free.rms * 1e3})
+    return Finding(
+        "given_setup",
+        "warning",
+        message,
+        {"rms_mm": before * 1e3, "estimated_rms_mm": free.rms * 1e3},
+    )
 
 
 def _other_order(measurements: Measurements, setup: Setup) -> Finding | None:
@@ -215,7 +247,9 @@ def _other_order(measurements: Measurements, setup: Setup) -> Finding | None:
     apart = np.linalg.norm(setup.targets[:, None] - targets[None], axis=-1)
     order = linear_sum_assignment(apart)[1]
     spread = float(np.linalg.norm(targets - targets.mean(axis=0), axis=-1).max())
-    if (order == np.arange(len(order))).all() or apart[np.arange(len(order)), order].max() > 0.1 * spread:
+    if (order == np.arange(len(order))).all() or apart[
+        np.arange(len(order)), order
+    ].max() > 0.1 * spread:
         return None
     message = (
         f"the targets stand where {measurements.robot.name} has its targets {listed(order)}, in this order; harmless while "
@@ -253,7 +287,11 @@ def _swapped_rows(measurements: Measurements, stated: Fit) -> tuple[Finding | No
         f"in {len(rows)} rows the targets are in another order than in the rest (rows {listed(rows)}): sorted, the nominal "
         f"robot explains the points to {_mm(best)} instead of {_mm(stated.rms)} rms"
     )
-    numbers: Numbers = {"rows": [int(r) + 1 for r in rows], "rms_mm": stated.rms * 1e3, "repaired_rms_mm": best * 1e3}
+    numbers: Numbers = {
+        "rows": [int(r) + 1 for r in rows],
+        "rms_mm": stated.rms * 1e3,
+        "repaired_rms_mm": best * 1e3,
+    }
     return Finding("target_order", "warning", message, numbers), rows
 
 
@@ -261,7 +299,9 @@ def _orders(measurements: Measurements, setup: Setup) -> np.ndarray:
     """Which measured point is target i, per row, judged by a set-up: (N, m); as given unless another order is far better."""
     poses = setup.T_instrument_base @ measurements.robot.mechanism.forward(measurements.q)
     predicted = transform_points(poses, setup.targets)
-    apart = np.nan_to_num(((predicted[:, :, None] - measurements.points[:, None]) ** 2).sum(axis=-1))
+    apart = np.nan_to_num(
+        ((predicted[:, :, None] - measurements.points[:, None]) ** 2).sum(axis=-1)
+    )
     own = np.arange(len(setup.targets))
     orders = np.tile(own, (len(apart), 1))
     for k, cost in enumerate(apart):

@@ -96,7 +96,11 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
             f"target {target} sits elsewhere from row {row} on, by at least {size * 1e3:.3g} mm (its distances to the other "
             "targets change); calibrate with the rows before or from there on only"
         )
-        numbers = {"row": row, "shift_mm": size * 1e3, "targets": [int(name) for name in target.split(" or ")]}
+        numbers = {
+            "row": row,
+            "shift_mm": size * 1e3,
+            "targets": [int(name) for name in target.split(" or ")],
+        }
         found.append(Finding("target_moved", severity(size > noise), message, numbers))
 
     estimate = float(np.sqrt(distances.var(axis=0, ddof=1).mean() / 2))

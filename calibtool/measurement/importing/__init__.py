@@ -1,6 +1,12 @@
 """Import of what instruments write: tables by header or by map, SpatialAnalyzer's points, Excel sheets, joint files."""
 
-from calibtool.measurement.importing.assemble import Imported, JointFile, Understood, import_table, read_table
+from calibtool.measurement.importing.assemble import (
+    Imported,
+    JointFile,
+    Understood,
+    import_table,
+    read_table,
+)
 from calibtool.measurement.importing.column_map import ColumnMap, parse_column_map
 from calibtool.measurement.importing.commanded import CommandedFile
 from calibtool.measurement.importing.header import Stated

@@ -34,7 +34,9 @@ from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 from calibtool.tables import Table
 
-REGISTRATION_ROWS = 20_000  # evenly spaced ones of a longer table; the set-up has at most some twenty unknowns
+REGISTRATION_ROWS = (
+    20_000  # evenly spaced ones of a longer table; the set-up has at most some twenty unknowns
+)
 
 
 class JointFile(NamedTuple):
@@ -66,7 +68,9 @@ class Imported(NamedTuple):
     companions: Companions
     understood: Understood
 
-    def split(self, rows: str | None, sample: int | None, seed: int) -> "tuple[Imported, Imported | None]":
+    def split(
+        self, rows: str | None, sample: int | None, seed: int
+    ) -> "tuple[Imported, Imported | None]":
         """The chosen rows and the rest (None if there is none), see `rows.choose_rows`."""
         taken, left = choose_rows(len(self.measurements), rows, sample, seed)
         return self.rows(taken), self.rows(left) if len(left) else None
@@ -111,7 +115,13 @@ def import_table(
 ) -> Imported:
     """Measurements from a table, registered to all of its rows: `read_table(…).registered()`, which see."""
     return read_table(
-        data, name, robot, columns, frame=frame, robot_targets=robot_targets, joint_values=joint_values
+        data,
+        name,
+        robot,
+        columns,
+        frame=frame,
+        robot_targets=robot_targets,
+        joint_values=joint_values,
     ).registered()
 
 
@@ -152,7 +162,9 @@ def read_table(
     joint_table = source.table
     if joints is not None:
         joint_table = read_source(joints.data, joints.name).table
-        table, joint_table, unmatched = join_rows(source.table, joint_table, joints.join, by, joints.tolerance_s)
+        table, joint_table, unmatched = join_rows(
+            source.table, joint_table, joints.join, by, joints.tolerance_s
+        )
         if targets is not None:
             targets = of_kept_rows(targets, source.table, table)
         source, warnings = replace(source, table=table), warnings + unmatched
@@ -179,12 +191,16 @@ def read_table(
         q=readonly(q),
         points=readonly(points),
         rotations=rotations,
-        setup=known_setup(complete, robot, points, frame or complete.instrument.frame, robot_targets, name),
+        setup=known_setup(
+            complete, robot, points, frame or complete.instrument.frame, robot_targets, name
+        ),
         noise_position=complete.noise.position_mm * 1e-3,
         noise_orientation=complete.noise.orientation_mrad * 1e-3,
         conditions=Conditions(
             direction=readonly(directions(q)),
-            payload_kg=None if complete.payload is None else readonly(read_payload(table, complete.payload)),
+            payload_kg=None
+            if complete.payload is None
+            else readonly(read_payload(table, complete.payload)),
             temperature_c=companions.temperature_c if _whole(companions.temperature_c) else None,
         ),
         commanded=None if targets is None else commanded_poses(targets, robot, joint_values),
@@ -193,7 +209,11 @@ def read_table(
     understood = Understood(
         source=replace(source, table=replace(table, rows=[], lines=[])),
         columns=complete.model_copy(
-            update={"instrument": complete.instrument.model_copy(update={"frame": frame or complete.instrument.frame})}
+            update={
+                "instrument": complete.instrument.model_copy(
+                    update={"frame": frame or complete.instrument.frame}
+                )
+            }
         ),
         joints_name=joint_table.name,
         noise_stated=columns is not None and "noise" in columns.model_fields_set,
@@ -227,18 +247,28 @@ def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str
     if not outside.any():
         return []
     first = table.place(int(np.argmax(outside)))
-    return [f"{first}: {int(outside.sum())} of {len(outside)} rows are outside the joint limits of {robot.name}; kept"]
+    return [
+        f"{first}: {int(outside.sum())} of {len(outside)} rows are outside the joint limits of {robot.name}; kept"
+    ]
 
 
 def _ignored(source: Source, joints: Table, columns: ColumnMap) -> dict[str, list[str]]:
     """Columns of each file that nothing is read from."""
-    of_joints = {column for part in (columns.joints, columns.joints_read) if part for column in part.columns}
+    of_joints = {
+        column for part in (columns.joints, columns.joints_read) if part for column in part.columns
+    }
     of_table = {column for target in columns.targets for column in target.columns}
     of_table |= {column for reference in columns.references for column in reference.measured}
-    of_table |= {part.column for part in (columns.time, columns.temperature, columns.payload) if part}
+    of_table |= {
+        part.column for part in (columns.time, columns.temperature, columns.payload) if part
+    }
     if columns.pose is not None:
         of_table |= {*columns.pose.position, *columns.pose.orientation}
-    keys = {columns.join.measured, columns.join.joints} if columns.join else {"name", "time_s", "time_ms", "time_iso"}
+    keys = (
+        {columns.join.measured, columns.join.joints}
+        if columns.join
+        else {"name", "time_s", "time_ms", "time_iso"}
+    )
     used = {source.table.name: of_table}
     used[joints.name] = used.get(joints.name, set()) | of_joints
     headers = {source.table.name: source.table.header, joints.name: joints.header}

@@ -49,7 +49,9 @@ class TargetColumns(_Strict):
 
     @model_validator(mode="after")
     def _one_form(self) -> "TargetColumns":
-        if (self.measured is None) == (self.nominal is None) or (self.nominal is None) != (self.error is None):
+        if (self.measured is None) == (self.nominal is None) or (self.nominal is None) != (
+            self.error is None
+        ):
             raise ValueError("give either 'measured', or 'nominal' together with 'error'")
         return self
 
@@ -162,7 +164,9 @@ class ColumnMap(_Strict):
             raise ValueError("give either [[targets]] or [pose]")
         known = [target.on_tool_mm is not None for target in self.targets]
         if any(known) and not all(known):
-            raise ValueError("on_tool_mm is given for some targets only; give it for all or for none")
+            raise ValueError(
+                "on_tool_mm is given for some targets only; give it for all or for none"
+            )
         return self
 
 

@@ -40,9 +40,7 @@ def of_kept_rows(commanded: Table, before: Table, kept: Table) -> Table:
     return commanded.take(np.flatnonzero(np.isin(list(before.lines), list(kept.lines))))
 
 
-def commanded_poses(
-    table: Table, robot: Robot, joint_values: JointValues | None = None
-) -> Array:
+def commanded_poses(table: Table, robot: Robot, joint_values: JointValues | None = None) -> Array:
     """Commanded T_base_tool (N, 4, 4): of the nominal robot where the table holds joints.
 
     Where a row has both, the pose is commanded. joint_values: as in `joints_from_header`. Raises

@@ -14,7 +14,9 @@ _ROOM, _PACKED = 16 << 20, 40  # bytes that a workbook may unpack to: 16 MiB and
 _ROWS = 1_048_576  # of a sheet
 
 
-def parse_workbook(data: bytes, name: str, sheet: str | None = None, decimal: str | None = None) -> Table:
+def parse_workbook(
+    data: bytes, name: str, sheet: str | None = None, decimal: str | None = None
+) -> Table:
     """The first sheet of a workbook, or the named one, as a table; line numbers are those of the sheet.
 
     Formulas give the value stored with them. Raises UsageError without openpyxl or for an unknown sheet, InputError for
@@ -30,12 +32,21 @@ def parse_workbook(data: bytes, name: str, sheet: str | None = None, decimal: st
         _check_size(data, name)
         # openpyxl warns, and prints, about styles and extensions, which are not looked at.
         with warnings.catch_warnings(action="ignore"), contextlib.redirect_stdout(io.StringIO()):
-            return _read(openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True), name, sheet, decimal)
+            return _read(
+                openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True),
+                name,
+                sheet,
+                decimal,
+            )
     except (CalibtoolError, MemoryError):
         raise
-    except Exception as error:  # openpyxl checks little: a damaged workbook fails anywhere and in any way
+    except (
+        Exception
+    ) as error:  # openpyxl checks little: a damaged workbook fails anywhere and in any way
         reason = " ".join(str(error).split())[:200]
-        raise InputError(f"{name}: not a readable Excel workbook: {reason or type(error).__name__}") from None
+        raise InputError(
+            f"{name}: not a readable Excel workbook: {reason or type(error).__name__}"
+        ) from None
 
 
 def _check_size(data: bytes, name: str) -> None:
@@ -43,7 +54,9 @@ def _check_size(data: bytes, name: str) -> None:
     with ZipFile(io.BytesIO(data)) as archive:
         size = sum(member.file_size for member in archive.infolist())
     if size > _ROOM + _PACKED * len(data):
-        raise InputError(f"{name}: a workbook of {len(data)} bytes that unpacks to {size}; save the sheet as CSV")
+        raise InputError(
+            f"{name}: a workbook of {len(data)} bytes that unpacks to {size}; save the sheet as CSV"
+        )
 
 
 def _read(book: Any, name: str, sheet: str | None, decimal: str | None) -> Table:
@@ -76,11 +89,16 @@ def _table(cells: Any, name: str, decimal: str | None) -> Table:
             check_header(header, f"{name}:{line}")
             continue
         if len(row) > len(header):
-            raise InputError(f"{name}:{line}: a cell stands right of the header's {len(header)} columns")
+            raise InputError(
+                f"{name}:{line}: a cell stands right of the header's {len(header)} columns"
+            )
         rows.append(row + [""] * (len(header) - len(row)))
         lines.append(line)
     if not rows:
-        raise InputError(f"{name}: " + ("a header but no rows" if header else "empty; expected a header line and rows"))
+        raise InputError(
+            f"{name}: "
+            + ("a header but no rows" if header else "empty; expected a header line and rows")
+        )
     if decimal is None:
         decimal = "," if any("," in cell for row in rows for cell in row) else "."
     return Table(name, header, rows, lines, ",", decimal, header_line)

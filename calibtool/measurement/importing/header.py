@@ -45,7 +45,9 @@ class Stated:
     convention: str | None = None
 
 
-def complete_map(source: Source, joints: Table, robot: Robot, given: ColumnMap | None, stated: Stated) -> ColumnMap:
+def complete_map(
+    source: Source, joints: Table, robot: Robot, given: ColumnMap | None, stated: Stated
+) -> ColumnMap:
     """The map with every part that it leaves out taken from the names of the headers (docs/file-formats.md).
 
     source: the measured values; joints: the table that holds the joint values, the same one unless they have their own.
@@ -63,9 +65,13 @@ def complete_map(source: Source, joints: Table, robot: Robot, given: ColumnMap |
     if not given.targets and given.pose is None:
         found |= _measured(source, stated)
     complete = given.model_copy(update=found)
-    units = [target.unit for target in complete.targets] + ([complete.pose.unit] if complete.pose else [])
+    units = [target.unit for target in complete.targets] + (
+        [complete.pose.unit] if complete.pose else []
+    )
     if stated.unit is not None and any(unit != stated.unit for unit in units):
-        raise InputError(f"{table.name}: the measured columns are in {units[0]}, but --unit says {stated.unit}")
+        raise InputError(
+            f"{table.name}: the measured columns are in {units[0]}, but --unit says {stated.unit}"
+        )
     found_convention = complete.pose.convention if complete.pose else "no orientation"
     if stated.convention not in (None, found_convention):
         raise InputError(
@@ -86,7 +92,11 @@ def time_column(table: Table) -> TimeColumn | None:
 def _temperature(table: Table) -> TemperatureColumn | None:
     if "temperature_c" in table.header:
         return TemperatureColumn(column="temperature_c", unit="C")
-    return TemperatureColumn(column="temperature_k", unit="K") if "temperature_k" in table.header else None
+    return (
+        TemperatureColumn(column="temperature_k", unit="K")
+        if "temperature_k" in table.header
+        else None
+    )
 
 
 def _payload(table: Table) -> PayloadColumn | None:
@@ -103,7 +113,9 @@ def _joints(table: Table, robot: Robot, source: Source, stated: Stated) -> Joint
         }
         return JointColumns.model_validate(found)
     if source.points is not None and table is source.table:
-        raise InputError(f"{table.name}: a list of points holds no joint values; give their file with --joints FILE")
+        raise InputError(
+            f"{table.name}: a list of points holds no joint values; give their file with --joints FILE"
+        )
     bare = [f"j{i + 1}" for i in range(robot.n)]
     if not all(column in table.header for column in bare):
         raise InputError(
@@ -112,7 +124,11 @@ def _joints(table: Table, robot: Robot, source: Source, stated: Stated) -> Joint
         )
     units = [stated.unit if prismatic else stated.angle_unit for prismatic in robot.prismatic]
     if None in units or "in" in units:
-        option = "--unit mm|m" if robot.prismatic[units.index(None) if None in units else 0] else "--angle-unit deg|rad"
+        option = (
+            "--unit mm|m"
+            if robot.prismatic[units.index(None) if None in units else 0]
+            else "--angle-unit deg|rad"
+        )
         raise InputError(
             f"{table.name}: the unit of column '{bare[units.index(None)] if None in units else bare[0]}' is not stated; "
             f"name it {robot.columns(None)[0]} …, or give {option}"
@@ -135,7 +151,9 @@ def _joints_read(table: Table, robot: Robot) -> JointColumns | None:
             f"expected j1_read_{'mm' if robot.prismatic[0] else 'deg'} … j{robot.n}_read_…"
         )
     columns = [found[i] for i in range(1, robot.n + 1)]
-    return JointColumns.model_validate({"columns": [c for c, _ in columns], "unit": [unit for _, unit in columns]})
+    return JointColumns.model_validate(
+        {"columns": [c for c, _ in columns], "unit": [unit for _, unit in columns]}
+    )
 
 
 def _measured(source: Source, stated: Stated) -> dict[str, object]:
@@ -143,8 +161,12 @@ def _measured(source: Source, stated: Stated) -> dict[str, object]:
     table = source.table
     if source.points is not None:
         if stated.unit is None:
-            raise InputError(f"{table.name}: a list of points does not say its unit; give --unit mm, m or in")
-        return {"targets": [TargetColumns(measured=c, unit=stated.unit) for c in source.points.columns]}
+            raise InputError(
+                f"{table.name}: a list of points does not say its unit; give --unit mm, m or in"
+            )
+        return {
+            "targets": [TargetColumns(measured=c, unit=stated.unit) for c in source.points.columns]
+        }
     targets = _targets(table, stated)
     if targets:
         return {"targets": targets}
@@ -168,7 +190,9 @@ def _targets(table: Table, stated: Stated) -> list[TargetColumns]:
             return [f"t{number}_{kind}{axis}{suffix}" for axis in "xyz"]
 
         if f"t{number}_nominal_x{suffix}" in table.header:
-            targets.append(TargetColumns(nominal=triple("nominal_"), error=triple("error_"), unit=unit))
+            targets.append(
+                TargetColumns(nominal=triple("nominal_"), error=triple("error_"), unit=unit)
+            )
         else:
             targets.append(TargetColumns(measured=triple(""), unit=unit))
     return targets
@@ -181,7 +205,9 @@ def _references(table: Table, stated: Stated) -> list[ReferenceColumns]:
     ]
 
 
-def _numbered(table: Table, pattern: re.Pattern[str], stated: Stated) -> list[tuple[int, LengthUnit, str]]:
+def _numbered(
+    table: Table, pattern: re.Pattern[str], stated: Stated
+) -> list[tuple[int, LengthUnit, str]]:
     """Number, unit and the suffix of the columns of numbered points, by number. InputError for two units or none."""
     found: dict[int, tuple[str, str | None]] = {}
     for column in table.header:
@@ -190,10 +216,14 @@ def _numbered(table: Table, pattern: re.Pattern[str], stated: Stated) -> list[tu
             continue
         before, unit = found.setdefault(int(match[1]), (column, match[2]))
         if None not in (unit, match[2]) and unit != match[2]:
-            raise InputError(f"{table.name}: columns '{before}' and '{column}' of one point have different units")
+            raise InputError(
+                f"{table.name}: columns '{before}' and '{column}' of one point have different units"
+            )
     result = []
     for number, (column, unit) in sorted(found.items()):
-        result.append((number, _length(unit or stated.unit, column, table), f"_{unit}" if unit else ""))
+        result.append(
+            (number, _length(unit or stated.unit, column, table), f"_{unit}" if unit else "")
+        )
     return result
 
 
@@ -223,12 +253,18 @@ def _pose(table: Table, stated: Stated) -> PoseColumns | None:
     own = pose_columns_of(table) if position[0][0] in ("x_mm", "x_m") else None
     if own is not None and stated.convention is None:
         orientation = own[1]
-        convention = {"qw": "quaternion-wxyz", "rx_rad": "rotation-vector"}.get(orientation[0], "extrinsic-xyz")
-        return _pose_columns(position, orientation, convention, "deg" if orientation[0] == "roll_deg" else "rad")
+        convention = {"qw": "quaternion-wxyz", "rx_rad": "rotation-vector"}.get(
+            orientation[0], "extrinsic-xyz"
+        )
+        return _pose_columns(
+            position, orientation, convention, "deg" if orientation[0] == "roll_deg" else "rad"
+        )
     quaternion = ["qw", "qx", "qy", "qz"]
     if all(column in table.header for column in quaternion):
         if stated.convention not in (None, "quaternion-wxyz"):
-            raise InputError(f"{table.name}: columns qw qx qy qz, but --convention says {stated.convention}")
+            raise InputError(
+                f"{table.name}: columns qw qx qy qz, but --convention says {stated.convention}"
+            )
         return _pose_columns(position, quaternion, "quaternion-wxyz", None)
     for names in _ANGLES:
         for suffix in ("_deg", "_rad", ""):
@@ -239,7 +275,9 @@ def _pose(table: Table, stated: Stated) -> PoseColumns | None:
                 unit = suffix[1:] or stated.angle_unit
                 if stated.convention is None or unit is None:
                     what, option = (
-                        ("convention", "--convention") if stated.convention is None else ("unit", "--angle-unit")
+                        ("convention", "--convention")
+                        if stated.convention is None
+                        else ("unit", "--angle-unit")
                     )
                     known = CONVENTIONS if stated.convention is None else "deg or rad"
                     raise InputError(
@@ -251,7 +289,10 @@ def _pose(table: Table, stated: Stated) -> PoseColumns | None:
 
 
 def _pose_columns(
-    position: tuple[Sequence[str], LengthUnit], orientation: list[str], convention: str, unit: str | None
+    position: tuple[Sequence[str], LengthUnit],
+    orientation: list[str],
+    convention: str,
+    unit: str | None,
 ) -> PoseColumns:
     try:
         check_convention(convention)

@@ -19,7 +19,11 @@ _ISO = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d+)?)?)Z?")
 
 
 def join_rows(
-    measured: Table, joints: Table, how: Join, columns: JoinColumns | None = None, tolerance_s: float = JOIN_TOLERANCE
+    measured: Table,
+    joints: Table,
+    how: Join,
+    columns: JoinColumns | None = None,
+    tolerance_s: float = JOIN_TOLERANCE,
 ) -> tuple[Table, Table, list[str]]:
     """Both tables with the rows that found a partner, in the order of the measured ones, and warnings about the others.
 
@@ -34,7 +38,11 @@ def join_rows(
                 "both need as many (--join name or --join time finds partners otherwise)"
             )
         return measured, joints, []
-    partner = _by_name(measured, joints, columns) if how == "name" else _by_time(measured, joints, columns, tolerance_s)
+    partner = (
+        _by_name(measured, joints, columns)
+        if how == "name"
+        else _by_time(measured, joints, columns, tolerance_s)
+    )
     kept = np.flatnonzero(partner >= 0)
     reason = "of that name" if how == "name" else f"within {tolerance_s:g} s"
     if not len(kept):
@@ -58,7 +66,9 @@ def times(table: Table, column: TimeColumn) -> Array:
     Raises InputError for a stamp that cannot be read, by line.
     """
     if column.unit != "iso":
-        return table.optional_numbers([column.column])[:, 0] * (1e-3 if column.unit == "ms" else 1.0)
+        return table.optional_numbers([column.column])[:, 0] * (
+            1e-3 if column.unit == "ms" else 1.0
+        )
     values = np.full(len(table), np.nan)
     for row, text in enumerate(table.texts(column.column)):
         if not text:
@@ -67,7 +77,9 @@ def times(table: Table, column: TimeColumn) -> Array:
         try:
             if match is None:
                 raise ValueError
-            values[row] = float(np.datetime64(match[1].replace(",", "."), "us").astype(np.int64)) * 1e-6
+            values[row] = (
+                float(np.datetime64(match[1].replace(",", "."), "us").astype(np.int64)) * 1e-6
+            )
         except ValueError:
             raise InputError(
                 f"{table.place(row)}: column '{column.column}' holds '{text}'; expected an ISO 8601 time such as "
@@ -96,11 +108,15 @@ def _by_name(measured: Table, joints: Table, columns: JoinColumns | None) -> np.
     return np.array([rows.get(name, -1) for name in measured.texts(pair[0])])
 
 
-def _by_time(measured: Table, joints: Table, columns: JoinColumns | None, tolerance_s: float) -> np.ndarray:
+def _by_time(
+    measured: Table, joints: Table, columns: JoinColumns | None, tolerance_s: float
+) -> np.ndarray:
     if columns is None:
         pair = (time_column(measured), time_column(joints))
     elif columns.unit is None:
-        raise InputError("the --columns file: [join] needs unit = 's', 'ms' or 'iso' to join by time")
+        raise InputError(
+            "the --columns file: [join] needs unit = 's', 'ms' or 'iso' to join by time"
+        )
     else:
         pair = (
             TimeColumn(column=columns.measured, unit=columns.unit),
@@ -120,7 +136,9 @@ def _by_time(measured: Table, joints: Table, columns: JoinColumns | None, tolera
     if not len(order):
         raise InputError(f"{joints.name}: no row has a time stamp")
     after = (
-        np.searchsorted(log[order], wanted).clip(1, len(order) - 1) if len(order) > 1 else np.zeros(len(wanted), int)
+        np.searchsorted(log[order], wanted).clip(1, len(order) - 1)
+        if len(order) > 1
+        else np.zeros(len(wanted), int)
     )
     before = np.maximum(after - 1, 0)
     nearer = np.abs(log[order[before]] - wanted) <= np.abs(log[order[after]] - wanted)

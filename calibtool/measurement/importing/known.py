@@ -9,7 +9,9 @@ from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
 
-def known_setup(columns: ColumnMap, robot: Robot, points: Array, frame: str, robot_targets: bool, name: str) -> Setup:
+def known_setup(
+    columns: ColumnMap, robot: Robot, points: Array, frame: str, robot_targets: bool, name: str
+) -> Setup:
     """What is known of the set-up; unknown parts stand at zero until they are registered.
 
     points (N, m, 3): measured targets. Raises InputError for targets that the robot does not have, or that do not
@@ -19,7 +21,9 @@ def known_setup(columns: ColumnMap, robot: Robot, points: Array, frame: str, rob
     targets, known = np.zeros((m, 3)), False
     if robot_targets:
         if columns.pose is not None or len(robot.targets) != m:
-            raise InputError(f"{name}: {m} measured targets, but {robot.name} describes {len(robot.targets)}")
+            raise InputError(
+                f"{name}: {m} measured targets, but {robot.name} describes {len(robot.targets)}"
+            )
         targets, known = robot.targets, True
     elif columns.targets and columns.targets[0].on_tool_mm is not None:
         targets, known = np.array([target.on_tool_mm for target in columns.targets]) * 1e-3, True

@@ -23,7 +23,10 @@ def preview(imported: Imported) -> str:
     facts = [
         ("robot", f"{robot.name}, {robot.n} joints"),
         ("file", f"{table.name}: {_spelling(imported)}"),
-        ("configurations", f"{len(measurements)}, {measurements.points.shape[1]} {_noun(imported)} each"),
+        (
+            "configurations",
+            f"{len(measurements)}, {measurements.points.shape[1]} {_noun(imported)} each",
+        ),
         ("joints", _joints(columns, robot)),
     ]
     if understood.joints_name != table.name:
@@ -35,7 +38,11 @@ def preview(imported: Imported) -> str:
     for i, target in enumerate(columns.targets):
         where = "place on the tool estimated"
         if measurements.setup.targets_known:
-            where = "on the tool at " + " ".join(f"{v:g}" for v in measurements.setup.targets[i] * 1e3) + " mm"
+            where = (
+                "on the tool at "
+                + " ".join(f"{v:g}" for v in measurements.setup.targets[i] * 1e3)
+                + " mm"
+            )
         sign = "+" if target.error_is == "measured-minus-nominal" else "-"
         names = target.measured or [
             f"{a} {sign} {b}" for a, b in zip(target.nominal or [], target.error or [], strict=True)
@@ -46,14 +53,24 @@ def preview(imported: Imported) -> str:
         facts.append(("position", f"{', '.join(pose.position)} [{pose.unit}]"))
         unit = f" [{pose.orientation_unit}]" if pose.orientation_unit else ""
         facts.append(("orientation", f"{', '.join(pose.orientation)}{unit}, {pose.convention}"))
-    frame = "the robot's base" if measurements.setup.frame_known else "the instrument's own, to be estimated"
+    frame = (
+        "the robot's base"
+        if measurements.setup.frame_known
+        else "the instrument's own, to be estimated"
+    )
     noise = f"{measurements.noise_position * 1e3:g} mm"
     if measurements.rotations is not None:
         noise += f", {measurements.noise_orientation * 1e3:g} mrad"
-    stated = "stated" if understood.noise_stated else "assumed, state it in [noise] of a --columns file"
+    stated = (
+        "stated" if understood.noise_stated else "assumed, state it in [noise] of a --columns file"
+    )
     facts += [("frame", frame), ("noise", f"{noise} per coordinate ({stated})")]
     facts += [("beside", text) for text in _beside(imported)]
-    facts += [("not used", f"{', '.join(names)} ({name})") for name, names in understood.ignored.items() if names]
+    facts += [
+        ("not used", f"{', '.join(names)} ({name})")
+        for name, names in understood.ignored.items()
+        if names
+    ]
     lines = [f"{key:<15} {value}" for key, value in facts]
     return "\n".join([*lines, "", *_first_rows(imported), "", _fit(imported)]) + "\n"
 
@@ -67,7 +84,9 @@ def _spelling(imported: Imported) -> str:
     named = {",": "comma", ";": "semicolon", "\t": "tab", " ": "blanks"}.get(
         source.table.delimiter, source.table.delimiter
     )
-    return f"table separated by {named}, decimal {'comma' if source.table.decimal == ',' else 'point'}"
+    return (
+        f"table separated by {named}, decimal {'comma' if source.table.decimal == ',' else 'point'}"
+    )
 
 
 def _noun(imported: Imported) -> str:
@@ -106,7 +125,11 @@ def _first_rows(imported: Imported) -> list[str]:
     scale = np.array([1 / TO_SI["mm" if prismatic else "deg"] for prismatic in robot.prismatic])
     many = measurements.points.shape[1] > 1
     header = ["line", *robot.joint_columns]
-    header += [f"t{i + 1}_{a}_mm" if many else f"{a}_mm" for i in range(measurements.points.shape[1]) for a in "xyz"]
+    header += [
+        f"t{i + 1}_{a}_mm" if many else f"{a}_mm"
+        for i in range(measurements.points.shape[1])
+        for a in "xyz"
+    ]
     rows = []
     for row in range(min(_FIRST_ROWS, len(measurements))):
         points = [_number(v * 1e3) for v in measurements.points[row].ravel()]
@@ -114,7 +137,8 @@ def _first_rows(imported: Imported) -> list[str]:
         rows.append([str(imported.understood.lines[row]), *joints, *points])
     widths = [max(len(cells[i]) for cells in [header, *rows]) for i in range(len(header))]
     return [
-        "  ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)) for cells in [header, *rows]
+        "  ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))
+        for cells in [header, *rows]
     ]
 
 

@@ -25,7 +25,9 @@ def read_joints(table: Table, robot: Robot, joints: JointColumns) -> Array:
     """Joint positions (N, n), rad or m. InputError for a wrong number of columns, a unit of the wrong kind, a bad cell."""
     name, units = table.name, joints.units()
     if len(joints.columns) != robot.n:
-        raise InputError(f"{name}: {len(joints.columns)} joint columns, but {robot.name} has {robot.n} joints")
+        raise InputError(
+            f"{name}: {len(joints.columns)} joint columns, but {robot.name} has {robot.n} joints"
+        )
     if len(units) != robot.n:
         raise InputError(f"{name}: {len(units)} joint units for {robot.n} joints")
     for unit, prismatic, column in zip(units, robot.prismatic, joints.columns, strict=True):
@@ -33,7 +35,9 @@ def read_joints(table: Table, robot: Robot, joints: JointColumns) -> Array:
             raise InputError(
                 f"{name}: column '{column}' is in {unit}, but its joint is {'prismatic' if prismatic else 'revolute'}"
             )
-    return robot.serial_from(joints.values or "serial", joint_positions(table, robot, joints.columns, units))
+    return robot.serial_from(
+        joints.values or "serial", joint_positions(table, robot, joints.columns, units)
+    )
 
 
 def read_points(table: Table, columns: ColumnMap) -> Array:
@@ -52,12 +56,16 @@ def read_rotations(table: Table, pose: PoseColumns) -> Array:
     values = table.numbers(pose.orientation)
     expected = 4 if pose.convention.startswith("quaternion") else 3
     if values.shape[1] != expected:
-        raise InputError(f"{table.name}: {pose.convention} takes {expected} columns, {values.shape[1]} are mapped")
+        raise InputError(
+            f"{table.name}: {pose.convention} takes {expected} columns, {values.shape[1]} are mapped"
+        )
     if expected == 4:
         lengths = np.linalg.norm(values, axis=-1)
         if (np.abs(lengths - 1) > 1e-3).any():
             row = int(np.argmax(np.abs(lengths - 1) > 1e-3))
-            raise InputError(f"{table.place(row)}: quaternion of length {lengths[row]:.4g}; expected 1")
+            raise InputError(
+                f"{table.place(row)}: quaternion of length {lengths[row]:.4g}; expected 1"
+            )
         return _matrices(Rotation.from_quat(values, scalar_first=pose.convention.endswith("wxyz")))
     if pose.orientation_unit == "rad" and np.abs(values).max() > 4 * np.pi:
         row, column = (int(i) for i in np.argwhere(np.abs(values) > 4 * np.pi)[0])
@@ -81,23 +89,33 @@ def read_payload(table: Table, payload: PayloadColumn) -> Array:
     """Mass at the tool (N,), kg. InputError for a negative one."""
     values = table.numbers([payload.column])[:, 0] * (1e-3 if payload.unit == "g" else 1.0)
     if (values < 0).any():
-        raise InputError(f"{table.place(int(np.argmax(values < 0)))}: column '{payload.column}' holds a negative mass")
+        raise InputError(
+            f"{table.place(int(np.argmax(values < 0)))}: column '{payload.column}' holds a negative mass"
+        )
     return values
 
 
-def read_companions(table: Table, joints_table: Table, robot: Robot, columns: ColumnMap, q: Array) -> Companions:
+def read_companions(
+    table: Table, joints_table: Table, robot: Robot, columns: ColumnMap, q: Array
+) -> Companions:
     """The columns beside the measurements; joint values come from `joints_table`, all others from the measured table.
 
     q (N, n) are the commanded joint positions, rad or m.
     """
-    references = [table.optional_numbers(ref.measured) * TO_SI[ref.unit] for ref in columns.references]
+    references = [
+        table.optional_numbers(ref.measured) * TO_SI[ref.unit] for ref in columns.references
+    ]
     temperature = columns.temperature
     celsius = None
     if temperature is not None:
-        celsius = table.optional_numbers([temperature.column])[:, 0] + (_CELSIUS if temperature.unit == "K" else 0.0)
+        celsius = table.optional_numbers([temperature.column])[:, 0] + (
+            _CELSIUS if temperature.unit == "K" else 0.0
+        )
     return Companions(
         q_commanded=q,
-        q_read=read_joints(joints_table, robot, columns.joints_read) if columns.joints_read else None,
+        q_read=read_joints(joints_table, robot, columns.joints_read)
+        if columns.joints_read
+        else None,
         time_s=times(table, columns.time) if columns.time else None,
         temperature_c=celsius,
         reference_points=np.stack(references, axis=1) if references else None,
@@ -111,5 +129,7 @@ def _target_points(table: Table, target: TargetColumns) -> Array:
         assert target.nominal is not None
         assert target.error is not None
         sign = 1.0 if target.error_is == "measured-minus-nominal" else -1.0
-        points = table.optional_numbers(target.nominal) + sign * table.optional_numbers(target.error)
+        points = table.optional_numbers(target.nominal) + sign * table.optional_numbers(
+            target.error
+        )
     return points * TO_SI[target.unit]

@@ -8,7 +8,9 @@ from calibtool.errors import UsageError
 from calibtool.measurement.measurements import Measurements
 
 
-def choose_rows(count: int, rows: str | None, sample: int | None, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def choose_rows(
+    count: int, rows: str | None, sample: int | None, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Indices (k,) of the chosen rows and of the rest, both rising: `rows` is 'A:B', from 1 and both included.
 
     `sample` draws so many of them at random.

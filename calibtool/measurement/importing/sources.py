@@ -6,7 +6,11 @@ from typing import Literal, get_args
 
 from calibtool.errors import InputError, UsageError
 from calibtool.measurement.importing.excel import ZIP, parse_workbook
-from calibtool.measurement.importing.spatial_analyzer import PointList, looks_like_points, parse_points
+from calibtool.measurement.importing.spatial_analyzer import (
+    PointList,
+    looks_like_points,
+    parse_points,
+)
 from calibtool.tables import Table, parse_table
 
 Format = Literal["table", "spatial-analyzer", "excel"]
@@ -52,7 +56,9 @@ def read_source(
         points = parse_points(text, name, layout)
         return Source(points.table, format, points)
     if layout is not None:
-        raise UsageError(f"--layout {layout}: {name} is no list of points; give --format spatial-analyzer if it is")
+        raise UsageError(
+            f"--layout {layout}: {name} is no list of points; give --format spatial-analyzer if it is"
+        )
     return Source(parse_table(text, name, delimiter, decimal), format)
 
 

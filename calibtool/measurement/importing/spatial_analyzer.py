@@ -58,7 +58,11 @@ def looks_like_points(text: str) -> bool:
     for line in text_lines(text):
         cells = _cells(line)
         if cells:
-            return len(cells) >= 6 and all(map(_is_number, cells[3:6])) and not all(map(_is_number, cells[:3]))
+            return (
+                len(cells) >= 6
+                and all(map(_is_number, cells[3:6]))
+                and not all(map(_is_number, cells[:3]))
+            )
     return False
 
 
@@ -81,10 +85,19 @@ def parse_points(text: str, name: str, layout: str | None = None) -> PointList:
         seen[target] = point
     targets = _ordered(list(dict.fromkeys(target for _, target in keys)))
     if layout is None and len(targets) > max(len(configurations), 3):
-        raise InputError(f"{name}: read as {len(configurations)} configurations of {len(targets)} targets; {_REMEDY}")
+        raise InputError(
+            f"{name}: read as {len(configurations)} configurations of {len(targets)} targets; {_REMEDY}"
+        )
     header = ["name", *(f"{target} {axis}" for target in targets for axis in "xyz")]
     rows = [
-        [label, *(text for target in targets for text in (seen[target].xyz if target in seen else ["", "", ""]))]
+        [
+            label,
+            *(
+                text
+                for target in targets
+                for text in (seen[target].xyz if target in seen else ["", "", ""])
+            ),
+        ]
         for label, seen in zip(_labels(list(configurations)), configurations.values(), strict=True)
     ]
     lines = [next(iter(seen.values())).line for seen in configurations.values()]
@@ -98,7 +111,9 @@ def _points(text: str, name: str) -> list[_Point]:
         if not cells:
             continue
         if len(cells) < 6:
-            raise InputError(f"{name}:{number}: {len(cells)} columns; expected Collection Group Target x y z")
+            raise InputError(
+                f"{name}:{number}: {len(cells)} columns; expected Collection Group Target x y z"
+            )
         for axis, cell in zip("xyz", cells[3:6], strict=True):
             if not _is_number(cell):
                 raise InputError(
@@ -147,14 +162,20 @@ def _keys(points: list[_Point], layout: str, name: str) -> list[tuple[tuple[str,
     if layout == "single":
         return [((*point.group, point.name), "t1") for point in points]
     if layout == "targets":
-        labels = dict(zip(groups := list(dict.fromkeys(p.group for p in points)), _labels(groups), strict=True))
+        labels = dict(
+            zip(
+                groups := list(dict.fromkeys(p.group for p in points)), _labels(groups), strict=True
+            )
+        )
         return [((point.name,), labels[point.group]) for point in points]
     keys: list[tuple[tuple[str, ...], str]] = []
     if layout == "names":
         for point in points:
             match = _NUMBERED.fullmatch(point.name)
             if match is None:
-                raise InputError(f"{name}:{point.line}: target '{point.name}' does not end in _ and a number")
+                raise InputError(
+                    f"{name}:{point.line}: target '{point.name}' does not end in _ and a number"
+                )
             keys.append(((*point.group, match[1]), f"t{int(match[2])}"))
         return keys
     rank = {target: i for i, target in enumerate(dict.fromkeys(point.name for point in points))}

@@ -40,24 +40,32 @@ class SensorPose(Kind):
 
     def moved(self, setup: Setup, step: Array) -> Setup:
         turn = exp6(np.concatenate([np.zeros(3), step[-3:]]))[:3, :3]
-        return replace(_POINT.moved(setup, step[:-3]), R_tool_sensor=readonly(turn @ _sensor(setup)))
+        return replace(
+            _POINT.moved(setup, step[:-3]), R_tool_sensor=readonly(turn @ _sensor(setup))
+        )
 
     def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
         position = _POINT.weights(readings, noise_position, noise_orientation)
-        return np.concatenate([position, np.full((len(position), 3), 1.0 / noise_orientation)], axis=-1)
+        return np.concatenate(
+            [position, np.full((len(position), 3), 1.0 / noise_orientation)], axis=-1
+        )
 
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
         """Four points: the sensor's origin and the tips of its axes, as long as makes both kinds of noise alike."""
         assert readings.rotations is not None
         tips = readings.points + arm * np.swapaxes(readings.rotations, -1, -2)
         on_tool = setup.targets + arm * _sensor(setup).T
-        return np.concatenate([readings.points, tips], axis=1), np.concatenate([setup.targets, on_tool])
+        return np.concatenate([readings.points, tips], axis=1), np.concatenate(
+            [setup.targets, on_tool]
+        )
 
     def from_points(self, setup: Setup, targets: Array) -> Setup:
         found = replace(setup, targets=readonly(targets[:1]))
         if setup.targets_known:
             return found
-        return replace(found, R_tool_sensor=readonly(nearest_rotation((targets[1:] - targets[:1]).T)))
+        return replace(
+            found, R_tool_sensor=readonly(nearest_rotation((targets[1:] - targets[:1]).T))
+        )
 
     def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
         turned = readonly(T_new_tool[:3, :3] @ _sensor(setup))
