@@ -21,7 +21,7 @@ def gravity_torque(robot: Robot, q: Array) -> Array:
     """
     model = gravity_model(robot)
     data = model.createData()
-    torque, torques, move = memoryview(data.g), bytearray(), pin.computeGeneralizedGravity
+    torque, torques, move = data.g.data, bytearray(), pin.computeGeneralizedGravity
     for row in robot.mechanism.configuration(q):
         move(model, data, row)
         torques += torque

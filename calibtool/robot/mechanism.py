@@ -98,7 +98,7 @@ class Mechanism:
         `updateFramePlacements`.
         """
         model, data, rows = self._moving(q)
-        tool, jacobian = _columns_of(data.oMf[model.nframes - 1]), memoryview(data.J.T)
+        tool, jacobian = _columns_of(data.oMf[model.nframes - 1]), data.J.T.data
         move, place = pin.computeJointJacobians, pin.updateFramePlacements
         columns, jacobians = bytearray(), bytearray()
         for row in rows:
@@ -207,7 +207,7 @@ def _columns_of(frame: pin.SE3) -> memoryview:
     start, end = (array.__array_interface__["data"][0] for array in (rotation, position))
     if rotation.strides != (8, 24) or end - start != 72:
         raise RuntimeError("this Pinocchio stores poses in another way; install pin 3.4 to 4.x")
-    return memoryview(np.lib.stride_tricks.as_strided(rotation.T, (4, 3), (24, 8), writeable=False))
+    return np.lib.stride_tricks.as_strided(rotation.T, (4, 3), (24, 8), writeable=False).data
 
 
 def _poses(columns: bytearray, *shape: int) -> Array:
