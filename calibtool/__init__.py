@@ -1,12 +1,13 @@
-"""calibtool: make a serial robot accurate in software, from its description and a set of measurements.
+"""calibtool: make a serial robot accurate in software, from its description and a set
+of measurements.
 
 The rooms, in the order in which data flows through them: `robot`, `errormodel`, `measurement`,
 `identification`, `planning`, `equivalent`, `calibration`, `compensation`, `controller`, `programs`,
 `export`, `evaluation`; `storage` and `tables` are the doors; `cli` is one of its users. What
 scripts need of them stands here (docs/library.md) and is imported when it is asked for.
 
-Conventions, everywhere: metres and radians; twists are (v, ω), linear part first; `T_a_b` is the pose of frame b in
-frame a; joint positions `q` have one coordinate per joint.
+Conventions, everywhere: metres and radians; twists are (v, ω), linear part first; `T_a_b` is the
+pose of frame b in frame a; joint positions `q` have one coordinate per joint.
 """
 
 __version__ = "0.1.0"

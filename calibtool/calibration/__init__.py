@@ -1,4 +1,6 @@
-"""Calibration: a base model and networks on top of it, how they are fitted and judged, and how sure they are."""
+"""Calibration: a base model and networks on top of it, how they are fitted and judged, and
+how sure they are.
+"""
 
 from calibtool.calibration.fit import BASE_MODELS, IDENTIFIED_MODELS, identify, train
 from calibtool.calibration.model import Calibration, check_same_robot, fitting_setup

@@ -1,4 +1,6 @@
-"""Cross-validation over configurations: the base model and the networks are fitted again in every fold."""
+"""Cross-validation over configurations: the base model and the networks are fitted
+again in every fold.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,7 +24,8 @@ def cross_validate(
     rng: np.random.Generator,
     progress: Progress = silent,
 ) -> CrossValidation:
-    """Errors on held-out configurations with and without the networks of `fit`; targets of one are never split.
+    """Errors on held-out configurations with and without the networks of `fit`; targets of one
+    are never split.
 
     Raises NoSolutionError for a single configuration.
     """

@@ -1,4 +1,6 @@
-"""From measurements to a calibration: identify a base model, train networks on what it leaves over."""
+"""From measurements to a calibration: identify a base model, train networks
+on what it leaves over.
+"""
 
 from dataclasses import dataclass, field, replace
 
@@ -73,17 +75,20 @@ def train(
     progress: Progress = silent,
     frame: FrameName | None = None,
 ) -> Calibration:
-    """Train networks on what `base` leaves over: a model to identify, or an identified calibration used as it is.
+    """Train networks on what `base` leaves over: a model to identify, or an identified
+    calibration used as it is.
 
     frame: as for `identify`; that of the base calibration, or `taught`, unless given.
 
-    Without options: early stopping on `nominal` (the paper), Bayesian regularisation on everything else.
+    Without options: early stopping on `nominal` (the paper), Bayesian regularisation on
+    everything else.
 
-    With Bayesian regularisation the networks are kept only if cross-validation, which identifies the base again in every
-    fold, says that they help. With early stopping (the paper) the validation part decides; the base model is identified
-    from all configurations either way.
+    With Bayesian regularisation the networks are kept only if cross-validation, which identifies
+    the base again in every fold, says that they help. With early stopping (the paper) the
+    validation part decides; the base model is identified from all configurations either way.
 
-    Raises InputError when `base` is a calibration of another robot, NoSolutionError where `identify` does.
+    Raises InputError when `base` is a calibration of another robot, NoSolutionError where
+    `identify` does.
     """
     if isinstance(base, Calibration):
         check_same_robot(base.robot, measurements.robot, "the base calibration", "the measurements")

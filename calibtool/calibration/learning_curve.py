@@ -24,7 +24,8 @@ class LearningCurve:
 
     configurations  (s,) used for a fit
     error           (s,) m
-    floor, slope    of error² = floor² + slope² / configurations: what no number of configurations removes (m), the rest (m)
+    floor, slope    of error² = floor² + slope² / configurations: what no number of configurations
+                    removes (m), the rest (m)
     """
 
     configurations: np.ndarray
@@ -44,7 +45,10 @@ def learning_curve(
     rng: np.random.Generator,
     progress: Progress = silent,
 ) -> LearningCurve:
-    """Fit on growing parts of every fold's training rows and judge on the fold. Sizes too small to fit are left out."""
+    """Fit on growing parts of every fold's training rows and judge on the fold.
+
+    Sizes too small to fit are left out.
+    """
     count = len(measurements)
     order = rng.permutation(count)
     sizes = sorted({round(part * (count - count // folds)) for part in _PARTS})

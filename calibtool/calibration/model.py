@@ -27,7 +27,8 @@ class CrossValidation:
     """What the networks gain on configurations that neither they nor their base have seen.
 
     folds           parts into which the configurations were split
-    gain            reduction of the mean weighted squared error by the networks, in percent of the base alone
+    gain            reduction of the mean weighted squared error by the networks, in percent
+                    of the base alone
     standard_error  of the gain, from the differences of single configurations
     """
 
@@ -43,27 +44,34 @@ class CrossValidation:
     def __str__(self) -> str:
         """Gain and standard error in percent, with one decimal, or two where the error is small."""
         decimals = 2 if 0.005 <= self.standard_error < 0.1 else 1
-        return f"{round(self.gain, decimals) + 0.0:+.{decimals}f} ± {self.standard_error:.{decimals}f} %"
+        return (
+            f"{round(self.gain, decimals) + 0.0:+.{decimals}f} ± "
+            f"{self.standard_error:.{decimals}f} %"
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """T_calibrated(q) = exp6(J_ρ(q) N(q)) · T_base-model(q), N = 0 without a network.
 
-    base            identified base model, with the set-up fitted in it, both in the frames of the fit
+    base            identified base model, with the set-up fitted in it, both in the
+                    frames of the fit
     equivalent      the equivalent robot, whose Jacobian is J_ρ
-    networks        members whose mean is N; none when a base model stands alone or networks do not help
+    networks        members whose mean is N; none when a base model stands alone or
+                    networks do not help
     training        how the networks came about; None when a base model stands alone
     validation      what they gain in cross-validation; None where that was not asked
     nominal_setup   the set-up as it was known, or registered with the nominal robot
     noise_position, noise_orientation   stated noise of the measurements used, m and rad
     q               (N, n) the configurations used, rad or m
-    conditions      under which it predicts where a row does not say otherwise: payload and temperature as numbers
+    conditions      under which it predicts where a row does not say otherwise: payload and
+                    temperature as numbers
     simulated       the measurements came from a simulation, whose controller has the nominal model
     provenance      command line, seed, input checksums, versions: text by name
     frame           which base and tool frame it speaks in; None where nothing was free to choose
 
-    `errors`, `setup` and every pose are in the chosen frames; only the parameters of `base` are those of the fit.
+    `errors`, `setup` and every pose are in the chosen frames; only the parameters of `base` are
+    those of the fit.
     """
 
     robot: Robot
@@ -92,7 +100,9 @@ class Calibration:
         return self.networks[0].averaged(self.networks) if self.networks else None
 
     def at(self, conditions: Conditions) -> Self:
-        """The same calibration for a payload and a temperature: those of its rows unless they say otherwise."""
+        """The same calibration for a payload and a temperature: those of its rows unless
+        they say otherwise.
+        """
         return replace(self, conditions=conditions)
 
     @cached_property
@@ -114,7 +124,9 @@ class Calibration:
 
     @property
     def frame_is_free(self) -> bool:
-        """There is a choice: the set-up is unknown, and the base model is not the drawing itself."""
+        """There is a choice: the set-up is unknown, and the base model is
+        not the drawing itself.
+        """
         return not self.base.setup.known and self.base.model != "nominal"
 
     def in_frame(self, name: FrameName) -> Self:
@@ -143,22 +155,27 @@ class Calibration:
 
     @property
     def model(self) -> pin.Model:
-        """The identified geometry as a Pinocchio model of its own, limits included; its tool frame is the last frame.
+        """The identified geometry as a Pinocchio model of its own, limits included; its tool frame
+        is the last frame.
 
-        `base_mechanism.configuration` turns joint positions into its coordinates. `beyond_model` says what it cannot hold.
+        `base_mechanism.configuration` turns joint positions into its coordinates. `beyond_model`
+        says what it cannot hold.
         """
         return self.base_mechanism.as_model(self.robot.lower, self.robot.upper)
 
     @property
     def beyond_model(self) -> tuple[str, ...]:
-        """The parts of this calibration that `model` does not hold, in words; none when it is all there is."""
+        """The parts of this calibration that `model` does not hold, in words; none when it
+        is all there is.
+        """
         parts = [family.words for family in self.base.errors.beyond_geometry]
         return (*parts, *(["network"] if self.networks else []))
 
     def base_forward_and_jacobian(
         self, q: Array, conditions: Conditions | None = None
     ) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for q (N, n); conditions as in `forward`.
+        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for q (N, n); conditions
+        as in `forward`.
 
         The slope of the joint-motion functions, about a thousandth, is left out of J_ρ.
         """
@@ -167,13 +184,16 @@ class Calibration:
         )
 
     def base_context(self, q: Array) -> Context:
-        """Frames of the base model for joint positions q (N, n), from which error columns are built."""
+        """Frames of the base model for joint positions q (N, n), from which error
+        columns are built.
+        """
         return self.errors.context(q, self.conditions)
 
     def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
         """Calibrated T_base_tool for joint positions q (N, n): (N, 4, 4) in K_0.
 
-        conditions of the rows; without, the calibration's own, and every joint in the middle of its backlash.
+        conditions of the rows; without, the calibration's own, and every joint in the middle
+        of its backlash.
         """
         if self.network is None:
             return self.errors.forward(q, conditions or self.conditions)
@@ -182,9 +202,11 @@ class Calibration:
     def forward_and_jacobian(
         self, q: Array, conditions: Conditions | None = None
     ) -> tuple[Array, Array]:
-        """Calibrated T_base_tool (N, 4, 4) and the base model's J_ρ (N, 6, p); conditions as in `forward`.
+        """Calibrated T_base_tool (N, 4, 4) and the base model's J_ρ (N, 6, p); conditions
+        as in `forward`.
 
-        ∂N/∂q, about a thousandth of J_ρ, is left out: Newton's method converges by as much at every step all the same.
+        ∂N/∂q, about a thousandth of J_ρ, is left out: Newton's method converges by as much at every
+        step all the same.
         """
         pose, jacobian = self.base_forward_and_jacobian(q, conditions)
         if self.network is not None:
@@ -193,7 +215,8 @@ class Calibration:
 
 
 def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup:
-    """The set-up in which a calibration predicts these measurements: theirs if known, else the calibration's own.
+    """The set-up in which a calibration predicts these measurements: theirs if known, else the
+    calibration's own.
 
     Raises InputError when the calibration's targets cannot be those of the measurements.
     """
@@ -202,7 +225,8 @@ def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup
     setup, other = calibration.setup, measurements.setup
     if len(setup.targets) != len(other.targets) or setup.kind is not other.kind:
         raise InputError(
-            "the calibration was made with other targets than these measurements; evaluate with --refit-setup"
+            "the calibration was made with other targets than these measurements; evaluate "
+            "with --refit-setup"
         )
     return setup
 

@@ -1,4 +1,6 @@
-"""Take an old calibration over to a new set-up: only base and tool are fitted, on a few new rows."""
+"""Take an old calibration over to a new set-up: only base and tool are
+fitted, on a few new rows.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +19,9 @@ REFITTED = ("base", "tool")
 
 @dataclass(frozen=True)
 class Transfer:
-    """Errors on left-out rows, RMS per coordinate in m, with the same parts refitted for nominal and calibrated robot."""
+    """Errors on left-out rows, RMS per coordinate in m, with the same parts refitted for nominal
+    and calibrated robot.
+    """
 
     nominal: float
     calibrated: float
@@ -31,10 +35,12 @@ class Transfer:
 def refit(
     calibration: Calibration, measurements: Measurements, parts: tuple[str, ...]
 ) -> tuple[Calibration, Transfer]:
-    """The calibration with base and/or tool fitted to new measurements, and whether it still beats the nominal robot.
+    """The calibration with base and/or tool fitted to new measurements, and whether it still beats
+    the nominal robot.
 
-    Judged by leaving each row out in turn (at most 20 groups). In a known set-up the refitted frames become errors of the
-    first and the last placement; in an unknown one they are the set-up. Raises UsageError for anything but base and tool.
+    Judged by leaving each row out in turn (at most 20 groups). In a known set-up the refitted
+    frames become errors of the first and the last placement; in an unknown one they are the set-up.
+    Raises UsageError for anything but base and tool.
     """
     unknown = [part for part in parts if part not in REFITTED]
     if unknown or not parts:
@@ -69,7 +75,9 @@ def refit(
 
 
 def _absorbed(calibration: Calibration, known: Setup, fitted: Setup) -> RobotErrors:
-    """Base and tool as errors of the first and last placement, so that poses come out in the known set-up."""
+    """Base and tool as errors of the first and last placement, so that poses come out in
+    the known set-up.
+    """
     chain, errors = calibration.robot.chain, calibration.errors
     placements = chain.placements @ exp6(errors["placements"])
     placements[0] = inverse(known.T_instrument_base) @ fitted.T_instrument_base @ placements[0]

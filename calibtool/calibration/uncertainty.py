@@ -1,4 +1,6 @@
-"""How sure a calibration is of a pose: posterior of the base model's parameters and spread of the ensemble."""
+"""How sure a calibration is of a pose: posterior of the base model's parameters and spread
+of the ensemble.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -37,7 +39,8 @@ class PoseUncertainty:
 
 
 def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty:
-    """Covariance of the calibrated pose at q (N, n): C Σ Cᵀ of the parameters plus that of the networks' mean.
+    """Covariance of the calibrated pose at q (N, n): C Σ Cᵀ of the parameters plus that of
+    the networks' mean.
 
     Of an unregistered calibration it is the deviation of what was measured: base and tool frame
     are chosen, by the poses at the measured configurations, and move along with every error of

@@ -75,7 +75,9 @@ def base_options(
     loss_function: str,
     drop_flagged: bool,
 ) -> "BaseOptions":
-    """The options as the library takes them; those of the complete model are refused for another one."""
+    """The options as the library takes them; those of the complete model are refused
+    for another one.
+    """
     from dataclasses import replace
     from typing import cast
 
@@ -96,7 +98,8 @@ def base_options(
             or drop_flagged
         ):
             raise UsageError(
-                f"'{model}' takes no options of the complete model (harmonics, gravity, backlash, tolerances, bad rows)"
+                f"'{model}' takes no options of the complete model (harmonics, gravity, backlash, "
+                "tolerances, bad rows)"
             )
         return BaseOptions(model)
     tolerances = Tolerances.of_robot(robot)

@@ -55,14 +55,14 @@ def evaluate(
 ) -> None:
     """Compare calibrations with the nominal robot.
 
-    Simulated measurements: the actual robot is driven to the corrected joints and measured without noise. Real ones:
-    measured minus predicted target points, which is what to expect after correction. Where configurations were measured
-    repeatedly, ISO 9283's pose accuracy AP and repeatability RP follow from the measured points. Tables for people go to
-    stderr.
+    Simulated measurements: the actual robot is driven to the corrected joints and measured without
+    noise. Real ones: measured minus predicted target points, which is what to expect after
+    correction. Where configurations were measured repeatedly, ISO 9283's pose accuracy AP and
+    repeatability RP follow from the measured points. Tables for people go to stderr.
 
-    Proof on the arm: measurements imported with --commanded were taken at corrected joints. Then measured points are
-    compared with commanded ones: after the correction and, with --before, before it. Exit code 3 where the arm was driven
-    to other joints than the calibration asks for.
+    Proof on the arm: measurements imported with --commanded were taken at corrected joints. Then
+    measured points are compared with commanded ones: after the correction and, with --before,
+    before it. Exit code 3 where the arm was driven to other joints than the calibration asks for.
 
     Example: calibtool evaluate paper.h5 local-poe.h5 --on fresh.h5 --json
     """
@@ -109,13 +109,14 @@ def evaluate(
     for errors, marked in zip(evaluation.methods, evaluation.marked, strict=True):
         if marked:
             message(
-                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations are corrected in part, "
-                "or not at all (status of compensate)"
+                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations "
+                "are corrected in part, or not at all (status of compensate)"
             )
     for errors, far in zip(evaluation.methods, evaluation.outside, strict=True):
         if far:
             message(
-                f"warning: {errors.name}: {far} of {evaluation.configurations} configurations are unlike the training's"
+                f"warning: {errors.name}: {far} of {evaluation.configurations} configurations are "
+                "unlike the training's"
             )
     broken = broken_limits(evaluation.methods[1:], limits, evaluation.pose_tests[1:])
     if broken:
@@ -154,9 +155,10 @@ def show_evaluation(report: dict[str, object]) -> None:
     if isinstance(beyond, dict):
         position, orientation = beyond["position_mm"], beyond["orientation_mrad"]
         message(
-            f"{beyond['configurations']} poses are out of the joints' reach: at best {position['mean']:.3f} mm and "
-            f"{orientation['mean']:.3f} mrad stay (at most {position['max']:.3f}, {orientation['max']:.3f}); "
-            "−% is of the part that the joints can correct"
+            f"{beyond['configurations']} poses are out of the joints' reach: at best "
+            f"{position['mean']:.3f} mm and {orientation['mean']:.3f} mrad stay (at most "
+            f"{position['max']:.3f}, {orientation['max']:.3f}); −% is of the part that the "
+            "joints can correct"
         )
     test = report.get("iso9283")
     if isinstance(test, dict):

@@ -58,14 +58,16 @@ def import_(
         str | None,
         typer.Option(
             metavar="TARGETS",
-            help="Measured while the arm was driven to corrected joints: what went into compensate.",
+            help="Measured while the arm was driven to corrected joints: what went "
+            "into compensate.",
         ),
     ] = None,
     join: Annotated[
         str,
         typer.Option(
             metavar="index|name|time",
-            help="How rows of --joints find theirs: row order, name, time stamp; --commanded: row order or name.",
+            help="How rows of --joints find theirs: row order, name, time stamp; --commanded: row "
+            "order or name.",
         ),
     ] = "index",
     join_tolerance_s: Annotated[
@@ -101,7 +103,8 @@ def import_(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Of three angles: intrinsic-xyz, extrinsic-zyx, … (any axes), zyx, rotation-vector.",
+            help="Of three angles: intrinsic-xyz, extrinsic-zyx, … (any axes), zyx, "
+            "rotation-vector.",
         ),
     ] = None,
     joint_values: JointValuesOption = None,
@@ -129,8 +132,8 @@ def import_(
 ) -> None:
     """Bring in what an instrument wrote.
 
-    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and unknown targets are estimated,
-    from the rows that are taken.
+    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and unknown
+    targets are estimated, from the rows that are taken.
 
     After a correction: the joints, in TABLE or --joints, are those that the arm was driven to, and
     --commanded TARGETS holds the joints or poses that were corrected. `evaluate` then compares the

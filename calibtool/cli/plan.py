@@ -139,8 +139,8 @@ def plan(
 ) -> None:
     """Choose the most informative configurations to measure, in an order of short travel.
 
-    The table holds joint positions (j1_deg …) for the controller and for simulate --at. Links are checked as straight
-    lines from joint to joint; motions between configurations are not checked.
+    The table holds joint positions (j1_deg …) for the controller and for simulate --at. Links are
+    checked as straight lines from joint to joint; motions between configurations are not checked.
 
     Example: calibtool plan fanuc-m1000ia -n 20 --joint-values controller -o plan.csv
     """
@@ -208,8 +208,8 @@ def plan(
     made = replace(made, joint_values=values)
     if len(made.candidates.q) < candidates:
         message(
-            f"warning: only {len(made.candidates.q)} candidates after {made.candidates.drawn} draws; the constraints are "
-            "tight"
+            f"warning: only {len(made.candidates.q)} candidates after {made.candidates.drawn} "
+            "draws; the constraints are tight"
         )
     if json:
         print_json({**made.as_json(), "workspace": name, "seed": seed})
@@ -236,8 +236,8 @@ def _knowledge(
     posterior = calibration.base.posterior
     if posterior is None:
         raise InputError(
-            f"{shown(source)}: its base model '{calibration.base.model}' has no posterior to start from; identify with "
-            "--model complete"
+            f"{shown(source)}: its base model '{calibration.base.model}' has no posterior to start "
+            "from; identify with --model complete"
         )
     if noise is None:
         noise = calibration.noise_position * posterior.noise_factor
@@ -289,8 +289,8 @@ def _report_cube(cube: "TestCube", workspace: str, cycles: int, json: bool) -> N
         )
         return
     message(
-        f"{cube.robot.name}, {workspace}: cube of {cube.edge * 1e3:.4g} mm, {len(POSES)} poses × {cycles} cycles; "
-        "measure with full load at full speed, each pose after standstill"
+        f"{cube.robot.name}, {workspace}: cube of {cube.edge * 1e3:.4g} mm, {len(POSES)} poses × "
+        f"{cycles} cycles; measure with full load at full speed, each pose after standstill"
     )
 
 

@@ -43,13 +43,14 @@ def report(
 ) -> None:
     """Write one self-contained HTML page about calibrations.
 
-    The verdict first, against limits if there are any: expected after correction, or, from rows measured at corrected joints
-    (see `evaluate`), before and after; then errors, error vectors, training, joint
-    motions, parameters, flagged rows, observability, coverage, noise and provenance. The numbers are those of `evaluate`.
-    The page loads nothing from anywhere, adapts to light and dark, and prints. With a limit that is not met the page is
-    written all the same, and the exit code is 5.
+    The verdict first, against limits if there are any: expected after correction, or, from rows
+    measured at corrected joints (see `evaluate`), before and after; then errors, error vectors,
+    training, joint motions, parameters, flagged rows, observability, coverage, noise and
+    provenance. The numbers are those of `evaluate`. The page loads nothing from anywhere, adapts to
+    light and dark, and prints. With a limit that is not met the page is written all the same, and
+    the exit code is 5.
 
-    Example: calibtool report paper.h5 local-poe.h5 --on fresh.h5 --require position_max_mm=2 -o report.html
+    Example: calibtool report paper.h5 --on fresh.h5 --require position_max_mm=2 -o report.html
     """
     check_output(output, force)
     one_stdin(*calibrations, on, before)

@@ -32,15 +32,17 @@ def robots(
 ) -> None:
     """List the carried robots, show one, or check a description.
 
-    For one robot: joints with limits and axes, targets, workspaces, virtual joints, sources of its numbers. --check takes
-    your own robot.toml, folder or URDF and warns of what will be in the way; what is wrong ends with exit code 3.
+    For one robot: joints with limits and axes, targets, workspaces, virtual joints, sources of its
+    numbers. --check takes your own robot.toml, folder or URDF and warns of what will be in the way;
+    what is wrong ends with exit code 3.
 
     Example: calibtool robots fanuc-m1000ia
     """
     if name is None:
         if check or picture is not None:
             raise UsageError(
-                f"{'--check' if check else '--picture'} needs a robot: a NAME, or the path of a description"
+                f"{'--check' if check else '--picture'} needs a robot: a NAME, or the path "
+                "of a description"
             )
         _list(json)
         return

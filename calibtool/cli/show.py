@@ -18,9 +18,9 @@ def print_json(value: dict[str, object]) -> None:
 
 
 def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on stderr; the first column is left-aligned text. Colour only on a terminal without NO_COLOR.
+    """A table on stderr; the first column is left-aligned text.
 
-    With --quiet there is none.
+    Colour only on a terminal without NO_COLOR. With --quiet there is none.
     """
     if is_quiet():
         return

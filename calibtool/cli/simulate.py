@@ -102,8 +102,9 @@ def simulate(
 ) -> None:
     """Measure a perturbed robot, made up from a seed.
 
-    Its targets are observed with noise at configurations of a workspace; the truth is kept in a group of its own. A
-    correction is rehearsed with --same-robot FILE.h5 --at corrected.csv --commanded targets.csv (see `evaluate`).
+    Its targets are observed with noise at configurations of a workspace; the truth is kept in a
+    group of its own. A correction is rehearsed with --same-robot FILE.h5 --at corrected.csv
+    --commanded targets.csv (see `evaluate`).
 
     Example: calibtool simulate fanuc-m1000ia -n 100 --seed 1 -o measurements.h5
     """
@@ -152,7 +153,8 @@ def simulate(
         earlier, inputs["same_robot"] = load_measurements(same_robot)
         if earlier.truth is None:
             raise InputError(
-                f"{shown(same_robot)}: holds no simulated robot; --same-robot needs a file of calibtool simulate"
+                f"{shown(same_robot)}: holds no simulated robot; --same-robot needs a file of "
+                "calibtool simulate"
             )
         if unregistered != (not earlier.setup.known) and unregistered:
             raise UsageError("--unregistered: the set-up is that of --same-robot")

@@ -1,7 +1,7 @@
 """Outputs in the making: a temporary file beside its place, which takes its place when it is whole.
 
-It is called `.NAME.xxxxxxxx.calibtool-part` and locked by its maker. One without a lock was left by a process that was
-killed; the next output of the same name removes it.
+It is called `.NAME.xxxxxxxx.calibtool-part` and locked by its maker. One without a lock was left by
+a process that was killed; the next output of the same name removes it.
 """
 
 import contextlib
@@ -30,7 +30,10 @@ class Part:
     target: Path
 
     def publish(self, force: bool) -> None:
-        """Put the whole file in its place. FileExistsError without `force` if something stands there by now."""
+        """Put the whole file in its place.
+
+        FileExistsError without `force` if something stands there by now.
+        """
         self.stream.flush()
         _adopt_permissions(self.stream.fileno(), self.target)
         os.fsync(self.stream.fileno())
@@ -49,7 +52,10 @@ class Part:
 
 @contextlib.contextmanager
 def staged(target: Path) -> Iterator[Part]:
-    """A part for `target`, in the same folder; gone when the block ends, published or not. OSError if it cannot be made."""
+    """A part for `target`, in the same folder; gone when the block ends, published or not.
+
+    OSError if it cannot be made.
+    """
     mark = f".{os.fsdecode(os.fsencode(target.name)[:_NAME_BYTES])}."
     remove_abandoned(target.parent, mark)
     with contextlib.ExitStack() as stack:
@@ -73,7 +79,9 @@ def staged(target: Path) -> Iterator[Part]:
 
 
 def _close(stream: BinaryIO) -> None:
-    """`publish` has flushed what counts; what is still held here is of a part that failed, and may not fit again."""
+    """`publish` has flushed what counts; what is still held here is of a part that failed, and
+    may not fit again.
+    """
     with contextlib.suppress(OSError):
         stream.close()
 

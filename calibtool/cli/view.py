@@ -37,7 +37,8 @@ def view(
         list[str] | None,
         typer.Option(
             metavar="FOLDER",
-            help="Where meshes of the robot's URDF lie (live view); nothing outside is read. Repeatable.",
+            help="Where meshes of the robot's URDF lie (live view); nothing outside is "
+            "read. Repeatable.",
         ),
     ] = None,
     frame: FrameOption = None,
@@ -48,9 +49,10 @@ def view(
 ) -> None:
     """Show the arm, its targets and their errors.
 
-    Measurements: targets of the nominal robot and the measured ones. A calibration: those of the nominal robot and where
-    the calibration says they are. The live view needs the extra 'view' and ends on Ctrl-C; a page of --html needs nothing.
-    The live arm has the meshes of its URDF where they are found (those of example-robot-data are), simple solids otherwise.
+    Measurements: targets of the nominal robot and the measured ones. A calibration: those of the
+    nominal robot and where the calibration says they are. The live view needs the extra 'view' and
+    ends on Ctrl-C; a page of --html needs nothing. The live arm has the meshes of its URDF where
+    they are found (those of example-robot-data are), simple solids otherwise.
 
     Example: calibtool view measurements.h5 --html view.html
     """

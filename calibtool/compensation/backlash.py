@@ -1,4 +1,6 @@
-"""Taking up backlash along a path: what corrected joints need on top, by the direction in which each joint moves."""
+"""Taking up backlash along a path: what corrected joints need on top, by the direction in which
+each joint moves.
+"""
 
 import numpy as np
 
@@ -7,7 +9,9 @@ from calibtool.robot.se3 import Array
 
 
 class BacklashPath:
-    """Remembers where the joints last moved to and from which side, over batches of rows in the order of motion."""
+    """Remembers where the joints last moved to and from which side, over batches of rows in the
+    order of motion.
+    """
 
     def __init__(
         self, backlash: Array, lower: Array | float = -np.inf, upper: Array | float = np.inf
@@ -18,7 +22,8 @@ class BacklashPath:
         self._direction: Array | None = None
 
     def taken_up(self, corrected: Array) -> Array:
-        """Half width times direction for corrected joint positions (N, n) in order: (N, n), to be added to them.
+        """Half width times direction for corrected joint positions (N, n) in order: (N, n), to
+        be added to them.
 
         The directions are those of the corrected motion, which is the one that is driven: a
         correction turns small steps round. What is added does not turn them again, and takes no

@@ -1,4 +1,6 @@
-"""Commanded targets: from tables to joint positions, and their correction with the extrapolation guard."""
+"""Commanded targets: from tables to joint positions, and their correction with the
+extrapolation guard.
+"""
 
 from dataclasses import replace
 from typing import Literal
@@ -58,10 +60,12 @@ def guarded(
     bounds: Bounds | None = None,
     conditions: Conditions | None = None,
 ) -> Compensation:
-    """Corrected joints with the extrapolation guard: q (N, n), or poses (N, 4, 4), for which q then chooses the branch.
+    """Corrected joints with the extrapolation guard: q (N, n), or poses (N, 4, 4), for which q then
+    chooses the branch.
 
-    Poses with q (n,) or None are a path: see `compensate_poses`. Rows outside the configurations of the training are
-    marked, take the base model alone (`base`), or get no joints (`refuse`). bounds: `default_bounds` unless given.
+    Poses with q (n,) or None are a path: see `compensate_poses`. Rows outside the configurations of
+    the training are marked, take the base model alone (`base`), or get no joints (`refuse`).
+    bounds: `default_bounds` unless given.
     conditions: a payload and a temperature for all rows, the calibration's own unless given.
     """
     check_choice(outside, OUTSIDE_POLICIES, "outside")
@@ -91,6 +95,6 @@ def guarded(
 def no_targets(table: Table) -> InputError:
     """The error for a table without joints and poses."""
     return InputError(
-        f"{table.name}: neither joints (j1_deg …) nor poses (x_mm y_mm z_mm with qw qx qy qz, rx_rad ry_rad rz_rad or "
-        "roll_deg pitch_deg yaw_deg) among the columns"
+        f"{table.name}: neither joints (j1_deg …) nor poses (x_mm y_mm z_mm with qw qx qy qz, "
+        "rx_rad ry_rad rz_rad or roll_deg pitch_deg yaw_deg) among the columns"
     )

@@ -1,4 +1,6 @@
-"""The equivalent robot (Eqs. 12–17): actuated joints, virtual joints for n < 6, and its Jacobian J_ρ."""
+"""The equivalent robot (Eqs. 12–17): actuated joints, virtual joints for n < 6, and
+its Jacobian J_ρ.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,9 +20,11 @@ ELEMENTARY: tuple[VirtualJoint, ...] = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True)
 class EquivalentRobot:
-    """A robot whose only errors are joint motion errors δρ = (actuated, virtual), p = max(n, 6) of them.
+    """A robot whose only errors are joint motion errors δρ = (actuated, virtual), p =
+    max(n, 6) of them.
 
-    virtual_joints   elementary twists fixed in the tool frame, 6 − n of them (none for n ≥ 6), nominal value zero
+    virtual_joints   elementary twists fixed in the tool frame, 6 − n of them (none for n ≥ 6),
+                     nominal value zero
     """
 
     n: int
@@ -37,7 +41,9 @@ class EquivalentRobot:
         return [ELEMENTARY.index(name) for name in self.virtual_joints]
 
     def forward_and_jacobian(self, mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) of `mechanism` and J_ρ (N, 6, p) in K_0 (Eq. 14), q (N, n) in rad or m."""
+        """T_base_tool (N, 4, 4) of `mechanism` and J_ρ (N, 6, p) in K_0 (Eq. 14), q
+        (N, n) in rad or m.
+        """
         pose, jacobian = mechanism.forward_and_jacobian(q)
         if not self.virtual_joints:
             return pose, jacobian
@@ -46,9 +52,11 @@ class EquivalentRobot:
 
 @lru_cache(maxsize=16)  # a robot is what it is: hashed by identity
 def equivalent_robot(robot: Robot) -> EquivalentRobot:
-    """The equivalent robot of a description: its virtual joints if it names them, otherwise the best ones.
+    """The equivalent robot of a description: its virtual joints if it names them,
+    otherwise the best ones.
 
-    Best is the largest worst-case `singularity_distance` of J_ρ over 200 fixed configurations of the default workspace.
+    Best is the largest worst-case `singularity_distance` of J_ρ over 200 fixed configurations of
+    the default workspace.
     """
     if robot.n >= 6:
         return EquivalentRobot(robot.n, ())

@@ -1,4 +1,6 @@
-"""What a learned model of the joint motion errors is: a function of the joints with weights, which owns its Jacobian."""
+"""What a learned model of the joint motion errors is: a function of the joints with weights, which
+owns its Jacobian.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -10,10 +12,13 @@ from calibtool.robot.se3 import Array
 
 
 class Regressor(ABC):
-    """δρ = N(q, w). A frozen dataclass whose fields are arrays; `fields` says what they are, for files.
+    """δρ = N(q, w).
+
+    A frozen dataclass whose fields are arrays; `fields` says what they are, for files.
 
     id      by which it is chosen, and known in files
-    fields  by name: unit ('q': that of the joints, 'rho': that of the joint motion errors), words, dimensions
+    fields  by name: unit ('q': that of the joints, 'rho': that of the joint motion errors),
+            words, dimensions
     """
 
     id: ClassVar[str]
@@ -22,7 +27,9 @@ class Regressor(ABC):
     @classmethod
     @abstractmethod
     def initial(cls, q: Array, output_scale: Array, hidden: int, rng: np.random.Generator) -> Self:
-        """Where a training starts, scaled to its configurations q (K, n) and to the sizes of its outputs (p,)."""
+        """Where a training starts, scaled to its configurations q (K, n) and to the sizes of
+        its outputs (p,).
+        """
 
     @classmethod
     @abstractmethod
@@ -49,4 +56,6 @@ class Regressor(ABC):
 
     @abstractmethod
     def through(self, R: Array, q: Array) -> tuple[Array, Array]:
-        """R N (K, r) and ∂(R N)/∂w (K, r, W) for matrices R (K, r, p) and joint positions q (K, n)."""
+        """R N (K, r) and ∂(R N)/∂w (K, r, W) for matrices R (K, r, p) and
+        joint positions q (K, n).
+        """

@@ -21,10 +21,11 @@ from calibtool.robot.se3 import Array, readonly
 class ErrorScales:
     """Sizes of the simulated errors, in SI; a kind that is not in `kinds` is absent.
 
-    length, angle  standard deviation of every element of δζ, δξ, δq: m and rad (a prismatic offset is a length)
-    sizes          by kind, where it is not that of the family: gear, the standard deviation of each coefficient; gravity and
-                   payload, the angle of a joint at its largest torque (at 10 kg); backlash, the half width; thermal, the
-                   expansion per K
+    length, angle  standard deviation of every element of δζ, δξ, δq: m and rad (a prismatic
+                   offset is a length)
+    sizes          by kind, where it is not that of the family: gear, the standard deviation of each
+                   coefficient; gravity and payload, the angle of a joint at its largest torque (at
+                   10 kg); backlash, the half width; thermal, the expansion per K
     warmth         rise above the reference temperature in K, with thermal errors
     """
 
@@ -43,7 +44,8 @@ class ErrorScales:
 
 @dataclass(frozen=True, eq=False)
 class ActualRobot:
-    """A robot whose geometry and joint motions differ from the drawing; exact, nothing is linearised.
+    """A robot whose geometry and joint motions differ from the drawing; exact,
+    nothing is linearised.
 
     temperature_c  °C of its links where a row does not say otherwise
     """
@@ -63,25 +65,32 @@ class ActualRobot:
 
     @property
     def model(self) -> pin.Model:
-        """The geometry as a Pinocchio model of its own, limits included; `mechanism.configuration` gives its coordinates.
+        """The geometry as a Pinocchio model of its own, limits included; `mechanism.configuration`
+        gives its coordinates.
 
-        What depends on the joint positions or on time (gear, gravity, backlash) is not in it: see `joint_motion`.
+        What depends on the joint positions or on time (gear, gravity, backlash) is not in it:
+        see `joint_motion`.
         """
         return self.mechanism.as_model(self.robot.lower, self.robot.upper)
 
     def joint_motion(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """Error δq(q) of the joint motions beyond the constant offsets: (N, n); q and conditions as in `forward`."""
+        """Error δq(q) of the joint motions beyond the constant offsets: (N, n); q and conditions
+        as in `forward`.
+        """
         return self.errors.motion(q, self.driven_to(q, conditions))
 
     def directions(self, q: Array) -> Array:
-        """Direction of each joint's last motion (N, n) when the joints are driven to q (N, n) in order, from home."""
+        """Direction of each joint's last motion (N, n) when the joints are driven to q (N, n) in
+        order, from home.
+        """
         return directions(q, start=self.robot.home(self.robot.workspace(None)[1]))
 
     def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """Actual T_base_tool (N, 4, 4) when the joints are commanded to q (N, n) in the order of the rows.
+        """Actual T_base_tool (N, 4, 4) when the joints are commanded to q (N, n) in the
+        order of the rows.
 
-        Directions of motion follow from that order, the first row comes from home; payload and temperature are those of
-        the conditions.
+        Directions of motion follow from that order, the first row comes from home; payload and
+        temperature are those of the conditions.
         """
         return self.errors.forward(q, self.driven_to(q, conditions))
 
@@ -98,7 +107,10 @@ class ActualRobot:
 
 
 def random_actual(robot: Robot, scales: ErrorScales, rng: np.random.Generator) -> ActualRobot:
-    """Draw an actual robot. Every kind has its own stream, so that adding one leaves the others as they were."""
+    """Draw an actual robot.
+
+    Every kind has its own stream, so that adding one leaves the others as they were.
+    """
     streams = dict(zip(ERROR_KINDS, rng.spawn(len(ERROR_KINDS)), strict=True))
     drawn = {}
     for family in FAMILIES:

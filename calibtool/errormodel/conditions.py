@@ -1,4 +1,6 @@
-"""What a row's errors depend on beside its joint positions: directions of motion, mass on the flange, temperature."""
+"""What a row's errors depend on beside its joint positions: directions of motion, mass on the
+flange, temperature.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
@@ -17,7 +19,8 @@ _STANDS_STILL = 1e-6  # rad or m: a smaller move is rounding and turns no gear r
 class Conditions:
     """Of N rows; None where nobody knows. A number () instead of (N,) holds for every row.
 
-    direction      (N, n) −1, 0, +1: direction of each joint's last motion before the row, 0 where unknown
+    direction      (N, n) −1, 0, +1: direction of each joint's last motion before the
+                   row, 0 where unknown
     payload_kg     (N,) mass at the tool; None: that of the robot's description
     temperature_c  (N,) of the links; None: `REFERENCE_C`
     """
@@ -34,7 +37,9 @@ class Conditions:
         )
 
     def alike(self, count: int) -> Iterator[tuple[Self, np.ndarray]]:
-        """Rows of the same payload and temperature, from `count` rows: these as numbers, and the rows' indices."""
+        """Rows of the same payload and temperature, from `count` rows: these as numbers, and
+        the rows' indices.
+        """
         columns = [v for v in (self.payload_kg, self.temperature_c) if v is not None and np.ndim(v)]
         if not columns:
             yield replace(self, direction=None), np.arange(count)
@@ -45,7 +50,9 @@ class Conditions:
             yield replace(self, direction=None).rows(rows[0]), rows
 
     def anywhere(self, shape: tuple[int, ...], rng: np.random.Generator) -> Self:
-        """Conditions drawn from all that these show, for joint positions of a shape (N, n); unknown ones stay unknown."""
+        """Conditions drawn from all that these show, for joint positions of a shape (N, n); unknown
+        ones stay unknown.
+        """
         direction = (
             None if self.direction is None else readonly(rng.choice([-1.0, 1.0], size=shape))
         )
@@ -74,7 +81,8 @@ class Conditions:
                 continue
             if np.ndim(values) and values.shape != shape[:1]:
                 raise InputError(
-                    f"{place}: {name} has shape {values.shape}; expected one number per row, {shape[:1]}"
+                    f"{place}: {name} has shape {values.shape}; expected one number per "
+                    f"row, {shape[:1]}"
                 )
             if not (np.isfinite(values) & (values >= lowest)).all():
                 raise InputError(
@@ -83,10 +91,12 @@ class Conditions:
 
 
 def directions(q: Array, start: Array | None = None, before: Array | None = None) -> Array:
-    """Sign −1, 0, +1 of each joint's last motion on the way through the rows of q (N, n), in order: (N, n).
+    """Sign −1, 0, +1 of each joint's last motion on the way through the rows of q (N, n),
+    in order: (N, n).
 
-    A joint that stands still stays on its side. start (n,): where it last counted as moved (`last_moved`) before the first
-    row, and before (n,) the directions there; 0, unknown, until a joint has moved.
+    A joint that stands still stays on its side. start (n,): where it last counted as moved
+    (`last_moved`) before the first row, and before (n,) the directions there; 0, unknown, until a
+    joint has moved.
     """
     start = q[0] if start is None else start
     signs = np.sign(np.diff(last_moved(q, start), axis=0, prepend=start[None]))
@@ -96,9 +106,11 @@ def directions(q: Array, start: Array | None = None, before: Array | None = None
 
 
 def last_moved(q: Array, start: Array) -> Array:
-    """Where each joint last counted as moved on the way through the rows of q (N, n), in order, from start (n,): (N, n).
+    """Where each joint last counted as moved on the way through the rows of q (N, n), in order,
+    from start (n,): (N, n).
 
-    A joint counts as moved when it is farther than rounding from there: one that creeps does so every few rows.
+    A joint counts as moved when it is farther than rounding from there: one that creeps does
+    so every few rows.
     """
     places = q.copy()
     steps = np.abs(np.diff(q, axis=0, prepend=start[None]))

@@ -1,4 +1,6 @@
-"""What a family of errors is: the questions that simulation, identification, files and pages ask of it."""
+"""What a family of errors is: the questions that simulation, identification, files and
+pages ask of it.
+"""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -19,7 +21,9 @@ COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Commanded rows: joint positions q (N, n) in rad or m, and their conditions; what the nominal robot does there."""
+    """Commanded rows: joint positions q (N, n) in rad or m, and their conditions; what the nominal
+    robot does there.
+    """
 
     robot: Robot
     q: Array
@@ -77,7 +81,9 @@ def offset_columns(frames: Frames, twists: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Sizes:
-    """Sizes of simulated errors, SI: lengths and angles of the geometry, and the size of any other kind."""
+    """Sizes of simulated errors, SI: lengths and angles of the geometry, and the size
+    of any other kind.
+    """
 
     length: float
     angle: float
@@ -85,7 +91,9 @@ class Sizes:
 
 
 class Family(ABC):
-    """A family of errors. Its value is one array; what is said of its elements has the value's shape.
+    """A family of errors.
+
+    Its value is one array; what is said of its elements has the value's shape.
 
     id      its key in states, files and JSON
     symbol  what names of its parameters begin with; `ascii` the same without Greek
@@ -98,7 +106,8 @@ class Family(ABC):
     always  identified unless told otherwise
     needs   what rows must tell for it to be known, for people
     by_row  whether it changes placements from row to row
-    grows   whether evidence may also enlarge its tolerances: what has a physical scale only gets smaller
+    grows   whether evidence may also enlarge its tolerances: what has a physical scale
+            only gets smaller
     """
 
     id: ClassVar[str]
@@ -145,7 +154,9 @@ class Family(ABC):
         """Prior standard deviations (*shape), SI."""
 
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Elements with the same number have tolerances of one scale, which evidence may change: (*shape) int."""
+        """Elements with the same number have tolerances of one scale, which evidence may
+        change: (*shape) int.
+        """
         return np.zeros(shape, dtype=int)
 
     def known(self, rows: Rows) -> bool:
@@ -160,13 +171,17 @@ class Family(ABC):
         return np.full(shape, 1e3), per_joint
 
     def told(self, robot: Robot, value: Array, free: np.ndarray) -> str:
-        """The family in a sentence about a model that has it; free (*shape) bool: its parameters."""
+        """The family in a sentence about a model that has it; free
+        (*shape) bool: its parameters.
+        """
         return self.words
 
     # --- the robot ---
 
     def placed(self, value: Array, placements: Array, rows: Rows | None) -> Array:
-        """Joint placements M_j (n+1, 4, 4), or (N, n+1, 4, 4) where the family changes them from row to row."""
+        """Joint placements M_j (n+1, 4, 4), or (N, n+1, 4, 4) where the family changes them
+        from row to row.
+        """
         return placements
 
     def twisted(self, value: Array, twists: Array) -> Array:
@@ -201,7 +216,9 @@ class Family(ABC):
 
 
 class JointFunctions(Family):
-    """δq_j = Σ_k value_jk f_jk(row): the columns are those of the joint's offset times the functions."""
+    """δq_j = Σ_k value_jk f_jk(row): the columns are those of the joint's offset
+    times the functions.
+    """
 
     def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
         return (n,)

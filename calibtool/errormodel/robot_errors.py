@@ -1,4 +1,6 @@
-"""The errors of a robot, {family: value}, and the robot that has them: exact for finite motions, nothing is linearised."""
+"""The errors of a robot, {family: value}, and the robot that has them: exact for finite motions,
+nothing is linearised.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -27,7 +29,10 @@ class RobotErrors:
 
     @classmethod
     def of(cls, robot: Robot, **values: Array) -> Self:
-        """Errors of some families by id, none of the others. ValueError for a value of another shape."""
+        """Errors of some families by id, none of the others.
+
+        ValueError for a value of another shape.
+        """
         if unknown := set(values) - set(BY_ID):
             raise ValueError(f"unknown families of errors: {', '.join(sorted(unknown))}")
         return cls(
@@ -49,7 +54,9 @@ class RobotErrors:
         )
 
     def moved(self, **steps: Array) -> Self:
-        """The errors after steps (`Family.moved`) of some families; a step may be of another order than the value."""
+        """The errors after steps (`Family.moved`) of some families; a step may be of another
+        order than the value.
+        """
         values = {}
         for name, step in steps.items():
             family = BY_ID[name]
@@ -68,7 +75,9 @@ class RobotErrors:
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The kinematics without what changes from row to row: joint motions, payload and temperature."""
+        """The kinematics without what changes from row to row: joint motions, payload
+        and temperature.
+        """
         twists, offset = self.twists, np.zeros(self.robot.n)
         for family in FAMILIES:
             offset = offset + family.offset(self.values[family.id])
@@ -92,7 +101,9 @@ class RobotErrors:
         return self._motion(Rows(self.robot, q, conditions or Conditions()))
 
     def at(self, q: Array, conditions: Conditions | None = None) -> tuple[Mechanism, Array]:
-        """The kinematics at these rows, and the joint positions (N, n) to which its joints are driven."""
+        """The kinematics at these rows, and the joint positions (N, n) to which its
+        joints are driven.
+        """
         return self._at(Rows(self.robot, q, conditions or Conditions()))
 
     def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
@@ -129,7 +140,9 @@ class RobotErrors:
         return motion
 
     def _placements(self, rows: Rows | None) -> Array:
-        """M_j with their errors (n+1, 4, 4), or (N, n+1, 4, 4) where they change from row to row."""
+        """M_j with their errors (n+1, 4, 4), or (N, n+1, 4, 4) where they
+        change from row to row.
+        """
         placements = self.robot.chain.placements
         for family in reversed(FAMILIES):
             placements = family.placed(self.values[family.id], placements, rows)

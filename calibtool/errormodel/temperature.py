@@ -1,4 +1,6 @@
-"""Thermal growth: every link grows along itself by its own coefficient times the rise in temperature."""
+"""Thermal growth: every link grows along itself by its own coefficient times the
+rise in temperature.
+"""
 
 import numpy as np
 
@@ -11,7 +13,9 @@ STEEL_EXPANSION = 12e-6  # per K
 
 
 class Temperature(Family):
-    """Expansions (n+1,) per K of the links before each joint and before the tool; a link of no length has none."""
+    """Expansions (n+1,) per K of the links before each joint and before the tool; a link of no
+    length has none.
+    """
 
     id, symbol, ascii, kind = "temperature", "growth", "growth", "thermal"
     words, unit, size = "thermal growth of the links", "1/K", STEEL_EXPANSION

@@ -1,4 +1,6 @@
-"""Errors δξ of the joint twists: exp6((ξ_j + δξ_j) q_j), exact for finite joint motions (Eqs. 8, 10)."""
+"""Errors δξ of the joint twists: exp6((ξ_j + δξ_j) q_j), exact for finite joint
+motions (Eqs. 8, 10).
+"""
 
 import numpy as np
 
@@ -46,7 +48,8 @@ class Twists(Family):
 
 
 def twist_columns(frames: Frames, twists: Array, q: Array) -> Array:
-    """δξ_j, j = 1…n: Ad(F0_j) · J_l(ξ_j q_j) · q_j, of which the paper's Ad_j q_j is the first order. (N, 6, 6n)
+    """δξ_j, j = 1…n: Ad(F0_j) · J_l(ξ_j q_j) · q_j, of which the paper's Ad_j q_j is the first
+    order. (N, 6, 6n)
 
     twists (n, 6) ξ_j in the joint's frame, q (N, n) in rad or m.
     """

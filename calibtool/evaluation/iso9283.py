@@ -1,4 +1,6 @@
-"""Pose accuracy AP and pose repeatability RP after ISO 9283, from configurations that were measured again and again."""
+"""Pose accuracy AP and pose repeatability RP after ISO 9283, from configurations that were measured
+again and again.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -17,7 +19,8 @@ _CENTRED = 0.01  # P1 is the centre of the others to this part of their extent
 class RepeatedPose:
     """One commanded configuration and its repeats.
 
-    name  P1 … P5 where the poses are those of the standard's cube, else `configuration k` by its first row
+    name  P1 … P5 where the poses are those of the standard's cube, else `configuration k`
+          by its first row
     rows  (r,) its rows, in the order of measurement
     """
 
@@ -27,14 +30,18 @@ class RepeatedPose:
 
 @dataclass(frozen=True, eq=False)
 class PoseTest:
-    """AP of every method (m, p) and RP (p,) at p poses: position in m, orientation in rad, None where it is not seen.
+    """AP of every method (m, p) and RP (p,) at p poses: position in m, orientation in rad, None
+    where it is not seen.
 
-    AP  distance from the commanded pose, as the method predicts it, to the barycentre of the attained ones
-    RP  mean + 3 standard deviations (r − 1) of the distances from the barycentre; the same for every method
+    AP  distance from the commanded pose, as the method predicts it, to the barycentre of
+        the attained ones
+    RP  mean + 3 standard deviations (r − 1) of the distances from the barycentre; the same
+        for every method
 
-    The position is that of the barycentre of the target points. Orientations are rotation vectors, distances their
-    lengths: one number instead of the standard's three angles. Where the commands were measured before a correction,
-    too, `before` holds the RP of those rows: position and turn, (p,) each.
+    The position is that of the barycentre of the target points. Orientations are rotation
+    vectors, distances their lengths: one number instead of the standard's three angles. Where the
+    commands were measured before a correction, too, `before` holds the RP of those rows: position
+    and turn, (p,) each.
     """
 
     poses: list[RepeatedPose]
@@ -88,10 +95,11 @@ class PoseTest:
 
 
 def repeated_poses(q: Array, position: Array) -> list[RepeatedPose]:
-    """Configurations among q (N, n) that occur at least `FEWEST` times, named; none where nothing was repeated.
+    """Configurations among q (N, n) that occur at least `FEWEST` times, named; none where
+    nothing was repeated.
 
-    position (N, 3): commanded tool points, m, by which the poses of the standard's cube are recognised: five, the last
-    or the first in the middle of the others.
+    position (N, 3): commanded tool points, m, by which the poses of the standard's cube are
+    recognised: five, the last or the first in the middle of the others.
     """
     _, first, group = np.unique(np.round(q / _SAME), axis=0, return_index=True, return_inverse=True)
     group = group.reshape(-1)
@@ -109,7 +117,9 @@ def repeated_poses(q: Array, position: Array) -> list[RepeatedPose]:
 
 
 def pose_test(methods: list[MethodErrors], poses: list[RepeatedPose]) -> PoseTest:
-    """AP and RP from measured minus predicted errors, the first method's for RP: its prediction is the same in a group."""
+    """AP and RP from measured minus predicted errors, the first method's for RP: its prediction is
+    the same in a group.
+    """
     position = [errors.position.mean(axis=1) for errors in methods]
     turns = [errors.orientation for errors in methods]
     accuracy, repeatability = _accuracy_and_repeatability(position, poses)
@@ -131,7 +141,8 @@ def pose_test(methods: list[MethodErrors], poses: list[RepeatedPose]) -> PoseTes
 def measured_pose_test(
     before: MethodErrors, after: MethodErrors, poses: list[RepeatedPose], *, before_measured: bool
 ) -> PoseTest:
-    """AP of before and after a correction from commanded against measured errors, RP of those after.
+    """AP of before and after a correction from commanded against measured errors,
+    RP of those after.
 
     before_measured: RP before, too; expected errors have no scatter.
     """

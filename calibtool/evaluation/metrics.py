@@ -13,8 +13,10 @@ STATISTICS = ("mean", "std", "rms", "p95", "max")
 class MethodErrors:
     """Signed pose errors of a method, one row per configuration.
 
-    position     (N, m, 3) actual minus commanded (or measured minus predicted) displacements in K_0, m; m points
-    orientation  (N, 3) the same as rotation vectors in K_0, rad; None where the instrument does not see it
+    position     (N, m, 3) actual minus commanded (or measured minus predicted) displacements in
+                 K_0, m; m points
+    orientation  (N, 3) the same as rotation vectors in K_0, rad; None where the
+                 instrument does not see it
     """
 
     name: str
@@ -48,9 +50,11 @@ def statistics(values: Array, unit: float) -> dict[str, float]:
 def summary(
     method: MethodErrors, nominal: MethodErrors, whole: MethodErrors | None = None
 ) -> dict[str, object]:
-    """One entry of `methods` in the JSON of `evaluate`: statistics, and reductions against the nominal robot.
+    """One entry of `methods` in the JSON of `evaluate`: statistics, and reductions against
+    the nominal robot.
 
-    whole: the errors for the statistics, where `method` and `nominal` are only the part that the joints can correct.
+    whole: the errors for the statistics, where `method` and `nominal` are only the part that the
+    joints can correct.
     """
     return {
         "name": method.name,
@@ -85,7 +89,9 @@ def _reduction(before: float, after: float) -> float:
 
 
 def error_rows(methods: list[MethodErrors]) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of a table of signed errors: one row per method and configuration, targets side by side."""
+    """Header and rows of a table of signed errors: one row per method and configuration,
+    targets side by side.
+    """
     points = methods[0].position.shape[1]
     parts = [""] if points == 1 else [f"t{i + 1}_" for i in range(points)]
     header = ["method", "configuration", *(f"{part}d{axis}_mm" for part in parts for axis in "xyz")]

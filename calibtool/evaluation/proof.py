@@ -131,8 +131,8 @@ def _commanded_alike(before: Measurements, commanded: Array) -> Array:
     if len(wrong):
         raise InputError(
             f"the measurements before the correction: row {wrong[0] + 1} was commanded "
-            f"{apart[wrong[0]] * 1e3:.3g} mm from that row after it; both need the same commands in "
-            "the same order"
+            f"{apart[wrong[0]] * 1e3:.3g} mm from that row after it; both need the "
+            "same commands in the same order"
         )
     return earlier
 

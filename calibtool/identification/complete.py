@@ -1,7 +1,9 @@
-"""The complete model: δζ, δξ, δq and joint-motion functions by maximum a posteriori Gauss–Newton (METHOD §7).
+"""The complete model: δζ, δξ, δq and joint-motion functions by maximum a posteriori
+Gauss–Newton (METHOD §7).
 
-Tolerances are the prior, so nothing is eliminated and no rank is decided: what the data do not determine stays at its
-prior, and the posterior says so. Noise level, number of harmonics and, on request, the tolerances come from the evidence.
+Tolerances are the prior, so nothing is eliminated and no rank is decided: what the data do not
+determine stays at its prior, and the posterior says so. Noise level, number of harmonics and, on
+request, the tolerances come from the evidence.
 """
 
 from collections.abc import Mapping
@@ -54,10 +56,12 @@ class CompleteOptions:
     """How the complete model is identified.
 
     tolerances       prior standard deviations, those of the robot's description unless given
-    orders           of families that evidence is not to choose, by id: {"harmonics": 2, "gravity": 0}; the others are chosen
-                     from `Family.orders`, harmonics from MANY_HARMONICS if those are too few
-    estimate_priors  re-estimate the scale of every family of tolerances from the evidence; joint motions only downwards,
-                     because many harmonics can cancel where a joint was measured and grow large where it was not
+    orders           of families that evidence is not to choose, by id: {"harmonics": 2, "gravity":
+                     0}; the others are chosen from `Family.orders`, harmonics from MANY_HARMONICS
+                     if those are too few
+    estimate_priors  re-estimate the scale of every family of tolerances from the evidence; joint
+                     motions only downwards, because many harmonics can cancel where a joint was
+                     measured and grow large where it was not
     loss_function    `squared`, or down-weight rows that do not fit: `huber`, `cauchy`
     drop_flagged     leave flagged rows out of a second fit
     """
@@ -77,7 +81,9 @@ class CompleteOptions:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A converged iteration: state, Fisher information H (p, p) of the stated noise, squared sizes of rows (N,)."""
+    """A converged iteration: state, Fisher information H (p, p) of the stated noise, squared
+    sizes of rows (N,).
+    """
 
     parameters: Parameters
     state: State
@@ -102,16 +108,18 @@ def identify_complete(
 ) -> Identification:
     """Identify every error that a tolerance is given for, from any number of configurations.
 
-    Joint-motion functions are chosen by the Savage–Dickey density ratio: one fit with all of them tells how likely each
-    smaller model is. Raises NoSolutionError when the iteration does not settle, InputError when backlash is asked for and
-    the measurements do not know the directions of motion.
+    Joint-motion functions are chosen by the Savage–Dickey density ratio: one fit with all of
+    them tells how likely each smaller model is. Raises NoSolutionError when the iteration does
+    not settle, InputError when backlash is asked for and the measurements do not know the
+    directions of motion.
     """
     options = CompleteOptions() if options is None else options
     for family, order in options.orders.items():
         if order and not BY_ID[family].known(_rows(measurements)):
             raise InputError(
-                f"complete: {family} cannot be identified, because the measurements do not say what it depends on "
-                f"({BY_ID[family].needs}); import or simulate them again, or leave it out"
+                f"complete: {family} cannot be identified, because the measurements do not say "
+                f"what it depends on ({BY_ID[family].needs}); import or simulate them again, "
+                "or leave it out"
             )
     robot, setup = measurements.robot, measurements.setup
     few = BY_ID["harmonics"].orders
@@ -142,7 +150,8 @@ def _most_probable_fit(
 ) -> _Fit:
     """The fit of everything that the options leave open, reduced to its most probable part.
 
-    With few harmonics it names causes, and a doubtful one is left out; with many it is there to predict.
+    With few harmonics it names causes, and a doubtful one is left out; with many it is
+    there to predict.
     """
     rows = _rows(measurements)
     choices = {family.id: family.orders if family.known(rows) else (0,) for family in FAMILIES}
@@ -163,7 +172,9 @@ def _most_probable_fit(
 
 
 def _may_leave_structure(fit: _Fit, equations: int) -> bool:
-    """Whether the noise may exceed the stated one for want of harmonics: within its own two standard errors."""
+    """Whether the noise may exceed the stated one for want of harmonics: within its own two
+    standard errors.
+    """
     freedom = max(equations - fit.effective, 1.0)
     most = fit.noise_factor * (1.0 + 2.0 / np.sqrt(2.0 * freedom))
     return fit.parameters.orders.get("harmonics") == LOW_ORDERS or bool(most > _UNEXPLAINED)
@@ -172,8 +183,8 @@ def _may_leave_structure(fit: _Fit, equations: int) -> bool:
 def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) -> bool:
     """Whether held-out configurations are predicted better, by enough to be worth more parameters.
 
-    The evidence alone takes joints that repeat badly for fine structure, or for backlash where the order of the rows is not
-    that of the motion: its noise has no such thing.
+    The evidence alone takes joints that repeat badly for fine structure, or for backlash where the
+    order of the rows is not that of the motion: its noise has no such thing.
     """
     rows = np.unique(
         np.linspace(0, len(measurements) - 1, min(len(measurements), _JUDGED)).astype(int)
@@ -194,7 +205,8 @@ def _fit(
     start: "_Fit | None" = None,
     converged: float = _CONVERGED,
 ) -> _Fit:
-    """Gauss–Newton to the maximum a posteriori; noise and tolerances are re-estimated at every step.
+    """Gauss–Newton to the maximum a posteriori; noise and tolerances are
+    re-estimated at every step.
 
     `start` is the fit of a larger or smaller model, whose noise and tolerances are taken over.
     """
@@ -245,7 +257,8 @@ def _fit(
     assert solution is not None
     if not settled and not solution.farthest < 1.0:
         raise NoSolutionError(
-            f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order and target order"
+            f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order "
+            "and target order"
         )
     sizes = row_sizes(measurements, state)
     return _Fit(
@@ -261,7 +274,9 @@ def _fit(
 
 
 def _reduced(fit: _Fit, smaller: Parameters) -> State:
-    """The most probable state without the parameters that `smaller` does not have, by the fit's own quadratic model."""
+    """The most probable state without the parameters that `smaller` does not have, by the fit's own
+    quadratic model.
+    """
     larger, covariance = fit.parameters, fit.covariance
     dropped = larger.missing_in(smaller)
     step = -covariance[:, dropped] @ np.linalg.solve(
@@ -313,7 +328,9 @@ def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> 
 
 
 def _observable_rank(measurements: Measurements, fit: _Fit) -> int:
-    """Directions of the parameters that measurements of this kind could determine: seen anywhere, moving to either side."""
+    """Directions of the parameters that measurements of this kind could determine: seen anywhere,
+    moving to either side.
+    """
     robot, parameters = measurements.robot, fit.parameters
     count, rng = max(30, parameters.count // 3), np.random.default_rng(0)
     anywhere = replace(

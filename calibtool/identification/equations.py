@@ -16,10 +16,12 @@ _CHUNK = 1000  # configurations whose columns are in memory together
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """The sum of weighted squares round a state: squares − 2 gᵀx + xᵀH x, from `equations` residuals.
+    """The sum of weighted squares round a state: squares − 2 gᵀx + xᵀH x, from
+    `equations` residuals.
 
     information  H = AᵀA (p, p) and gradient g = Aᵀr (p,) of the residuals over the stated noise
-    row_sizes    (N,) squared residuals of every configuration over the stated noise, before row weights
+    row_sizes    (N,) squared residuals of every configuration over the stated noise,
+                 before row weights
     """
 
     information: Array
@@ -42,8 +44,8 @@ def normal_equations(
 ) -> NormalEquations:
     """H and g at the state, in chunks, the squares of row k times `row_weight` (N,).
 
-    A joint function's column is that of its joint's offset times a function of the row, o_j f(q_j): its products are
-    weighted sums of functions and need neither the columns nor their memory.
+    A joint function's column is that of its joint's offset times a function of the row, o_j f(q_j):
+    its products are weighted sums of functions and need neither the columns nor their memory.
     """
     p = parameters.count
     functions_of = [block for _, block in parameters.function_parts()]
@@ -78,9 +80,11 @@ def held_out_sizes(
     covariance: Array,
     noise_factor: float,
 ) -> Array:
-    """Squared residuals over the stated noise that every configuration would have if the others alone were fitted. (N,)
+    """Squared residuals over the stated noise that every configuration would have if the others
+    alone were fitted. (N,)
 
-    r_k without k is (1 − A_k C A_kᵀ/σ²)⁻¹ r_k, exact for the quadratic model: no fit is repeated. covariance C (p, p).
+    r_k without k is (1 − A_k C A_kᵀ/σ²)⁻¹ r_k, exact for the quadratic model: no fit is repeated.
+    covariance C (p, p).
     """
     sizes = np.empty(len(measurements))
     for rows, part, context in _chunks(measurements, state):
@@ -114,7 +118,9 @@ def _add_functions(
     offsets: Array,
     left: Array,
 ) -> None:
-    """Rows and columns of the joint functions, from the products of the offset columns (N, d, n) with everything."""
+    """Rows and columns of the joint functions, from the products of the offset columns (N, d, n)
+    with everything.
+    """
     functions = _by_joint(parameters, context)
     with_own = np.swapaxes(offsets, 1, 2) @ own  # (N, n, rest)
     with_offsets = np.swapaxes(offsets, 1, 2) @ offsets

@@ -1,4 +1,6 @@
-"""Evidence: noise, tolerances and the choice of a model from one Gaussian approximation (MacKay; Savage and Dickey)."""
+"""Evidence: noise, tolerances and the choice of a model from one Gaussian approximation (MacKay;
+Savage and Dickey).
+"""
 
 from dataclasses import dataclass
 
@@ -17,7 +19,9 @@ _ROUNDING = 1e-12  # of the largest eigenvalue: a smaller negative one is zero
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A step of the parameters (p,), its covariance, and tolerances, noise and γ at their evidence maximum."""
+    """A step of the parameters (p,), its covariance, and tolerances, noise and γ at their
+    evidence maximum.
+    """
 
     step: Array
     covariance: Array
@@ -39,9 +43,11 @@ def posterior_step(
     noise_factor: float,
     largest_std: Array | None,
 ) -> Solution:
-    """Maximum a posteriori step from θ (p,) with the noise re-estimated and, up to `largest_std` (p,), the tolerances.
+    """Maximum a posteriori step from θ (p,) with the noise re-estimated and, up to `largest_std`
+    (p,), the tolerances.
 
-    The quadratic model is kept, so a round costs one factorisation and no kinematics. largest_std None: tolerances stay.
+    The quadratic model is kept, so a round costs one factorisation and no kinematics. largest_std
+    None: tolerances stay.
     """
     H, g = equations.information, equations.gradient
     for _ in range(_ROUNDS):
@@ -71,9 +77,11 @@ def most_probable(
     candidates: list[Parameters],
     parsimony: float,
 ) -> Parameters:
-    """The smallest candidate whose p(θ_dropped = 0 | data) / p(θ_dropped = 0) is near the largest (Savage and Dickey).
+    """The smallest candidate whose p(θ_dropped = 0 | data) / p(θ_dropped = 0) is near the largest
+    (Savage and Dickey).
 
-    Near: by at most `parsimony` nats. The Gaussian N(θ, covariance) over `parameters` is that of the largest candidate.
+    Near: by at most `parsimony` nats. The Gaussian N(θ, covariance) over `parameters` is that of
+    the largest candidate.
     """
 
     def log_evidence(candidate: Parameters) -> float:
@@ -88,7 +96,8 @@ def most_probable(
 
 
 def inverse(matrix: Array, on_the_way: bool = False) -> Array:
-    """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first: m and rad mix.
+    """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal
+    first: m and rad mix.
 
     Raises NoSolutionError where the matrix is not finite, or not positive definite to rounding, as
     where the noise is far too small beside the tolerances. on_the_way: directions that rounding has
@@ -116,13 +125,15 @@ def inverse(matrix: Array, on_the_way: bool = False) -> Array:
 
 def _singular() -> NoSolutionError:
     return NoSolutionError(
-        "the equations for the parameters are singular to rounding: the stated noise is too small beside the "
-        "tolerances; state a larger noise"
+        "the equations for the parameters are singular to rounding: the stated noise is too "
+        "small beside the tolerances; state a larger noise"
     )
 
 
 def _log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> float:
-    """ln N(0; θ, C) − ln N(0; 0, S): the evidence for the model without these parameters against the one with them."""
+    """ln N(0; θ, C) − ln N(0; 0, S): the evidence for the model without these parameters against
+    the one with them.
+    """
     if not len(theta):
         return 0.0
     from scipy.linalg.lapack import dpotrf, dpotrs
@@ -139,7 +150,9 @@ def _log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> flo
 def _re_estimated(
     parameters: Parameters, theta: Array, covariance: Array, prior_std: Array
 ) -> Array:
-    """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances keep their ratios."""
+    """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances
+    keep their ratios.
+    """
     result = prior_std.copy()
     determined = 1.0 - np.diag(covariance) / prior_std**2
     for chosen in parameters.groups:

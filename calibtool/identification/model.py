@@ -1,4 +1,6 @@
-"""What an identification ends in: errors of the geometry and of the joint motions, the set-up, and how sure it all is."""
+"""What an identification ends in: errors of the geometry and of the joint motions, the set-up, and
+how sure it all is.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -21,7 +23,8 @@ class Posterior:
     covariance    (p, p) of the estimate
     noise_factor  estimated noise over the stated one
     effective     effective number of parameters γ that the data determined
-    log_evidence  of the data, up to a constant that is the same for every model of the same measurements
+    log_evidence  of the data, up to a constant that is the same for every model of the
+                  same measurements
     """
 
     parameters: Parameters
@@ -62,11 +65,13 @@ class Identification:
     model            `nominal`, `local-poe` or `complete`
     errors           identified errors of the robot
     setup            the set-up, its unknown parts fitted together with the errors
-    singular_values  (p,) of the weighted identification matrix at the nominal robot, 1/m and 1/rad mixed by 1 m = 1 rad
+    singular_values  (p,) of the weighted identification matrix at the nominal robot, 1/m and 1/rad
+                     mixed by 1 m = 1 rad
     rank             number of directions that these measurements determine
     observable_rank  number that any measurements of this kind could determine
     unobservable     what is missing between the two, each direction by its largest elements
-    residual_rms     of the measured coordinates after the fit: position (m), orientation (rad, None for target points)
+    residual_rms     of the measured coordinates after the fit: position (m), orientation (rad, None
+                     for target points)
     iterations       Gauss–Newton steps
     posterior        of the complete model, None for the others
     flagged          rows that do not fit, None where nobody looked
@@ -100,7 +105,9 @@ class Identification:
 
 
 def split_rms(left: Array, measurements: Measurements) -> tuple[float, float | None]:
-    """RMS per measured coordinate of residuals (N, d): positions in m, the orientation in rad where it is measured."""
+    """RMS per measured coordinate of residuals (N, d): positions in m, the orientation in rad
+    where it is measured.
+    """
     split = 3 * measurements.points.shape[1]
     position = float(np.sqrt((left[:, :split] ** 2).sum() / (3 * measurements.seen.sum())))
     return position, float(np.sqrt(np.mean(left[:, split:] ** 2))) if left.shape[
@@ -109,7 +116,9 @@ def split_rms(left: Array, measurements: Measurements) -> tuple[float, float | N
 
 
 def nominal_model(measurements: Measurements) -> Identification:
-    """The drawing itself as a base model: no errors, the set-up as known or registered (the paper's starting point)."""
+    """The drawing itself as a base model: no errors, the set-up as known or registered (the paper's
+    starting point).
+    """
     robot, setup = measurements.robot, measurements.setup
     left = residuals(measurements, setup, robot.mechanism.forward(measurements.q))
     return Identification(

@@ -1,4 +1,6 @@
-"""What a set of configurations can determine: the rank of a design, and names for the directions it does not show."""
+"""What a set of configurations can determine: the rank of a design, and names for the directions
+it does not show.
+"""
 
 from dataclasses import dataclass
 
@@ -17,11 +19,13 @@ from calibtool.robot.se3 import Array
 class Observability:
     """The design of one model.
 
-    model         `local-poe` (δζ) or `complete` (δζ, δξ, δq, gravity; harmonics are functions of δq and left out)
+    model         `local-poe` (δζ) or `complete` (δζ, δξ, δq, gravity; harmonics are functions of
+                  δq and left out)
     parameters    how many the model has
     rank          how many combinations the configurations and targets determine
-    possible      how many a 6-D instrument on configurations all over the joint range would; the rest is redundant in the
-                  model itself (neighbouring joints share it) and costs nothing
+    possible      how many a 6-D instrument on configurations all over the joint range would;
+                  the rest is redundant in the model itself (neighbouring joints share it)
+                  and costs nothing
     unobservable  text of the directions between `rank` and `possible`, the clearest first
     """
 
@@ -35,10 +39,12 @@ class Observability:
 def observability(
     robot: Robot, setup: Setup, q: Array, anywhere: Array, model: str
 ) -> Observability:
-    """Rank of the error columns at configurations q (N, n) seen through the targets of a set-up (known and registered).
+    """Rank of the error columns at configurations q (N, n) seen through the targets of a set-up
+    (known and registered).
 
-    anywhere (M, n) are configurations all over the joint range, against which q is judged. Columns are scaled by their
-    tolerances and rows to rad by the characteristic length, so that the rank does not depend on units.
+    anywhere (M, n) are configurations all over the joint range, against which q is judged. Columns
+    are scaled by their tolerances and rows to rad by the characteristic length, so that the rank
+    does not depend on units.
     """
     complete = model == "complete"
     parameters = Parameters.of(robot, setup, twists=complete, gravity=complete)
@@ -58,7 +64,9 @@ def observability(
 
 
 def _columns(robot: Robot, setup: Setup, parameters: Parameters, q: Array, targets: bool) -> Array:
-    """Columns of all configurations, reduced to the R of a QR decomposition: the same singular values and null space."""
+    """Columns of all configurations, reduced to the R of a QR decomposition: the same singular
+    values and null space.
+    """
     context = State.nominal(robot, setup).errors.context(q)
     frames, columns = context.frames, parameters.pose_columns(context)
     if targets:

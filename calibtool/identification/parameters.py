@@ -1,4 +1,6 @@
-"""The parameters of a model as one vector: families of errors, then what is unknown of the set-up (METHOD §7)."""
+"""The parameters of a model as one vector: families of errors, then what is unknown of the
+set-up (METHOD §7).
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -52,7 +54,9 @@ class Parameters:
 
     @classmethod
     def of(cls, robot: Robot, setup: Setup, **orders: int) -> Self:
-        """The parameters of a robot in a set-up: families of these orders, and those that are always identified."""
+        """The parameters of a robot in a set-up: families of these orders, and those that are
+        always identified.
+        """
         parts = []
         for family in FAMILIES:
             if order := int(orders.get(family.id, family.always)):
@@ -64,7 +68,9 @@ class Parameters:
 
     @cached_property
     def blocks(self) -> dict[str, slice]:
-        """Where each family, and base and targets, stand in the vector; those that it does not have are empty."""
+        """Where each family, and base and targets, stand in the vector; those that it does
+        not have are empty.
+        """
         sizes = {part.family.id: len(part.elements) for part in self.parts}
         blocks, start = {}, 0
         for name in (*BY_ID, "base", "targets"):
@@ -97,7 +103,9 @@ class Parameters:
 
     @cached_property
     def names(self) -> list[str]:
-        """One name per parameter: ζ3.x, ξ2.rz, q1, sin2q4, gravity2, backlash1, base.x, target1.z."""
+        """One name per parameter: ζ3.x, ξ2.rz, q1, sin2q4, gravity2,
+        backlash1, base.x, target1.z.
+        """
         return self._names([part.family.symbol for part in self.parts])
 
     @cached_property
@@ -125,7 +133,9 @@ class Parameters:
         return np.array([i for i, name in enumerate(self.names) if name not in kept], dtype=int)
 
     def prior_std(self, tolerances: Tolerances | None = None) -> Array:
-        """Prior standard deviation of every parameter (p,), SI; tolerances of the robot's description unless given."""
+        """Prior standard deviation of every parameter (p,), SI; tolerances of the robot's
+        description unless given.
+        """
         stated = tolerances or Tolerances.of_robot(self.robot)
         parts = [
             p.family.tolerance(self.robot, stated, p.shape).ravel()[p.elements] for p in self.parts
@@ -160,7 +170,9 @@ class Parameters:
         return every + [None] * (self.count - len(every))
 
     def function_parts(self) -> list[tuple[Part, slice]]:
-        """Families whose columns are those of the joint offsets times functions of a row, and where they stand."""
+        """Families whose columns are those of the joint offsets times functions of a row, and
+        where they stand.
+        """
         return [
             (p, self.blocks[p.family.id])
             for p in self.parts
@@ -168,7 +180,9 @@ class Parameters:
         ]
 
     def pose_columns(self, context: Context, functions: bool = True) -> Array:
-        """∂δy/∂θ without the targets (N, 6, p − targets); without `functions`, those of `function_parts` are left out."""
+        """∂δy/∂θ without the targets (N, 6, p − targets); without `functions`, those of
+        `function_parts` are left out.
+        """
         parts = [p for p in self.parts if functions or not isinstance(p.family, JointFunctions)]
         blocks = [part.family.columns(part.shape, context)[:, :, part.elements] for part in parts]
         if self.frame_free:

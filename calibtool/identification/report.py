@@ -1,4 +1,6 @@
-"""What an identification tells people: its parameters with their uncertainty, and which of them the data mix up."""
+"""What an identification tells people: its parameters with their uncertainty, and which of them
+the data mix up.
+"""
 
 from dataclasses import dataclass
 
@@ -11,7 +13,8 @@ AT_PRIOR = 0.99  # a standard deviation above this part of the tolerance: the da
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One parameter in `unit`: value ± std, tolerance, how much of the prior's width the data removed (0 to 1).
+    """One parameter in `unit`: value ± std, tolerance, how much of the prior's width the data
+    removed (0 to 1).
 
     name as formulas write it, id in ASCII; family in words, None for the set-up
     """
@@ -32,7 +35,9 @@ class ParameterRow:
 
 
 def parameter_rows(identification: Identification) -> list[ParameterRow]:
-    """Every parameter of a complete model in mm and mrad; a wind-up at the joint's largest torque."""
+    """Every parameter of a complete model in mm and mrad; a wind-up at the
+    joint's largest torque.
+    """
     posterior = identification.posterior
     if posterior is None:
         return []

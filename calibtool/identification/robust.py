@@ -1,4 +1,6 @@
-"""Rows that do not fit: weights of robust loss functions, flags, and whether the flagged rows are one region (METHOD §7)."""
+"""Rows that do not fit: weights of robust loss functions, flags, and whether the flagged rows are
+one region (METHOD §7).
+"""
 
 from typing import Literal
 
@@ -19,7 +21,9 @@ _CLUSTER_SIGNIFICANCE = 0.01
 
 
 def row_weights(sizes: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
-    """Weight of each row's squared residuals (N,), 1 for rows that fit; sizes (N,) squared, of d (N,) coordinates."""
+    """Weight of each row's squared residuals (N,), 1 for rows that fit; sizes (N,) squared, of d
+    (N,) coordinates.
+    """
     relative: Array = np.sqrt(sizes / d) / _robust_scale(sizes, d)
     if loss_function == "huber":
         return np.minimum(1.0, _HUBER / np.maximum(relative, 1e-12))
@@ -29,7 +33,9 @@ def row_weights(sizes: Array, d: np.ndarray, loss_function: LossFunction) -> Arr
 
 
 def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flagged:
-    """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set; nothing is changed."""
+    """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set;
+    nothing is changed.
+    """
     from scipy.special import (
         chdtri,
     )  # scipy.stats takes as long to import as everything else together
@@ -62,7 +68,9 @@ def _robust_scale(sizes: Array, d: np.ndarray) -> float:
 
 
 def at_least(take: int, count: int, inside: int, flagged: int) -> float:
-    """Chance that `take` or more of `flagged` rows, drawn from `count`, are among `inside` special ones (hypergeometric)."""
+    """Chance that `take` or more of `flagged` rows, drawn from `count`, are among `inside` special
+    ones (hypergeometric).
+    """
     k = np.arange(max(take, flagged - (count - inside)), min(inside, flagged) + 1)
     log = (
         _log_choose(inside, k)
@@ -80,7 +88,9 @@ def _log_choose(n: int, k: np.ndarray | int) -> Array:
 
 
 def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
-    """The joint and its interval in which flagged rows crowd, if chance would hardly do that (hypergeometric test)."""
+    """The joint and its interval in which flagged rows crowd, if chance would hardly do that
+    (hypergeometric test).
+    """
     count, flagged = len(measurements), len(rows)
     if flagged < 3:
         return None
@@ -104,6 +114,7 @@ def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
         return None
     unit, factor = ("mm", 1e3) if measurements.robot.prismatic[j] else ("deg", 180.0 / np.pi)
     return (
-        f"{take} of {flagged} flagged rows have joint {j + 1} between {low * factor:.4g} and {high * factor:.4g} {unit}, "
-        f"where {inside} of all {count} rows are: look at joint {j + 1} there before calling them outliers"
+        f"{take} of {flagged} flagged rows have joint {j + 1} between {low * factor:.4g} and "
+        f"{high * factor:.4g} {unit}, where {inside} of all {count} rows are: look at joint "
+        f"{j + 1} there before calling them outliers"
     )

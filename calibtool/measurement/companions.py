@@ -1,4 +1,6 @@
-"""What an instrument or a controller writes beside the measurements: joints as read, time, temperature, base targets."""
+"""What an instrument or a controller writes beside the measurements: joints as read, time,
+temperature, base targets.
+"""
 
 from dataclasses import dataclass, fields
 from typing import Self
@@ -11,13 +13,15 @@ from calibtool.robot.se3 import Array, readonly
 
 @dataclass(frozen=True, eq=False)
 class Companions:
-    """Columns that accompany N measured configurations; None where a table has none, NaN where a value is missing.
+    """Columns that accompany N measured configurations; None where a table has none, NaN where a
+    value is missing.
 
     q_commanded       (N, n) joint positions asked of the controller, rad or m
     q_read            (N, n) joint positions that the controller reported, rad or m
     time_s            (N,) time stamps, s from an arbitrary start (UTC epoch for ISO 8601 stamps)
     temperature_c     (N,) temperature, °C
-    reference_points  (N, k, 3) targets fixed to the base, measured again with every configuration, instrument's frame, m
+    reference_points  (N, k, 3) targets fixed to the base, measured again with every configuration,
+                      instrument's frame, m
     The arrays are read-only. Raises InputError when they differ in length or have another shape.
     """
 
@@ -39,7 +43,8 @@ class Companions:
             object.__setattr__(self, field.name, readonly(np.array(values, dtype=float)))
         if len(lengths) > 1:
             raise InputError(
-                f"companions: the columns have {sorted(lengths)} rows; expected as many as configurations"
+                f"companions: the columns have {sorted(lengths)} rows; expected as many as "
+                "configurations"
             )
 
     def rows(self, index: np.ndarray) -> Self:

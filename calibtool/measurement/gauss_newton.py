@@ -19,11 +19,12 @@ def gauss_newton(
     most: int,
     cost: Callable[[State], float] | None = None,
 ) -> tuple[State, int, bool]:
-    """The state after at most `most` steps, how many they were, and whether the last one was small enough.
+    """The state after at most `most` steps, how many they were, and whether the last one
+    was small enough.
 
-    linearise: residuals and columns where the state stands. solve: the step (p,) of that system under a damping, which is
-    0 unless steps fail, and whether it is small. move: the state after the step. With `cost`, a step that raises it is not
-    taken, and the next one is damped more.
+    linearise: residuals and columns where the state stands. solve: the step (p,) of that system
+    under a damping, which is 0 unless steps fail, and whether it is small. move: the state after
+    the step. With `cost`, a step that raises it is not taken, and the next one is damped more.
     """
     damping, now = 0.0, np.inf if cost is None else cost(state)
     for iteration in range(1, most + 1):

@@ -12,7 +12,8 @@ from calibtool.measurement.kinds import KINDS, Kind
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, check_poses, readonly
 
-_SMALLEST_NOISE = 1e-15  # m or rad: smaller or larger than its inverse, and squares of weighted residuals overflow
+# m or rad: smaller or larger than its inverse, and squares of weighted residuals overflow
+_SMALLEST_NOISE = 1e-15
 _COLLINEAR = 1e-3  # smallest extent across the line over the largest one along it
 
 
@@ -21,8 +22,10 @@ class Setup:
     """Where the instrument stands and what it looks at: given, or estimated by registration.
 
     T_instrument_base  (4, 4) pose of K_0 in the instrument's frame
-    targets            (m, 3) target points in the tool frame, m; the sensor's origin for a 6-D instrument
-    R_tool_sensor      (3, 3) orientation of a 6-D instrument's sensor in the tool frame, None for target points
+    targets            (m, 3) target points in the tool frame, m; the sensor's origin for
+                       a 6-D instrument
+    R_tool_sensor      (3, 3) orientation of a 6-D instrument's sensor in the tool frame, None
+                       for target points
     frame_known        the instrument's frame was given (otherwise it belongs to every fit)
     targets_known      targets (and sensor orientation) were given
     """
@@ -45,7 +48,9 @@ class Setup:
 
     @property
     def target_names(self) -> tuple[str, ...]:
-        """Names of the elements of the targets: target1.x …, of a sensor's orientation sensor.rx …"""
+        """Names of the elements of the targets: target1.x …, of a sensor's
+        orientation sensor.rx …
+        """
         return self.kind.names(len(self.targets))
 
     @property
@@ -67,17 +72,18 @@ class Measurements:
     """N configurations and what was measured there.
 
     q            (N, n) joint positions that the arm was driven to, rad or m
-    points       (N, m, 3) measured target points in the instrument's frame, m; NaN for a target that was not seen
+    points       (N, m, 3) measured target points in the instrument's frame, m; NaN for a target
+                 that was not seen
     rotations    (N, 3, 3) measured R_instrument_sensor of a 6-D instrument, or None
     setup        where instrument and targets are, known or estimated
     noise_position, noise_orientation   stated standard deviations per coordinate, m and rad
-    deviations   (N, d) standard deviations of every coordinate of every row along the instrument's axes, m and rad, where
-                 they are not those two; None: they are
+    deviations   (N, d) standard deviations of every coordinate of every row along the instrument's
+                 axes, m and rad, where they are not those two; None: they are
     truth        the actual robot and set-up of a simulation; None for real measurements
     conditions   of every row: directions of motion, payload, temperature, as far as they are known
     provenance   command line, seed, input checksums, versions: text by name
-    commanded    (N, 4, 4) T_base_tool that was asked for in K_0, where q are joints corrected for it; None where q itself
-                 is the command
+    commanded    (N, 4, 4) T_base_tool that was asked for in K_0, where q are joints corrected for
+                 it; None where q itself is the command
     """
 
     robot: Robot
@@ -107,15 +113,18 @@ class Measurements:
             raise InputError("measurements: a measured value is not finite")
         if not self.seen.any(axis=-1).all():
             raise InputError(
-                f"measurements: row {int(np.argmin(self.seen.any(axis=-1))) + 1} has no target at all"
+                f"measurements: row {int(np.argmin(self.seen.any(axis=-1))) + 1} has "
+                "no target at all"
             )
         if (self.rotations is None) != (self.setup.R_tool_sensor is None):
             raise InputError(
-                "measurements: measured rotations and the sensor's orientation on the tool belong together"
+                "measurements: measured rotations and the sensor's orientation on the tool "
+                "belong together"
             )
         if self.rotations is not None and self.rotations.shape != (len(self.q), 3, 3):
             raise InputError(
-                f"measurements: rotations have shape {self.rotations.shape}, expected {(len(self.q), 3, 3)}"
+                f"measurements: rotations have shape {self.rotations.shape}, expected "
+                f"{(len(self.q), 3, 3)}"
             )
         self.conditions.check(self.q.shape, "measurements")
         if self.commanded is not None:
@@ -200,11 +209,13 @@ def determines_orientation(targets: Array) -> bool:
 
 
 def check_targets(targets: Array, place: str) -> None:
-    """InputError when of targets (m, 3) three or more lie on one line, or two coincide: the pose is not determined."""
+    """InputError when of targets (m, 3) three or more lie on one line, or two coincide: the pose
+    is not determined.
+    """
     if len(targets) >= 3 and not determines_orientation(targets):
         raise InputError(
-            f"{place}: the {len(targets)} target points are collinear, so the turn about their line stays unseen; "
-            "move one off the line, or use one target (position only)"
+            f"{place}: the {len(targets)} target points are collinear, so the turn about their "
+            "line stays unseen; move one off the line, or use one target (position only)"
         )
     for i, point in enumerate(targets):
         near = np.linalg.norm(targets[i + 1 :] - point, axis=-1) < 1e-6

@@ -1,8 +1,10 @@
-"""Registration: the instrument's frame and the targets on the tool, from measurements and a model of the robot (METHOD §3).
+"""Registration: the instrument's frame and the targets on the tool, from measurements and a model
+of the robot (METHOD §3).
 
-For a given rotation C of the instrument everything else is linear: C p_k,i + s − R_k t_i = t_k. What is left is a quadratic
-form of the nine elements of C, minimised over all rotations at once (rotation_search); its lowest minima start a damped
-Gauss–Newton refinement of the exact residuals. No angle is assumed to be small, and no start is needed.
+For a given rotation C of the instrument everything else is linear: C p_k,i + s − R_k t_i = t_k.
+What is left is a quadratic form of the nine elements of C, minimised over all rotations at once
+(rotation_search); its lowest minima start a damped Gauss–Newton refinement of the exact residuals.
+No angle is assumed to be small, and no start is needed.
 """
 
 from dataclasses import replace
@@ -27,9 +29,12 @@ def register(
 ) -> Setup:
     """The set-up with its unknown parts fitted to the measurements; known parts stay.
 
-    T_base_tool (N, 4, 4): poses that a model of the robot gives; those of the nominal robot unless given.
-    start: a set-up to start from beside the program's own starts; the lowest sum of squares is the answer.
-    Raises NoSolutionError when there are fewer configurations than the unknowns need, or no start converges.
+    T_base_tool (N, 4, 4): poses that a model of the robot gives; those of the nominal robot unless
+    given.
+    start: a set-up to start from beside the program's own starts; the lowest sum of squares is the
+    answer.
+    Raises NoSolutionError when there are fewer configurations than the unknowns need, or no start
+    converges.
     """
     setup = measurements.setup
     if setup.known:
@@ -41,8 +46,8 @@ def register(
     equations = measurements.equations
     if equations <= unknowns:
         raise NoSolutionError(
-            f"registration: {len(measurements)} configurations give {equations} equations for {unknowns} unknowns of "
-            "instrument frame and targets; measure more configurations"
+            f"registration: {len(measurements)} configurations give {equations} equations for "
+            f"{unknowns} unknowns of instrument frame and targets; measure more configurations"
         )
     refined = [
         refine(measurements, candidate, poses) for candidate in _starts(measurements, poses, start)
@@ -50,20 +55,24 @@ def register(
     best, cost = min(refined, key=lambda item: item[1])
     if not np.isfinite(cost):
         raise NoSolutionError(
-            "registration: no start converged; check joint values, units and the order of the targets"
+            "registration: no start converged; check joint values, units and the order "
+            "of the targets"
         )
     return best
 
 
 def update_setup(setup: Setup, base: Array | None, target_shift: Array | None) -> Setup:
-    """Apply a Gauss–Newton step: a twist (6,) of K_0 that moves the predictions, and shifts (d,) as in `target_columns`."""
+    """Apply a Gauss–Newton step: a twist (6,) of K_0 that moves the predictions, and shifts (d,) as
+    in `target_columns`.
+    """
     if base is not None:
         setup = replace(setup, T_instrument_base=readonly(setup.T_instrument_base @ exp6(base)))
     return setup if target_shift is None else setup.kind.moved(setup, target_shift)
 
 
 def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setup, float]:
-    """Damped Gauss–Newton with minimum-norm steps from one set-up, and its cost: infinite when it does not settle.
+    """Damped Gauss–Newton with minimum-norm steps from one set-up, and its cost: infinite when it
+    does not settle.
 
     poses (N, 4, 4) are T_base_tool.
     """
@@ -128,10 +137,12 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
 def frames_of_least_squares(
     poses: Array, points: Array, guesses: list[Array], *, only_guesses: bool = False
 ) -> list[Array]:
-    """T_instrument_base that make C p_k,i + s − R_k t_i − t_k small with free targets t_i: the lowest minima, best first.
+    """T_instrument_base that make C p_k,i + s − R_k t_i − t_k small with free targets t_i: the
+    lowest minima, best first.
 
-    poses (N, 4, 4), points (N, m, 3), NaN where unseen. guesses: frames to start from beside a grid over all rotations, or,
-    with only_guesses, instead of it; their rotations matter alone, as the rest is linear.
+    poses (N, 4, 4), points (N, m, 3), NaN where unseen. guesses: frames to start from beside a
+    grid over all rotations, or, with only_guesses, instead of it; their rotations matter alone, as
+    the rest is linear.
     """
     count, m = points.shape[:2]
     seen = ~np.isnan(points[..., 0])
@@ -174,7 +185,9 @@ def _mean_targets(poses: Array, T_instrument_base: Array, points: Array) -> Arra
 
 
 def rigid_fit(source: Array, target: Array) -> Array:
-    """The motion T with T · source ≈ target in least squares (Kabsch), batched: (…, m, 3), (…, m, 3) → (…, 4, 4)."""
+    """The motion T with T · source ≈ target in least squares (Kabsch), batched: (…, m, 3), (…,
+    m, 3) → (…, 4, 4).
+    """
     a, b = source.mean(axis=-2, keepdims=True), target.mean(axis=-2, keepdims=True)
     T = np.zeros((*source.shape[:-2], 4, 4))
     T[..., :3, :3] = nearest_rotation(np.swapaxes(target - b, -1, -2) @ (source - a))

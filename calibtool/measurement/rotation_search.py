@@ -1,4 +1,6 @@
-"""Least squares over rotations: the smallest value of a quadratic form of the nine elements, from many starts at once."""
+"""Least squares over rotations: the smallest value of a quadratic form of the nine elements, from
+many starts at once.
+"""
 
 from dataclasses import dataclass
 
@@ -17,7 +19,9 @@ _GENERATORS = skew(np.eye(3))
 
 @dataclass(frozen=True, eq=False)
 class RotationForm:
-    """f(C) = |E vec(C) − e|² / 2 of a rotation C, vec row by row, kept as M = EᵀE (9, 9) and g = Eᵀe (9,)."""
+    """f(C) = |E vec(C) − e|² / 2 of a rotation C, vec row by row, kept as M = EᵀE (9, 9)
+    and g = Eᵀe (9,).
+    """
 
     M: Array
     g: Array
@@ -34,7 +38,9 @@ class RotationForm:
         return result
 
     def relaxed(self) -> Array:
-        """Rotations nearest to the solutions without the constraint, one per rank tolerance: (2, 3, 3)."""
+        """Rotations nearest to the solutions without the constraint, one per rank
+        tolerance: (2, 3, 3).
+        """
         # The second is for designs in which a direction is seen only through errors.
         solutions = [
             np.linalg.pinv(self.M, rcond=tolerance, hermitian=True) @ self.g
@@ -43,9 +49,11 @@ class RotationForm:
         return nearest_rotation(np.stack(solutions).reshape(-1, 3, 3))
 
     def minimum(self, starts: Array) -> list[Array]:
-        """Where Newton's descent from starts (s, 3, 3) settles: distinct rotations, lowest value first.
+        """Where Newton's descent from starts (s, 3, 3) settles: distinct rotations,
+        lowest value first.
 
-        Newton on SO(3) with the exact Hessian, its eigenvalues made positive, steps halved until they descend.
+        Newton on SO(3) with the exact Hessian, its eigenvalues made positive, steps halved
+        until they descend.
         """
         from scipy.spatial.transform import Rotation
 
@@ -87,7 +95,9 @@ class RotationForm:
 
 
 def rotation_grid() -> Array:
-    """The 24 rotations of a cube, no rotation is further than 63 deg from one of them: (24, 3, 3)."""
+    """The 24 rotations of a cube, no rotation is further than 63 deg from
+    one of them: (24, 3, 3).
+    """
     from scipy.spatial.transform import Rotation
 
     grid: Array = Rotation.create_group("O").as_matrix()

@@ -25,15 +25,18 @@ ORIENTATION_NOISE = 0.1e-3  # rad, stated for 6-D instruments unless told otherw
 class Simulation:
     """What is to be simulated.
 
-    payload_kg      masses at the tool are drawn evenly between these two; None: that of the robot's description
-    temperature_c   the links warm or cool evenly from the first to the second over the rows; None: see `ActualRobot`
+    payload_kg      masses at the tool are drawn evenly between these two; None: that of the
+                    robot's description
+    temperature_c   the links warm or cool evenly from the first to the second over the rows; None:
+                    see `ActualRobot`
     seed            of everything random
     configurations  number to sample in `workspace` (None: the whole joint range)
     scales          kinds and sizes of the actual robot's errors
     noise           standard deviation per coordinate, m
     unregistered    instrument and targets at random places that the estimators do not know
     at              (N, n) joint positions to measure at instead of sampled ones, rad or m
-    same_robot      the robot and set-up of an earlier simulation (`Measurements.truth`), measured again
+    same_robot      the robot and set-up of an earlier simulation
+                    (`Measurements.truth`), measured again
     """
 
     seed: int = 0
@@ -56,12 +59,13 @@ class Simulation:
 def simulate(robot: Robot, simulation: Simulation) -> Measurements:
     """Draw an actual robot, drive it to configurations and observe its targets with noise.
 
-    The robot, the configurations, the noise and the set-up have streams of their own, spawned from the seed. A robot
-    measured again takes other streams than its first measurement, so that the same seed gives fresh configurations.
-    Points (N, m, 3) are in the instrument's frame, which is K_0 unless `unregistered`; units in `Measurements`.
+    The robot, the configurations, the noise and the set-up have streams of their own, spawned from
+    the seed. A robot measured again takes other streams than its first measurement, so that the
+    same seed gives fresh configurations. Points (N, m, 3) are in the instrument's frame, which is
+    K_0 unless `unregistered`; units in `Measurements`.
 
-    Raises NoSolutionError when hardly any pose of the workspace can be reached, InputError for configurations (`at`) or
-    targets that do not fit the robot.
+    Raises NoSolutionError when hardly any pose of the workspace can be reached, InputError for
+    configurations (`at`) or targets that do not fit the robot.
     """
     again = simulation.same_robot is not None
     entropy = np.random.SeedSequence([simulation.seed, 1] if again else simulation.seed)
@@ -118,7 +122,9 @@ def observe(
 
 
 def _random_setup(nominal: Setup, rng: np.random.Generator) -> Setup:
-    """An instrument up to 5 m away in any orientation, targets moved and turned together anywhere near the tool."""
+    """An instrument up to 5 m away in any orientation, targets moved and turned together
+    anywhere near the tool.
+    """
     frame = exp6(np.concatenate([rng.normal(size=3), rng.normal(size=3)]))
     frame[:3, 3] = rng.uniform(-5, 5, 3)
     shift = exp6(np.concatenate([np.zeros(3), rng.normal(size=3)]))

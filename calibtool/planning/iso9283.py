@@ -1,4 +1,6 @@
-"""Poses of an acceptance test after ISO 9283: five on a diagonal plane of a cube, visited in cycles."""
+"""Poses of an acceptance test after ISO 9283: five on a diagonal plane of a cube,
+visited in cycles.
+"""
 
 from dataclasses import dataclass
 
@@ -41,7 +43,9 @@ class TestCube:
     joint_values: JointValues = "serial"
 
     def table(self, cycles: int) -> str:
-        """CSV of the joints for a number of cycles, with columns `pose` (P1 … P5) and `cycle` (from 1)."""
+        """CSV of the joints for a number of cycles, with columns `pose` (P1 … P5) and
+        `cycle` (from 1).
+        """
         order = np.tile(_VISITED, cycles)
         extra = {
             "pose": [POSES[k] for k in order],
@@ -65,7 +69,9 @@ class TestCube:
 
 
 def five_poses(T_base_centre: Array, edge: float) -> Array:
-    """P1 … P5 (5, 4, 4) of a cube of an edge in m round the position of a pose (4, 4), with its orientation."""
+    """P1 … P5 (5, 4, 4) of a cube of an edge in m round the position of a pose (4, 4), with
+    its orientation.
+    """
     pose = np.tile(T_base_centre, (5, 1, 1))
     pose[:, :3, 3] += _INWARD * edge / 2 * _CORNERS
     return pose
@@ -78,10 +84,12 @@ def plan_test(
     targets: Array,
     edge: float | None = None,
 ) -> TestCube:
-    """The cube of an edge in m, or the largest one, round the home of a workspace (of the default one for the joint range).
+    """The cube of an edge in m, or the largest one, round the home of a workspace (of the default
+    one for the joint range).
 
-    The largest has at most the shortest edge of the workspace's box, and poses that keep the constraints; targets (m, 3)
-    in the tool frame, m. Raises NoSolutionError naming a pose that cannot be taken.
+    The largest has at most the shortest edge of the workspace's box, and poses that keep the
+    constraints; targets (m, 3) in the tool frame, m. Raises NoSolutionError naming a pose that
+    cannot be taken.
     """
     home = robot.home(robot.workspace(None)[1] if workspace is None else workspace)
     centre = robot.mechanism.forward(home[None])[0]

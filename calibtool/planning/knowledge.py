@@ -1,4 +1,6 @@
-"""What is known before a plan, and what a configuration would add: rows of the whitened identification matrix."""
+"""What is known before a plan, and what a configuration would add: rows of the whitened
+identification matrix.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -24,7 +26,8 @@ HARMONICS = (
 class Knowledge:
     """Errors to be identified, as a Gaussian, and the instrument that will measure them.
 
-    parameters    errors of the complete model: geometry, joint offsets, gravity and up to `HARMONICS` harmonics
+    parameters    errors of the complete model: geometry, joint offsets, gravity and up to
+                  `HARMONICS` harmonics
     state         where the columns are taken: the nominal robot, or a calibrated one
     prior_std     (p,) tolerances, SI; they make every parameter a number without unit
     covariance    (p, p) of the parameters over their tolerances: I without any measurement
@@ -41,7 +44,9 @@ class Knowledge:
 
     @classmethod
     def of_tolerances(cls, robot: Robot, noise: float, unregistered: bool = False) -> Self:
-        """Nothing but the robot's tolerances; unregistered: instrument frame and targets are unknown as well."""
+        """Nothing but the robot's tolerances; unregistered: instrument frame and targets are
+        unknown as well.
+        """
         setup = Setup(
             readonly(np.eye(4)),
             robot.targets,
@@ -65,12 +70,14 @@ class Knowledge:
     ) -> Self:
         """The posterior of a complete model, its harmonics beyond `HARMONICS` taken as they are.
 
-        The noise is that of the measurements to come. Raises InputError for a model without a posterior.
+        The noise is that of the measurements to come. Raises InputError for a model
+        without a posterior.
         """
         posterior = identified.posterior
         if posterior is None:
             raise InputError(
-                f"a '{identified.model}' model has no posterior to start from; identify --model complete"
+                f"a '{identified.model}' model has no posterior to start from; identify "
+                "--model complete"
             )
         orders = posterior.parameters.orders
         orders |= {"harmonics": min(orders.get("harmonics", 0), HARMONICS)}
@@ -106,9 +113,11 @@ class Knowledge:
         )
 
     def rows(self, q: Array) -> Array:
-        """Rows of the identification matrix for q (N, n), over the noise, columns times the tolerances: (N, r, p).
+        """Rows of the identification matrix for q (N, n), over the noise, columns times the
+        tolerances: (N, r, p).
 
-        Where the targets are known, more than six measured coordinates are condensed to six rows of the same information.
+        Where the targets are known, more than six measured coordinates are condensed to six rows of
+        the same information.
         """
         seen, poses, targets = self._columns(q)
         noise = np.full(seen.shape[1], self.noise_position)
@@ -122,9 +131,11 @@ class Knowledge:
         return result
 
     def target_deviation(self, q: Array) -> Array:
-        """Predicted standard deviation of the target points at q (N, n), m: root of the sum over x, y, z, RMS over points.
+        """Predicted standard deviation of the target points at q (N, n), m: root of the sum over x,
+        y, z, RMS over points.
 
-        In the instrument's frame where that is unknown: what every set-up lets predict, unlike the tool frame itself.
+        In the instrument's frame where that is unknown: what every set-up lets predict, unlike the
+        tool frame itself.
         """
         seen, poses, targets = self._columns(q)
         columns = (
@@ -136,7 +147,9 @@ class Knowledge:
         return np.sqrt(variance / points)
 
     def _columns(self, q: Array) -> tuple[Array, Array, Array | None]:
-        """∂(observation)/∂δy (N, d, 6), ∂δy/∂θ (N, 6, ·) and, of unknown targets, ∂(observation)/∂(targets) (N, d, d)."""
+        """∂(observation)/∂δy (N, d, 6), ∂δy/∂θ (N, 6, ·) and, of unknown targets,
+        ∂(observation)/∂(targets) (N, d, d).
+        """
         setup = self.state.setup
         context = self.state.errors.context(q)
         frames, poses = context.frames, self.parameters.pose_columns(context)

@@ -1,4 +1,6 @@
-"""Observability indices of a set of configurations, as the literature on pose selection defines them."""
+"""Observability indices of a set of configurations, as the literature on pose
+selection defines them.
+"""
 
 import numpy as np
 
@@ -13,9 +15,10 @@ _OBSERVABLE = (
 def observability_indices(knowledge: Knowledge, q: Array, candidates: Array) -> dict[str, float]:
     """O1 … O5 of the configurations q (N, n).
 
-    They are those of the identification matrix of the geometry alone, placements δζ (Eq. 11) with what is unknown of the
-    set-up, because only a minimal model has singular values other than zero: rows over the noise, columns times the
-    tolerances, in the L directions that all candidates (M, n) together determine. σ_1 ≥ … ≥ σ_L, N configurations:
+    They are those of the identification matrix of the geometry alone, placements δζ (Eq. 11) with
+    what is unknown of the set-up, because only a minimal model has singular values other than zero:
+    rows over the noise, columns times the tolerances, in the L directions that all candidates (M,
+    n) together determine. σ_1 ≥ … ≥ σ_L, N configurations:
 
     O1  (σ_1 … σ_L)^(1/L) / √N   Borm and Menq 1991
     O2  σ_L / σ_1                Driels and Pathre 1990

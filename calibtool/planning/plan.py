@@ -1,4 +1,6 @@
-"""A measurement plan: the most informative configurations, what they will tell, and the table to drive."""
+"""A measurement plan: the most informative configurations, what they will tell, and
+the table to drive.
+"""
 
 from dataclasses import dataclass
 from typing import get_args
@@ -48,10 +50,12 @@ class Plan:
     """Chosen configurations and what they are worth.
 
     knowledge     what is known before, and the instrument
-    criterion     `d`: every direction of the errors counts; `i`: the mean variance of the target points
+    criterion     `d`: every direction of the errors counts; `i`: the mean variance of
+                  the target points
     candidates    what was chosen from
     q             (N, n) chosen joint positions in the order of travel, rad or m
-    before, selected, random   predictions before, with the plan, and with as many random candidates instead
+    before, selected, random   predictions before, with the plan, and with as many random
+                               candidates instead
     observability, observability_random   indices O1 … O5 of the two designs
     joint_values  whose joint values `table` and `as_json` hold (q is always the serial chain's)
     """
@@ -69,7 +73,9 @@ class Plan:
 
     @property
     def table(self) -> str:
-        """CSV of the joints, which `simulate --at` reads and a controller's list can be made from."""
+        """CSV of the joints, which `simulate --at` reads and a
+        controller's list can be made from.
+        """
         return joint_table(self.knowledge.robot, self.q, joint_values=self.joint_values)
 
     def as_json(self) -> dict[str, object]:
@@ -110,11 +116,12 @@ def make_plan(
     refine: bool = True,
     progress: Progress = silent,
 ) -> Plan:
-    """Choose `count` of `candidates` configurations of a workspace (None: the joint range) that keep the constraints.
+    """Choose `count` of `candidates` configurations of a workspace (None: the joint range) that
+    keep the constraints.
 
-    refine: then let every chosen configuration wander through its neighbourhood, which no finite set of candidates covers.
-    Joint positions are rounded as the table is written, so that the plan is what will be driven. Raises NoSolutionError
-    when too few candidates are found.
+    refine: then let every chosen configuration wander through its neighbourhood, which no finite
+    set of candidates covers. Joint positions are rounded as the table is written, so that the plan
+    is what will be driven. Raises NoSolutionError when too few candidates are found.
     """
     check_choice(criterion, get_args(Criterion), "criterion")
     check_number(count, "configurations", 1)
@@ -150,7 +157,9 @@ def make_plan(
 
 
 def _neighbours(robot: Robot, q: Array, scale: float, rng: np.random.Generator) -> Array:
-    """Configurations near q (N, n): about half of the joints moved by normal steps of a part of the range, to the limits."""
+    """Configurations near q (N, n): about half of the joints moved by normal steps of a part of the
+    range, to the limits.
+    """
     repeated = np.repeat(q, max(_NEIGHBOURS // len(q), 4), axis=0)
     step = rng.normal(size=repeated.shape) * (rng.random(repeated.shape) < 0.5)
     result: Array = np.clip(

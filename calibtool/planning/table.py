@@ -1,4 +1,6 @@
-"""Tables of joint positions to drive to: rounded once, so that what is written is what is planned."""
+"""Tables of joint positions to drive to: rounded once, so that what is
+written is what is planned.
+"""
 
 from collections.abc import Mapping, Sequence
 

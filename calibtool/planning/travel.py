@@ -9,10 +9,11 @@ _GAIN = 1e-9
 
 
 def short_order(robot: Robot, q: Array, start: Array) -> np.ndarray:
-    """An order of configurations q (N, n) that is short to travel from `start` (n,): nearest neighbour, then 2-opt.
+    """An order of configurations q (N, n) that is short to travel from `start` (n,): nearest
+    neighbour, then 2-opt.
 
-    The way between two is that of the joint that moves farthest, in rad, or in characteristic lengths if prismatic:
-    joints move together, and the slowest decides. The way ends where it ends.
+    The way between two is that of the joint that moves farthest, in rad, or in characteristic
+    lengths if prismatic: joints move together, and the slowest decides. The way ends where it ends.
     """
     points = np.concatenate([start[None], q]) / np.where(robot.prismatic, robot.length, 1.0)
     ways = np.abs(points[:, None] - points).max(axis=-1)

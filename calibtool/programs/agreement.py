@@ -14,7 +14,9 @@ _LINES = 5  # lines named in one reason
 
 @dataclass(frozen=True, eq=False)
 class Position:
-    """A literal that can be corrected: its number in the program, its uses, and of a pose its frame and tool."""
+    """A literal that can be corrected: its number in the program, its uses, and of a pose
+    its frame and tool.
+    """
 
     literal: int
     uses: tuple[int, ...]
@@ -23,7 +25,9 @@ class Position:
 
 
 def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, str]]:
-    """Positions in the order of the literals, and why the other literals are left, by their numbers."""
+    """Positions in the order of the literals, and why the other literals are left,
+    by their numbers.
+    """
     uses: list[list[int]] = [[] for _ in program.literals]
     for number, use in enumerate(flow.uses):
         uses[use.literal].append(number)

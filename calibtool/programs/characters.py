@@ -15,10 +15,11 @@ _ENCODINGS = (
 
 
 def beyond_ascii_blanked(text: str) -> str:
-    """A text (Latin-1, so that every byte is one character) with `?` for every byte of a character beyond ASCII.
+    """A text (Latin-1, so that every byte is one character) with `?` for every byte of a
+    character beyond ASCII.
 
-    Positions stay. UTF-8 shows itself; of the encodings with two bytes, whose second one may look like ASCII, each line is
-    taken to be in the first with which its square brackets are in order.
+    Positions stay. UTF-8 shows itself; of the encodings with two bytes, whose second one may look
+    like ASCII, each line is taken to be in the first with which its square brackets are in order.
     """
     if text.isascii():
         return text

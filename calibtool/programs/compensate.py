@@ -74,13 +74,14 @@ def compensate_program(
 ) -> CompensatedProgram:
     """Correct every joint and pose target of a program.
 
-    A joint target gets the joints that bring the calibrated robot where the nominal one would be; a pose target, solved
-    on the branch that the controller takes there, gets the pose that the controller's robot takes at the corrected
-    joints, in its own frame and with its own tool. program_format: one of docs/programs; name stands in messages;
-    options: exact, stop at the first failure, unless given.
+    A joint target gets the joints that bring the calibrated robot where the nominal one would be; a
+    pose target, solved on the branch that the controller takes there, gets the pose that the
+    controller's robot takes at the corrected joints, in its own frame and with its own tool.
+    program_format: one of docs/programs; name stands in messages; options: exact, stop at the first
+    failure, unless given.
 
-    Raises InputError for bad data and NoSolutionError for targets without an answer, both with the line; with on_error
-    `skip` such targets stay as they are and are listed.
+    Raises InputError for bad data and NoSolutionError for targets without an answer, both with the
+    line; with on_error `skip` such targets stay as they are and are listed.
     """
     return compensate_texts(calibration, [(name, data, True)], program_format, options)
 
@@ -91,7 +92,9 @@ def compensate_texts(
     program_format: str,
     options: ProgramOptions | None = None,
 ) -> CompensatedProgram:
-    """The same for a program of several texts: name, bytes and whether it is corrected or only looked up."""
+    """The same for a program of several texts: name, bytes and whether it is corrected
+    or only looked up.
+    """
     options = options or ProgramOptions()
     for name, data, _ in texts:
         if b"\0" in data:
@@ -164,7 +167,8 @@ class _Correction:
                 corrected = replace(corrected, q=corrected.q + taken)
             else:
                 notes += (
-                    "the backlash is not taken up: a program does not say in which order its targets are reached",
+                    "the backlash is not taken up: a program does not say in which order its "
+                    "targets are reached",
                 )
         new = self._agreed(found, answers, rows, q, corrected)
         self._stop()
@@ -200,7 +204,9 @@ class _Correction:
     # --- joints and poses ------------------------------------------------------------------------
 
     def _rows(self, found: Sequence[Position], answers: Stands) -> tuple[np.ndarray, Array]:
-        """Rows to correct, a position and its joints (N, n): one for each branch on which a position is used."""
+        """Rows to correct, a position and its joints (N, n): one for each branch on which a
+        position is used.
+        """
         robot = self.controller.robot
         rows = np.array([k for k, q in enumerate(answers.q) for _ in q], dtype=int)
         q = np.array([row for rows_of in answers.q for row in rows_of]).reshape(-1, robot.n)
@@ -358,7 +364,10 @@ def _others(failures: Sequence[Remark]) -> str:
 
 
 def _nothing(program_format: str) -> str:
-    return f"no positions are written in it as {program_format}; if it is something else, say so with --format"
+    return (
+        f"no positions are written in it as {program_format}; if it is something else, say "
+        "so with --format"
+    )
 
 
 def _beyond(controller: Controller, q: Array) -> str:

@@ -1,4 +1,6 @@
-"""The order in which the statements of a routine can be executed: blocks, and which follow which."""
+"""The order in which the statements of a routine can be executed: blocks,
+and which follow which.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,7 +24,9 @@ Action = Move | Assign | Call
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Actions that follow each other without a choice, and the numbers of the blocks that come next."""
+    """Actions that follow each other without a choice, and the numbers of the
+    blocks that come next.
+    """
 
     actions: list[Action] = field(default_factory=list)
     next: list[int] = field(default_factory=list)
@@ -30,7 +34,9 @@ class Block:
 
 @dataclass(eq=False)
 class _Open:
-    """A selection or loop that is not ended yet: where it begins, and blocks that go on behind it."""
+    """A selection or loop that is not ended yet: where it begins, and
+    blocks that go on behind it.
+    """
 
     head: int
     loop: bool
@@ -40,10 +46,11 @@ class _Open:
 
 
 def blocks(body: Sequence[Statement]) -> list[Block]:
-    """The blocks of a routine: the first one is where it begins, the last one, without actions, where it ends.
+    """The blocks of a routine: the first one is where it begins, the last one, without
+    actions, where it ends.
 
-    What cannot be reached from the beginning, as an error handler, is taken to follow it directly. Markers without
-    their partner are passed over.
+    What cannot be reached from the beginning, as an error handler, is taken to follow it directly.
+    Markers without their partner are passed over.
     """
     builder = _Builder()
     for statement in body:

@@ -1,4 +1,6 @@
-"""External axes beside a position: joints of the chain where its description says so, otherwise none of the arm's matter."""
+"""External axes beside a position: joints of the chain where its description says so, otherwise
+none of the arm's matter.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -25,7 +27,9 @@ def arm_units(robot: Robot) -> list[str]:
 
 
 def joints(robot: Robot, axes: Sequence[Number], beside: Beside) -> tuple[Number, ...] | str:
-    """Numbers in the robot's order from those of the arm's axes and of external axes, or what is missing."""
+    """Numbers in the robot's order from those of the arm's axes and of external axes, or
+    what is missing.
+    """
     given = dict(zip(robot.arm, axes, strict=True))
     for axis, joint in robot.external.items():
         number = beside.get(axis)
@@ -36,7 +40,9 @@ def joints(robot: Robot, axes: Sequence[Number], beside: Beside) -> tuple[Number
 
 
 def beside_pose(robot: Robot, beside: Beside) -> tuple[tuple[tuple[int, Number], ...], str]:
-    """Joints and numbers of external axes that are joints of the chain, and why others keep a pose from being corrected."""
+    """Joints and numbers of external axes that are joints of the chain, and why others keep a pose
+    from being corrected.
+    """
     found = []
     for axis, joint in robot.external.items():
         number = beside.get(axis)

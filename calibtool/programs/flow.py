@@ -1,8 +1,9 @@
-"""Where the motions of a program go: routines are followed with everything that their variables can hold.
+"""Where the motions of a program go: routines are followed with everything that their
+variables can hold.
 
-At every place a variable holds a set of values: after a selection those of all its branches, in a loop those of all
-rounds, in a routine those of all its calls. Where the robot stands is such a variable too, so that every motion knows
-from which others the robot comes.
+At every place a variable holds a set of values: after a selection those of all its branches, in a
+loop those of all rounds, in a routine those of all its calls. Where the robot stands is such a
+variable too, so that every motion knows from which others the robot comes.
 """
 
 from collections.abc import Callable, Iterable
@@ -63,7 +64,9 @@ class Flow:
 
 
 def follow(program: Program, given: Frames) -> Flow:
-    """Follow all routines. given: frames and tools by name, which win over those that the program declares."""
+    """Follow all routines. given: frames and tools by name, which win over those that the
+    program declares.
+    """
     kept: State = {}
     for _ in range(ROUNDS):
         routines = Routines(program, given, kept)
@@ -85,7 +88,9 @@ class _Uses:
         self.program, self.routines, self.variables = program, routines, routines.variables
 
     def flow(self) -> Flow:
-        """Uses with the values of the routines' calls put in, and literals that no motion goes to."""
+        """Uses with the values of the routines' calls put in, and literals
+        that no motion goes to.
+        """
         entries: dict[str, State] = {name: {} for name in self.routines.order}
         for name in reversed(self.routines.order):
             at_entry = self._entered(entries[name])
@@ -140,7 +145,9 @@ class _Uses:
         )  # fmt: skip
 
     def _alone(self, used: Iterable[int], count: int) -> Iterable[Use]:
-        """Literals that no motion goes to, in the order of the text, as far as something is known of them."""
+        """Literals that no motion goes to, in the order of the text, as far as something
+        is known of them.
+        """
         before: tuple[int, ...] = ()
         for number, literal in enumerate(self.program.literals):
             if number in used or literal.alone is None:
@@ -149,9 +156,8 @@ class _Uses:
                 self.variables.evaluation.atoms(value, self.variables.begin)
                 for value in (literal.alone.frame, literal.alone.tool, literal.alone.obeyed)
             )
-            yield Use(
-                number, 0, "", _frames(frames), _frames(tools), _agreed(obeyed), (), before, False, False
-            )  # fmt: skip
+            known = _frames(frames), _frames(tools), _agreed(obeyed)
+            yield Use(number, 0, "", *known, (), before, False, False)
             before = (count,)
             count += 1
 

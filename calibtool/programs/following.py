@@ -1,8 +1,10 @@
-"""Poses that depend on each other: each is solved near the one before it, and still all of them in batches.
+"""Poses that depend on each other: each is solved near the one before it, and still all of
+them in batches.
 
-Newton's method from the answer before decides the branch, so that answers follow one another. Long rows of them are cut
-into parts that run side by side, each from a guess. Then the cuts are looked at: where a part would have begun elsewhere
-it is done again, as far as that changes anything. In the end every answer is the one from the answer before it.
+Newton's method from the answer before decides the branch, so that answers follow one another. Long
+rows of them are cut into parts that run side by side, each from a guess. Then the cuts are looked
+at: where a part would have begun elsewhere it is done again, as far as that changes anything. In
+the end every answer is the one from the answer before it.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,13 +17,15 @@ from calibtool.robot.se3 import Array
 _PART = 96  # poses one after the other in a part
 _SAME = 1e-6  # rad or m: a smaller difference of where to start leads to the same answer
 
-# Rows and where to start from (N, n) → joint positions (N, n); a row without an answer keeps its start.
+# Rows and where to start from (N, n) → joint positions (N, n); a row without an answer
+# keeps its start.
 Solver = Callable[[np.ndarray, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
 class Forest:
-    """Rows, each after its parent: parents (N,), -1 for none, and the order in which parents come first.
+    """Rows, each after its parent: parents (N,), -1 for none, and the order in which
+    parents come first.
 
     depth  (N,) how many rows are before it
     """
@@ -32,9 +36,11 @@ class Forest:
 
 
 def forest(before: Sequence[Sequence[int]], fixed: Sequence[bool]) -> Forest:
-    """One parent for each row: the first that can be reached from a row that is fixed, or that has none before it.
+    """One parent for each row: the first that can be reached from a row that is fixed, or that
+    has none before it.
 
-    before: rows that may come before each row. Rows that only come after themselves begin with nothing before them.
+    before: rows that may come before each row. Rows that only come after themselves begin with
+    nothing before them.
     """
     count = len(before)
     after: list[list[int]] = [[] for _ in range(count)]

@@ -121,8 +121,8 @@ class Text:
     ) -> int:
         """The number of the literal in code[start:end].
 
-        left: why it is no position to correct, whatever its numbers; frames: its base and tool where
-        no motion goes there, None if they are not known.
+        left: why it is no position to correct, whatever its numbers; frames: its base and tool
+        where no motion goes there, None if they are not known.
         """
         self.taken.add(start)
         literal = self._literal(start, end, name, frames)

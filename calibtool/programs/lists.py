@@ -13,14 +13,18 @@ _DEEPEST = 5  # lists in lists; a position takes two, an array of them three
 
 @dataclass(frozen=True)
 class Item:
-    """An element: characters start to end; `parts` are the elements of a list in square brackets, None for a word."""
+    """An element: characters start to end; `parts` are the elements of a list in square brackets,
+    None for a word.
+    """
 
     start: int
     end: int
     parts: tuple["Item", ...] | None = None
 
     def shape(self) -> tuple[int, ...] | None:
-        """Numbers of words in a list of lists, as (3, 4, 4, 6); None for a word or for deeper or mixed nesting."""
+        """Numbers of words in a list of lists, as (3, 4, 4, 6); None for a word or for deeper
+        or mixed nesting.
+        """
         if self.parts is None or any(part.parts is None for part in self.parts):
             return None
         if any(inner.parts is not None for part in self.parts for inner in part.parts or ()):
@@ -37,8 +41,9 @@ def closing(code: str, start: int) -> int | None:
 
 @lru_cache(maxsize=2)
 def _pairs(code: str) -> tuple["array[int]", "array[int]"]:
-    """Opening brackets in order and those that close them, of the whole text at once: the time is linear whatever is
-    not closed."""
+    """Opening brackets in order and those that close them, of the whole text at once: the time is
+    linear whatever is not closed.
+    """
     opened, closed = array("q"), array("q")
     waiting: list[int] = []  # their places in `opened`
     for match in _BRACKET.finditer(code):
@@ -67,7 +72,9 @@ def split(code: str, start: int, end: int) -> list[tuple[int, int]]:
 
 
 def item(code: str, start: int, end: int, depth: int = _DEEPEST) -> Item:
-    """The element in code[start:end], blanks around it dropped; what is nested deeper than `depth` is a word."""
+    """The element in code[start:end], blanks around it dropped; what is nested deeper than
+    `depth` is a word.
+    """
     inner = code[start:end]
     start += len(inner) - len(inner.lstrip())
     end = max(start, end - (len(inner) - len(inner.rstrip())))

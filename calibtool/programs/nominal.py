@@ -1,4 +1,6 @@
-"""Where the nominal robot stands at each use of a position: poses solved along the motions, joints as they are written."""
+"""Where the nominal robot stands at each use of a position: poses solved along the motions, joints
+as they are written.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +23,8 @@ _SAME = 1e-6  # rad or m: nearer joint positions are one answer
 class Stands:
     """Answers of the nominal robot.
 
-    q        per position the different joint positions of its uses, (n,) each; none if one of them has no answer
+    q        per position the different joint positions of its uses, (n,) each; none if one of
+             them has no answer
     why      per position why, "" otherwise
     guessed  per position whether nothing tells the branch of one of its uses
     T        (M, 4, 4) T_base_tool of the positions; of joint positions the identity
@@ -41,7 +44,9 @@ def stands(
 
 
 class _Solving:
-    """Arrays over the uses: joint positions q (N, n), which are joint targets, and where nothing is left to guess."""
+    """Arrays over the uses: joint positions q (N, n), which are joint targets, and where nothing
+    is left to guess.
+    """
 
     def __init__(
         self, controller: Controller, program: Program, flow: Flow, found: Sequence[Position]
@@ -98,7 +103,9 @@ class _Solving:
         return Stands(q, why, guessed, self.T)
 
     def _solve(self, rows: np.ndarray, start: Array) -> Array:
-        """Answers of uses from where the robot stands before; without one it is taken to stand there still."""
+        """Answers of uses from where the robot stands before; without one it is taken to
+        stand there still.
+        """
         q = np.where(self.fixed[rows, None], self.q[rows], start)
         here = np.flatnonzero((self.place[rows] >= 0) & ~self.fixed[rows])
         if len(here):
@@ -123,7 +130,9 @@ class _Solving:
         return answers
 
     def _asked(self, use: Use, sure: bool) -> tuple[Configuration | None, bool]:
-        """The configuration data to look at, and whether they decide; where the controller stays near, they only help."""
+        """The configuration data to look at, and whether they decide; where the controller stays
+        near, they only help.
+        """
         configuration = self.literals[use.literal].configuration
         if use.obeyed is False and sure:
             return None, False
@@ -149,7 +158,9 @@ class _Solving:
 
 
 def _flange_poses(program: Program, found: Sequence[Position]) -> Array:
-    """T_base_tool of each position, with the tool of the calibration's description; of joints the identity."""
+    """T_base_tool of each position, with the tool of the calibration's description; of
+    joints the identity.
+    """
     T = np.tile(np.eye(4), (len(found), 1, 1))
     groups: dict[str, list[int]] = {}
     for number, position in enumerate(found):
@@ -163,7 +174,9 @@ def _flange_poses(program: Program, found: Sequence[Position]) -> Array:
 
 
 def placed(T: Array, found: Sequence[Position], back: bool = False) -> Array:
-    """Poses (N, 4, 4) in frame and tool of positions as T_base_tool of the description; back: the other way."""
+    """Poses (N, 4, 4) in frame and tool of positions as T_base_tool of the description;
+    back: the other way.
+    """
     frames: dict[tuple[float, ...], list[int]] = {}
     for row, position in enumerate(found):
         assert position.frame is not None

@@ -52,7 +52,9 @@ SHAPES = {"robtarget": _ROBTARGET, "jointtarget": _JOINTTARGET}
 
 @dataclass(eq=False)
 class Text:
-    """A module's text and code, where comments and strings are blank, and the positions found in it."""
+    """A module's text and code, where comments and strings are blank, and the
+    positions found in it.
+    """
 
     number: int
     text: str
@@ -128,7 +130,9 @@ class Text:
         return frames[0] or unread, frames[1] or unread
 
     def others(self) -> Iterator[Literal]:
-        """Positions that stand in something else than data, assignments and arguments that are followed."""
+        """Positions that stand in something else than data, assignments and arguments
+        that are followed.
+        """
         for type_, shape in SHAPES.items():
             for found in shape.finditer(self.code):
                 if found.start() not in self.taken:

@@ -22,7 +22,9 @@ def matches(text: str) -> bool:
 
 
 def program(sources: Sequence[Source], robot: Robot) -> Program:
-    """Every `positions` list in order, its joints by name; joints that are not the robot's stay as they are."""
+    """Every `positions` list in order, its joints by name; joints that are not the robot's
+    stay as they are.
+    """
     reader = _Reader(robot)
     for number, source in enumerate(sources):
         reader.read(number, source)
@@ -116,7 +118,9 @@ class _Reader:
 
 
 def _elements(code: str, start: int) -> list[tuple[int, int]]:
-    """Spans of the elements of the list after a key: `[a, b]` over any number of lines, or one `- a` per line."""
+    """Spans of the elements of the list after a key: `[a, b]` over any number of lines, or
+    one `- a` per line.
+    """
     flow = re.compile(r"\s*\[").match(code, start)
     if flow:
         end = closing(code, flow.end() - 1)

@@ -1,4 +1,6 @@
-"""What came of a program, for people: counts, the largest change, and what is left with its reasons."""
+"""What came of a program, for people: counts, the largest change, and what is left
+with its reasons.
+"""
 
 import csv
 import io

@@ -28,7 +28,9 @@ _POSE = (("X", "mm"), ("Y", "mm"), ("Z", "mm"), ("W", "deg"), ("P", "deg"), ("R"
 
 @dataclass(frozen=True, slots=True)
 class Taught:
-    """A position of a program: number of its literal, and its frame and tool as they are written."""
+    """A position of a program: number of its literal, and its frame and
+    tool as they are written.
+    """
 
     literal: int
     frame: str = "F"
@@ -149,7 +151,9 @@ class Positions:
         return group
 
     def _literal(self, group: _Group, name: str, left: str) -> Literal:
-        """The literal of group 1; left: why it is none to correct, where it is otherwise in order."""
+        """The literal of group 1; left: why it is none to correct, where
+        it is otherwise in order.
+        """
         axes = {key: value for key, value in group.values.items() if key[0] != "E"}
         kind = JOINT if "J1" in axes else POSE
         remote = set(axes) == {f"R{key}" for key, _ in _POSE}
@@ -225,9 +229,11 @@ def _beside(group: _Group) -> dict[int, Number | None]:
 
 
 def turn_axes(codes: Sequence[str], robot: Robot) -> tuple[int, ...]:
-    """The joints that turn numbers count, from 0: the controller's setting $TURN_AXIS, where no file gives it.
+    """The joints that turn numbers count, from 0: the controller's setting $TURN_AXIS, where
+    no file gives it.
 
-    Joints 1, 4 and 6; or 4, 5 and 6 where the programs count turns with the first number that joint 1 does not have.
+    Joints 1, 4 and 6; or 4, 5 and 6 where the programs count turns with the first number that joint
+    1 does not have.
     """
     pattern = re.compile(r"[CK]ONFIG\s*:\s*'[^',\n]*,\s*([-+]?\d{1,4})\s*,\s*([-+]?\d{1,4})\b")
     numbers = {(int(m[1]), int(m[2])) for code in codes for m in pattern.finditer(code)}

@@ -1,4 +1,6 @@
-"""Universal Robots programs (URScript): the motions of a script, and variables that hold positions."""
+"""Universal Robots programs (URScript): the motions of a script, and
+variables that hold positions.
+"""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -276,7 +278,9 @@ class _Script(Positions):
         return Aim(value, BASE, Product(TOOL, (tool, _THREADS)), near=near)
 
     def _solved(self, start: int, end: int) -> tuple[int, int, Value, Value | None]:
-        """The span of the pose, the tool and `near` of get_inverse_kin; of anything else its own span, the tool in force."""
+        """The span of the pose, the tool and `near` of get_inverse_kin; of anything else its own
+        span, the tool in force.
+        """
         opening = self._inverse(start, end)
         tool: Value = TCP
         near = None
@@ -297,7 +301,9 @@ class _Script(Positions):
         return found.end() if found and closing(self.code, found.end()) == end - 1 else None
 
     def _is_moved_to(self, statement: Statement) -> bool:
-        """Whether joints that are solved here start at qnear, or are where the next motion goes: the robot stands there."""
+        """Whether joints that are solved here start at qnear, or are where the next motion goes:
+        the robot stands there.
+        """
         opening = self._inverse(statement.start, statement.end)
         if opening is None or statement.index:
             return False

@@ -68,13 +68,17 @@ class Positions:
         return value if isinstance(value, Unknown) else Product(TOOL, (value,))
 
     def key(self, name: str) -> str:
-        """The variable that a name means here: a parameter of the function, or one of the script."""
+        """The variable that a name means here: a parameter of the
+        function, or one of the script.
+        """
         if name in self.function.parameters:
             return f"{self.function.key}|{name}"
         return self.names.variable(self.number, name)
 
     def value(self, start: int, end: int, name: str, told: bool = False) -> Value:
-        """What an expression is: a position that is written, a variable, or unknown. told: in a motion."""
+        """What an expression is: a position that is written, a variable, or unknown.
+        told: in a motion.
+        """
         word, line = self.code[start:end], self.lines(start)
         opening = re.match(r"p?(?=\[)", word)
         if opening and closing(self.code, start + opening.end()) == end - 1:
@@ -162,10 +166,11 @@ class Positions:
 
 
 def _is_place(before: str, aims: Container[str]) -> bool:
-    """Whether a motion goes to a pose, not by it as an offset. before: the line up to it; aims: words in motions.
+    """Whether a motion goes to a pose, not by it as an offset. before: the line up to it; aims:
+    words in motions.
 
-    An offset is what is added to a pose that is read, written or moved to itself; in any other variable, a feature, the
-    pose is a place.
+    An offset is what is added to a pose that is read, written or moved to itself; in any other
+    variable, a feature, the pose is a place.
     """
     call = _LAST_CALL.search(before)
     assigned = re.match(r"\s*(?:global\s+|local\s+)?(\w+)\s*=(?!=)", before)

@@ -73,7 +73,9 @@ class Writing:
             yield spliced(source.text, edits).encode("latin-1")
 
     def _numbers(self) -> Array:
-        """What to write: joints as the controller shows them, or poses in their frames, (N, 7) with zeros behind."""
+        """What to write: joints as the controller shows them, or poses in their frames, (N, 7)
+        with zeros behind.
+        """
         literals = [self.program.literals[position.literal] for position in self.new.found]
         joints = self.controller.to_controller(self.new.q_new)
         result = np.zeros((len(literals), max(7, joints.shape[1])))
@@ -116,7 +118,9 @@ class Writing:
         return sorted(edits)
 
     def _digits(self, literal: Literal, row: int) -> list[tuple[Digit, int]]:
-        """Configuration data to change: those that were right and are not for the corrected joints."""
+        """Configuration data to change: those that were right and are not
+        for the corrected joints.
+        """
         data = literal.configuration
         arm = self.controller.robot.arm
         if data is None or not data.turns(self.controller.to_controller(self.new.q[row])[arm]):

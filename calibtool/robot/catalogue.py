@@ -24,7 +24,8 @@ def load_robot(name: str) -> Robot:
         return _carried(name)
     if not is_path(name):
         raise UsageError(
-            f"unknown robot '{name}'; {near_names(name, names)} (or the path of a robot.toml or URDF)"
+            f"unknown robot '{name}'; {near_names(name, names)} (or the path of a "
+            "robot.toml or URDF)"
         )
     if not Path(name).exists():
         raise UsageError(f"{name}: no such file or folder")

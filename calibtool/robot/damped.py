@@ -1,18 +1,25 @@
-"""How far a Jacobian is from a singularity, and damped joint motions for a pose error, for many rows at once."""
+"""How far a Jacobian is from a singularity, and damped joint motions for a pose error, for
+many rows at once.
+"""
 
 import numpy as np
 
 from calibtool.robot.se3 import Array
 
-# Nearer to a singularity than this (see `singularity_distance`) 1 mrad of pose error costs up to 50 mrad of joint motion.
+# Nearer to a singularity than this (see `singularity_distance`) 1 mrad of pose error costs up to 50
+# mrad of joint motion.
 MIN_SINGULARITY_DISTANCE = 0.02
-_REGULAR = 0.05  # farther than this the elimination without pivoting keeps its digits, and nothing is damped
+# farther than this the elimination without pivoting keeps its digits, and nothing is damped
+_REGULAR = 0.05
 GRAM_REGULARISATION = 1e-14  # keeps J Jᵀ invertible at a singularity
 _TOGETHER = 1024  # rows: their numbers stay in the processor's cache
 
 
 def at_point(twists: Array, points: Array) -> Array:
-    """Twists of K_0 seen at a point: v becomes the velocity of that point, v + ω × p. (N, 6, c), (N, 3) → (N, 6, c)."""
+    """Twists of K_0 seen at a point: v becomes the velocity of that point, v + ω × p.
+
+    (N, 6, c), (N, 3) → (N, 6, c).
+    """
     result = twists.copy()
     turning, (x, y, z) = twists[..., 3:, :], np.moveaxis(points, -1, 0)[..., None]
     result[..., 0, :] += turning[..., 1, :] * z - turning[..., 2, :] * y
@@ -24,24 +31,27 @@ def at_point(twists: Array, points: Array) -> Array:
 def singularity_distance(jacobian: Array, length: float) -> Array:
     """How far J is from losing rank: d = (Σ 1/σ_i²)^(−1/2), at most σ_min and at least σ_min/√6.
 
-    jacobian (N, 6, c) at the tool point, its translational rows are divided by `length` (m). Unlike σ_min it is smooth
-    in q and needs no SVD, so that exported code can evaluate it. (N,)
+    jacobian (N, 6, c) at the tool point, its translational rows are divided by `length` (m). Unlike
+    σ_min it is smooth in q and needs no SVD, so that exported code can evaluate it. (N,)
     """
     return _solved(jacobian, None, length)[1]
 
 
 def damped_solution(jacobian: Array, error: Array, length: float) -> tuple[Array, Array]:
-    """Joint motions x with J x ≈ e, of minimum norm, damped near singularities; and the singularity distance d.
+    """Joint motions x with J x ≈ e, of minimum norm, damped near singularities; and the
+    singularity distance d.
 
-    jacobian (N, 6, c ≥ 6) and error (N, 6) at the tool point, translations in m → x (N, c), d (N,). With rows scaled by
-    `length`: x = Jᵀ (J Jᵀ + λ² I)⁻¹ e, λ = max(0, d₀ − d) and d₀ = MIN_SINGULARITY_DISTANCE: undamped where d ≥ d₀, and
-    never longer than |e| / (2 λ).
+    jacobian (N, 6, c ≥ 6) and error (N, 6) at the tool point, translations in m → x (N, c), d (N,).
+    With rows scaled by `length`: x = Jᵀ (J Jᵀ + λ² I)⁻¹ e, λ = max(0, d₀ − d) and d₀ =
+    MIN_SINGULARITY_DISTANCE: undamped where d ≥ d₀, and never longer than |e| / (2 λ).
     """
     return _solved(jacobian, error, length)
 
 
 def _solved(jacobian: Array, error: Array | None, length: float) -> tuple[Array, Array]:
-    """`damped_solution`, of an error if there is one, and the distances: regular rows together, the others by LAPACK."""
+    """`damped_solution`, of an error if there is one, and the distances: regular rows together, the
+    others by LAPACK.
+    """
     count, _, c = jacobian.shape
     motion, distance = np.zeros((count if error is not None else 0, c)), np.empty(count)
     for start in range(0, count, _TOGETHER):
@@ -68,15 +78,18 @@ def _solved(jacobian: Array, error: Array | None, length: float) -> tuple[Array,
 
 
 def _rows_last(values: Array) -> Array:
-    """(N, …) → (…, N), a contiguous copy: arithmetic element by element, in which no row knows the others."""
+    """(N, …) → (…, N), a contiguous copy: arithmetic element by element, in which no row
+    knows the others.
+    """
     return np.moveaxis(values, 0, -1).copy()
 
 
 def eliminated(gram: Array, right: Array | None = None) -> tuple[Array, Array | None]:
-    """Trace of the inverse of G, and x of G x = right, for symmetric, positive definite G by G = L D Lᵀ.
+    """Trace of the inverse of G, and x of G x = right, for symmetric, positive definite
+    G by G = L D Lᵀ.
 
-    gram (k, k, N), right (k, N) → (N,), (k, N). Without pivoting: for well conditioned matrices. A call of LAPACK per row
-    would take ten times as long.
+    gram (k, k, N), right (k, N) → (N,), (k, N). Without pivoting: for well conditioned matrices. A
+    call of LAPACK per row would take ten times as long.
     """
     left, size = gram.copy(), len(gram)
     unit = np.zeros_like(gram)  # becomes L⁻¹
@@ -99,14 +112,19 @@ def eliminated(gram: Array, right: Array | None = None) -> tuple[Array, Array | 
 
 
 def _distance(gram: Array) -> Array:
-    """(Σ 1/σ²)^(−1/2) from J Jᵀ. Rounding of large entries can undo the regularisation, and an inverse would fail."""
+    """(Σ 1/σ²)^(−1/2) from J Jᵀ.
+
+    Rounding of large entries can undo the regularisation, and an inverse would fail.
+    """
     squares: Array = np.maximum(np.linalg.eigvalsh(gram), GRAM_REGULARISATION)
     total: Array = (1.0 / squares).sum(axis=-1)
     return 1.0 / np.sqrt(total)
 
 
 def regularised_gram(jacobian: Array, length: float) -> Array:
-    """J (…, 6, c): J Jᵀ (c ≥ 6) or JᵀJ (c < 6) with rows scaled as in `singularity_distance`, plus GRAM_REGULARISATION."""
+    """J (…, 6, c): J Jᵀ (c ≥ 6) or JᵀJ (c < 6) with rows scaled as in `singularity_distance`, plus
+    GRAM_REGULARISATION.
+    """
     scaled = scale_rows(jacobian, length)
     transposed = np.swapaxes(scaled, -1, -2)
     gram = scaled @ transposed if jacobian.shape[-1] >= 6 else transposed @ scaled

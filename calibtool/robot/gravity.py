@@ -14,10 +14,10 @@ _CARRIES_LOAD = (
 
 
 def gravity_torque(robot: Robot, q: Array) -> Array:
-    """Generalised gravity τ_g(q), N m (N if prismatic): q (N, n) → (N, n). Pinocchio's `computeGeneralizedGravity`.
+    """Generalised gravity τ_g(q), N m (N if prismatic): q (N, n) → (N, n).
 
-    With the URDF's masses; where it has none, with those of uniform links of 1 kg/m, of which only the shape of the
-    function matters.
+    Pinocchio's `computeGeneralizedGravity`. With the URDF's masses; where it has none, with those
+    of uniform links of 1 kg/m, of which only the shape of the function matters.
     """
     model = gravity_model(robot)
     data = model.createData()
@@ -41,7 +41,9 @@ def gravity_model(robot: Robot) -> pin.Model:
 
 
 def link_masses(robot: Robot) -> tuple[Array, Array, Array]:
-    """Masses (n,) kg, their centres (n, 3) in the joint frames, m, and gravity (3,) in K_0, m/s², of `gravity_torque`."""
+    """Masses (n,) kg, their centres (n, 3) in the joint frames, m, and gravity (3,) in K_0, m/s²,
+    of `gravity_torque`.
+    """
     model = gravity_model(robot)
     masses = np.array([inertia.mass for inertia in list(model.inertias)[1:]])
     centres = np.array([inertia.lever for inertia in list(model.inertias)[1:]])
@@ -49,7 +51,9 @@ def link_masses(robot: Robot) -> tuple[Array, Array, Array]:
 
 
 def load_carrying(robot: Robot) -> np.ndarray:
-    """Revolute joints whose static torque matters, at least 2 % of the largest joint's: (n,) bool."""
+    """Revolute joints whose static torque matters, at least 2 % of the
+    largest joint's: (n,) bool.
+    """
     largest = largest_torque(robot)
     revolute = ~np.array(robot.prismatic)
     heavy = (largest > _CARRIES_LOAD * largest[revolute].max(initial=0.0)) & (largest > 1e-9)

@@ -1,4 +1,6 @@
-"""A serial chain as a Pinocchio model, nominal or with errors: its poses, Jacobians and frames, row by row."""
+"""A serial chain as a Pinocchio model, nominal or with errors: its poses, Jacobians and
+frames, row by row.
+"""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -44,13 +46,15 @@ class Frames:
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """A serial chain T(q) = Π_j M_j exp(ξ_j (q_j + δq_j)) · M_{n+1} (Eq. 7), nominal or with errors.
+    """A serial chain T(q) = Π_j M_j exp(ξ_j (q_j + δq_j)) · M_{n+1} (Eq. 7),
+    nominal or with errors.
 
     Pinocchio computes every row; a row's answer does not depend on the rows beside it.
 
-    model       the chain as a Pinocchio model; `configuration` turns joint positions into its coordinates
-    placements  (n+1, 4, 4) M_j, the last one the tool's; (N, n+1, 4, 4) where they change from row to row: such a
-                mechanism answers for its N rows only
+    model       the chain as a Pinocchio model; `configuration` turns joint positions
+                into its coordinates
+    placements  (n+1, 4, 4) M_j, the last one the tool's; (N, n+1, 4, 4) where they change from row
+                to row: such a mechanism answers for its N rows only
     offsets     (n,) δq_j in rad or m
     screws      (n) the joints of the model
     """
@@ -64,7 +68,9 @@ class Mechanism:
     def of(
         cls, bodies: Bodies, placements: Array, twists: Array, offsets: Array | None = None
     ) -> Self:
-        """The chain with these M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch per rad or m, and δq_j (n,), zero unless given."""
+        """The chain with these M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch per rad or m, and δq_j
+        (n,), zero unless given.
+        """
         screws = tuple(Screw.of(twist) for twist in twists)
         model = pin.Model()
         model.name = bodies.robot
@@ -82,7 +88,10 @@ class Mechanism:
         return cls(model, readonly(placements), offsets, screws)
 
     def forward(self, q: Array) -> Array:
-        """T_base_tool for q (N, n) in rad or m: (N, 4, 4). Pinocchio's `framesForwardKinematics`."""
+        """T_base_tool for q (N, n) in rad or m: (N, 4, 4).
+
+        Pinocchio's `framesForwardKinematics`.
+        """
         columns = np.empty((len(q), 4, 3))
         model, data, rows = self._moving(q)
         tool, move = _columns_of(data.oMf[model.nframes - 1]), pin.framesForwardKinematics
@@ -92,7 +101,8 @@ class Mechanism:
         return _poses(columns)
 
     def forward_and_jacobian(self, q: Array) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0, columns ∂(δy)/∂q_j = Ad(F_j) ξ_j (Eq. 14).
+        """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0, columns ∂(δy)/∂q_j =
+        Ad(F_j) ξ_j (Eq. 14).
 
         Pinocchio's `computeJointJacobians` and `updateFramePlacements`.
         """
@@ -108,7 +118,9 @@ class Mechanism:
         return _poses(columns), np.swapaxes(self._per_joint(jacobians), -1, -2)
 
     def frames(self, q: Array) -> Frames:
-        """Every frame of the chain for q (N, n) in rad or m, from Pinocchio's `framesForwardKinematics`."""
+        """Every frame of the chain for q (N, n) in rad or m, from Pinocchio's
+        `framesForwardKinematics`.
+        """
         n = len(self.screws)
         columns = np.empty((len(q), n + 1, 4, 3))
         model, data, rows = self._moving(q)
@@ -144,7 +156,9 @@ class Mechanism:
         return replace(self, model=model, placements=readonly(self.placements[row]))
 
     def _moving(self, q: Array) -> tuple[pin.Model, pin.Data, Iterable[Array]]:
-        """A model, its data, and its coordinates row by row; placements that change are set before each row."""
+        """A model, its data, and its coordinates row by row; placements that change are set
+        before each row.
+        """
         if self.placements.ndim == 3:
             return self.model, self.model.createData(), self.configuration(q)
         model = self.model.copy()
@@ -156,7 +170,9 @@ class Mechanism:
             yield row
 
     def _in_model(self) -> Array:
-        """M_j as placements of the model's frames, which stand beside the chain's by the shifts of the screws."""
+        """M_j as placements of the model's frames, which stand beside the chain's by the
+        shifts of the screws.
+        """
         shifts = np.array([np.zeros(3), *(screw.shift for screw in self.screws)])
         there = self.placements.copy()
         there[..., :3, 3] -= shifts
@@ -164,7 +180,9 @@ class Mechanism:
         return there
 
     def as_model(self, lower: Array, upper: Array) -> pin.Model:
-        """A copy of the Pinocchio model with joint limits (n,) in rad or m, to go on with elsewhere."""
+        """A copy of the Pinocchio model with joint limits (n,) in rad or m, to go
+        on with elsewhere.
+        """
         model = self.model.copy()
         model.lowerPositionLimit, model.upperPositionLimit = self.configuration(
             np.array([lower, upper])
@@ -184,7 +202,9 @@ class Mechanism:
 
     @cached_property
     def _rates(self) -> Array | None:
-        """(n,) coordinates of the model per unit of the joint positions; None where a joint has several."""
+        """(n,) coordinates of the model per unit of the joint positions; None where a
+        joint has several.
+        """
         if any(len(screw.rates) > 1 for screw in self.screws):
             return None
         return readonly(np.concatenate([screw.rates for screw in self.screws]))
@@ -198,7 +218,9 @@ def _place(model: pin.Model, placements: Array) -> None:
 
 
 def _columns_of(frame: pin.SE3) -> Array:
-    """Axes x, y, z and origin of a frame of Pinocchio's data (4, 3): a view, which changes with every row."""
+    """Axes x, y, z and origin of a frame of Pinocchio's data (4, 3): a view, which
+    changes with every row.
+    """
     rotation, position = frame.rotation, frame.translation
     start, end = (array.__array_interface__["data"][0] for array in (rotation, position))
     if rotation.strides != (8, 24) or end - start != 72:

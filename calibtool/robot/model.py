@@ -35,7 +35,10 @@ class Robot:
 
     @classmethod
     def from_source(cls, source: Source) -> "Robot":
-        """Build the robot and check everything in the description that needs the joints. Raises InputError."""
+        """Build the robot and check everything in the description that needs the joints.
+
+        Raises InputError.
+        """
         chain = build_chain(source)
         description = source.description
         prismatic = _prismatic(chain)
@@ -55,8 +58,8 @@ class Robot:
         for unlimited in np.flatnonzero(np.isnan(lower)):
             j = int(unlimited) + 1
             raise InputError(
-                f"{source.place}: slide '{chain.model.names[j]}' has no limits in the URDF; give them in robot.toml: "
-                f"[limits] j{j}_mm = [lower, upper]"
+                f"{source.place}: slide '{chain.model.names[j]}' has no limits in the URDF; give "
+                f"them in robot.toml: [limits] j{j}_mm = [lower, upper]"
             )
         for name, workspace in description.workspaces.items():
             joint_values(workspace.home, prismatic, f"{source.place}: workspaces.{name}.home")
@@ -64,19 +67,22 @@ class Robot:
         for name in description.tolerances.joints:
             if int(name[1:]) > n + 1:
                 raise InputError(
-                    f"{source.place}: tolerances.joints.{name}: the robot has {n} joints (j{n + 1} is the tool)"
+                    f"{source.place}: tolerances.joints.{name}: the robot has {n} joints "
+                    f"(j{n + 1} is the tool)"
                 )
         if description.equivalent is not None and len(
             set(description.equivalent.virtual_joints)
         ) != max(6 - n, 0):
             raise InputError(
-                f"{source.place}: equivalent.virtual_joints: {max(6 - n, 0)} different ones are needed"
+                f"{source.place}: equivalent.virtual_joints: {max(6 - n, 0)} different "
+                "ones are needed"
             )
         coupling_matrix(description, n, source.place)
         for name, joint in description.external.items():
             if int(joint[1:]) > n or list(description.external.values()).count(joint) > 1:
                 raise InputError(
-                    f"{source.place}: external.{name}: '{joint}' is no joint of its own; there are {n}"
+                    f"{source.place}: external.{name}: '{joint}' is no joint of its "
+                    f"own; there are {n}"
                 )
         return cls(source, chain, readonly(lower), readonly(upper))
 
@@ -97,7 +103,9 @@ class Robot:
 
     @cached_property
     def external(self) -> dict[int, int]:
-        """Joints that programs call external axes, by the number of the axis from 0: a track, a turntable below the arm."""
+        """Joints that programs call external axes, by the number of the axis from 0: a track, a
+        turntable below the arm.
+        """
         return {
             int(axis[1:]) - 1: int(joint[1:]) - 1
             for axis, joint in self.source.description.external.items()
@@ -115,7 +123,9 @@ class Robot:
 
     @property
     def model(self) -> pin.Model:
-        """The nominal robot as a Pinocchio model of its own, limits included; its tool frame is the last frame."""
+        """The nominal robot as a Pinocchio model of its own, limits included; its tool frame
+        is the last frame.
+        """
         return self.mechanism.as_model(self.lower, self.upper)
 
     @cached_property
@@ -129,11 +139,16 @@ class Robot:
         return not np.array_equal(self.coupling, np.eye(self.n))
 
     def to_serial(self, q_controller: Array) -> Array:
-        """Joint positions of the serial chain from those of the controller, (…, n), rad or m. Limits are not looked at."""
+        """Joint positions of the serial chain from those of the controller, (…, n), rad or m.
+
+        Limits are not looked at.
+        """
         return q_controller @ self.coupling.T if self.coupled else q_controller
 
     def to_controller(self, q: Array) -> Array:
-        """Joint positions as the controller shows them from those of the serial chain, (…, n), rad or m."""
+        """Joint positions as the controller shows them from those of the serial chain,
+        (…, n), rad or m.
+        """
         return q @ np.linalg.inv(self.coupling).T if self.coupled else q
 
     def serial_from(self, values: JointValues, q: Array) -> Array:
@@ -155,9 +170,10 @@ class Robot:
 
     @cached_property
     def length(self) -> float:
-        """Characteristic length in m: half of the sum of link lengths and prismatic strokes. Weighs rad against m.
+        """Characteristic length in m: half of the sum of link lengths and prismatic strokes.
 
-        With slides at most LONGEST: 1 m of a slide counts 1/length, and every pose of a long crane would look singular.
+        Weighs rad against m. With slides at most LONGEST: 1 m of a slide counts 1/length, and every
+        pose of a long crane would look singular.
         """
         links = np.linalg.norm(self.chain.placements[1:, :3, 3], axis=-1).sum()
         strokes = (self.upper - self.lower)[self.prismatic].sum()
@@ -196,7 +212,10 @@ class Robot:
         return [*self.source.description.workspaces, "full"]
 
     def workspace(self, name: str | None) -> tuple[str, Workspace | None]:
-        """The workspace called `name`, or the default one; None stands for `full`. Raises UsageError if unknown."""
+        """The workspace called `name`, or the default one; None stands for `full`.
+
+        Raises UsageError if unknown.
+        """
         names = self.workspace_names
         chosen = names[0] if name is None else name
         if chosen not in names:
@@ -206,18 +225,24 @@ class Robot:
         return chosen, self.source.description.workspaces.get(chosen)
 
     def home(self, workspace: Workspace | None) -> Array:
-        """Joint positions (n,) at the middle of a workspace; the middle of the joint range for `full`."""
+        """Joint positions (n,) at the middle of a workspace; the middle of the joint
+        range for `full`.
+        """
         if workspace is None:
             return (self.lower + self.upper) / 2
         return np.array(joint_values(workspace.home, self.prismatic, self.name))
 
     def within_limits(self, q: Array) -> np.ndarray:
-        """Per row of q (N, n): all joints inside their limits (a rounding error of 1e-9 is forgiven). (N,) bool"""
+        """Per row of q (N, n): all joints inside their limits (a rounding error of 1e-9 is
+        forgiven). (N,) bool
+        """
         inside: np.ndarray = np.all((q >= self.lower - 1e-9) & (q <= self.upper + 1e-9), axis=-1)
         return inside
 
     def singularity_distance(self, q: Array) -> Array:
-        """Smooth lower bound of σ_min of the actuated Jacobian at the tool, see `mechanism.singularity_distance`. (N,)"""
+        """Smooth lower bound of σ_min of the actuated Jacobian at the tool, see
+        `mechanism.singularity_distance`. (N,)
+        """
         pose, jacobian = self.mechanism.forward_and_jacobian(q)
         return singularity_distance(at_point(jacobian, pose[:, :3, 3]), self.length)
 
@@ -225,11 +250,13 @@ class Robot:
         """InputError unless q is (N, n) and finite."""
         if q.ndim != 2 or q.shape[1] != self.n:
             raise InputError(
-                f"{place}: joint positions have shape {q.shape}, but {self.name} has {self.n} joints"
+                f"{place}: joint positions have shape {q.shape}, but {self.name} has "
+                f"{self.n} joints"
             )
         if not np.isfinite(q).all():
             raise InputError(
-                f"{place}: row {int(np.argwhere(~np.isfinite(q))[0, 0]) + 1} holds a joint position that is not finite"
+                f"{place}: row {int(np.argwhere(~np.isfinite(q))[0, 0]) + 1} holds a joint "
+                "position that is not finite"
             )
 
 

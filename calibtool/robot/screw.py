@@ -8,19 +8,22 @@ import pinocchio as pin
 
 from calibtool.robot.se3 import Array, exp6, readonly
 
-_FARTHEST_AXIS = 10.0  # m: an axis k metres away costs a pose k · 1e-16 m, and that of a slide is a kilometre away
+# m: an axis k metres away costs a pose k · 1e-16 m, and that of a slide is a kilometre away
+_FARTHEST_AXIS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Screw:
     """exp(ξ q), ξ = (v, ω), with one coordinate per unit of q, or all six of a free joint.
 
-    By Chasles' theorem it is a turn by |ω| q about the axis ω/|ω| through r = ω × v/|ω|² with a shift of h = ω · v/|ω|²
-    along it per rad: a revolute or a helical joint, placed at r. Without ω it is a slide. A slide that turns a little has
-    its axis so far away that digits would be lost: it is a free joint whose coordinates are exp(ξ q) themselves.
+    By Chasles' theorem it is a turn by |ω| q about the axis ω/|ω| through r = ω × v/|ω|² with a
+    shift of h = ω · v/|ω|² along it per rad: a revolute or a helical joint, placed at r. Without ω
+    it is a slide. A slide that turns a little has its axis so far away that digits would be lost:
+    it is a free joint whose coordinates are exp(ξ q) themselves.
 
     joint   the joint of Pinocchio
-    shift   (3,) r, where the model's joint frame stands in that of the chain, m; its axes are parallel
+    shift   (3,) r, where the model's joint frame stands in that of the chain, m; its
+            axes are parallel
     rates   (1,) or (6,) velocity of the model's coordinates per unit of q
     twist   (6,) ξ per rad or m, in the frame of the joint
     """
@@ -47,7 +50,9 @@ class Screw:
         return cls(_turning(angular / turn, pitch), readonly(across), readonly([turn]), twist)
 
     def coordinates(self, q: Array) -> Array:
-        """The model's coordinates for joint positions q (N,), rad or m: (N, 1), or position and quaternion (N, 7)."""
+        """The model's coordinates for joint positions q (N,), rad or m: (N, 1), or position and
+        quaternion (N, 7).
+        """
         if len(self.rates) == 1:
             return q[:, None] * self.rates
         position = exp6(self.twist * q[:, None])[:, :3, 3]

@@ -1,4 +1,6 @@
-"""Where to start an inverse kinematics: joint positions all over the limits, and those whose poses are near."""
+"""Where to start an inverse kinematics: joint positions all over the limits, and those
+whose poses are near.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,8 +20,9 @@ _TOGETHER = 256  # poses: their distances to all starts stay in the processor's 
 class Starts:
     """Joint positions drawn once within the limits of a robot.
 
-    The distance of two poses is |Δp|²/length² + |ΔR|²/2 (Frobenius), near the squared weighted pose error. It is that of the
-    points (p/length, R/√2), and one matrix product tells which are nearest: the largest a·b − |b|²/2.
+    The distance of two poses is |Δp|²/length² + |ΔR|²/2 (Frobenius), near the squared weighted pose
+    error. It is that of the points (p/length, R/√2), and one matrix product tells which are
+    nearest: the largest a·b − |b|²/2.
 
     q         (k, n) joint positions, rad or m
     features  (13, k) b and −|b|²/2
@@ -39,7 +42,9 @@ class Starts:
         return cls(readonly(q), readonly(np.hstack([features, square]).T), robot.length)
 
     def nearest(self, target: Array, count: int) -> Array:
-        """The `count` starts nearest to poses (N, 4, 4), the nearest first: (N, count, n) rad or m."""
+        """The `count` starts nearest to poses (N, 4, 4), the nearest first:
+        (N, count, n) rad or m.
+        """
         wanted = np.hstack([_features(target, self.length), np.ones((len(target), 1))])
         found = np.empty((len(target), count), dtype=int)
         for first in range(0, len(target), _TOGETHER):
@@ -62,7 +67,9 @@ def starts_of(robot: Robot) -> Starts:
 
 
 def drawn(robot: Robot, count: int, rng: np.random.Generator) -> Array:
-    """Uniform joint positions within the limits, (count, n) rad or m; joints of several turns within half a turn of 0."""
+    """Uniform joint positions within the limits, (count, n) rad or m; joints of several turns
+    within half a turn of 0.
+    """
     several_turns = (robot.upper - robot.lower > 2 * np.pi) & ~np.array(robot.prismatic)
     low = np.where(several_turns, np.maximum(robot.lower, -np.pi), robot.lower)
     span = np.where(several_turns, 2 * np.pi, robot.upper - robot.lower)

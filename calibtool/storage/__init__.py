@@ -1,7 +1,8 @@
-"""The only room that knows HDF5: measurements, calibrations and tables of studies to bytes and back.
+"""The only room that knows HDF5: measurements, calibrations and tables of studies
+to bytes and back.
 
-Formats: docs/file-formats.md. The same contents give the same bytes: no time stamps, no pickles, groups and datasets in
-a fixed order.
+Formats: docs/file-formats.md. The same contents give the same bytes: no time stamps, no pickles,
+groups and datasets in a fixed order.
 """
 
 import io
@@ -56,17 +57,26 @@ def to_bytes(contents: Measurements | Calibration) -> bytes:
 
 
 def read_measurements(stream: BinaryIO, name: str) -> Measurements:
-    """Measurements from a binary stream; `name` stands in messages. Raises InputError for anything else."""
+    """Measurements from a binary stream; `name` stands in messages.
+
+    Raises InputError for anything else.
+    """
     return _read(stream, name, {MEASUREMENTS: build_measurements})
 
 
 def read_calibration(stream: BinaryIO, name: str) -> Calibration:
-    """A calibration from a binary stream; `name` stands in messages. Raises InputError for anything else."""
+    """A calibration from a binary stream; `name` stands in messages.
+
+    Raises InputError for anything else.
+    """
     return _read(stream, name, {CALIBRATION: build_calibration})
 
 
 def read_study(stream: BinaryIO, name: str) -> "StudyFile":
-    """The table of a study from a binary stream; `name` stands in messages. Raises InputError for anything else."""
+    """The table of a study from a binary stream; `name` stands in messages.
+
+    Raises InputError for anything else.
+    """
     return _read(stream, name, {STUDY: _build_study})
 
 
@@ -113,13 +123,14 @@ def _read(stream: BinaryIO, name: str, builders: Builders[T]) -> T:
                 )
             if found not in (MEASUREMENTS, CALIBRATION, STUDY):
                 raise InputError(
-                    f"{name}: an HDF5 file, but not one of calibtool (no schema {MEASUREMENTS} or {CALIBRATION})"
+                    f"{name}: an HDF5 file, but not one of calibtool (no schema {MEASUREMENTS} or "
+                    f"{CALIBRATION})"
                 )
             version = int(file.attrs.get("schema_version", 0))
             if version > SCHEMA_VERSION:
                 raise InputError(
-                    f"{name}: written in format version {version}, this calibtool reads up to {SCHEMA_VERSION}; "
-                    "install a newer calibtool"
+                    f"{name}: written in format version {version}, this calibtool reads up to "
+                    f"{SCHEMA_VERSION}; install a newer calibtool"
                 )
             if found not in builders:
                 raise InputError(f"{name}: holds {found}, expected {' or '.join(builders)}")

@@ -1,4 +1,6 @@
-"""The parts that both kinds of file share: self-describing datasets, the robot, its errors, conditions, the set-up."""
+"""The parts that both kinds of file share: self-describing datasets, the robot, its errors,
+conditions, the set-up.
+"""
 
 from typing import Any
 
@@ -45,7 +47,10 @@ def get(group: h5py.Group, name: str, *shape: int) -> Array:
 
 
 def get_with_gaps(group: h5py.Group, name: str, *shape: int) -> Array:
-    """A dataset (…,) of the given shape, -1 for any length, where NaN has a meaning. KeyError or ValueError otherwise."""
+    """A dataset (…,) of the given shape, -1 for any length, where NaN has a meaning.
+
+    KeyError or ValueError otherwise.
+    """
     dataset = group[name]
     if dataset.dtype.kind not in "iuf":  # numpy would read numbers from text
         raise ValueError(f"{dataset.name} holds {dataset.dtype}; expected numbers")

@@ -1,4 +1,6 @@
-"""Measurements and calibrations from and to files by their paths, for scripts; the command line has streams besides."""
+"""Measurements and calibrations from and to files by their paths, for scripts; the command line has
+streams besides.
+"""
 
 import os
 import tempfile

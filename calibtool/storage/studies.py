@@ -27,7 +27,9 @@ class StudyFile:
 
 
 def study_to_bytes(table: StudyTable, definition: str) -> bytes:
-    """The file of a study; `definition` is its definition as JSON. A cell without a number is NaN, or -1 for a count."""
+    """The file of a study; `definition` is its definition as JSON. A cell without a number is NaN,
+    or -1 for a count.
+    """
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=("v110", "v110")) as file:
         put_string(file, "schema", STUDY)

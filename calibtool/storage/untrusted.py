@@ -1,7 +1,9 @@
-"""What is checked before an HDF5 file is believed: its digest, heaps that end, plain links, sizes that fit its length.
+"""What is checked before an HDF5 file is believed: its digest, heaps that end, plain links, sizes
+that fit its length.
 
-The HDF5 library cannot be interrupted, and damage may send it into an endless loop. So behind the HDF5 file, where no
-reader of HDF5 looks, calibtool writes one line with the SHA-256 of all bytes before it. Files without one are accepted.
+The HDF5 library cannot be interrupted, and damage may send it into an endless loop. So behind the
+HDF5 file, where no reader of HDF5 looks, calibtool writes one line with the SHA-256 of all bytes
+before it. Files without one are accepted.
 """
 
 import hashlib
@@ -31,12 +33,15 @@ def _digest(data: memoryview) -> bytes:
 
 
 def check_bytes(data: bytes) -> None:
-    """ValueError for bytes that differ from what was written, or a global heap that HDF5 would read for ever."""
+    """ValueError for bytes that differ from what was written, or a global heap that HDF5
+    would read for ever.
+    """
     if _SEAL.search(data, max(0, len(data) - _LENGTH)):
         if data[-_LENGTH:] != _digest(memoryview(data)[:-_LENGTH]):
             raise ValueError(
-                "its bytes do not match its SHA-256: changed since it was written; get it again (if it was edited on "
-                f"purpose: head -c -{_LENGTH} FILE is the same without the digest)"
+                "its bytes do not match its SHA-256: changed since it was written; get it again "
+                f"(if it was edited on purpose: head -c -{_LENGTH} FILE is the same "
+                "without the digest)"
             )
         return
     behind = data[_end_of_file(data) :]
@@ -56,7 +61,10 @@ def _end_of_file(data: bytes) -> int:
 
 
 def _check_heap(data: bytes, start: int) -> None:
-    """Objects follow one another: index, length; index 0 is the free rest. A step of 0 would never end."""
+    """Objects follow one another: index, length; index 0 is the free rest.
+
+    A step of 0 would never end.
+    """
     end, at = start + int.from_bytes(data[start + 8 : start + 16], "little"), start + 16
     while at + 16 <= min(end, len(data)):
         index, length = struct.unpack_from("<H6xQ", data, at)
@@ -67,10 +75,11 @@ def _check_heap(data: bytes, start: int) -> None:
 
 
 def check_contents(file: h5py.File, length: int) -> None:
-    """ValueError for anything but groups and datasets of numbers and texts, each under one name and inside the file.
+    """ValueError for anything but groups and datasets of numbers and texts, each under one name and
+    inside the file.
 
-    length: bytes of the file. Soft and external links, virtual datasets and external storage would read other files;
-    what claims much more than the file's length would fill the memory.
+    length: bytes of the file. Soft and external links, virtual datasets and external storage would
+    read other files; what claims much more than the file's length would fill the memory.
     """
     room = _ROOM + _PACKED * length
     seen: set[int] = set()

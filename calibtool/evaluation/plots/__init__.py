@@ -1,4 +1,6 @@
-"""Every figure, for `plot` and the report alike: publication-ready, colour-blind safe, the same bytes every time."""
+"""Every figure, for `plot` and the report alike: publication-ready, colour-blind safe, the same
+bytes every time.
+"""
 
 from calibtool.evaluation.plots.arm import draw_arm
 from calibtool.evaluation.plots.figures import FIGURES, Subject, draw

@@ -1,4 +1,6 @@
-"""A picture of an arm at the home of its default workspace: three views, joint axes, base and tool frames, targets."""
+"""A picture of an arm at the home of its default workspace: three views, joint axes, base and tool
+frames, targets.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -28,7 +30,9 @@ _AROUND = np.array(
 
 @dataclass(frozen=True, eq=False)
 class _Arm:
-    """Points and directions in K_0, mm. links: a line through every joint, along the slides; marks: where joints stand."""
+    """Points and directions in K_0, mm. links: a line through every joint, along the slides; marks:
+    where joints stand.
+    """
 
     prismatic: list[bool]
     links: Array
@@ -171,7 +175,9 @@ def _frame(panel: Axes, pose: Array, size: float, plane: list[int]) -> None:
 
 
 def _name_points(panel: Axes, arm: _Arm, plane: list[int]) -> None:
-    """Names beside base, joints and tool, where most room is; points that fall together in this view share one label."""
+    """Names beside base, joints and tool, where most room is; points that fall together in this
+    view share one label.
+    """
     points = np.concatenate([np.zeros((1, 3)), arm.marks, arm.tool[None, :3, 3]])[:, plane]
     names = ["base", *(f"j{j + 1}" for j in range(len(arm.marks))), "tool"]
     groups: list[tuple[Array, list[str]]] = []

@@ -1,4 +1,6 @@
-"""What is inside calibrations: training (the paper's Fig. 4), joint motions, parameters, singular values, coverage."""
+"""What is inside calibrations: training (the paper's Fig. 4), joint motions, parameters, singular
+values, coverage.
+"""
 
 from collections.abc import Sequence
 
@@ -33,7 +35,10 @@ _NAMED = 45  # parameters that can be named along an axis
 
 
 def training(calibrations: Named, width_mm: float) -> Figure:
-    """Loss on the training and the validation rows over the iterations. InputError where nothing was trained."""
+    """Loss on the training and the validation rows over the iterations.
+
+    InputError where nothing was trained.
+    """
     trained = [(name, c.training) for name, c in calibrations if c.training is not None]
     if not trained:
         raise InputError("no network was trained, so there is no training to draw")
@@ -66,7 +71,9 @@ def training(calibrations: Named, width_mm: float) -> Figure:
 
 
 def joint_motions(calibration: Calibration, q: Array) -> Array:
-    """δρ of the actuated joints (N, n) at q (N, n), rad or m: joint-motion functions and network, no constant offsets."""
+    """δρ of the actuated joints (N, n) at q (N, n), rad or m: joint-motion functions and network,
+    no constant offsets.
+    """
     motion = calibration.base.errors.motion(q, calibration.conditions)
     return (
         motion
@@ -76,7 +83,8 @@ def joint_motions(calibration: Calibration, q: Array) -> Array:
 
 
 def motions(calibrations: Named, width_mm: float) -> Figure:
-    """δρ of each joint against its position, at the configurations of the training; lines are the harmonics alone.
+    """δρ of each joint against its position, at the configurations of the training; lines are the
+    harmonics alone.
 
     InputError where no calibration has joint motions.
     """
@@ -127,7 +135,10 @@ def _moves(calibration: Calibration) -> bool:
 
 
 def parameters(calibrations: Named, width_mm: float) -> Figure:
-    """Identified parameters ± 2 standard deviations, by family. InputError where no calibration has a posterior."""
+    """Identified parameters ± 2 standard deviations, by family.
+
+    InputError where no calibration has a posterior.
+    """
     known = [(i, name, parameter_rows(c.base)) for i, (name, c) in enumerate(calibrations, 1)]
     known = [(i, name, rows) for i, name, rows in known if rows]
     if not known:
@@ -169,7 +180,10 @@ def parameters(calibrations: Named, width_mm: float) -> Figure:
 
 
 def observability(calibrations: Named, width_mm: float) -> Figure:
-    """Singular values of the identification, and the value below which nothing is determined. InputError without any."""
+    """Singular values of the identification, and the value below which nothing is determined.
+
+    InputError without any.
+    """
     known = [(i, name, c.base) for i, (name, c) in enumerate(calibrations, 1) if c.base.parameters]
     if not known:
         raise InputError("no base model was identified, so there are no singular values")
@@ -194,7 +208,8 @@ def observability(calibrations: Named, width_mm: float) -> Figure:
         )
         log_scale(panel, "y", [shown])
         panel.set_title(
-            f"{label(name)}: rank {base.rank} of {base.observable_rank}, {base.parameters} parameters"
+            f"{label(name)}: rank {base.rank} of {base.observable_rank}, "
+            f"{base.parameters} parameters"
         )
         panel.set(xlabel="direction", ylabel="singular value")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -204,7 +219,9 @@ def observability(calibrations: Named, width_mm: float) -> Figure:
 
 
 def coverage(calibrations: Named, robot: Robot, judged: Array, width_mm: float) -> Figure:
-    """Joint positions of the training (lines) and judged ones (N, n) (shade), between the limits of each joint."""
+    """Joint positions of the training (lines) and judged ones (N, n) (shade), between the
+    limits of each joint.
+    """
     figure, axes = panels(width_mm, robot.n, (55.0, 34.0))
     sets: list[tuple[int, str, Array]] = []
     for i, (name, calibration) in enumerate(calibrations, 1):

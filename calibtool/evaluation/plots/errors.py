@@ -1,4 +1,6 @@
-"""Errors of methods: per configuration (the paper's Fig. 5), distributed, in the workspace, and after ISO 9283."""
+"""Errors of methods: per configuration (the paper's Fig. 5), distributed, in the workspace,
+and after ISO 9283.
+"""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,7 +31,9 @@ Sizes = list[tuple[str, Array]]
 
 
 def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Sizes]]:
-    """Name, axis label and sizes (N,) of every method, in mm and mrad; the orientation where it is seen."""
+    """Name, axis label and sizes (N,) of every method, in mm and mrad; the orientation
+    where it is seen.
+    """
     result = [
         (
             "position",
@@ -46,7 +50,9 @@ def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Sizes]]:
 
 
 def errors(evaluation: Evaluation, width_mm: float) -> Figure:
-    """Position and orientation error of every configuration, and their spread, methods side by side."""
+    """Position and orientation error of every configuration, and their spread,
+    methods side by side.
+    """
     quantities = _quantities(evaluation)
     wide = width_mm >= _WIDE_MM
     rows = len(quantities) if wide else 2 * len(quantities)
@@ -116,7 +122,9 @@ def distribution(evaluation: Evaluation, limits: tuple[Limit, ...], width_mm: fl
 
 
 def vectors(evaluation: Evaluation, position: Array, width_mm: float) -> Figure:
-    """Errors as arrows at the commanded tool positions (N, 3), m in K_0, magnified, seen along the three axes."""
+    """Errors as arrows at the commanded tool positions (N, 3), m in K_0, magnified, seen
+    along the three axes.
+    """
     methods = evaluation.methods
     figure = sheet(width_mm, len(methods) * (width_mm / 3.1 + 6.0))
     grid = figure.subplots(len(methods), 3, squeeze=False)
@@ -155,7 +163,9 @@ def vectors(evaluation: Evaluation, position: Array, width_mm: float) -> Figure:
 
 
 def magnification(extent: float, error: Array) -> float:
-    """1, 2 or 5 times a power of ten by which the 95th percentile of errors (N, 3) is about a tenth of the extent."""
+    """1, 2 or 5 times a power of ten by which the 95th percentile of errors (N, 3) is about a
+    tenth of the extent.
+    """
     large = float(np.percentile(np.linalg.norm(error, axis=-1), 95))
     if not large > 0:
         return 1.0
@@ -165,11 +175,15 @@ def magnification(extent: float, error: Array) -> float:
 
 
 def pose_test(evaluation: Evaluation, width_mm: float) -> Figure:
-    """Pose accuracy AP of every method and repeatability RP at every repeated pose. InputError where nothing is repeated."""
+    """Pose accuracy AP of every method and repeatability RP at every repeated pose.
+
+    InputError where nothing is repeated.
+    """
     test = evaluation.pose_test
     if test is None:
         raise InputError(
-            "no configuration was measured at least three times, so there is no AP and RP after ISO 9283"
+            "no configuration was measured at least three times, so there is no AP and RP "
+            "after ISO 9283"
         )
     shown = [("position, mm", test.accuracy, test.repeatability)]
     if test.accuracy_turn is not None and test.repeatability_turn is not None:

@@ -17,7 +17,9 @@ from calibtool.measurement.measurements import Measurements
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What figures are drawn from: named calibrations; where they are judged, measurements, errors and limits."""
+    """What figures are drawn from: named calibrations; where they are judged, measurements,
+    errors and limits.
+    """
 
     calibrations: list[tuple[str, Calibration]]
     measurements: Measurements | None = None
@@ -27,7 +29,9 @@ class Subject:
 
 @dataclass(frozen=True)
 class FigureKind:
-    """A figure: one line about it, whether it needs measurements, and how it is drawn at a width in mm."""
+    """A figure: one line about it, whether it needs measurements, and how it is drawn
+    at a width in mm.
+    """
 
     title: str
     judged: bool
@@ -101,8 +105,9 @@ def draw(
 ) -> bytes:
     """The figure called `kind`, as the bytes of a picture of this width.
 
-    letters: text of an SVG stays text, in the reader's font, on no background: for a page. UsageError for an unknown
-    figure, or one that needs measurements without them; InputError where the subject has nothing of the kind to show.
+    letters: text of an SVG stays text, in the reader's font, on no background: for a page.
+    UsageError for an unknown figure, or one that needs measurements without them; InputError where
+    the subject has nothing of the kind to show.
     """
     if kind not in FIGURES:
         raise UsageError(f"unknown figure '{kind}'; {near_names(kind, FIGURES)}")

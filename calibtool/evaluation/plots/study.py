@@ -1,4 +1,6 @@
-"""A study's errors as boxes: methods side by side, one block per combination of robot, errors, noise and configurations."""
+"""A study's errors as boxes: methods side by side, one block per combination of robot, errors,
+noise and configurations.
+"""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,7 +30,8 @@ def draw_study(table: StudyTable, image: ImageFormat) -> bytes:
 
 
 def study_figure(table: StudyTable) -> Figure:
-    """Mean and largest error of every run as boxes, methods side by side, one block of boxes per combination.
+    """Mean and largest error of every run as boxes, methods side by side, one block of boxes
+    per combination.
 
     Boxes span the quartiles, whiskers 5 % to 95 %; every other run is a dot.
     """
@@ -95,7 +98,9 @@ def _boxes(panel: Axes, values: list[list[float]], place: int, count: int) -> No
 
 
 def _name_blocks(panels: np.ndarray, blocks: list[tuple[Cell, ...]], methods: list[str]) -> None:
-    """Ticks: the methods' names when there is one block, otherwise what distinguishes the blocks."""
+    """Ticks: the methods' names when there is one block, otherwise what
+    distinguishes the blocks.
+    """
     if len(blocks) == 1:
         ticks, names = [place + 1.0 for place in range(len(methods))], methods
     else:

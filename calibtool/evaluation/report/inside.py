@@ -1,4 +1,6 @@
-"""Sections about the calibrations themselves: training, joint motions, parameters, flagged rows, observability, noise."""
+"""Sections about the calibrations themselves: training, joint motions, parameters, flagged rows,
+observability, noise.
+"""
 
 from calibtool.calibration import Calibration
 from calibtool.calibration.frame_report import frame_report
@@ -25,8 +27,8 @@ def training_section(subject: Subject) -> Section:
             else "not used, because it does not help"
         )
         text = (
-            f"{name}: network with {report.hidden} hidden nodes, {report.regularisation}, {report.optimiser}, {used}; "
-            f"ended because: {report.history.reason}"
+            f"{name}: network with {report.hidden} hidden nodes, {report.regularisation}, "
+            f"{report.optimiser}, {used}; ended because: {report.history.reason}"
         )
         if validation is not None:
             text += f"; gain in {validation.folds}-fold cross-validation {validation}"
@@ -43,7 +45,8 @@ def motions_section(subject: Subject) -> Section:
     if virtual and any(c.networks for _, c in subject.calibrations):
         names = ", ".join(virtual)
         lines = [
-            f"The virtual joints ({names}, in the tool frame) have no position of their own and are not drawn."
+            f"The virtual joints ({names}, in the tool frame) have no position of their own and "
+            "are not drawn."
         ]
     return Section(
         "motions",
@@ -52,8 +55,8 @@ def motions_section(subject: Subject) -> Section:
         [
             Drawing(
                 "motions",
-                "δρ of each joint at the configurations of the training: joint-motion functions (harmonics: line; wind-up "
-                "under gravity) and network, without constant offsets.",
+                "δρ of each joint at the configurations of the training: joint-motion functions "
+                "(harmonics: line; wind-up under gravity) and network, without constant offsets.",
                 "Joint motion error against joint position, one panel per joint.",
             )
         ],
@@ -69,8 +72,8 @@ def parameters_section(subject: Subject) -> Section:
         if base.posterior is not None:
             rows = parameter_rows(base)
             lines.append(
-                f"{name}: {base.posterior.effective:.1f} of {base.observable_rank} directions determined "
-                f"({len(rows)} parameters); strongest correlations "
+                f"{name}: {base.posterior.effective:.1f} of {base.observable_rank} "
+                f"directions determined ({len(rows)} parameters); strongest correlations "
                 + ", ".join(
                     f"{a} and {b} {value:+.2f}"
                     for a, b, value in strongest_correlations(base.posterior, 3)
@@ -103,7 +106,10 @@ def parameters_section(subject: Subject) -> Section:
             tables.append(_placements(name, calibration))
     if not tables:
         return Section("parameters", "Parameters", ["None: no base model was identified."])
-    caption = "Values ± 2 standard deviations. A bar as long as the tolerance was not determined by the data."
+    caption = (
+        "Values ± 2 standard deviations. A bar as long as the tolerance was not "
+        "determined by the data."
+    )
     alt = "Identified parameters with error bars, one panel per family."
     return Section("parameters", "Parameters", lines, [Drawing("parameters", caption, alt)], tables)
 
@@ -187,8 +193,14 @@ def observability_section(subject: Subject) -> Section:
         "smallest kept",
     ]
     tables = [Table("Rank and singular values", header, rows)] if rows else []
-    caption = "Singular values. Complete model: relative to the tolerances; above 1 the data say more than those do."
-    alt = "Singular values in falling order, with the limit below which a direction is not determined."
+    caption = (
+        "Singular values. Complete model: relative to the tolerances; above 1 the data say more "
+        "than those do."
+    )
+    alt = (
+        "Singular values in falling order, with the limit below which a direction is "
+        "not determined."
+    )
     return Section(
         "observability", "Observability", lines, [Drawing("observability", caption, alt)], tables
     )
@@ -229,7 +241,10 @@ def _noise_verdict(factor: float | None) -> str:
     if factor is None:
         return "not estimated by this model"
     if factor > 2:
-        return f"{factor:.1f} times the stated: it is wrong, or the robot does what the model cannot describe"
+        return (
+            f"{factor:.1f} times the stated: it is wrong, or the robot does what the model "
+            "cannot describe"
+        )
     return (
         "as stated"
         if factor >= 0.5

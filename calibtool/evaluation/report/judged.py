@@ -1,4 +1,6 @@
-"""Sections about the judged configurations: errors, where they point, what no joint corrects, ISO 9283, coverage."""
+"""Sections about the judged configurations: errors, where they point, what no joint corrects,
+ISO 9283, coverage.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -19,7 +21,9 @@ _ARROWS = 2000  # in the interactive view
 
 
 def errors_section(subject: Subject, judged: Measurements) -> Section:
-    """Statistics of every method, its errors and their distribution, and the worst configurations."""
+    """Statistics of every method, its errors and their distribution, and
+    the worst configurations.
+    """
     evaluation = subject.evaluation
     assert evaluation is not None
     entries: list[dict[str, Any]] = evaluation.as_json()["methods"]  # type: ignore[assignment]
@@ -43,7 +47,8 @@ def errors_section(subject: Subject, judged: Measurements) -> Section:
         else ["The target points do not show the orientation: only the position is judged."]
     )
     spread = "; ".join(
-        f"{e['name']}: mean {number(e['position_mm']['mean'])}, largest {number(e['position_mm']['max'])}"
+        f"{e['name']}: mean {number(e['position_mm']['mean'])}, largest "
+        f"{number(e['position_mm']['max'])}"
         for e in entries
     )
     limits = "; black, dotted: limits" if subject.limits else ""
@@ -95,13 +100,16 @@ def vectors_section(subject: Subject) -> Section:
         "vectors",
         "Error vectors in the workspace",
         [
-            "Arrows start at the commanded tool position, in the robot's base frame; their length is magnified."
+            "Arrows start at the commanded tool position, in the robot's base frame; their "
+            "length is magnified."
         ],
         [
             Drawing(
                 "vectors",
-                "The same arrows seen along the axes of the base frame, each method at its own magnification.",
-                "Position error as arrows at the tool positions, projected along z, y and x; one row per method.",
+                "The same arrows seen along the axes of the base frame, each method at its own "
+                "magnification.",
+                "Position error as arrows at the tool positions, projected along z, y and x; one "
+                "row per method.",
             )
         ],
         vectors=True,
@@ -109,7 +117,9 @@ def vectors_section(subject: Subject) -> Section:
 
 
 def vectors_data(subject: Subject, judged: Measurements) -> dict[str, object]:
-    """What the interactive view draws: positions in m, errors in mm, at most `_ARROWS` of them, evenly chosen."""
+    """What the interactive view draws: positions in m, errors in mm, at most `_ARROWS` of
+    them, evenly chosen.
+    """
     evaluation = subject.evaluation
     assert evaluation is not None
     position = judged.robot.mechanism.forward(judged.q)[:, :3, 3]
@@ -147,13 +157,14 @@ def uncorrectable_section(subject: Subject) -> Section:
         reason = (
             "Nothing: the actual robot can take every judged pose."
             if known
-            else "Not known: only a simulation with a known set-up knows which poses the actual robot can take."
+            else "Not known: only a simulation with a known set-up knows which poses the actual "
+            "robot can take."
         )
         return Section(section.id, section.title, [reason])
     line = (
-        f"{len(beyond.position)} of {evaluation.configurations} commanded poses cannot be taken by the actual robot: too "
-        "few joints, or out of reach. What is left at the nearest poses stays whatever the calibration; reductions in "
-        "percent are of the rest."
+        f"{len(beyond.position)} of {evaluation.configurations} commanded poses cannot be taken by "
+        "the actual robot: too few joints, or out of reach. What is left at the nearest poses "
+        "stays whatever the calibration; reductions in percent are of the rest."
     )
     whole = pose_statistics(beyond)
     rows = [
@@ -242,7 +253,8 @@ def coverage_section(subject: Subject, judged: Measurements) -> Section:
         [
             Drawing(
                 "coverage",
-                "Joint positions between the limits of each joint: judged (shade) and of the training (lines).",
+                "Joint positions between the limits of each joint: judged (shade) and of the "
+                "training (lines).",
                 "Histograms of the joint positions, one panel per joint.",
             )
         ],

@@ -37,10 +37,11 @@ class Shown:
 
 
 def html_report(subject: Subject, provenance: dict[str, str]) -> str:
-    """A self-contained HTML page about calibrations and their errors on measurements, which `subject` must hold.
+    """A self-contained HTML page about calibrations and their errors on measurements, which
+    `subject` must hold.
 
-    provenance: of the page itself. Nothing is loaded from anywhere; the same subject gives the same text. Names from files
-    are escaped. The whole `evaluate --json` is in the element `#evaluation`.
+    provenance: of the page itself. Nothing is loaded from anywhere; the same subject gives the same
+    text. Names from files are escaped. The whole `evaluate --json` is in the element `#evaluation`.
     """
     measurements, evaluation = subject.measurements, subject.evaluation
     assert measurements is not None
@@ -98,7 +99,9 @@ def _shown(section: Section, subject: Subject) -> Shown:
 
 
 def _inline(svg: str, prefix: str) -> Markup:
-    """The `<svg>` element alone: its names its own, its colours those of the page, light or dark."""
+    """The `<svg>` element alone: its names its own, its colours those of
+    the page, light or dark.
+    """
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r"<!--.*?-->\n?", "", svg, flags=re.DOTALL)

@@ -49,8 +49,9 @@ def groups(table: StudyTable) -> dict[tuple[Cell, ...], list[Row]]:
 def study_summary(table: StudyTable) -> dict[str, object]:
     """The object that `study --json` prints: one entry per combination and method.
 
-    `position_mm`, `orientation_mrad` and `reduction_percent` hold statistics over the configurations of a run, and each
-    of those its quantiles over the runs; None where no run has a number.
+    `position_mm`, `orientation_mrad` and `reduction_percent` hold statistics over the
+    configurations of a run, and each of those its quantiles over the runs; None where no
+    run has a number.
     """
     entries = []
     for cells, rows in groups(table).items():
@@ -80,7 +81,8 @@ def study_summary(table: StudyTable) -> dict[str, object]:
 
 
 def study_contents(table: StudyTable, definition: Mapping[str, object] | None) -> dict[str, object]:
-    """What `info` tells of a study: what was varied, how much of it has a result, and the medians over the runs.
+    """What `info` tells of a study: what was varied, how much of it has a result, and the
+    medians over the runs.
 
     definition: the keys of its definition, None for a table without one (CSV).
     """

@@ -1,4 +1,6 @@
-"""The tidy table of a study: one row per run and method, units in the header, an empty cell where there is no number."""
+"""The tidy table of a study: one row per run and method, units in the header, an empty cell where
+there is no number.
+"""
 
 import csv
 import io
@@ -56,7 +58,9 @@ class StudyTable:
 
 
 def rounded(value: float) -> float:
-    """Nine significant digits: what is stored is what is written, and the last bits of a machine do not show."""
+    """Nine significant digits: what is stored is what is written, and the last bits of a
+    machine do not show.
+    """
     return float(f"{value:.9g}")
 
 
@@ -76,7 +80,8 @@ def parse_csv(text: str, name: str) -> StudyTable:
     reader = csv.reader(io.StringIO(text))
     if text.partition("\n")[0].rstrip("\r") != ",".join(COLUMNS):
         raise InputError(
-            f"{name}: not a table of calibtool study; choose another name, or overwrite it with --force"
+            f"{name}: not a table of calibtool study; choose another name, or overwrite "
+            "it with --force"
         )
     next(reader)
     rows = []
@@ -98,7 +103,8 @@ def parse_csv(text: str, name: str) -> StudyTable:
 
 
 def checked_row(cells: object) -> Row:
-    """Cells from a file as a row: text, whole numbers that fit 64 bits and finite numbers where the columns want them.
+    """Cells from a file as a row: text, whole numbers that fit 64 bits and finite numbers where the
+    columns want them.
 
     None stands in columns of results only. Raises ValueError.
     """

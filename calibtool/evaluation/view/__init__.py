@@ -1,1 +1,3 @@
-"""Looking at it: the arm, its targets, and where they really are, as a page of its own or live by viser."""
+"""Looking at it: the arm, its targets, and where they really are, as a page of its own
+or live by viser.
+"""

@@ -10,10 +10,11 @@ from calibtool.robot.se3 import Array
 
 
 def page_of(scene: Scene, magnify: float) -> str:
-    """A page with the scene on a canvas: drag to turn, wheel to zoom, sliders for configuration and magnification.
+    """A page with the scene on a canvas: drag to turn, wheel to zoom, sliders for configuration
+    and magnification.
 
-    magnify is where the slider starts. Coordinates are rounded to 1 µm, errors are kept to 0.1 µm; the same scene gives
-    the same text.
+    magnify is where the slider starts. Coordinates are rounded to 1 µm, errors are kept to 0.1 µm;
+    the same scene gives the same text.
     """
     environment = Environment(
         loader=PackageLoader("calibtool.evaluation.view"),

@@ -1,4 +1,6 @@
-"""What there is to see: the arm at every configuration, its targets where they should be and where they are."""
+"""What there is to see: the arm at every configuration, its targets where they should be
+and where they are.
+"""
 
 from dataclasses import dataclass
 
@@ -16,7 +18,8 @@ class Scene:
     """Everything in K_0 and m, one entry per configuration; points are not magnified.
 
     q        (N, n) joint positions, rad or m
-    arm      (N, 2n+2, 3) base, every joint before and after its motion, tool: origins on the nominal robot
+    arm      (N, 2n+2, 3) base, every joint before and after its motion, tool: origins on
+             the nominal robot
     nominal  (N, m, 3) target points on the nominal robot
     found    (N, m, 3) the same, measured or predicted; NaN where a target was not seen
     meaning  what `found` is: `measured` or `calibrated`
@@ -63,7 +66,9 @@ class Scene:
 
 
 def scene_of(contents: Measurements | Calibration) -> Scene:
-    """Measured targets against those of the nominal robot, or a calibration's prediction at its own configurations."""
+    """Measured targets against those of the nominal robot, or a calibration's prediction at its
+    own configurations.
+    """
     robot, q = contents.robot, contents.q
     nominal_pose = robot.mechanism.forward(q)
     if isinstance(contents, Measurements):

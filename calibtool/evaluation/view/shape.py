@@ -1,4 +1,6 @@
-"""What the arm looks like: the meshes that its URDF names, where they are at hand, or a body of simple solids."""
+"""What the arm looks like: the meshes that its URDF names, where they are at hand, or a body
+of simple solids.
+"""
 
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -22,16 +24,19 @@ _THIN = 1e-9  # m: shorter links have no length
 
 
 def mesh_folders(robot: Robot, given: Sequence[Path]) -> list[Path]:
-    """Where the robot's meshes may lie: the given folders, and example-robot-data for a robot that comes from it."""
+    """Where the robot's meshes may lie: the given folders, and example-robot-data for a robot
+    that comes from it.
+    """
     carried = robot.source.description.kinematics.example_robot_data is not None
     return [*given, *([example_robot_data().parent] if carried else [])]
 
 
 def described_shape(robot: Robot, folders: Sequence[Path]) -> pin.GeometryModel:
-    """The visual geometry of the robot's URDF, on the joints of its chain; empty where the URDF shows nothing.
+    """The visual geometry of the robot's URDF, on the joints of its chain; empty where the
+    URDF shows nothing.
 
-    Meshes are read from `folders` and below them alone, whatever the URDF says; InputError names one that is not there or
-    cannot be read.
+    Meshes are read from `folders` and below them alone, whatever the URDF says; InputError names
+    one that is not there or cannot be read.
     """
     try:
         root = ElementTree.fromstring(robot.source.urdf_text)
@@ -46,9 +51,11 @@ def described_shape(robot: Robot, folders: Sequence[Path]) -> pin.GeometryModel:
 
 
 def _visual_geometry(source: Source, urdf_text: str) -> pin.GeometryModel:
-    """What the links look like, on the joints of `build_chain(source)`: placements in their frames, and in K_0 before them.
+    """What the links look like, on the joints of `build_chain(source)`: placements in their frames,
+    and in K_0 before them.
 
-    urdf_text: the source's URDF with meshes named by absolute paths. InputError for a mesh that cannot be read.
+    urdf_text: the source's URDF with meshes named by absolute paths. InputError for a mesh
+    that cannot be read.
     """
     name, kinematics = source.place, source.description.kinematics
     full = parse_urdf(urdf_text, name)
@@ -71,7 +78,9 @@ def _visual_geometry(source: Source, urdf_text: str) -> pin.GeometryModel:
 
 
 def _mesh(name: str, folders: Sequence[Path], robot: str) -> Path:
-    """The file of a mesh: package://PACKAGE/PATH lies in a folder that holds the package, or is it; other names beside."""
+    """The file of a mesh: package://PACKAGE/PATH lies in a folder that holds the package, or is it;
+    other names beside.
+    """
     place = f"{robot}: mesh '{name}'"
     if Path(name).suffix.lower() not in MESHES:
         raise InputError(f"{place} is none of {' '.join(MESHES)}")
@@ -88,7 +97,9 @@ def _mesh(name: str, folders: Sequence[Path], robot: str) -> Path:
 
 
 def simple_shape(robot: Robot) -> pin.GeometryModel:
-    """Cylinders along links, rails and round the joint axes, boxes for slides, as thick as the robot's size asks for."""
+    """Cylinders along links, rails and round the joint axes, boxes for slides, as thick as the
+    robot's size asks for.
+    """
     shape = pin.GeometryModel()
     placements, twists = robot.chain.placements, robot.chain.twists
     width = float(np.linalg.norm(placements[:, :3, 3], axis=-1).sum()) / 60 or 0.01

@@ -14,9 +14,11 @@ __all__ = ["Finding", "check_measurements", "design_findings"]
 def check_measurements(
     measurements: Measurements, companions: Companions | None = None
 ) -> list[Finding]:
-    """Every finding about measurements and what was recorded beside them (companions), warnings first.
+    """Every finding about measurements and what was recorded beside them
+    (companions), warnings first.
 
-    Nothing is changed and nothing raised: a check whose data are missing says nothing. Row numbers count from 1.
+    Nothing is changed and nothing raised: a check whose data are missing says nothing. Row
+    numbers count from 1.
     """
     fit = nominal_fit(measurements, free=False)
     mistakes, wrong_rows = nominal_findings(measurements, fit)

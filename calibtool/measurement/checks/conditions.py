@@ -1,4 +1,6 @@
-"""What happened while measuring: drift, temperature, scatter of repeated configurations, commanded and read positions."""
+"""What happened while measuring: drift, temperature, scatter of repeated configurations, commanded
+and read positions.
+"""
 
 from dataclasses import replace
 
@@ -22,7 +24,8 @@ _CLEAR = 5.0  # standard errors at which a drift or the better joint positions a
 def condition_findings(
     measurements: Measurements, fit: Fit, companions: Companions
 ) -> list[Finding]:
-    """Repeatability, drift of reference points, trend with temperature, and which joint positions explain more.
+    """Repeatability, drift of reference points, trend with temperature, and which joint
+    positions explain more.
 
     fit: the nominal robot registered to the measurements.
     """
@@ -37,7 +40,9 @@ def condition_findings(
 
 
 def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
-    """Scatter within repeated configurations; of the residuals, so that small differences of the joints do not count."""
+    """Scatter within repeated configurations; of the residuals, so that small differences of the
+    joints do not count.
+    """
     groups = repeated_groups(measurements.q)
     seen = measurements.seen.repeat(3, axis=-1)
     size = np.zeros((int(groups.max()) + 1, seen.shape[1]))
@@ -51,8 +56,8 @@ def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
     scatter, noise = float(np.sqrt((own**2).sum() / freedom)), measurements.noise_position
     rows = len(groups) - len(size)
     message = (
-        f"{rows} rows repeat the joint positions of another row: they scatter by {scatter * 1e3:.3g} mm per coordinate, "
-        f"stated noise {noise * 1e3:.3g} mm"
+        f"{rows} rows repeat the joint positions of another row: they scatter by "
+        f"{scatter * 1e3:.3g} mm per coordinate, stated noise {noise * 1e3:.3g} mm"
     )
     numbers: Numbers = {
         "rows": rows,
@@ -64,7 +69,9 @@ def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
 
 
 def _drift(measurements: Measurements, companions: Companions) -> Finding | None:
-    """Movement of fixed points: von Neumann's ratio of successive differences to variance tells drift from noise."""
+    """Movement of fixed points: von Neumann's ratio of successive differences to variance tells
+    drift from noise.
+    """
     if companions.reference_points is None:
         return None
     points = companions.reference_points
@@ -103,17 +110,19 @@ def _drift(measurements: Measurements, companions: Companions) -> Finding | None
         numbers["hours"] = hours
         speed = f" in {hours:.3g} h"
     message = (
-        f"the reference points move by {span * 1e3:.3g} mm{speed} against the instrument: the base or the instrument "
-        "drifts; bring each row back by its reference points, or measure faster"
+        f"the reference points move by {span * 1e3:.3g} mm{speed} against the instrument: the base "
+        "or the instrument drifts; bring each row back by its reference points, or measure faster"
     )
     return Finding("reference_drift", severity(span > noise), message, numbers)
 
 
 def _temperature(measurements: Measurements, fit: Fit, companions: Companions) -> Finding | None:
-    """Trend of the residual with temperature: drift along x, y, z of K_0, and growth away from the base.
+    """Trend of the residual with temperature: drift along x, y, z of K_0, and growth
+    away from the base.
 
-    What a geometric error of the robot could explain is taken out first. The most significant of the four counts, its
-    p-value times four; the order of the rows is tried as well, because most things that drift do so with time.
+    What a geometric error of the robot could explain is taken out first. The most significant of
+    the four counts, its p-value times four; the order of the rows is tried as well, because most
+    things that drift do so with time.
     """
     if companions.temperature_c is None or np.ptp(companions.temperature_c) < 0.1:
         return None
@@ -151,7 +160,9 @@ def _temperature(measurements: Measurements, fit: Fit, companions: Companions) -
 def _trends(
     measurements: Measurements, fit: Fit, outward: Array, values: Array
 ) -> tuple[Array, Array]:
-    """Slopes (4,) of the residual over values (N,) along x, y, z and outward (N, m, 3); their sizes in standard errors."""
+    """Slopes (4,) of the residual over values (N,) along x, y, z and outward (N, m, 3); their sizes
+    in standard errors.
+    """
     left = without_geometry(measurements, fit.setup, fit.left)
     slopes, sizes = np.empty(4), np.empty(4)
     directions = [*np.broadcast_to(np.eye(3)[:, None, None], (3, *outward.shape)), outward]
@@ -164,7 +175,9 @@ def _trends(
 
 
 def without_geometry(measurements: Measurements, setup: Setup, series: Array) -> Array:
-    """A series (N, d) without what placement errors of the links (Eq. 10), of tolerance 1 mm and 1 mrad, explain of it."""
+    """A series (N, d) without what placement errors of the links (Eq. 10), of tolerance 1 mm and 1
+    mrad, explain of it.
+    """
     frames = measurements.robot.mechanism.frames(measurements.q)
     blocks = adjoint(np.concatenate([frames.before, frames.tool[:, None]], axis=1))
     P = observation_matrix(setup, frames.tool)
@@ -179,7 +192,9 @@ def without_geometry(measurements: Measurements, setup: Setup, series: Array) ->
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float]:
-    """Slope of y over x, both (N, d), and its standard error, which allows for rows that are like the row before."""
+    """Slope of y over x, both (N, d), and its standard error, which allows for rows that are
+    like the row before.
+    """
     power = max(float((x**2).sum()), 1e-300)
     slope = float((x * y).sum()) / power
     scores = (x * (y - slope * x)).sum(axis=-1)
@@ -189,7 +204,9 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
 
 
 def _commanded_or_read(measurements: Measurements, companions: Companions) -> Finding | None:
-    """How far from the commanded (0) to the read (1) positions the robot really was, as the points say it."""
+    """How far from the commanded (0) to the read (1) positions the robot really was, as
+    the points say it.
+    """
     commanded, read = companions.q_commanded, companions.q_read
     if commanded is None or read is None:
         commanded = measurements.q if commanded is None else commanded
@@ -219,8 +236,9 @@ def _commanded_or_read(measurements: Measurements, companions: Companions) -> Fi
         else "neither explains the points better"
     )
     message = (
-        f"commanded and read joint positions differ by up to {_size(measurements, commanded - read)}; {verdict} "
-        f"({fits[0].rms * 1e3:.4g} mm rms commanded, {fits[1].rms * 1e3:.4g} mm read)"
+        "commanded and read joint positions differ by up to "
+        f"{_size(measurements, commanded - read)}; {verdict} ({fits[0].rms * 1e3:.4g} mm rms "
+        f"commanded, {fits[1].rms * 1e3:.4g} mm read)"
     )
     if clear and better_read != used_read:
         message += f"; the file holds the {names[int(used_read)]} ones"

@@ -1,4 +1,6 @@
-"""What the nominal robot makes of the measurements, and which single mistake in the data would explain a bad fit."""
+"""What the nominal robot makes of the measurements, and which single mistake in the data would
+explain a bad fit.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -29,7 +31,9 @@ _UNIT = 180.0 / np.pi
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A set-up, what it leaves of the points (N, 3m) in K_0, and the rms distance per target, m (infinite: no fit)."""
+    """A set-up, what it leaves of the points (N, 3m) in K_0, and the rms distance per target, m
+    (infinite: no fit).
+    """
 
     setup: Setup
     left: Array
@@ -37,7 +41,9 @@ class Fit:
 
 
 def nominal_fit(measurements: Measurements, *, free: bool) -> Fit:
-    """The nominal robot registered to the points (orientations left aside); free: given parts of the set-up too."""
+    """The nominal robot registered to the points (orientations left aside); free: given parts
+    of the set-up too.
+    """
     points = measurements.points_alone()
     setup = replace(points.setup, frame_known=False, targets_known=False) if free else points.setup
     points = replace(points, setup=setup)
@@ -50,7 +56,8 @@ def nominal_fit(measurements: Measurements, *, free: bool) -> Fit:
 
 
 def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Finding], np.ndarray]:
-    """Wrong units, axes, joints, orders of targets or set-up; and the rows (k,) whose targets are swapped.
+    """Wrong units, axes, joints, orders of targets or set-up; and the rows (k,) whose
+    targets are swapped.
 
     stated: the fit with what is known of the set-up kept.
     """
@@ -72,7 +79,9 @@ def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Find
 
 
 def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
-    """Whether a 6-D instrument's orientations turn as the robot does: the sensor must keep its place in the tool."""
+    """Whether a 6-D instrument's orientations turn as the robot does: the sensor must keep its
+    place in the tool.
+    """
     if measurements.rotations is None or len(measurements) < 3 or not np.isfinite(fit.rms):
         return None
     T_base_tool = measurements.robot.mechanism.forward(measurements.q)
@@ -82,8 +91,8 @@ def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
     if spread < np.deg2rad(5):
         return None
     message = (
-        f"the measured orientations differ from the robot's by {np.rad2deg(spread):.3g} deg rms although its positions fit; "
-        "check the convention and the unit of the angles"
+        f"the measured orientations differ from the robot's by {np.rad2deg(spread):.3g} deg rms "
+        "although its positions fit; check the convention and the unit of the angles"
     )
     return Finding(
         "orientation_convention", "warning", message, {"rms_deg": float(np.rad2deg(spread))}
@@ -163,8 +172,9 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
     if not _GROSS * measurements.robot.length < before < np.inf:
         return []
     message = (
-        f"the nominal robot explains the points to {_mm(before)} rms only; check the robot, its zero positions, the joint "
-        "columns with their units and signs, and that rows of joints and of points belong together"
+        f"the nominal robot explains the points to {_mm(before)} rms only; check the robot, its "
+        "zero positions, the joint columns with their units and signs, and that rows of joints and "
+        "of points belong together"
     )
     return [Finding("nominal_robot", "warning", message, {"rms_mm": before * 1e3})]
 
@@ -186,8 +196,9 @@ def _rows_off(measurements: Measurements) -> Finding | None:
     if not len(rows) or not after.rms * _BETTER < before.rms:
         return None
     message = (
-        f"row {listed(rows)} does not belong to the others: the nominal robot explains the points to {_mm(before.rms)} rms, "
-        f"without {'it' if len(rows) == 1 else 'them'} to {_mm(after.rms)}"
+        f"row {listed(rows)} does not belong to the others: the nominal robot explains the points "
+        f"to {_mm(before.rms)} rms, without {'it' if len(rows) == 1 else 'them'} to "
+        f"{_mm(after.rms)}"
     )
     numbers: Numbers = {
         "rows": [int(r) + 1 for r in rows],
@@ -198,7 +209,9 @@ def _rows_off(measurements: Measurements) -> Finding | None:
 
 
 def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Finding:
-    """A given set-up that does not fit: the targets in another order, or the frame or the targets altogether."""
+    """A given set-up that does not fit: the targets in another order, or the frame or the
+    targets altogether.
+    """
     setup, m = measurements.setup, len(measurements.setup.targets)
     if setup.targets_known and 2 <= m <= 5:
         tried = []
@@ -210,8 +223,8 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
         after, order = min(tried)
         if after * _BETTER < before:
             message = (
-                f"the targets fit to {_mm(before)} rms in the order given, but to {_mm(after)} as {listed(order)}; "
-                "sort their columns"
+                f"the targets fit to {_mm(before)} rms in the order given, but to {_mm(after)} as "
+                f"{listed(order)}; sort their columns"
             )
             numbers: Numbers = {
                 "order": [i + 1 for i in order],
@@ -228,8 +241,8 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
         if known
     )
     message = (
-        f"with the {given} as given the points fit to {_mm(before)} rms, with an estimated set-up to {_mm(free.rms)}; "
-        "check what was given, or leave it out"
+        f"with the {given} as given the points fit to {_mm(before)} rms, with an estimated set-up "
+        f"to {_mm(free.rms)}; check what was given, or leave it out"
     )
     return Finding(
         "given_setup",
@@ -240,7 +253,9 @@ def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Findin
 
 
 def _other_order(measurements: Measurements, setup: Setup) -> Finding | None:
-    """Estimated targets that stand where the robot's description has them, but numbered otherwise."""
+    """Estimated targets that stand where the robot's description has them,
+    but numbered otherwise.
+    """
     targets = measurements.robot.targets
     if measurements.setup.targets_known or len(targets) != len(setup.targets) or len(targets) < 2:
         return None
@@ -252,8 +267,8 @@ def _other_order(measurements: Measurements, setup: Setup) -> Finding | None:
     ].max() > 0.1 * spread:
         return None
     message = (
-        f"the targets stand where {measurements.robot.name} has its targets {listed(order)}, in this order; harmless while "
-        "they are estimated, wrong with --robot-targets"
+        f"the targets stand where {measurements.robot.name} has its targets {listed(order)}, in "
+        "this order; harmless while they are estimated, wrong with --robot-targets"
     )
     return Finding("target_order", "note", message, {"order": [int(i) + 1 for i in order]})
 
@@ -284,8 +299,9 @@ def _swapped_rows(measurements: Measurements, stated: Fit) -> tuple[Finding | No
     if not len(rows):
         return None, none
     message = (
-        f"in {len(rows)} rows the targets are in another order than in the rest (rows {listed(rows)}): sorted, the nominal "
-        f"robot explains the points to {_mm(best)} instead of {_mm(stated.rms)} rms"
+        f"in {len(rows)} rows the targets are in another order than in the rest (rows "
+        f"{listed(rows)}): sorted, the nominal robot explains the points to {_mm(best)} instead of "
+        f"{_mm(stated.rms)} rms"
     )
     numbers: Numbers = {
         "rows": [int(r) + 1 for r in rows],
@@ -296,7 +312,9 @@ def _swapped_rows(measurements: Measurements, stated: Fit) -> tuple[Finding | No
 
 
 def _orders(measurements: Measurements, setup: Setup) -> np.ndarray:
-    """Which measured point is target i, per row, judged by a set-up: (N, m); as given unless another order is far better."""
+    """Which measured point is target i, per row, judged by a set-up: (N, m); as given unless
+    another order is far better.
+    """
     poses = setup.T_instrument_base @ measurements.robot.mechanism.forward(measurements.q)
     predicted = transform_points(poses, setup.targets)
     apart = np.nan_to_num(

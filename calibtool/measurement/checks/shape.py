@@ -17,7 +17,9 @@ _FLOOR = 1e-6  # m: smallest standard deviation of a distance; exact data have r
 
 @dataclass(frozen=True, eq=False)
 class _Pairs:
-    """Distances (N, P) between the targets of each pair, their scatter (P,), and unit vectors (P, 3) along them."""
+    """Distances (N, P) between the targets of each pair, their scatter (P,), and unit vectors
+    (P, 3) along them.
+    """
 
     index: list[tuple[int, int]]
     distances: Array
@@ -25,7 +27,9 @@ class _Pairs:
     along: Array
 
     def moved(self, change: Array) -> tuple[str, Array]:
-        """The target whose shift explains changes (P,) of the distances best, and its smallest such shift, m."""
+        """The target whose shift explains changes (P,) of the distances best, and its
+        smallest such shift, m.
+        """
         answers = []
         for i in range(max(b for _, b in self.index) + 1):
             sign = np.array([(a == i) * 1.0 - (b == i) * 1.0 for a, b in self.index])
@@ -39,7 +43,8 @@ class _Pairs:
 
 
 def shape_findings(measurements: Measurements, wrong_rows: np.ndarray) -> list[Finding]:
-    """Bumped targets, rows with a target out of place, scatter of the distances; coordinates taken twice.
+    """Bumped targets, rows with a target out of place, scatter of the distances;
+    coordinates taken twice.
 
     wrong_rows: indices (k,) of rows that are explained already (targets swapped) and are left out.
     """
@@ -55,7 +60,8 @@ def _equal_coordinates(measurements: Measurements) -> list[Finding]:
         Finding(
             "duplicate_columns",
             "warning",
-            f"coordinates {names[a]} and {names[b]} hold the same numbers in every row; a column was taken twice",
+            f"coordinates {names[a]} and {names[b]} hold the same numbers in every row; a column "
+            "was taken twice",
             {"targets": [a // 3 + 1, b // 3 + 1]},
         )
         for a, b in pairs
@@ -78,8 +84,8 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
         largest = max(float(np.linalg.norm(shift)) for _, shift in named)
         targets = ", ".join(sorted({target for target, _ in named}))
         message = (
-            f"row {listed(rows[off])}: target {targets} is up to {largest * 1e3:.3g} mm from where the other targets say; "
-            "measure these rows again or leave them out"
+            f"row {listed(rows[off])}: target {targets} is up to {largest * 1e3:.3g} mm from where "
+            "the other targets say; measure these rows again or leave them out"
         )
         numbers = {"rows": [int(row) + 1 for row in rows[off]], "shift_mm": largest * 1e3}
         found.append(Finding("target_out_of_place", severity(largest > noise), message, numbers))
@@ -93,8 +99,9 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
         target, shift = pairs.moved(change)
         row, size = int(rows[at]) + 1, float(np.linalg.norm(shift))
         message = (
-            f"target {target} sits elsewhere from row {row} on, by at least {size * 1e3:.3g} mm (its distances to the other "
-            "targets change); calibrate with the rows before or from there on only"
+            f"target {target} sits elsewhere from row {row} on, by at least {size * 1e3:.3g} mm "
+            "(its distances to the other targets change); calibrate with the rows before or "
+            "from there on only"
         )
         numbers = {
             "row": row,
@@ -106,8 +113,8 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
     estimate = float(np.sqrt(distances.var(axis=0, ddof=1).mean() / 2))
     if estimate > 3 * noise:
         message = (
-            f"the distances between targets scatter as if the noise were {estimate * 1e3:.3g} mm per coordinate; "
-            f"stated are {noise * 1e3:.3g} mm"
+            f"the distances between targets scatter as if the noise were {estimate * 1e3:.3g} mm "
+            f"per coordinate; stated are {noise * 1e3:.3g} mm"
         )
         numbers = {"estimated_noise_mm": estimate * 1e3, "stated_noise_mm": noise * 1e3}
         found.append(Finding("noise_of_distances", "warning", message, numbers))
@@ -125,14 +132,18 @@ def _pairs(points: Array) -> _Pairs:
 
 
 def _running_median(values: Array) -> Array:
-    """Median of each row and two on either side (at the ends: of the first or last five), which keeps steps: (N, P)."""
+    """Median of each row and two on either side (at the ends: of the first or last five), which
+    keeps steps: (N, P).
+    """
     middle = np.clip(np.arange(len(values)), 2, len(values) - 3)
     result: Array = np.median(values[middle[:, None] + np.arange(-2, 3)], axis=1)
     return result
 
 
 def _step(values: Array, scatter: Array) -> tuple[int, Array, float]:
-    """First row after the largest change of the columns' means, the change (P,), and its squared significance."""
+    """First row after the largest change of the columns' means, the change (P,), and its
+    squared significance.
+    """
     count = len(values)
     before = np.arange(1, count)[:, None]
     total = np.cumsum(values - values[0], axis=0)

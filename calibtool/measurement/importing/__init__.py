@@ -1,4 +1,6 @@
-"""Import of what instruments write: tables by header or by map, SpatialAnalyzer's points, Excel sheets, joint files."""
+"""Import of what instruments write: tables by header or by map, SpatialAnalyzer's points, Excel
+sheets, joint files.
+"""
 
 from calibtool.measurement.importing.assemble import (
     Imported,

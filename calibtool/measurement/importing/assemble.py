@@ -1,4 +1,6 @@
-"""Instrument tables → measurements and their companions; unknown parts of the set-up are registered afterwards."""
+"""Instrument tables → measurements and their companions; unknown parts of the set-up are
+registered afterwards.
+"""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -61,7 +63,9 @@ class Understood:
 
 
 class Imported(NamedTuple):
-    """Measurements, warnings, what stands beside the measurements, and how the files were understood."""
+    """Measurements, warnings, what stands beside the measurements, and how the files
+    were understood.
+    """
 
     measurements: Measurements
     warnings: list[str]
@@ -90,7 +94,8 @@ class Imported(NamedTuple):
     def registered(self) -> "Imported":
         """The same with the unknown parts of the set-up fitted to these rows (nominal robot).
 
-        Raises NoSolutionError for too few rows; a warning about the table goes along, it may tell why.
+        Raises NoSolutionError for too few rows; a warning about the table goes along,
+        it may tell why.
         """
         count = len(self.measurements)
         used = self.measurements
@@ -113,7 +118,9 @@ def import_table(
     robot_targets: bool = False,
     joint_values: JointValues | None = None,
 ) -> Imported:
-    """Measurements from a table, registered to all of its rows: `read_table(…).registered()`, which see."""
+    """Measurements from a table, registered to all of its rows:
+    `read_table(…).registered()`, which see.
+    """
     return read_table(
         data,
         name,
@@ -141,15 +148,18 @@ def read_table(
     joint_values: JointValues | None = None,
     commanded: CommandedFile | None = None,
 ) -> Imported:
-    """Measurements and companions from the contents of a file; nothing of the set-up is estimated yet.
+    """Measurements and companions from the contents of a file; nothing of the set-up
+    is estimated yet.
 
-    columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame: overrides the map's.
-    robot_targets: the targets are those of the robot's description, in their order. format, sheet, layout: see
-    `sources.read_source`. stated: units and convention where the header is silent. joints: their own file. joint_values:
-    whose they are where the header does not say it (`Robot.joint_values`); overrides the map's. commanded: targets
-    whose corrected joints the arm was driven to.
-    Raises InputError for a bad cell, column or target set, UsageError for options that do not fit
-    the file, and for joint values of which nothing says whose they are, where it matters.
+    columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame:
+    overrides the map's.
+    robot_targets: the targets are those of the robot's description, in their order. format, sheet,
+    layout: see `sources.read_source`. stated: units and convention where the header is silent.
+    joints: their own file. joint_values: whose they are where the header does not say it
+    (`Robot.joint_values`); overrides the map's. commanded: targets whose corrected joints the arm
+    was driven to. Raises InputError for a bad cell, column or target set, UsageError for options
+    that do not fit the file, and for joint values of which nothing says whose they are, where it
+    matters.
     """
     how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
     source = read_source(data, name, format, sheet=sheet, layout=layout, **how)
@@ -226,8 +236,9 @@ def read_table(
 def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
     """A warning per target that is missing somewhere, with every line."""
     return [
-        f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in {int((~seen[:, i]).sum())} of {len(seen)} "
-        f"rows; their other targets count: line {line_ranges([table.lines[k] for k in _rows(~seen[:, i])])}"
+        f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in "
+        f"{int((~seen[:, i]).sum())} of {len(seen)} rows; their other targets count: line "
+        f"{line_ranges([table.lines[k] for k in _rows(~seen[:, i])])}"
         for i, target in enumerate(columns.targets)
         if not seen[:, i].all()
     ]
@@ -248,7 +259,8 @@ def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str
         return []
     first = table.place(int(np.argmax(outside)))
     return [
-        f"{first}: {int(outside.sum())} of {len(outside)} rows are outside the joint limits of {robot.name}; kept"
+        f"{first}: {int(outside.sum())} of {len(outside)} rows are outside the joint limits of "
+        f"{robot.name}; kept"
     ]
 
 

@@ -25,17 +25,20 @@ def join_rows(
     columns: JoinColumns | None = None,
     tolerance_s: float = JOIN_TOLERANCE,
 ) -> tuple[Table, Table, list[str]]:
-    """Both tables with the rows that found a partner, in the order of the measured ones, and warnings about the others.
+    """Both tables with the rows that found a partner, in the order of the measured ones, and
+    warnings about the others.
 
-    how: `index` by row order (equally many rows), `name` by a shared column (`name` unless `columns` says which), `time`
-    by the nearest stamp at most `tolerance_s` away. Every row without a partner is named by its line in a warning.
-    Raises InputError when nothing fits, the numbers of rows differ (index), or a name stands twice in `joints`.
+    how: `index` by row order (equally many rows), `name` by a shared column (`name` unless
+    `columns` says which), `time` by the nearest stamp at most `tolerance_s` away. Every row without
+    a partner is named by its line in a warning. Raises InputError when nothing fits, the numbers of
+    rows differ (index), or a name stands twice in `joints`.
     """
     if how == "index":
         if len(measured) != len(joints):
             raise InputError(
-                f"{joints.name}: {len(joints)} rows, but {measured.name} has {len(measured)} configurations; by row order "
-                "both need as many (--join name or --join time finds partners otherwise)"
+                f"{joints.name}: {len(joints)} rows, but {measured.name} has {len(measured)} "
+                "configurations; by row order both need as many (--join name or --join time finds "
+                "partners otherwise)"
             )
         return measured, joints, []
     partner = (
@@ -49,8 +52,8 @@ def join_rows(
         raise InputError(f"{measured.name}: no row has a partner {reason} in {joints.name}")
     unused = np.setdiff1d(np.arange(len(joints)), partner[kept])
     warnings = [
-        f"{table.name}: {len(rows)} of {len(table)} rows have no partner {reason} in {other.name} and are left out: line "
-        + line_ranges([table.lines[int(row)] for row in rows])
+        f"{table.name}: {len(rows)} of {len(table)} rows have no partner {reason} in {other.name} "
+        "and are left out: line " + line_ranges([table.lines[int(row)] for row in rows])
         for table, other, rows in (
             (measured, joints, np.flatnonzero(partner < 0)),
             (joints, measured, unused),
@@ -61,7 +64,8 @@ def join_rows(
 
 
 def times(table: Table, column: TimeColumn) -> Array:
-    """Time stamps in s, (N,), NaN where empty; ISO 8601 counts from the epoch, without a zone or with Z.
+    """Time stamps in s, (N,), NaN where empty; ISO 8601 counts from the epoch, without
+    a zone or with Z.
 
     Raises InputError for a stamp that cannot be read, by line.
     """
@@ -82,8 +86,8 @@ def times(table: Table, column: TimeColumn) -> Array:
             )
         except ValueError:
             raise InputError(
-                f"{table.place(row)}: column '{column.column}' holds '{text}'; expected an ISO 8601 time such as "
-                "2024-05-31T14:07:09.25, in UTC or without a zone"
+                f"{table.place(row)}: column '{column.column}' holds '{text}'; expected an ISO "
+                "8601 time such as 2024-05-31T14:07:09.25, in UTC or without a zone"
             ) from None
     return values
 
@@ -93,8 +97,8 @@ def _by_name(measured: Table, joints: Table, columns: JoinColumns | None) -> np.
     for table, column in zip((measured, joints), pair, strict=True):
         if column not in table.header:
             raise InputError(
-                f"{table.name}: no column '{column}' to join by; name it so, or give [join] measured = …, joints = … "
-                "in the --columns file"
+                f"{table.name}: no column '{column}' to join by; name it so, or give [join] "
+                "measured = …, joints = … in the --columns file"
             )
     rows: dict[str, int] = {}
     for row, name in enumerate(joints.texts(pair[1])):
@@ -102,7 +106,8 @@ def _by_name(measured: Table, joints: Table, columns: JoinColumns | None) -> np.
             continue
         if name in rows:
             raise InputError(
-                f"{joints.place(row)}: '{name}' stands in line {joints.lines[rows[name]]} already; keep one"
+                f"{joints.place(row)}: '{name}' stands in line {joints.lines[rows[name]]} "
+                "already; keep one"
             )
         rows[name] = row
     return np.array([rows.get(name, -1) for name in measured.texts(pair[0])])
@@ -126,8 +131,8 @@ def _by_time(
     for table, column in zip((measured, joints), pair, strict=True):
         if column is None:
             raise InputError(
-                f"{table.name}: no time stamps time_s, time_ms or time_iso to join by; name the column so, or give [join] "
-                "measured = …, joints = …, unit = … in the --columns file"
+                f"{table.name}: no time stamps time_s, time_ms or time_iso to join by; name the "
+                "column so, or give [join] measured = …, joints = …, unit = … in the --columns file"
             )
         stamps.append(times(table, column))
     wanted, log = stamps

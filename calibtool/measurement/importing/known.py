@@ -14,8 +14,8 @@ def known_setup(
 ) -> Setup:
     """What is known of the set-up; unknown parts stand at zero until they are registered.
 
-    points (N, m, 3): measured targets. Raises InputError for targets that the robot does not have, or that do not
-    determine what they should (collinear, two the same).
+    points (N, m, 3): measured targets. Raises InputError for targets that the robot does not have,
+    or that do not determine what they should (collinear, two the same).
     """
     m = points.shape[1]
     targets, known = np.zeros((m, 3)), False

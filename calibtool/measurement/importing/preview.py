@@ -13,10 +13,11 @@ _FIRST_ROWS = 3
 
 
 def preview(imported: Imported) -> str:
-    """Robot, columns, units, frame, noise, numbers of rows, columns not used, and the first rows as understood.
+    """Robot, columns, units, frame, noise, numbers of rows, columns not used, and the first
+    rows as understood.
 
-    The last lines say how well the nominal robot fits once the unknown parts of the set-up are registered: a wrong unit,
-    order of joints or Euler convention shows there.
+    The last lines say how well the nominal robot fits once the unknown parts of the set-up are
+    registered: a wrong unit, order of joints or Euler convention shows there.
     """
     measurements, _, _, understood = imported
     robot, columns, table = measurements.robot, understood.columns, understood.source.table
@@ -78,7 +79,10 @@ def preview(imported: Imported) -> str:
 def _spelling(imported: Imported) -> str:
     source = imported.understood.source
     if source.points is not None:
-        return f"SpatialAnalyzer points, layout {source.points.layout}, targets {', '.join(source.points.targets)}"
+        return (
+            f"SpatialAnalyzer points, layout {source.points.layout}, targets "
+            f"{', '.join(source.points.targets)}"
+        )
     if source.format == "excel":
         return "Excel sheet"
     named = {",": "comma", ";": "semicolon", "\t": "tab", " ": "blanks"}.get(
@@ -156,6 +160,6 @@ def _fit(imported: Imported) -> str:
     left = residuals(measurements, measurements.setup, poses)[:, : 3 * measurements.points.shape[1]]
     distances = np.linalg.norm(left.reshape(len(left), -1, 3), axis=-1)[measurements.seen] * 1e3
     return (
-        f"nominal robot: {np.sqrt((distances**2).mean()):.3f} mm rms, {distances.max():.3f} mm max from the measured points"
-        + ("" if measurements.setup.known else " after registration")
+        f"nominal robot: {np.sqrt((distances**2).mean()):.3f} mm rms, {distances.max():.3f} mm max "
+        "from the measured points" + ("" if measurements.setup.known else " after registration")
     )

@@ -11,7 +11,8 @@ from calibtool.measurement.measurements import Measurements
 def choose_rows(
     count: int, rows: str | None, sample: int | None, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (k,) of the chosen rows and of the rest, both rising: `rows` is 'A:B', from 1 and both included.
+    """Indices (k,) of the chosen rows and of the rest, both rising: `rows` is 'A:B', from 1
+    and both included.
 
     `sample` draws so many of them at random.
 
@@ -34,7 +35,9 @@ def choose_rows(
 def select_rows(
     measurements: Measurements, rows: str | None, sample: int | None, seed: int
 ) -> tuple[Measurements, Measurements]:
-    """The chosen rows of measurements and the rest, see `choose_rows`; both keep the set-up as it is."""
+    """The chosen rows of measurements and the rest, see `choose_rows`; both keep the
+    set-up as it is.
+    """
     chosen, rest = choose_rows(len(measurements), rows, sample, seed)
     return measurements.rows(chosen), measurements.rows(rest)
 

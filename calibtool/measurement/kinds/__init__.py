@@ -1,4 +1,7 @@
-"""Kinds of observation: what an instrument sees of the tool, one file each. A new one is one more line here."""
+"""Kinds of observation: what an instrument sees of the tool, one file each.
+
+A new one is one more line here.
+"""
 
 from calibtool.measurement.kinds.kind import Kind, Readings
 from calibtool.measurement.kinds.points import TargetPoints

@@ -1,4 +1,6 @@
-"""What a kind of observation is: residuals of a row, their columns, and what of the set-up is free."""
+"""What a kind of observation is: residuals of a row, their columns, and
+what of the set-up is free.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ if TYPE_CHECKING:
 
 
 class Readings(NamedTuple):
-    """What was read at N rows: points (N, m, 3), m, NaN for one that was not seen, and rotations (N, 3, 3) or None."""
+    """What was read at N rows: points (N, m, 3), m, NaN for one that was not seen, and rotations
+    (N, 3, 3) or None.
+    """
 
     points: Array
     rotations: Array | None = None
@@ -27,7 +31,9 @@ class Readings(NamedTuple):
 
 
 class Kind(ABC):
-    """A kind of observation. Rows have d coordinates in K_0, in m and rad; predicted poses are T_base_tool (N, 4, 4).
+    """A kind of observation.
+
+    Rows have d coordinates in K_0, in m and rad; predicted poses are T_base_tool (N, 4, 4).
 
     id      in files
     words   for people; `{m}` stands for the number of points
@@ -40,7 +46,9 @@ class Kind(ABC):
 
     @abstractmethod
     def names(self, points: int) -> tuple[str, ...]:
-        """Names of the free elements of the tool's side of the set-up, which are as many as coordinates of a row (d,)."""
+        """Names of the free elements of the tool's side of the set-up, which are as many as
+        coordinates of a row (d,).
+        """
 
     @abstractmethod
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
@@ -52,7 +60,9 @@ class Kind(ABC):
 
     @abstractmethod
     def moved(self, setup: Setup, step: Array) -> Setup:
-        """The set-up after a step (d,) of its free elements: shifts and left turns in the tool frame."""
+        """The set-up after a step (d,) of its free elements: shifts and left turns
+        in the tool frame.
+        """
 
     @abstractmethod
     def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
@@ -60,7 +70,8 @@ class Kind(ABC):
 
     @abstractmethod
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
-        """The readings as points (N, k, 3) of targets (k, 3) on the tool, from which a registration starts.
+        """The readings as points (N, k, 3) of targets (k, 3) on the tool, from which a
+        registration starts.
 
         arm: the distance in m at which a turn is worth as much as a shift.
         """
@@ -71,10 +82,15 @@ class Kind(ABC):
 
     @abstractmethod
     def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
-        """The set-up in another tool frame: T_new_tool (4, 4) is the pose of the present one in it, m."""
+        """The set-up in another tool frame: T_new_tool (4, 4) is the pose of the
+        present one in it, m.
+        """
 
     def columns(self, setup: Setup, T_base_tool: Array) -> Array:
-        """∂(observation)/∂(free elements): (N, d, d). Shifts and left turns in the tool frame, three by three."""
+        """∂(observation)/∂(free elements): (N, d, d).
+
+        Shifts and left turns in the tool frame, three by three.
+        """
         d = len(self.names(len(setup.targets)))
         columns = np.zeros((len(T_base_tool), d // 3, 3, d // 3, 3))
         for block in range(d // 3):

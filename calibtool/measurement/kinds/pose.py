@@ -19,7 +19,9 @@ _POINT = TargetPoints()
 
 
 class SensorPose(Kind):
-    """d = 6: x, y, z of the sensor, and a rotation vector; its orientation on the tool is a part of the set-up."""
+    """d = 6: x, y, z of the sensor, and a rotation vector; its orientation on the tool is a
+    part of the set-up.
+    """
 
     id, words = "pose", "6-D pose"
     arrays: ClassVar = {"R_tool_sensor": ((3, 3), "1", "orientation of the 6-D sensor")}
@@ -51,7 +53,9 @@ class SensorPose(Kind):
         )
 
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
-        """Four points: the sensor's origin and the tips of its axes, as long as makes both kinds of noise alike."""
+        """Four points: the sensor's origin and the tips of its axes, as long as makes both
+        kinds of noise alike.
+        """
         assert readings.rotations is not None
         tips = readings.points + arm * np.swapaxes(readings.rotations, -1, -2)
         on_tool = setup.targets + arm * _sensor(setup).T
