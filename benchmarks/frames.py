@@ -46,7 +46,7 @@ def sample() -> None:
     """The figures of the sample in both frames."""
     folder, robot = shipped("data") / "sample", load_robot("fanuc-m1000ia")
 
-    def imported(name: str):  # type: ignore[no-untyped-def]
+    def imported(name: str):
         table = folder / name
         return import_table(table.read_bytes(), name, robot, joint_values="controller").measurements
 
@@ -59,7 +59,7 @@ def sample() -> None:
         "targets.csv, mm"
     )
     for name in FRAMES:
-        chosen = calibration.in_frame(name)  # type: ignore[arg-type]
+        chosen = calibration.in_frame(name)
         nominal = evaluate([("c", chosen)], verification).methods[0].position_size.mean()
         figures = [
             nominal * 1e3,

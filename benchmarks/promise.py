@@ -3,8 +3,8 @@
 Run: python benchmarks/promise.py [--json] [--quick]
 
 Every calibration is made from 100 configurations over the whole joint range of a robot with every
-kind of error (`--errors all`): the complete model, and a network on the nominal robot. Judged is what
-the calibrated model says at fresh rows of the whole range. docs/numerics.md shows the tables.
+kind of error (`--errors all`): the complete model, and a network on the nominal robot. Judged is
+what the calibrated model says at fresh rows of the whole range. docs/numerics.md shows the tables.
 """
 
 import os

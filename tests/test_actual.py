@@ -1,4 +1,6 @@
-"""The actual robot of a simulation: every effect is what its formula says, of its stated size, and switched on alone."""
+"""The actual robot of a simulation: every effect is what its formula says, of its stated size, and
+switched on alone.
+"""
 
 from dataclasses import replace
 
@@ -178,7 +180,9 @@ def test_gear_errors_have_the_stated_spread_and_slides_have_no_gears(
 
 
 def potential_energy(robot: Robot, q: Array) -> float:
-    """Σ m g h over the links, J; for a URDF without masses of uniform links of 1 kg/m from joint to joint."""
+    """Σ m g h over the links, J; for a URDF without masses of uniform links of 1 kg/m
+    from joint to joint.
+    """
     after = poe_frames(robot.chain.placements, robot.chain.twists, q[None]).after[0]
     inertias = list(robot.chain.model.inertias)[1:]
     weightless = sum(inertia.mass for inertia in inertias) == 0
@@ -313,7 +317,8 @@ def test_ten_kelvin_on_a_metre_of_steel_are_an_eighth_of_a_millimetre(fanuc: Rob
 
 
 def test_heat_and_geometric_errors_multiply(fanuc: Robot, rng: np.random.Generator) -> None:
-    # M grown, then exp6(δζ): relative to the cold robot every placement is the growth in front of the same error.
+    # M grown, then exp6(δζ): relative to the cold robot every placement is the growth in front
+    # of the same error.
     both, cold = actual(fanuc, "geometric", "thermal"), actual(fanuc, "geometric")
     grown = fanuc.chain.placements.copy()
     grown[:, :3, 3] *= 1 + 10.0 * STEEL_EXPANSION

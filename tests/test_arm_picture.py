@@ -1,4 +1,6 @@
-"""The picture of an arm: every joint named in every view, inside the picture, the same bytes every time."""
+"""The picture of an arm: every joint named in every view, inside the picture, the same
+bytes every time.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""Texts by bytes: what looks like a bracket and is half of a character, in every encoding that controllers use."""
+"""Texts by bytes: what looks like a bracket and is half of a character, in every encoding that
+controllers use.
+"""
 
 import pytest
 

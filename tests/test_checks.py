@@ -1,4 +1,6 @@
-"""Checks at the door: each finds the damage that was done, with its numbers, and clean measurements raise no warning."""
+"""Checks at the door: each finds the damage that was done, with its numbers, and clean measurements
+raise no warning.
+"""
 
 from dataclasses import replace
 
@@ -22,7 +24,7 @@ def measured(robot: Robot, count: int = 40, **options: object) -> Measurements:
     return simulate(
         robot,
         Simulation(seed=1, configurations=count, workspace=robot.workspace(None)[1], **options),
-    )  # type: ignore[arg-type]
+    )
 
 
 def damaged(
@@ -63,7 +65,7 @@ def test_clean_measurements_raise_no_warning(robot: Robot, unregistered: bool) -
         assert warned(check_measurements(simulate(robot, simulation))) == []
 
 
-# --- targets --------------------------------------------------------------------------------------------------------
+# --- targets --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("unregistered", [False, True])
@@ -149,7 +151,7 @@ def test_a_frame_that_is_not_where_it_was_said(fanuc: Robot) -> None:
     assert named(found, "given_setup").numbers["rms_mm"] == pytest.approx(500, rel=0.02)
 
 
-# --- what the nominal robot would explain ---------------------------------------------------------------------------
+# --- what the nominal robot would explain ---------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SIX)
@@ -225,7 +227,7 @@ def test_orientations_in_another_convention(fanuc: Robot) -> None:
     named(check_measurements(inverted), "orientation_convention")
 
 
-# --- design ---------------------------------------------------------------------------------------------------------
+# --- design ---------------------------------------------------------------------------------------
 
 
 def test_a_joint_that_never_moves(fanuc: Robot) -> None:
@@ -269,7 +271,7 @@ def test_repeated_configurations_give_the_repeatability(fanuc: Robot) -> None:
     assert named(design_findings(fanuc, q), "repeated_configurations", "note").numbers["rows"] == 80
 
 
-# --- companions -----------------------------------------------------------------------------------------------------
+# --- companions -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.3e-3])
@@ -285,7 +287,7 @@ def test_drift_of_the_base_against_the_instrument(fanuc: Robot, drift: float) ->
     )
     if drift:
         assert found.numbers["moved_mm"] == pytest.approx(0.27, abs=0.06)
-        assert found.numbers["first_to_last_mm"][2] > 0.2  # type: ignore[index]
+        assert found.numbers["first_to_last_mm"][2] > 0.2
         assert "0.925 h" in found.message
 
 
@@ -298,7 +300,7 @@ def test_trend_with_temperature(fanuc: Robot, growth: float) -> None:
         replace(clean, points=readonly(points)), Companions(temperature_c=temperature)
     )
     trend = named(found, "temperature_trend", "warning" if growth else "note")
-    assert (trend.numbers["p_value"] < 1e-3) == bool(growth)  # type: ignore[operator]
+    assert (trend.numbers["p_value"] < 1e-3) == bool(growth)
 
 
 def test_commanded_or_read_positions(fanuc: Robot) -> None:
@@ -309,8 +311,8 @@ def test_commanded_or_read_positions(fanuc: Robot) -> None:
     both = Companions(q_commanded=commanded, q_read=read)
     found = named(check_measurements(robot_was_at_read, both), "commanded_or_read", "note")
     share, error = found.numbers["share_of_read"], found.numbers["share_standard_error"]
-    assert abs(share - 1) < 4 * error < 1  # type: ignore[operator]
-    assert found.numbers["read_rms_mm"] < found.numbers["commanded_rms_mm"]  # type: ignore[operator]
+    assert abs(share - 1) < 4 * error < 1
+    assert found.numbers["read_rms_mm"] < found.numbers["commanded_rms_mm"]
     file_of_commanded = replace(robot_was_at_read, q=readonly(commanded))
     assert (
         "the file holds the commanded ones"
@@ -341,7 +343,9 @@ def test_reference_points_seen_a_few_times_say_nothing_of_drift(fanuc: Robot) ->
 
 
 def test_a_drift_in_time_is_not_taken_for_the_temperature(fanuc: Robot) -> None:
-    """Points that drift with the rows while a thermometer follows roughly: the order of the rows explains more."""
+    """Points that drift with the rows while a thermometer follows roughly: the order of the
+    rows explains more.
+    """
     clean, rng = measured(fanuc, 100), np.random.default_rng(5)
     time = np.linspace(0, 1, 100)
     points = clean.points + time[:, None, None] * [0.0, 0.0, 1e-3]
@@ -361,4 +365,4 @@ def test_read_positions_are_compared_with_the_file_s_where_no_commanded_ones_are
     share = named(check_measurements(measurements, others), "commanded_or_read", "note").numbers[
         "share_of_read"
     ]
-    assert abs(share) < 0.3  # type: ignore[arg-type]
+    assert abs(share) < 0.3

@@ -31,7 +31,9 @@ def assert_columns(
     columns: Array,
     q: Array,
 ) -> None:
-    """`columns` (6, k) are the derivative of log6(T(moved(x)) · T(errors)⁻¹) by x (k,), at q (1, n)."""
+    """`columns` (6, k) are the derivative of log6(T(moved(x)) · T(errors)⁻¹) by x
+    (k,), at q (1, n).
+    """
     start = errors.frames(q).tool
     assert_derivative(
         lambda x: relative_error(moved(x).frames(q).tool, start)[0],

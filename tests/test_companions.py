@@ -1,4 +1,6 @@
-"""Companions: read-only, of one length, NaN where a table says nothing; what import finds beside the measurements."""
+"""Companions: read-only, of one length, NaN where a table says nothing; what import finds beside
+the measurements.
+"""
 
 import numpy as np
 import pytest
@@ -34,18 +36,21 @@ def test_rows_go_along_with_the_measurements() -> None:
 
 
 def test_columns_by_name() -> None:
-    header = f"{HEADER},j1_read_deg,j2_read_deg,j3_read_deg,time_ms,temperature_k,ref1_x_mm,ref1_y_mm,ref1_z_mm"
+    header = (
+        f"{HEADER},j1_read_deg,j2_read_deg,j3_read_deg,time_ms,temperature_k,"
+        "ref1_x_mm,ref1_y_mm,ref1_z_mm"
+    )
     text = (
         f"{header}\n1,2,3,4,5,6,1.1,2.1,3.1,1500,293.15,7,8,9\n2,3,4,5,6,7,2.1,3.1,4.1,2500,,,,\n"
     )
     found = read_table(text, "t.csv", ARM).companions
-    assert np.allclose(np.rad2deg(found.q_commanded), [[1, 2, 3], [2, 3, 4]])  # type: ignore[arg-type]
-    assert np.allclose(np.rad2deg(found.q_read), [[1.1, 2.1, 3.1], [2.1, 3.1, 4.1]])  # type: ignore[arg-type]
+    assert np.allclose(np.rad2deg(found.q_commanded), [[1, 2, 3], [2, 3, 4]])
+    assert np.allclose(np.rad2deg(found.q_read), [[1.1, 2.1, 3.1], [2.1, 3.1, 4.1]])
     assert found.time_s is not None
     assert found.time_s.tolist() == [1.5, 2.5]
-    assert np.allclose(found.temperature_c, [20, np.nan], equal_nan=True)  # type: ignore[arg-type]
+    assert np.allclose(found.temperature_c, [20, np.nan], equal_nan=True)
     expected = [[[0.007, 0.008, 0.009]], [[np.nan] * 3]]
-    assert np.allclose(found.reference_points, expected, equal_nan=True)  # type: ignore[arg-type]
+    assert np.allclose(found.reference_points, expected, equal_nan=True)
 
 
 def test_columns_by_a_map() -> None:
@@ -58,8 +63,8 @@ def test_columns_by_a_map() -> None:
     temperature = { column = "T", unit = "C" }
     """
     found = read_table(text, "t.csv", ARM, parse_column_map(toml, "map.toml")).companions
-    assert np.allclose(found.q_read, [[1, 2, 3]])  # type: ignore[arg-type]
-    assert np.allclose(found.reference_points, [[[0.0254, 0.0508, 0.0762]]])  # type: ignore[arg-type]
+    assert np.allclose(found.q_read, [[1, 2, 3]])
+    assert np.allclose(found.reference_points, [[[0.0254, 0.0508, 0.0762]]])
     assert found.temperature_c is not None
     assert found.temperature_c.tolist() == [21]
     assert found.time_s is None

@@ -1,4 +1,6 @@
-"""Constraints of a plan: every accepted configuration keeps them, checked by sampling points of the arm."""
+"""Constraints of a plan: every accepted configuration keeps them, checked by sampling
+points of the arm.
+"""
 
 import numpy as np
 import pytest

@@ -160,7 +160,9 @@ def test_joint_targets_are_corrected_alike_whatever_the_controller_s_model() -> 
 
 
 def test_a_start_beside_a_pose_chooses_the_branch_and_stays() -> None:
-    """The controller solves the written pose near `qnear`, and the actual tool is where it was asked to be."""
+    """The controller solves the written pose near `qnear`, and the actual tool is where it
+    was asked to be.
+    """
     made, q = arm(3), commands(2)
     poses = nominal().forward(q)
     lines = []

@@ -1,4 +1,6 @@
-"""robot.toml: what is wrong in it is said in one line, with its place, before anything is computed."""
+"""robot.toml: what is wrong in it is said in one line, with its place,
+before anything is computed.
+"""
 
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""What scripts ask for is checked at the door: a wrong name or number is told, and never means something else."""
+"""What scripts ask for is checked at the door: a wrong name or number is told, and never
+means something else.
+"""
 
 from collections.abc import Callable
 
@@ -54,11 +56,11 @@ def test_a_wrong_name_never_means_another_method() -> None:
     with pytest.raises(UsageError, match="did you mean complete"):
         identify(measurements, "complet")
     with pytest.raises(UsageError, match="did you mean exact"):
-        compensate_joints(calibration, measurements.q, "exct")  # type: ignore[arg-type]
+        compensate_joints(calibration, measurements.q, "exct")
     with pytest.raises(UsageError, match="did you mean one-step"):
-        evaluate([("c", calibration)], measurements, method="onestep")  # type: ignore[arg-type]
+        evaluate([("c", calibration)], measurements, method="onestep")
     with pytest.raises(UsageError, match="did you mean refuse"):
-        evaluate([("c", calibration)], measurements, outside="refus")  # type: ignore[arg-type]
+        evaluate([("c", calibration)], measurements, outside="refus")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,6 @@
-"""Normal equations: the products that skip the columns of harmonics, and what a row left out would leave over."""
+"""Normal equations: the products that skip the columns of harmonics, and what a row left out
+would leave over.
+"""
 
 from dataclasses import replace
 

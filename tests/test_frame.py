@@ -131,7 +131,7 @@ def test_urdf_and_view_and_corrections_are_in_the_frame(frame: FrameName) -> Non
 def test_taught_corrections_are_smaller_than_fitted_ones() -> None:
     moved = {}
     for frame in FRAMES:
-        calibration = arm("fanuc-m1000ia", frame)  # type: ignore[arg-type]
+        calibration = arm("fanuc-m1000ia", frame)
         nominal = calibration.robot.mechanism
         before, after = calibration.q, compensate_joints(calibration, calibration.q).q
         change = nominal.forward(after) - nominal.forward(before)
@@ -142,12 +142,12 @@ def test_taught_corrections_are_smaller_than_fitted_ones() -> None:
 
 def test_the_choice_is_kept_in_the_file_with_both_frames() -> None:
     for frame in FRAMES:
-        calibration = arm(frame=frame)  # type: ignore[arg-type]
+        calibration = arm(frame=frame)
         again = read_calibration(io.BytesIO(to_bytes(calibration)), "c.h5")
         assert again.frame is not None
         assert again.frame.name == frame
         for name in FRAMES:
-            a, b = calibration.in_frame(name), again.in_frame(name)  # type: ignore[arg-type]
+            a, b = calibration.in_frame(name), again.in_frame(name)
             assert np.array_equal(a.forward(a.q), b.forward(b.q))
 
 
@@ -203,7 +203,7 @@ def test_a_known_set_up_and_the_nominal_base_leave_nothing_to_choose() -> None:
         assert calibration.in_frame("taught") is calibration
         assert frame_report(calibration) is None
     with pytest.raises(UsageError, match="frame: unknown 'tought'; did you mean taught"):
-        identify(free, "local-poe", "tought")  # type: ignore[arg-type]
+        identify(free, "local-poe", "tought")
 
 
 @pytest.mark.parametrize("frame", [None, *FRAMES])

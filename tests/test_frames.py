@@ -1,4 +1,6 @@
-"""Frames on the way to the tool, against the product of exponentials written with scipy's matrix exponential."""
+"""Frames on the way to the tool, against the product of exponentials written with scipy's
+matrix exponential.
+"""
 
 import numpy as np
 import pytest

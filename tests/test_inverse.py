@@ -18,7 +18,9 @@ def forward(robot: Robot, q: Array) -> Array:
 
 
 def weighted_error(robot: Robot, q: Array, target: Array) -> Array:
-    """|(translation of the tool point / length, angle of rotation)|, written with traces and norms: (N,)."""
+    """|(translation of the tool point / length, angle of rotation)|, written with traces
+    and norms: (N,).
+    """
     pose = forward(robot, q)
     distance = np.linalg.norm(pose[:, :3, 3] - target[:, :3, 3], axis=-1) / robot.length
     relative = target[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2)

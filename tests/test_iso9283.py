@@ -1,4 +1,6 @@
-"""AP and RP against the definitions worked out with numpy, and the poses found in the data themselves."""
+"""AP and RP against the definitions worked out with numpy, and the poses found in the
+data themselves.
+"""
 
 from dataclasses import replace
 
@@ -43,7 +45,9 @@ def definition(attained: np.ndarray, commanded: np.ndarray) -> tuple[float, floa
 def test_the_definitions(
     cycles: Measurements, fanuc: Robot, fanuc_local_poe: Calibration, truth: bool
 ) -> None:
-    """Simulated and real files alike: from the measured points, never from a drive without noise."""
+    """Simulated and real files alike: from the measured points, never
+    from a drive without noise.
+    """
     measurements = cycles if truth else replace(cycles, truth=None)
     test = evaluate([("poe", fanuc_local_poe)], measurements).as_json()["iso9283"]
     assert isinstance(test, dict)
@@ -67,7 +71,9 @@ def test_the_definitions(
 
 
 def test_noise_alone_repeats_as_chance_says(cycles: Measurements) -> None:
-    """Three targets with 0.05 mm noise: mean distance σ √(8/π), standard deviation σ √(3 − 8/π), σ = 0.05/√3 mm."""
+    """Three targets with 0.05 mm noise: mean distance σ √(8/π), standard deviation σ √(3 −
+    8/π), σ = 0.05/√3 mm.
+    """
     test = evaluate([], cycles).pose_test
     assert test is not None
     sigma = 0.05e-3 / np.sqrt(3) * np.sqrt(1 - 1 / CYCLES)

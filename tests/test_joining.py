@@ -1,4 +1,6 @@
-"""Joint values from a second file: partners by order, name and time; every row without one is named."""
+"""Joint values from a second file: partners by order, name and time; every row
+without one is named.
+"""
 
 import numpy as np
 import pytest

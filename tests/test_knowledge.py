@@ -1,4 +1,6 @@
-"""What is known before a plan: rows against finite differences of observations, updates against the estimator itself."""
+"""What is known before a plan: rows against finite differences of observations, updates against the
+estimator itself.
+"""
 
 from dataclasses import replace
 
@@ -73,7 +75,9 @@ def test_with_an_unknown_set_up_targets_can_be_predicted_all_the_same(fanuc: Rob
 
 
 def test_what_is_predicted_is_what_the_estimator_says_afterwards(fanuc: Robot) -> None:
-    """Planned covariance against the posterior of an identification from such measurements, its noise factor aside."""
+    """Planned covariance against the posterior of an identification from such measurements, its
+    noise factor aside.
+    """
     measurements = simulate(fanuc, Simulation(configurations=25))
     calibration = complete(measurements)
     posterior = calibration.base.posterior

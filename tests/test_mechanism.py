@@ -1,4 +1,6 @@
-"""Forward kinematics, Jacobians, the distance from a singularity and the damped solution of joint motions."""
+"""Forward kinematics, Jacobians, the distance from a singularity and the damped solution
+of joint motions.
+"""
 
 import numpy as np
 import pytest

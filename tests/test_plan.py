@@ -80,7 +80,9 @@ def test_and_refinement_more_than_the_candidates(fanuc: Robot) -> None:
 
 
 def test_the_promise_is_kept(fanuc: Robot) -> None:
-    """Errors of an identification from 15 planned configurations, against 15 random ones, on the same robots."""
+    """Errors of an identification from 15 planned configurations, against 15 random ones, on
+    the same robots.
+    """
     made = planned(fanuc, 15, workspace="full", refine=False)
     errors: dict[str, list[float]] = {"planned": [], "random": []}
     for seed in range(2):

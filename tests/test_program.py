@@ -1,4 +1,6 @@
-"""Tables of targets in, corrected joints out: units, other columns and order kept, every doubtful row named by line."""
+"""Tables of targets in, corrected joints out: units, other columns and order kept, every doubtful
+row named by line.
+"""
 
 from functools import cache
 from typing import NamedTuple
@@ -86,15 +88,15 @@ def numbers(result: CompensatedTable, columns: list[str]) -> Array:
     return np.array([[float(row[header.index(column)]) for column in columns] for row in rows])
 
 
-# --- joints ----------------------------------------------------------------------------------------------------------
+# --- joints ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", ["exact", "one-step"])
 @pytest.mark.parametrize(("unit", "factor"), [("deg", 180 / np.pi), ("rad", 1.0)])
 def test_joints_come_back_corrected_in_their_units(unit: str, factor: float, method: str) -> None:
     q = configurations()
-    result = compensate_table(calibrated(), csv(joint_header(unit), q * factor), "t.csv", method)  # type: ignore[arg-type]
-    expected = compensate_joints(calibrated(), q, method).q  # type: ignore[arg-type]
+    result = compensate_table(calibrated(), csv(joint_header(unit), q * factor), "t.csv", method)
+    expected = compensate_joints(calibrated(), q, method).q
     assert np.allclose(numbers(result, joint_header(unit)), expected * factor, atol=1e-11)
     assert np.abs(expected - q).max() > 1e-5
     assert cells(result)[0] == [*joint_header(unit), "status"]
@@ -155,7 +157,7 @@ def test_rows_keep_their_order_and_do_not_touch_each_other() -> None:
         assert np.allclose(numbers(alone, joint_header())[0], together[k], atol=1e-9)
 
 
-# --- poses -----------------------------------------------------------------------------------------------------------
+# --- poses ----------------------------------------------------------------------------------------
 
 
 def test_poses_become_joints_in_degrees() -> None:
@@ -219,11 +221,13 @@ def test_poses_rounded_to_micrometres_and_microradians_are_reachable(name: str) 
     assert np.abs(robot.mechanism.forward(q)[:, :3, 3] - T[:, :3, 3]).max() < 5e-6
 
 
-# --- status and remarks ----------------------------------------------------------------------------------------------
+# --- status and remarks ---------------------------------------------------------------------------
 
 
 def doubtful() -> tuple[str, list[str]]:
-    """Four rows, an empty line between them: fine, at the wrist singularity, beyond a limit, fine."""
+    """Four rows, an empty line between them: fine, at the wrist
+    singularity, beyond a limit, fine.
+    """
     singular, beyond = UR5_HOME.copy(), UR5_HOME.copy()
     singular[4] = 0.1
     beyond[0] = 375.0
@@ -282,7 +286,7 @@ def test_what_fewer_joints_cannot_correct_is_told_for_every_row() -> None:
     assert left[:, 1].min() > 1e-3
 
 
-# --- wrong tables ----------------------------------------------------------------------------------------------------
+# --- wrong tables ---------------------------------------------------------------------------------
 
 
 def test_a_table_without_targets_is_refused() -> None:
@@ -308,7 +312,7 @@ def test_a_bad_cell_is_named_by_line_and_column() -> None:
         compensate_table(calibrated(), text, "poses.csv", "exact")
 
 
-# --- configurations to measure at ------------------------------------------------------------------------------------
+# --- configurations to measure at -----------------------------------------------------------------
 
 
 def test_configurations_are_read_from_joints_or_poses() -> None:
@@ -339,7 +343,7 @@ def test_poses_are_followed_as_the_library_follows_them() -> None:
     assert np.abs(np.deg2rad(numbers(result, joint_header())) - expected).max() < 1e-8
 
 
-# --- whose joint values ----------------------------------------------------------------------------------------------
+# --- whose joint values ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("columns", [[1, 2, 3, 4, 5, 6], [3, 1, 2, 6, 5, 4]])
@@ -361,7 +365,7 @@ def test_poses_give_a_controller_s_joints() -> None:
     robot = calibration.robot
     poses = csv(POSE_HEADER, pose_values(robot.mechanism.forward(configurations("fanuc-m1000ia"))))
     results = {
-        values: compensate_table(calibration, poses, "t", "exact", joint_values=values)  # type: ignore[arg-type]
+        values: compensate_table(calibration, poses, "t", "exact", joint_values=values)
         for values in ("serial", "controller")
     }
     serial, controller = (

@@ -1,4 +1,6 @@
-"""RAPID: what is found in modules, where it is used, what is left alone, and what is refused, by line."""
+"""RAPID: what is found in modules, where it is used, what is left alone, and what is
+refused, by line.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -374,9 +376,11 @@ def test_values_of_no_external_axis(external: str) -> None:
 
 def test_names_of_modules_and_routines_hide_others() -> None:
     text = (
-        f"MODULE A\nCONST robtarget p:={A};\nPROC one()\nVAR robtarget p:={B};\nMoveL p,v1,fine,tool0;\nENDPROC\n"
+        f"MODULE A\nCONST robtarget p:={A};\nPROC one()\nVAR robtarget p:={B};\n"
+        "MoveL p,v1,fine,tool0;\nENDPROC\n"
         f"PROC two()\nMoveL p,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
-        f"MODULE B\nLOCAL CONST robtarget p:={B};\nPROC three()\nMoveL p,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
+        f"MODULE B\nLOCAL CONST robtarget p:={B};\nPROC three()\nMoveL p,v1,fine,tool0;\nENDPROC\n"
+        "ENDMODULE\n"
     )
     program, flow, _, left = followed(text)
     assert left == {}
@@ -390,7 +394,8 @@ def test_names_of_modules_and_routines_hide_others() -> None:
 def test_arguments_of_routines() -> None:
     text = procedure("weld p,gun\\w:=fix;", "weld r,gun;", before=CELL).replace(
         "ENDMODULE",
-        "PROC weld(robtarget at,PERS tooldata t\\PERS wobjdata w)\nMoveL at,v1,fine,t\\WObj?w;\nENDPROC\nENDMODULE",
+        "PROC weld(robtarget at,PERS tooldata t\\PERS wobjdata w)\nMoveL at,v1,fine,t\\WObj?w;\n"
+        "ENDPROC\nENDMODULE",
     )
     program, flow, _, _ = followed(text)
     assert sorted(program.literals[use.literal].name for use in flow.uses) == ["p", "r"]
@@ -565,7 +570,8 @@ def test_a_position_whose_changed_copy_is_moved_to_serves_two_places(change: str
 
 @pytest.mark.parametrize("zeros", ["0,0,0,0,0,0", "0.0,-0,0,0.00,0,0"])
 def test_a_mastering_position_is_left(zeros: str) -> None:
-    text = procedure(f"MoveAbsJ [[{zeros}],{EXTERNAL}],v1,fine,tool0;", "MoveAbsJ home,v1,fine,tool0;",
+    text = procedure(f"MoveAbsJ [[{zeros}],{EXTERNAL}],v1,fine,tool0;",
+        "MoveAbsJ home,v1,fine,tool0;",
                      before=f"CONST jointtarget home:=[[{zeros}],{EXTERNAL}];")  # fmt: skip
     assert followed(text)[3] == dict.fromkeys((2, 4), "a mastering position: all joints are zero")
     assert not bad(text)

@@ -1,4 +1,6 @@
-"""External axes that are joints of the chain: an arm on a track, whose programs write the track as an external axis."""
+"""External axes that are joints of the chain: an arm on a track, whose programs write the track as
+an external axis.
+"""
 
 from dataclasses import replace
 from functools import cache
@@ -100,12 +102,18 @@ def fanuc(q: Array) -> str:
         head = f"P[{2 * k + 1}]{{\n GP1:\n UF : 0, UT : 0,\n"
         positions.append(f"{head} {axes},\n {beside}\n}};")
         here, zero = (posture(robot(), x, x) for x in (row, np.zeros(7)))
-        letters = f"{'F' if here.flexed else 'N'} {'U' if here.bent == zero.bent else 'D'} {'T' if here.front else 'B'}"
+        letters = (
+            f"{'F' if here.flexed else 'N'} {'U' if here.bent == zero.bent else 'D'} "
+            f"{'T' if here.front else 'B'}"
+        )
         turns = [int(np.round(v / (2 * np.pi))) for v in joints[[0, 3, 5]]]
         turn = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
         place = ", ".join(f"{a}= {v * 1e3:.6f} mm" for a, v in zip("XYZ", T[:3, 3], strict=True))
         angles = ", ".join(f"{a}= {v:.6f} deg" for a, v in zip("WPR", turn, strict=True))
-        head = f"P[{2 * k + 2}]{{\n GP1:\n UF : 0, UT : 0, CONFIG : '{letters}, {turns[0]}, {turns[1]}, {turns[2]}',\n"
+        head = (
+            f"P[{2 * k + 2}]{{\n GP1:\n UF : 0, UT : 0, CONFIG : '{letters}, {turns[0]}, "
+            f"{turns[1]}, {turns[2]}',\n"
+        )
         positions.append(f"{head} {place},\n {angles},\n {beside}\n}};")
     return "\n".join(["/PROG A", "/MN", *moves, "/POS", *positions, "/END", ""])
 
@@ -126,7 +134,9 @@ WRITERS = {"abb-rapid": rapid, "kuka-krl": krl, "fanuc-ls": fanuc}
 
 @pytest.mark.parametrize("program_format", WRITERS)
 def test_the_tool_comes_to_where_it_was_to_be(program_format: str) -> None:
-    """With the track where the corrected program says, joints and poses bring the calibrated arm to the commanded pose."""
+    """With the track where the corrected program says, joints and poses bring the calibrated arm to
+    the commanded pose.
+    """
     q = configurations(6)
     text = WRITERS[program_format](q)
     options = ProgramOptions(joint_values="serial")

@@ -1,4 +1,6 @@
-"""Every format: what is found in the small programs of tests/programs, what is left alone, and what is refused, by line."""
+"""Every format: what is found in the small programs of tests/programs, what is left alone, and what
+is refused, by line.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -75,7 +77,7 @@ def test_numbers_stand_where_they_are_said_to(sample: str) -> None:
         )
 
 
-# --- numbers -------------------------------------------------------------------------------------------------------
+# --- numbers --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("text", ["1", "-1.", "+.5", "1.5e3", "0.5E-12", "00.10"])

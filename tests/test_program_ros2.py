@@ -1,4 +1,6 @@
-"""ROS 2 trajectories: points in order, joints by name, what is left and what is refused, by line."""
+"""ROS 2 trajectories: points in order, joints by name, what is left and
+what is refused, by line.
+"""
 
 from functools import cache
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""The page: the numbers of `evaluate`, names escaped, nothing loaded, every section there whatever is missing."""
+"""The page: the numbers of `evaluate`, names escaped, nothing loaded, every section there
+whatever is missing.
+"""
 
 import json
 import re
@@ -140,7 +142,7 @@ def test_the_numbers_are_those_of_the_evaluation(page: Page, subject: Subject) -
     assert subject.evaluation is not None
     expected = subject.evaluation.as_json()
     assert json.loads(page.scripts["evaluation"]) == json.loads(json.dumps(expected))
-    methods: list[dict] = expected["methods"]  # type: ignore[assignment]
+    methods: list[dict] = expected["methods"]
     for entry in methods:
         for key in ("position_mm", "orientation_mrad"):
             row = [entry["name"], *(number(value) for value in entry[key].values())]
@@ -221,7 +223,9 @@ def test_judging_on_the_rows_of_the_training_is_said(
 
 @pytest.mark.usefixtures("_sketched")
 def test_one_target_and_no_truth(named: list[tuple[str, Calibration]], fresh: Measurements) -> None:
-    """Real measurements of one target: no orientation, no network, nothing known of what no joint corrects."""
+    """Real measurements of one target: no orientation, no network, nothing known of what
+    no joint corrects.
+    """
     setup = Setup(fresh.setup.T_instrument_base, fresh.setup.targets[:1])
     real = replace(fresh, points=fresh.points[:, :1], setup=setup, truth=None)
     poe = [
@@ -252,7 +256,7 @@ def test_repeated_and_flagged_rows_are_listed(
 ) -> None:
     complete = named[1][1]
     flagged = replace(
-        complete.base.flagged,  # type: ignore[type-var]
+        complete.base.flagged,
         rows=np.array([4, 7]),
         size=np.array([5.0, 9.0]),
         position=np.array([1e-3, 2e-3]),

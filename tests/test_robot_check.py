@@ -1,4 +1,6 @@
-"""The check of a description: true figures, and a warning for everything that will be in the way."""
+"""The check of a description: true figures, and a warning for everything
+that will be in the way.
+"""
 
 import numpy as np
 import pytest
@@ -103,7 +105,10 @@ def test_a_workspace_out_of_reach_is_wrong(tmp_path) -> None:
 
 def test_a_bare_urdf_says_what_was_taken_for_the_tool(tmp_path) -> None:
     path = tmp_path / "crane.urdf"
-    more = '<link name="hook"/><joint name="pin" type="fixed"><parent link="slide"/><child link="hook"/></joint>'
+    more = (
+        '<link name="hook"/><joint name="pin" type="fixed"><parent link="slide"/><child '
+        'link="hook"/></joint>'
+    )
     path.write_text(URDF.replace("</robot>", more + "</robot>"))
     found = check_robot(load_robot(str(path)), str(path))
     warning = next(warning for warning in found.warnings if warning.startswith("a bare URDF"))

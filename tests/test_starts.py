@@ -1,4 +1,6 @@
-"""Starts lie within the limits, and the nearest ones are those a direct comparison of all poses finds."""
+"""Starts lie within the limits, and the nearest ones are those a direct comparison of
+all poses finds.
+"""
 
 import numpy as np
 import pytest
@@ -12,7 +14,9 @@ from calibtool.robot.starts import Starts, drawn, starts_of
 
 
 def distances(robot: Robot, a: Array, b: Array) -> Array:
-    """|Δp|²/length² + |ΔR|²/2 of two sets of poses, pair by pair: 4 sin²(angle/2) is the second term."""
+    """|Δp|²/length² + |ΔR|²/2 of two sets of poses, pair by pair: 4 sin²(angle/2) is
+    the second term.
+    """
     turned = (
         Rotation.from_matrix(a[:, None, :3, :3]) * Rotation.from_matrix(b[None, :, :3, :3]).inv()
     )

@@ -1,4 +1,6 @@
-"""Streams of targets: batches do not show, JSON and CSV agree, paths stay on a branch, and what is left is true."""
+"""Streams of targets: batches do not show, JSON and CSV agree, paths stay on a branch, and what
+is left is true.
+"""
 
 import io
 import json
@@ -81,7 +83,7 @@ def test_lines_are_taken_only_as_they_are_needed() -> None:
 
     stream = compensate_stream(
         calibrated(), lines(), "t.csv", StreamOptions(batch=3), StreamReport()
-    )  # type: ignore[arg-type]
+    )
     next(stream)
     assert len(taken) == 4  # the header and three rows
 
@@ -144,7 +146,7 @@ def test_verify_drives_the_calibrated_model_to_the_command(model: str) -> None:
             calibration,
             joint_csv(q),
             "t.csv",
-            StreamOptions(method=method, verify=True),  # type: ignore[arg-type]
+            StreamOptions(method=method, verify=True),
         )
         assert report.left < limit
         header, *rows = (line.split(",") for line in text.splitlines())

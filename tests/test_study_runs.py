@@ -1,4 +1,6 @@
-"""One run of a study: the same numbers as the commands one after another, and failures that stay where they are."""
+"""One run of a study: the same numbers as the commands one after another, and failures that
+stay where they are.
+"""
 
 from dataclasses import replace
 

@@ -77,7 +77,7 @@ def test_the_page_holds_the_scene_and_needs_nothing_else(fanuc_measurements: Mea
     page = page_of(scene, 50.0)
     assert page == page_of(scene, 50.0)
     assert not re.findall(r"""(?:https?:|src=|href=|import\b|fetch\()""", page)
-    data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.S)[1])  # type: ignore[index]
+    data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.S)[1])
     assert data["error"][0][0] == [None] * 3
     assert np.allclose(
         np.array(data["nominal"]) + np.nan_to_num(np.array(data["error"], float)),

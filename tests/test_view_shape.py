@@ -1,4 +1,6 @@
-"""What the arm looks like: on the joints of the chain, and from the folders that were given alone."""
+"""What the arm looks like: on the joints of the chain, and from the
+folders that were given alone.
+"""
 
 from pathlib import Path
 
@@ -31,15 +33,20 @@ def placements(robot: Robot, shape: pin.GeometryModel, q: Array) -> dict[str, Ar
 def described(visual: str, base: str = "") -> Robot:
     """Two joints; the second link is seen, 0.1 m along x of its frame and turned."""
     urdf = f"""<robot name="r"><link name="world"/>
-      <link name="root"><visual><origin xyz="0 0 0.5"/><geometry><box size="1 1 1"/></geometry></visual></link>
-      <link name="one"/><link name="two"><visual><origin xyz="0.1 0 0" rpy="0 0.3 0"/><geometry>{visual}</geometry></visual>
-      <collision><geometry><mesh filename="/etc/passwd"/></geometry></collision></link><link name="tool"/>
-      <joint name="w" type="fixed"><parent link="world"/><child link="root"/><origin xyz="1 2 3" rpy="0 0 1"/></joint>
+      <link name="root"><visual><origin xyz="0 0 0.5"/>
+        <geometry><box size="1 1 1"/></geometry></visual></link>
+      <link name="one"/><link name="two"><visual><origin xyz="0.1 0 0" rpy="0 0.3 0"/>
+        <geometry>{visual}</geometry></visual>
+      <collision><geometry><mesh filename="/etc/passwd"/></geometry></collision></link>
+      <link name="tool"/>
+      <joint name="w" type="fixed"><parent link="world"/><child link="root"/>
+        <origin xyz="1 2 3" rpy="0 0 1"/></joint>
       <joint name="l" type="prismatic"><parent link="root"/><child link="one"/><axis xyz="0 0 1"/>
         <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
       <joint name="a" type="continuous"><parent link="one"/><child link="two"/><origin xyz="0 1 0"/>
         <axis xyz="0 1 0"/></joint>
-      <joint name="t" type="fixed"><parent link="two"/><child link="tool"/><origin xyz="0 0 1"/></joint></robot>"""
+      <joint name="t" type="fixed"><parent link="two"/><child link="tool"/>
+        <origin xyz="0 0 1"/></joint></robot>"""
     toml = f'name = "r"\ntitle = "r"\n[kinematics]\nurdf = "r.urdf"\ntool_frame = "tool"\n{base}\n'
     return Robot.from_source(
         parse_source(toml + "[targets]\npoints_mm = [[0, 0, 0]]\n", urdf, "test")

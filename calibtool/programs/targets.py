@@ -22,7 +22,8 @@ _NOT_FINITE = re.compile(r"[-+]?\.?(?:nan|inf|infinity)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number in the text: characters start to end, its unit (`""` for a quaternion's component), its SI value.
+    """A number in the text: characters start to end, its unit (`""` for a quaternion's
+    component), its SI value.
 
     It may be a constant expression, such as `pi/2`, in place of which the number is written.
     """
@@ -86,7 +87,8 @@ def _shared(units: tuple[str, ...]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Remark:
-    """Something in the program that is not corrected: its line, its name and why; bad: it is an error of the program.
+    """Something in the program that is not corrected: its line, its name and why; bad: it is an
+    error of the program.
 
     source: number of its text
     """
@@ -109,7 +111,9 @@ class Lines:
 
 
 def number_at(text: str, start: int, end: int, unit: str) -> Number | None:
-    """The number that fills text[start:end] (blanks around it aside); None for anything else, NaN and 1e999 among it."""
+    """The number that fills text[start:end] (blanks around it aside); None for anything else, NaN
+    and 1e999 among it.
+    """
     inner = text[start:end]
     first = start + len(inner) - len(inner.lstrip())
     match = _NUMBER.fullmatch(inner.strip())
@@ -124,7 +128,9 @@ def is_not_finite(text: str) -> bool:
 
 
 def comments_blanked(text: str, comment: str, string: str = r'"[^"\n]*"') -> str:
-    """The text with comments and strings replaced by blanks of the same length: positions stay, their words are gone."""
+    """The text with comments and strings replaced by blanks of the same length: positions stay,
+    their words are gone.
+    """
 
     def blank(match: re.Match[str]) -> str:
         return re.sub(r"[^\r\n]", " ", match[0])
@@ -135,7 +141,8 @@ def comments_blanked(text: str, comment: str, string: str = r'"[^"\n]*"') -> str
 def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
     """The text with spans (start, end, new text) exchanged; everything else is as it was.
 
-    A number that stands right-aligned in a column (two blanks before it at least) keeps its column's width.
+    A number that stands right-aligned in a column (two blanks before it at least) keeps
+    its column's width.
     """
     return spliced(text, sorted(edits))
 
@@ -181,7 +188,9 @@ def rewritten(
 
 
 def written(old: str, value: float, unit: str) -> str:
-    """A value in the style of the number it replaces: its decimals, or as many as the unit needs; `old` if unchanged."""
+    """A value in the style of the number it replaces: its decimals, or as many as the unit needs;
+    `old` if unchanged.
+    """
     mantissa = re.split("[eE]", old)[0]
     decimals = max(DECIMALS[unit], len(mantissa.partition(".")[2]))
     if abs(value - float(old)) < 0.5 * 10.0**-decimals:

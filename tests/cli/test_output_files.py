@@ -1,4 +1,6 @@
-"""Output files of every command that writes: whole or not at all, never over another one unasked."""
+"""Output files of every command that writes: whole or not at all, never
+over another one unasked.
+"""
 
 import errno
 import os
@@ -21,7 +23,8 @@ from commandline import (
     write_table,
 )
 
-# Per command: arguments without the output, and the output's name. `m`, `c` and `t` are made by `inputs`.
+# Per command: arguments without the output, and the output's name. `m`, `c` and `t` are
+# made by `inputs`.
 WRITERS: dict[str, tuple[list[str], str]] = {
     "simulate": (["simulate", "planar-3r", "-n", "5"], "out.h5"),
     "import": (["import", "t.csv", "--robot", "planar-3r"], "out.h5"),
@@ -214,7 +217,9 @@ def test_an_input_may_be_replaced_by_the_output() -> None:
 
 @pytest.mark.parametrize("force", [[], ["--force"]])
 def test_what_is_no_regular_file_is_never_replaced(force: list[str]) -> None:
-    """A named pipe stands for every device: --force as root on the null device must not put a file in its place."""
+    """A named pipe stands for every device: --force as root on the null device must not put a
+    file in its place.
+    """
     os.mkfifo("pipe")
     held = os.open(
         "pipe", os.O_RDWR | os.O_NONBLOCK
@@ -230,7 +235,7 @@ def test_what_is_no_regular_file_is_never_replaced(force: list[str]) -> None:
         os.close(held)
 
 
-# --- a terminal at either end ---------------------------------------------------------------------------------------
+# --- a terminal at either end ---------------------------------------------------------------------
 
 
 def on_a_terminal(stream: str, *arguments: str) -> str:
@@ -244,7 +249,7 @@ def on_a_terminal(stream: str, *arguments: str) -> str:
     }
     command = [sys.executable, "-m", "calibtool", *arguments]
     try:
-        done = subprocess.run(command, env=ENVIRONMENT, **streams)  # type: ignore[call-overload]
+        done = subprocess.run(command, env=ENVIRONMENT, **streams)
         assert done.returncode == 2
         return only_line(done.stderr.decode())
     finally:

@@ -1,4 +1,6 @@
-"""Drawn robots: serial chains of 1 to 8 joints as URDF text, the carried robots, and errors, set-ups and rows for them."""
+"""Drawn robots: serial chains of 1 to 8 joints as URDF text, the carried robots, and errors,
+set-ups and rows for them.
+"""
 
 from dataclasses import replace
 
@@ -142,7 +144,9 @@ def measured(
     pose: bool = False,
     frame: Array | None = None,
 ) -> Measurements:
-    """What an instrument at T_instrument_base = `frame`, known, sees of an actual robot; `pose`: one 6-D sensor."""
+    """What an instrument at T_instrument_base = `frame`, known, sees of an actual robot;
+    `pose`: one 6-D sensor.
+    """
     frame = np.eye(4) if frame is None else frame
     poses = frame @ actual.forward(q)
     stated = max(noise, 1e-6)
@@ -187,7 +191,9 @@ def calibrated(
     with_motion: bool = True,
     size: float = 1e-3,
 ) -> Calibration:
-    """A calibration with made-up errors of every kind: what it predicts is known without any fit."""
+    """A calibration with made-up errors of every kind: what it predicts
+    is known without any fit.
+    """
     assume_regular(robot)
     q = configurations(robot, 20, rng)
     plain = identify(measured(robot, q, perfect(robot), rng), "nominal")

@@ -156,11 +156,13 @@ def test_calibrations_are_read_as_they_were_written(
     after = read_back(made)
     assert_same(after, made, "calibration")
     q = configurations(robot, 3, rng)
-    assert np.array_equal(after.forward(q), made.forward(q))  # type: ignore[union-attr]
+    assert np.array_equal(after.forward(q), made.forward(q))
 
 
 def cells(column: str) -> st.SearchStrategy:
-    """What may stand in a column of a study: a name or message, a count, a number of nine digits, nothing."""
+    """What may stand in a column of a study: a name or message, a count, a number of nine
+    digits, nothing.
+    """
     if column in TEXTS:
         return words
     filled = (
@@ -182,7 +184,9 @@ def test_studies_are_read_as_they_were_written(key: str, rows: list[tuple]) -> N
 @examples(40)
 @given(robots(), seeds, st.booleans())
 def test_joint_positions_are_read_as_they_were_written(robot: Robot, seed: int, si: bool) -> None:
-    """In every unit that a table may have, to half of the last decimal, or to 14 digits where numbers are large."""
+    """In every unit that a table may have, to half of the last decimal, or to 14 digits where
+    numbers are large.
+    """
     units = [
         ("m" if si else "mm") if prismatic else ("rad" if si else "deg")
         for prismatic in robot.prismatic
