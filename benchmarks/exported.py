@@ -32,7 +32,7 @@ from exported import STATUS
 from structured_text import FunctionBlock
 
 from calibtool.calibration import Calibration, train
-from calibtool.compensation.weighed import Task, weighted_error
+from calibtool.compensation.weighted_error import Task, weighted_error
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.export.c_code import calibration_as_c
@@ -41,7 +41,7 @@ from calibtool.export.structured_text import calibration_as_structured_text
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LOOP = """

@@ -16,8 +16,8 @@ import numpy as np
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.frame import FRAMES, FrameName, taught_frame
 from calibtool.calibration.uncertainty import predicted_uncertainty
-from calibtool.compensation.program import read_configurations
 from calibtool.compensation.solve import compensate_joints
+from calibtool.compensation.targets import read_configurations
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.evaluation.compare import evaluate

@@ -23,7 +23,7 @@ import pinocchio as pin
 
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import inverse_kinematics
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse
 
 FEW = 500

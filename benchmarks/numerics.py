@@ -43,7 +43,7 @@ from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.measurements import check_targets
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
 Table = list[list[str]]  # a header and rows

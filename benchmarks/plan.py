@@ -25,7 +25,7 @@ from calibtool.identification.parameters import Parameters
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints
-from calibtool.planning.knowledge import Knowledge
+from calibtool.planning.information import Knowledge
 from calibtool.planning.plan import make_plan
 from calibtool.planning.selection import select
 from calibtool.robot.catalogue import load_robot

@@ -37,7 +37,7 @@ from calibtool.programs.formats import PROGRAM_FORMATS, coupling_of, reader
 from calibtool.programs.frames import pose
 from calibtool.programs.motions import Move
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.storage import to_bytes
 

@@ -28,7 +28,7 @@ from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 BAYES = TrainingOptions(regularisation="bayes")
 WITHOUT_BACKLASH = tuple(kind for kind in ERROR_KINDS if kind != "backlash")

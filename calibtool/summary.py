@@ -9,12 +9,12 @@ from calibtool.calibration.frame_report import frame_report
 from calibtool.calibration.learning_curve import LearningCurve
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.training import TrainingReport
-from calibtool.identification.model import Identification, Posterior
+from calibtool.identification.identification import Identification, Posterior
 from calibtool.identification.report import parameter_rows, strongest_correlations
 from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.robot.coupling import coupling_text
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log6
 
 

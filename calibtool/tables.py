@@ -14,7 +14,7 @@ import numpy as np
 
 from calibtool.errors import InputError, near_names
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST, TO_SI, joint_and_factor, joint_column, without_values
 

@@ -15,7 +15,7 @@ from calibtool.equivalent.training import TrainingOptions
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 # The same cases every time; HYPOTHESIS_PROFILE=thorough draws twenty times as many, new
 # ones every time.

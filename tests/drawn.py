@@ -5,7 +5,7 @@ draw or make up their own.
 from dataclasses import dataclass
 
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LIMITS = {

@@ -15,7 +15,7 @@ from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
 REGULAR = (

@@ -10,16 +10,16 @@ from derivatives import assert_derivative, finite_differences
 from poe import expm_chain, poe_frames, random_positions
 
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
-from calibtool.errormodel.conditions import REFERENCE_C
 from calibtool.errormodel.families import ERROR_KINDS, FAMILIES
 from calibtool.errormodel.family import offset_columns
+from calibtool.errormodel.operating_conditions import REFERENCE_C
 from calibtool.errormodel.placements import placement_columns
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.temperature import STEEL_EXPANSION
 from calibtool.errormodel.twists import twist_columns
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.gravity import gravity_torque
-from calibtool.robot.model import Robot
+from calibtool.robot.gravity_torque import gravity_torque
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, relative_error
 
 

@@ -191,6 +191,11 @@ def test_every_module_and_public_name_of_the_library_says_what_it_is() -> None:
                 assert ast.get_docstring(node), f"{path}:{node.lineno}: {node.name}"
 
 
+def test_no_two_modules_of_the_library_share_a_name() -> None:
+    names = [path.stem for path, _ in LIBRARY if path.stem != "__init__"]
+    assert sorted(names) == sorted(set(names))
+
+
 @pytest.mark.parametrize("module", ["calibtool", "calibtool.cli", "calibtool.errors"])
 def test_heavy_libraries_wait_until_they_are_needed(module: str) -> None:
     heavy = ("numpy", "scipy", "pinocchio", "matplotlib", "h5py", "pydantic", "jinja2")

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.text import Text
 
 from calibtool.evaluation.plots import draw_arm
-from calibtool.evaluation.plots.arm import arm_figure
+from calibtool.evaluation.plots.arm_picture import arm_figure
 from calibtool.robot.catalogue import load_robot
 
 

@@ -13,12 +13,12 @@ from derivatives import assert_derivative
 
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
-from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.stream import StreamOptions, compensate_text
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.backlash import backlash_text
-from calibtool.errormodel.conditions import Conditions, directions
 from calibtool.errormodel.families import ERROR_KINDS
+from calibtool.errormodel.operating_conditions import Conditions, directions
 from calibtool.errors import InputError
 from calibtool.evaluation.compare import evaluate
 from calibtool.export.as_json import calibration_as_json

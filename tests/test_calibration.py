@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from calibtool.calibration import Calibration, check_same_robot, fitting_setup, identify, train
-from calibtool.calibration.model import CrossValidation
+from calibtool.calibration.calibration import CrossValidation
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError
 from calibtool.measurement.measurements import Measurements, Setup
@@ -15,7 +15,7 @@ from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 

@@ -12,7 +12,7 @@ from poe import poe_frames, random_positions
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot, robot_names, shipped
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 

@@ -12,7 +12,7 @@ from calibtool.errors import InputError
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.chain import build_chain
 from calibtool.robot.description import Source, parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.robot.urdf import last_frame
 

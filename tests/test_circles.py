@@ -14,7 +14,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 EXACT = ErrorScales(length=0.0, angle=0.0)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.calibration.guard import coverage
-from calibtool.compensation.program import OutsidePolicy
+from calibtool.compensation.targets import OutsidePolicy
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.evaluation.compare import evaluate

@@ -17,7 +17,7 @@ from calibtool.identification.robust import row_weights
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, observe, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import log3, readonly, transform_points
 
 PHYSICAL = ("geometric", "gear", "gravity", "thermal")

@@ -21,7 +21,7 @@ from calibtool.controller import ControllerModel, read_controller_model
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 HERE = Path(__file__).parent / "controllers"
 Q = np.random.default_rng(5).uniform(-np.pi, np.pi, (12, 6))

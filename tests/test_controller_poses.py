@@ -19,7 +19,7 @@ from calibtool.programs.controller_poses import worse_than_untouched
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
 from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly, transform_points
 
 

@@ -9,7 +9,7 @@ from poe import poe_frames
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 
 def planar(coupling: str) -> Robot:

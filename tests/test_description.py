@@ -18,7 +18,7 @@ from calibtool.robot.description import (
     read_source,
     source_from_urdf,
 )
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 LINKS = """
   <link name="base_link"/>

@@ -12,7 +12,7 @@ from calibtool.calibration.guard import coverage
 from calibtool.calibration.learning_curve import learning_curve
 from calibtool.calibration.transfer import refit
 from calibtool.calibration.uncertainty import predicted_uncertainty
-from calibtool.compensation.program import guarded
+from calibtool.compensation.targets import guarded
 from calibtool.equivalent.bayesian import train_bayesian
 from calibtool.equivalent.loss import task_loss
 from calibtool.equivalent.network import Network
@@ -21,7 +21,7 @@ from calibtool.errormodel.actual import ActualRobot
 from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import exp6, inverse, log3, transform_points
 
 BAYES = TrainingOptions(regularisation="bayes", restarts=2)

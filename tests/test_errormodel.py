@@ -11,9 +11,9 @@ from poe import expm_chain, random_positions
 
 from calibtool.calibration import identify
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
-from calibtool.errormodel.conditions import REFERENCE_C, Conditions
 from calibtool.errormodel.families import BY_ID, ERROR_KINDS, FAMILIES
 from calibtool.errormodel.family import Family
+from calibtool.errormodel.operating_conditions import REFERENCE_C, Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.evaluation.compare import evaluate
@@ -22,7 +22,7 @@ from calibtool.identification.parameters import Parameters
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, relative_error
 
 STEP = {

@@ -28,7 +28,7 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network
-from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.export.as_json import calibration_as_json

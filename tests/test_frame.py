@@ -27,7 +27,7 @@ from calibtool.export.rendering import compensator_values
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly
 from calibtool.storage import read_calibration, to_bytes
 

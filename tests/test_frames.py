@@ -7,7 +7,7 @@ import pytest
 from poe import expm_chain, poe_frames, random_positions
 
 from calibtool.errormodel.robot_errors import RobotErrors
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-3, 0.1])

@@ -9,7 +9,7 @@ from poe import expm_chain, random_positions
 
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, relative_error
 
 

@@ -15,7 +15,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 Array = np.ndarray
 

@@ -15,7 +15,7 @@ from calibtool.errors import InputError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 SMALL = [name for name in robot_names() if load_robot(name).n < 6]

@@ -9,7 +9,7 @@ from drawn import DrawnChain, DrawnJoint
 from poe import expm_chain, poe_frames, random_positions
 
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import (
+from calibtool.robot.damped_least_squares import (
     MIN_SINGULARITY_DISTANCE,
     at_point,
     damped_solution,
@@ -18,7 +18,7 @@ from calibtool.robot.damped import (
     singularity_distance,
 )
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, relative_error
 
 

@@ -25,8 +25,12 @@ from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.measurements import Measurements, check_targets
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE, at_point, singularity_distance
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import (
+    MIN_SINGULARITY_DISTANCE,
+    at_point,
+    singularity_distance,
+)
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly, transform_points
 
 # --- singularities --------------------------------------------------------------------------------

@@ -7,9 +7,9 @@ import pytest
 
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.planning.knowledge import Knowledge
-from calibtool.planning.observability import observability_indices
-from calibtool.robot.model import Robot
+from calibtool.planning.information import Knowledge
+from calibtool.planning.observability_indices import observability_indices
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import transform_points
 
 NOISE = 0.05e-3

@@ -17,7 +17,7 @@ from calibtool.measurement.observation import (
     weights,
 )
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 KINDS = ("one target", "three targets", "6-D sensor")

@@ -7,12 +7,12 @@ from calibtool.calibration import identify
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints, inside
-from calibtool.planning.knowledge import Knowledge
+from calibtool.planning.information import Knowledge
+from calibtool.planning.joint_table import as_written, joint_table
 from calibtool.planning.plan import Plan, make_plan
 from calibtool.planning.selection import Criterion
-from calibtool.planning.table import as_written, joint_table
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.tables import joints_from_header, parse_table
 
 NOISE = 0.05e-3

@@ -17,16 +17,16 @@ from calibtool.errormodel.families import BY_ID
 from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.acceptance import parse_limit
 from calibtool.evaluation.compare import Evaluation
-from calibtool.evaluation.iso9283 import pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors
 from calibtool.evaluation.plots import FIGURES, ImageFormat, Subject, draw, image_format
-from calibtool.evaluation.plots.calibrations import joint_motions
-from calibtool.evaluation.plots.errors import magnification
+from calibtool.evaluation.plots.calibration_figures import joint_motions
+from calibtool.evaluation.plots.error_figures import magnification
 from calibtool.evaluation.plots.style import COLOURS
+from calibtool.evaluation.pose_test import pose_test, repeated_poses
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 WIDTH = 120.0
 

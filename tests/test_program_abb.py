@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from calibtool.programs.agreement import Position, positions
-from calibtool.programs.flow import Flow, follow
 from calibtool.programs.formats import reader
 from calibtool.programs.frames import Frames
+from calibtool.programs.motion_flow import Flow, follow
 from calibtool.programs.motions import Program
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 FOLDER = Path(__file__).parent / "programs"
 EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"

@@ -14,7 +14,7 @@ from calibtool.calibration import Calibration, identify
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.compensate import compensate_program
 from calibtool.programs.formats import detected
-from calibtool.programs.summary import CompensatedProgram
+from calibtool.programs.program_summary import CompensatedProgram
 from calibtool.robot.catalogue import load_robot
 
 FOLDER = Path(__file__).parent / "programs" / "cases"

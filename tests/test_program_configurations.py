@@ -13,7 +13,7 @@ from calibtool.programs.configurations import Abb, Configuration, Digit, Fanuc, 
 from calibtool.programs.formats import coupling_of
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import source_from_urdf
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 # Axes and origins of a KUKA arm at zero: A1 and the wrist's roll axes count clockwise, the arm lies
 # stretched along x.

@@ -23,7 +23,7 @@ from calibtool.programs.formats import coupling_of, reader
 from calibtool.programs.frames import pose, read_frames
 from calibtool.programs.motions import POSE
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse
 
 FRAMES = read_frames(

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
-from calibtool.programs.targets import number_at
+from calibtool.programs.numbers import number_at
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 FOLDER = Path(__file__).parent / "programs"
 SAMPLES = {

@@ -17,13 +17,13 @@ from calibtool.errors import InputError, NoSolutionError
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.agreement import Position, positions
 from calibtool.programs.compensate import ProgramOptions, compensate_program, compensate_texts
-from calibtool.programs.flow import Flow, follow
 from calibtool.programs.formats import read_program
 from calibtool.programs.frames import Frames, pose, poses
+from calibtool.programs.motion_flow import Flow, follow
 from calibtool.programs.motions import Program, Source
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import inverse_kinematics
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse
 
 FOLDER = Path(__file__).parent / "programs"

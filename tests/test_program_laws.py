@@ -20,11 +20,11 @@ from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.branches import Controller, solve
 from calibtool.programs.compensate import compensate_program
-from calibtool.programs.following import follow_forest, forest
 from calibtool.programs.formats import PROGRAM_FORMATS, coupling_of, reader
+from calibtool.programs.sequential_poses import follow_forest, forest
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import follow_path
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 ROOT = Path(__file__).parent.parent

@@ -10,7 +10,7 @@ import pytest
 from calibtool.programs.formats import detected, reader
 from calibtool.programs.motions import Program
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 TEXT = (Path(__file__).parent / "programs" / "path.yaml").read_text(encoding="utf-8")
 

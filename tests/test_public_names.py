@@ -112,7 +112,6 @@ def test_arrays_have_shapes() -> None:
     # of q for its answers. What a family of errors says of its elements has the shape of its value.
     general = (
         "se3.readonly",
-        "parts.get",
         "Parameters.groups",
         "Part.free",
         "robust.find_flagged",

@@ -20,7 +20,7 @@ from calibtool.measurement.registration import (
 )
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 FULLY_MOVING = (

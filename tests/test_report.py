@@ -127,7 +127,7 @@ def _sketched(monkeypatch: pytest.MonkeyPatch) -> None:
         FIGURES[kind].draw(subject, 120.0)
         return b'<svg viewBox="0 0 1 1"></svg>'
 
-    monkeypatch.setattr("calibtool.evaluation.report.page.draw", compose)
+    monkeypatch.setattr("calibtool.evaluation.report.report_page.draw", compose)
 
 
 def test_every_section_is_there_once_and_in_order(page: Page) -> None:

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 UR5_HOME = {

@@ -16,7 +16,7 @@ from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import Simulation, observe, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 EVERYTHING = ErrorScales(kinds=ERROR_KINDS)

@@ -22,7 +22,7 @@ from calibtool.errors import InputError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 SIX_OR_MORE = ("fanuc-m1000ia", "panda", "ur5")

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from calibtool.calibration import Calibration, identify
-from calibtool.compensation.program import guarded
 from calibtool.compensation.solve import compensate_joints
 from calibtool.compensation.stream import (
     StreamOptions,
@@ -18,6 +17,7 @@ from calibtool.compensation.stream import (
     compensate_stream,
     compensate_text,
 )
+from calibtool.compensation.targets import guarded
 from calibtool.errors import InputError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate

@@ -11,7 +11,7 @@ from calibtool.errors import CalibtoolError, NoSolutionError
 from calibtool.evaluation.compare import evaluate
 from calibtool.evaluation.study import Definition, Study, perform
 from calibtool.evaluation.study import runs as module
-from calibtool.evaluation.study.table import COLUMNS
+from calibtool.evaluation.study.study_table import COLUMNS
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from calibtool.errors import InputError
-from calibtool.evaluation.plots.study import study_figure
-from calibtool.evaluation.study.summary import study_contents, study_summary
-from calibtool.evaluation.study.table import (
+from calibtool.evaluation.plots.study_figures import study_figure
+from calibtool.evaluation.study.statistics import study_contents, study_summary
+from calibtool.evaluation.study.study_table import (
     COLUMNS,
     OK,
     Cell,

@@ -19,7 +19,7 @@ from calibtool.errormodel.actual import ErrorScales
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 Array = np.ndarray
 

@@ -13,12 +13,12 @@ import pytest
 from calibtool.calibration import Calibration
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
+from calibtool.evaluation.view.arm_geometry import simple_shape
 from calibtool.evaluation.view.live import serving
-from calibtool.evaluation.view.page import page_of
 from calibtool.evaluation.view.scene import scene_of
-from calibtool.evaluation.view.shape import simple_shape
+from calibtool.evaluation.view.scene_page import page_of
 from calibtool.measurement.measurements import Measurements
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 
 def unseen_first(measurements: Measurements) -> Measurements:

@@ -2,8 +2,8 @@
 how sure they are.
 """
 
+from calibtool.calibration.calibration import Calibration, check_same_robot, fitting_setup
 from calibtool.calibration.fit import BASE_MODELS, IDENTIFIED_MODELS, identify, train
-from calibtool.calibration.model import Calibration, check_same_robot, fitting_setup
 
 __all__ = [
     "BASE_MODELS",

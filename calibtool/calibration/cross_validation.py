@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibtool.calibration.model import Calibration, CrossValidation, fitting_setup
+from calibtool.calibration.calibration import Calibration, CrossValidation, fitting_setup
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import weighted_residuals

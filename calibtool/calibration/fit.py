@@ -6,16 +6,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calibtool.calibration.calibration import Calibration, check_same_robot, fitting_setup
 from calibtool.calibration.cross_validation import cross_validate
 from calibtool.calibration.frame import FRAMES, FrameName
-from calibtool.calibration.model import Calibration, check_same_robot, fitting_setup
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.training import TrainingOptions, TrainingReport, train_networks
 from calibtool.errors import check_choice
 from calibtool.identification.complete import CompleteOptions, identify_complete
+from calibtool.identification.identification import nominal_model
 from calibtool.identification.local_poe import identify_local_poe
-from calibtool.identification.model import nominal_model
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import linearised
 from calibtool.progress import Progress, silent

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.frame import FrameName
-from calibtool.calibration.model import Calibration
 from calibtool.robot.se3 import Array, log3
 
 

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibtool.calibration.model import Calibration
+from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.robot.se3 import Array
 

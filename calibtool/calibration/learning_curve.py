@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from calibtool.calibration.model import Calibration, fitting_setup
+from calibtool.calibration.calibration import Calibration, fitting_setup
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals

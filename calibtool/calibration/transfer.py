@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibtool.calibration.model import Calibration, check_same_robot
+from calibtool.calibration.calibration import Calibration, check_same_robot
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.measurement.measurements import Measurements, Setup

@@ -7,10 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.frame import free_columns, pose_sigma
-from calibtool.calibration.model import Calibration
 from calibtool.errors import InputError
-from calibtool.robot.damped import at_point
+from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.se3 import Array
 
 _CHUNK = 2000

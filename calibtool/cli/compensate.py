@@ -16,7 +16,7 @@ from calibtool.cli.files import (
     shown,
     text_lines,
 )
-from calibtool.cli.load import load_calibration
+from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
     EXACT,
     CalibrationFile,
@@ -60,7 +60,7 @@ from calibtool.errors import UsageError
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
     from calibtool.compensation.stream import RowFormat, StreamOptions
-    from calibtool.compensation.weighed import Weights
+    from calibtool.compensation.weighted_error import Weights
     from calibtool.programs.compensate import ProgramOptions
 
 
@@ -164,9 +164,9 @@ def compensate(
     from typing import cast
 
     from calibtool.calibration.frame_report import frame_report
-    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
     from calibtool.compensation.stream import BATCH, RowFormat, StreamOptions
+    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
-from calibtool.cli.load import load_calibration, load_measurements
+from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
     Before,
@@ -18,8 +18,8 @@ from calibtool.cli.options import (
     Require,
     choice,
 )
+from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import working
-from calibtool.cli.show import print_json, print_table
 
 _POSES = 8  # columns of a table for people
 
@@ -76,8 +76,8 @@ def evaluate(
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
-    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
+    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.errors import AcceptanceError
     from calibtool.evaluation.acceptance import broken_limits, parse_limit
     from calibtool.evaluation.compare import evaluate as run
@@ -125,7 +125,7 @@ def evaluate(
 
 def show_evaluation(report: dict[str, object]) -> None:
     """The table for people."""
-    from calibtool.evaluation.words import words
+    from calibtool.evaluation.wording import words
 
     said = words(report["kind"], report.get("before"))  # type: ignore[arg-type]
     methods = report["methods"]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs
-from calibtool.cli.load import load_calibration
+from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
     CalibrationFile,
     Force,

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
+from calibtool.cli.atomic_output import Part, staged
 from calibtool.cli.interrupts import held
-from calibtool.cli.staging import Part, staged
 from calibtool.cli.verbosity import detail, is_quiet
 from calibtool.errors import InputError, UsageError, printable
 

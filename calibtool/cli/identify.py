@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.base import (
+from calibtool.cli.base_model_options import (
     AngleTolerance,
     Backlash,
     DropFlagged,
@@ -16,16 +16,16 @@ from calibtool.cli.base import (
     base_options,
 )
 from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
-from calibtool.cli.load import (
+from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
     load_measurements,
     say_if_frame_is_not_free,
 )
 from calibtool.cli.options import Force, FrameOption, Json, MeasurementsFile, choice
+from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
-from calibtool.cli.show import print_json, print_table
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration

@@ -159,7 +159,7 @@ def import_(
         preview,
         read_table,
     )
-    from calibtool.measurement.importing.joining import JOINS
+    from calibtool.measurement.importing.joint_files import JOINS
     from calibtool.measurement.importing.sources import FORMATS
     from calibtool.measurement.importing.spatial_analyzer import LAYOUTS
     from calibtool.robot.catalogue import load_robot
@@ -215,7 +215,7 @@ def import_(
     origin = provenance(seed if sample is not None else None, **inputs)
     with working(f"registering and checking {len(taken.measurements)} configurations"):
         measurements = taken.registered().measurements
-        findings = check_measurements(measurements, taken.companions)
+        findings = check_measurements(measurements, taken.auxiliary)
     for finding in findings:
         message(str(finding))
     outputs: dict[str, bytes | str] = {output: to_bytes(replace(measurements, provenance=origin))}

@@ -126,7 +126,7 @@ def under(
 
     UsageError for one that it has no errors of.
     """
-    from calibtool.errormodel.conditions import Conditions
+    from calibtool.errormodel.operating_conditions import Conditions
     from calibtool.errors import UsageError
     from calibtool.robot.se3 import readonly
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from calibtool.cli.files import check_output, one_stdin, shown, stem, write_output
-from calibtool.cli.load import load_calibration, load_measurements
+from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
     Before,
@@ -81,8 +81,8 @@ def plot(
     from typing import cast
 
     from calibtool.calibration import check_same_robot
-    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
+    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.errors import InputError, UsageError
     from calibtool.evaluation.acceptance import parse_limit
     from calibtool.evaluation.compare import evaluate

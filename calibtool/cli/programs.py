@@ -25,14 +25,14 @@ from calibtool.errors import InputError, NoSolutionError, UsageError
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
-    from calibtool.compensation.program import OutsidePolicy
     from calibtool.compensation.solve import Method
-    from calibtool.compensation.weighed import Weights
+    from calibtool.compensation.targets import OutsidePolicy
+    from calibtool.compensation.weighted_error import Weights
     from calibtool.programs.compensate import ProgramOptions
-    from calibtool.programs.summary import CompensatedProgram
+    from calibtool.programs.program_summary import CompensatedProgram
     from calibtool.robot.coupling import JointValues
     from calibtool.robot.mechanism import Mechanism
-    from calibtool.robot.model import Robot
+    from calibtool.robot.robot import Robot
 
 _COLUMN = r"(j[1-9]\d*(_serial|_controller)?_(deg|rad|mm|m)|x_mm|x_m)"
 _OBJECT = re.compile(rf"\s*\{{.*\"{_COLUMN}\"\s*:")  # a row of JSON
@@ -163,8 +163,8 @@ def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "
     """The kinematics that `--controller` names, None without it; says how far they are off."""
     if given is None and dh is None:
         return None
+    from calibtool.controller.controller_model import read_controller_model
     from calibtool.controller.denavit_hartenberg import DH_CONVENTIONS, DhConvention
-    from calibtool.controller.model import read_controller_model
     from calibtool.errors import UsageError
 
     if dh is not None:

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
-from calibtool.cli.load import load_calibration, load_measurements
+from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
     Before,
@@ -58,8 +58,8 @@ def report(
     from typing import cast
 
     from calibtool.cli.provenance import provenance
-    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
+    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.errors import AcceptanceError
     from calibtool.evaluation.acceptance import broken_limits, parse_limit
     from calibtool.evaluation.compare import evaluate

@@ -6,11 +6,11 @@ import typer
 
 from calibtool.cli.files import check_output, message, write_output, write_stdout
 from calibtool.cli.options import Force, Json
-from calibtool.cli.show import lines, print_json
+from calibtool.cli.printing import lines, print_json
 from calibtool.errors import UsageError
 
 if TYPE_CHECKING:
-    from calibtool.robot.model import Robot
+    from calibtool.robot.robot import Robot
 
 
 def robots(

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output
-from calibtool.cli.load import load_measurements
+from calibtool.cli.input_files import load_measurements
 from calibtool.cli.options import Force, JointValuesOption, Output, Seed, joint_values_of
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
@@ -129,10 +129,10 @@ def simulate(
             raise UsageError(f"{option}: {size} is no finite number")
     from dataclasses import replace
 
-    from calibtool.compensation.program import read_configurations
+    from calibtool.compensation.targets import read_configurations
     from calibtool.errormodel.actual import ErrorScales
     from calibtool.errormodel.families import ERROR_KINDS
-    from calibtool.measurement.importing.commanded import commanded_poses
+    from calibtool.measurement.importing.commanded_targets import commanded_poses
     from calibtool.measurement.simulate import Simulation
     from calibtool.measurement.simulate import simulate as run
     from calibtool.robot.catalogue import load_robot

@@ -9,8 +9,8 @@ from calibtool.cli.files import STREAM, check_output, message, read_text, shown,
 from calibtool.cli.identify import report_target
 from calibtool.cli.interrupts import held, interruptible
 from calibtool.cli.options import Force, Json
+from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import counted
-from calibtool.cli.show import print_json, print_table
 
 if TYPE_CHECKING:
     from calibtool.evaluation.study import Definition, Study, StudyTable
@@ -251,7 +251,7 @@ def _read_table(path: str) -> "StudyTable":
     import io
 
     from calibtool.cli.files import read_bytes
-    from calibtool.evaluation.study.table import parse_csv
+    from calibtool.evaluation.study.study_table import parse_csv
 
     if not _is_hdf5(path):
         return parse_csv(read_text(path), path)
@@ -262,7 +262,7 @@ def _read_table(path: str) -> "StudyTable":
 
 def _report(study: "Study", table: "StudyTable", json: bool) -> None:
     """JSON on stdout, or medians and 5-95 % quantiles for people; failures are told either way."""
-    from calibtool.evaluation.study.summary import study_summary
+    from calibtool.evaluation.study.statistics import study_summary
 
     summary = study_summary(table)
     if json:

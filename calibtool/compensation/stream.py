@@ -13,14 +13,14 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
-from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.decimals import DECIMALS, decimal_rows
 from calibtool.compensation.jumps import CorrectionPath, Jump
 from calibtool.compensation.one_step import default_bounds
-from calibtool.compensation.program import OutsidePolicy, guarded, no_targets
 from calibtool.compensation.solve import Compensation, Method
 from calibtool.compensation.status import CORRECTED, DOUBTFUL, JUMP, MEANING, OK
-from calibtool.compensation.weighed import Weights
+from calibtool.compensation.targets import OutsidePolicy, guarded, no_targets
+from calibtool.compensation.weighted_error import Weights
 from calibtool.errors import InputError
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array

@@ -9,10 +9,10 @@ from itertools import combinations
 import numpy as np
 
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.damped import at_point, singularity_distance
+from calibtool.robot.damped_least_squares import at_point, singularity_distance
 from calibtool.robot.description import VirtualJoint
 from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, adjoint
 
 ELEMENTARY: tuple[VirtualJoint, ...] = ("x", "y", "z", "rx", "ry", "rz")

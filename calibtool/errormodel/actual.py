@@ -7,13 +7,13 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from calibtool.errormodel.conditions import REFERENCE_C, Conditions, directions
 from calibtool.errormodel.families import ERROR_KINDS, FAMILIES
 from calibtool.errormodel.family import Sizes
+from calibtool.errormodel.operating_conditions import REFERENCE_C, Conditions, directions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import check_choice, check_number
 from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 

@@ -9,11 +9,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from calibtool.errormodel.conditions import REFERENCE_C, Conditions
+from calibtool.errormodel.operating_conditions import REFERENCE_C, Conditions
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.gravity import gravity_torque
+from calibtool.robot.gravity_torque import gravity_torque
 from calibtool.robot.mechanism import Frames
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, adjoint, readonly
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")

@@ -4,8 +4,8 @@ import numpy as np
 
 from calibtool.errormodel.family import JointFunctions, Rows, Sizes, joint_list
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.gravity import largest_torque, load_carrying
-from calibtool.robot.model import Robot
+from calibtool.robot.gravity_torque import largest_torque, load_carrying
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.errormodel.family import JointFunctions, Rows, Sizes
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LOW_ORDERS = 3  # harmonics of a joint that eccentric gears have

@@ -11,9 +11,9 @@ import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Rows, Sizes
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.model import Robot
+from calibtool.robot.inverse_starts import drawn as configurations
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly
-from calibtool.robot.starts import drawn as configurations
 
 _FULL = 10.0  # kg at which sizes and tolerances are stated
 _CARRIES_LOAD = (
@@ -100,7 +100,7 @@ def largest_moment(robot: Robot) -> Array:
     """Largest moments of 1 kg along and across each joint over fixed configurations of the joint
     range: (n, 2) N m.
     """
-    from calibtool.errormodel.conditions import Conditions
+    from calibtool.errormodel.operating_conditions import Conditions
 
     q = configurations(robot, _SAMPLES, np.random.default_rng(0))
     along, across = moments(Rows(robot, q, Conditions(payload_kg=readonly(1.0))))

@@ -9,11 +9,11 @@ from typing import Self
 
 import numpy as np
 
-from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.families import BY_ID, FAMILIES
 from calibtool.errormodel.family import Context, Family, Rows
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.robot.mechanism import Frames, Mechanism
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Rows, Sizes
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 STEEL_EXPANSION = 12e-6  # per K

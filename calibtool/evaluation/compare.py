@@ -11,14 +11,14 @@ from calibtool.calibration import Calibration, check_same_robot, fitting_setup, 
 from calibtool.calibration.guard import coverage
 from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.exact import exact
-from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.compensation.solve import Method
 from calibtool.compensation.status import DOUBTFUL
+from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import NoSolutionError, UsageError, check_choice
-from calibtool.evaluation.iso9283 import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
 from calibtool.evaluation.observed import errors_against, point_errors
+from calibtool.evaluation.pose_test import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.proof import Before, Proof, prove
 from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.registration import register

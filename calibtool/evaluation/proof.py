@@ -12,9 +12,9 @@ import numpy as np
 from calibtool.calibration import Calibration, fitting_setup
 from calibtool.compensation.solve import compensate_poses
 from calibtool.errors import InputError
-from calibtool.evaluation.iso9283 import PoseTest, measured_pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics
 from calibtool.evaluation.observed import errors_against, point_errors
+from calibtool.evaluation.pose_test import PoseTest, measured_pose_test, repeated_poses
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
 from calibtool.robot.inverse import inverse_kinematics

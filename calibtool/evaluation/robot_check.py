@@ -8,12 +8,12 @@ import numpy as np
 
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.errors import InputError, NoSolutionError
-from calibtool.identification.observability import Observability, observability
+from calibtool.identification.design_rank import Observability, observability
 from calibtool.measurement.measurements import Setup, determines_orientation
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import robot_names
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.model import Robot, is_path
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.robot import Robot, is_path
 from calibtool.robot.se3 import Array, readonly
 from calibtool.robot.urdf import end_links
 

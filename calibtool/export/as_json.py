@@ -16,9 +16,9 @@ from calibtool.export.formula import FORMULA
 from calibtool.export.rendering import LARGEST_POSITION
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.damped import GRAM_REGULARISATION
-from calibtool.robot.gravity import link_masses
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
+from calibtool.robot.gravity_torque import link_masses
+from calibtool.robot.robot import Robot
 
 SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 2
 

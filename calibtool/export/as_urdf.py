@@ -15,7 +15,7 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.export.rendering import left_out, render
 from calibtool.export.urdf_geometry import fitted_geometry, urdf_geometry
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, log3
 
 _NOTHING = 5e-8  # m or rad: less is 0.0000 mm in a line

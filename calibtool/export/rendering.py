@@ -15,14 +15,14 @@ from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
 from calibtool.errormodel.backlash import backlash_text
-from calibtool.errormodel.conditions import REFERENCE_C
 from calibtool.errormodel.family import Rows
+from calibtool.errormodel.operating_conditions import REFERENCE_C
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.robot.coupling import JointValues, coupling_text
-from calibtool.robot.damped import GRAM_REGULARISATION
-from calibtool.robot.gravity import link_masses
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
+from calibtool.robot.gravity_torque import link_masses
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 Precision = Literal["double", "single"]

@@ -26,14 +26,14 @@ from calibtool.identification.equations import (
     row_sizes,
 )
 from calibtool.identification.evidence import Solution, inverse, most_probable, posterior_step
-from calibtool.identification.model import Flagged, Identification, Posterior, split_rms
+from calibtool.identification.identification import Flagged, Identification, Posterior, split_rms
 from calibtool.identification.parameters import Parameters, State
 from calibtool.identification.robust import LossFunction, find_flagged, row_weights
 from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
+from calibtool.robot.inverse_starts import drawn
 from calibtool.robot.se3 import Array, readonly
-from calibtool.robot.starts import drawn
 
 MANY_HARMONICS = (*BY_ID["harmonics"].orders, 6, 9, 12, 16, 20, 24, 28, 32)
 _UNEXPLAINED = 1.2  # times the stated noise: more than this left over, and more harmonics are tried

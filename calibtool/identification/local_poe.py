@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibtool.errors import NoSolutionError
-from calibtool.identification.model import Identification, split_rms
+from calibtool.identification.identification import Identification, split_rms
 from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements, Setup
@@ -21,7 +21,7 @@ from calibtool.measurement.observation import (
     target_columns,
     weights,
 )
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 RANK_TOLERANCE = 1e-8  # of the largest singular value; the exact redundancies lie near 1e-16

@@ -8,15 +8,15 @@ from typing import Self
 
 import numpy as np
 
-from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.families import BY_ID, FAMILIES
 from calibtool.errormodel.family import COMPONENTS, Context, Family, JointFunctions
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.measurement.measurements import Setup
 from calibtool.measurement.registration import update_setup
 from calibtool.robot.mechanism import Frames
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 # Unknown instrument frames and targets are as good as free beside their registration: 1 m, 1 rad.

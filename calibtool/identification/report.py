@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.identification.model import Identification, Posterior
+from calibtool.identification.identification import Identification, Posterior
 
 AT_PRIOR = 0.99  # a standard deviation above this part of the tolerance: the data said nothing
 

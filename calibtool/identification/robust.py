@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibtool.identification.model import Flagged
+from calibtool.identification.identification import Flagged
 from calibtool.identification.parameters import State
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights

@@ -6,10 +6,10 @@ from typing import Self
 import numpy as np
 
 from calibtool.errormodel.actual import ActualRobot
-from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errors import InputError
 from calibtool.measurement.kinds import KINDS, Kind
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, check_poses, readonly
 
 # m or rad: smaller or larger than its inverse, and squares of weighted residuals overflow

@@ -5,10 +5,10 @@ from singularities.
 import numpy as np
 
 from calibtool.errors import NoSolutionError
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.description import Workspace
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
 
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
-from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errors import InputError, check_number
 from calibtool.measurement.measurements import Measurements, Setup, Truth, check_targets
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
 SMALLEST_NOISE, NO_NOISE = (

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, transform_points
 
 _TOGETHER = 500  # draws at least

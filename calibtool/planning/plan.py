@@ -9,15 +9,15 @@ import numpy as np
 
 from calibtool.errors import check_choice, check_number
 from calibtool.planning.constraints import Candidates, Constraints, draw_candidates, inside
-from calibtool.planning.knowledge import Knowledge
-from calibtool.planning.observability import observability_indices
+from calibtool.planning.information import Knowledge
+from calibtool.planning.joint_table import as_written, in_columns, joint_table
+from calibtool.planning.observability_indices import observability_indices
 from calibtool.planning.selection import Criterion, improve, select
-from calibtool.planning.table import as_written, in_columns, joint_table
-from calibtool.planning.travel import short_order, travel
+from calibtool.planning.visiting_order import short_order, travel
 from calibtool.progress import Progress, silent
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 _REFINED = (0.2, 0.1, 0.1, 0.05)  # size of the neighbourhoods, parts of the joint range

@@ -27,6 +27,7 @@ from calibtool.programs.motions import (
     frame_of,
 )
 from calibtool.programs.motions import Statement as Step
+from calibtool.programs.numbers import Lines, Remark, comments_blanked
 from calibtool.programs.rapid import Argument, Statement, arguments
 from calibtool.programs.rapid_changes import HANDLER, TYPES, Changes, by_name
 from calibtool.programs.rapid_data import Text
@@ -40,8 +41,7 @@ from calibtool.programs.rapid_motions import (
 )
 from calibtool.programs.rapid_names import Data, Names, Procedure, placed
 from calibtool.programs.rapid_values import Values
-from calibtool.programs.targets import Lines, Remark, comments_blanked
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 NAME = "abb-rapid"
 SUFFIXES = (".mod", ".modx", ".prg", ".sys", ".sysx")

@@ -11,10 +11,10 @@ import numpy as np
 
 from calibtool.programs.configurations import Configuration, Posture, has_postures, postures
 from calibtool.robot.inverse import InverseResult, solve_poses
-from calibtool.robot.model import Robot
+from calibtool.robot.inverse_starts import Starts, drawn, starts_of
 from calibtool.robot.reach import excluded
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
-from calibtool.robot.starts import Starts, drawn, starts_of
 
 _NEAR = 8  # starts near the pose, on the branch that is asked for
 _RANDOM = 96  # random starts that find the branches of a pose where those do not

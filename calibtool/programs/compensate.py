@@ -9,23 +9,23 @@ from itertools import pairwise
 import numpy as np
 
 from calibtool.calibration import Calibration
-from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.one_step import default_bounds
-from calibtool.compensation.program import OutsidePolicy, guarded
 from calibtool.compensation.solve import Compensation, Method
 from calibtool.compensation.status import MEANING, OK, OUTSIDE, UNCORRECTED
-from calibtool.compensation.weighed import Weights
+from calibtool.compensation.targets import OutsidePolicy, guarded
+from calibtool.compensation.weighted_error import Weights
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
 from calibtool.programs.agreement import AS_FRAME, SEED, Position, positions
 from calibtool.programs.branches import Controller
 from calibtool.programs.controller_poses import check_controller_known, poses_to_write
-from calibtool.programs.flow import follow
 from calibtool.programs.formats import coupling_of, read_program
 from calibtool.programs.frames import Frames
+from calibtool.programs.motion_flow import follow
 from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, Source
-from calibtool.programs.nominal import Stands, stands
-from calibtool.programs.summary import CompensatedProgram, Fate
-from calibtool.programs.targets import Remark
+from calibtool.programs.nominal_joints import Stands, stands
+from calibtool.programs.numbers import Remark
+from calibtool.programs.program_summary import CompensatedProgram, Fate
 from calibtool.programs.writing import NewPositions, Writing, remark_of
 from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.mechanism import Mechanism

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
 
 _BORDER = np.deg2rad(0.01)  # a joint so near to the border of two turns may be called either

@@ -3,15 +3,15 @@
 import re
 from collections.abc import Sequence
 
-from calibtool.programs.characters import beyond_ascii_blanked
 from calibtool.programs.configurations import has_postures
 from calibtool.programs.motions import FRAME, TOOL, Frame, Literal, Program, Routine, Source
-from calibtool.programs.targets import Lines
+from calibtool.programs.multibyte import beyond_ascii_blanked
+from calibtool.programs.numbers import Lines
 from calibtool.programs.tp import sections
 from calibtool.programs.tp_frames import Listed, Selection, is_listing
 from calibtool.programs.tp_instructions import Instructions
 from calibtool.programs.tp_positions import Positions, turn_axes
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 NAME = "fanuc-ls"

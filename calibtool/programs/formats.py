@@ -8,9 +8,9 @@ import numpy as np
 
 from calibtool.programs import abb, fanuc, kuka, ros2, ur
 from calibtool.programs.motions import Program, Source
-from calibtool.programs.targets import BYTE_ORDER_MARK
+from calibtool.programs.numbers import BYTE_ORDER_MARK
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 

@@ -24,7 +24,7 @@ from calibtool.programs.motions import (
     Value,
     frame_of,
 )
-from calibtool.programs.targets import Remark, number_at
+from calibtool.programs.numbers import Remark, number_at
 
 _KINDS = {"$base": FRAME, "base_data": FRAME, "$tool": TOOL, "tool_data": TOOL}
 _BAS = re.compile(r"\(\s*#(\w+)\s*(?:,\s*([^,)]*?)\s*)?\)")

@@ -5,18 +5,18 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from calibtool.programs.configurations import Digit, Kuka
-from calibtool.programs.external import arm_units, beside_pose, joints, unit_of
+from calibtool.programs.external_axes import arm_units, beside_pose, joints, unit_of
 from calibtool.programs.frames import pose
 from calibtool.programs.krl import Statement, statements
 from calibtool.programs.motions import JOINT, POSE, Aim, Literal, Unknown, Value
-from calibtool.programs.targets import (
+from calibtool.programs.numbers import (
     Lines,
     Number,
     comments_blanked,
     is_not_finite,
     number_at,
 )
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST
 

@@ -30,8 +30,8 @@ from calibtool.programs.motions import (
     Value,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.targets import Remark
-from calibtool.robot.model import Robot
+from calibtool.programs.numbers import Remark
+from calibtool.robot.robot import Robot
 
 NAME = "kuka-krl"
 SUFFIXES = (".src", ".dat", ".sub")

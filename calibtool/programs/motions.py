@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibtool.programs.configurations import Configuration
-from calibtool.programs.targets import Number, Numbers, Remark
+from calibtool.programs.numbers import Number, Numbers, Remark
 from calibtool.robot.se3 import Array, readonly
 
 JOINT, POSE = "joint", "pose"

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from calibtool.programs.bracketed_lists import Item, item
 from calibtool.programs.configurations import Abb, Digit
-from calibtool.programs.external import UNUSED, arm_units, beside_pose, joints, unit_of
+from calibtool.programs.external_axes import UNUSED, arm_units, beside_pose, joints, unit_of
 from calibtool.programs.frames import UNIT_TOLERANCE, pose
-from calibtool.programs.lists import Item, item
 from calibtool.programs.motions import (
     BASE,
     FRAME,
@@ -22,8 +22,8 @@ from calibtool.programs.motions import (
     Value,
     frame_of,
 )
-from calibtool.programs.targets import NUMBER, Lines, Number, is_not_finite, number_at
-from calibtool.robot.model import Robot
+from calibtool.programs.numbers import NUMBER, Lines, Number, is_not_finite, number_at
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST, TO_SI
 

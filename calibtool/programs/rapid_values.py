@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from calibtool.programs.lists import closing
+from calibtool.programs.bracketed_lists import closing
 from calibtool.programs.motions import (
     BASE,
     FRAME,
@@ -17,9 +17,9 @@ from calibtool.programs.motions import (
     Value,
     frame_of,
 )
+from calibtool.programs.numbers import Remark, number_at
 from calibtool.programs.rapid_data import SHAPES, Text
 from calibtool.programs.rapid_names import Data, Names
-from calibtool.programs.targets import Remark, number_at
 
 _COMPONENTS = {"x": 0, "y": 1, "z": 2, "q1": 3, "q2": 4, "q3": 5, "q4": 6}
 _WORD = re.compile(r"([^\W\d]\w*)\s*+(?:\{([^{}]*)\})?\s*+")

@@ -4,10 +4,10 @@ import re
 from collections.abc import Sequence
 
 from calibtool.errors import InputError, near_names
-from calibtool.programs.lists import closing, split
+from calibtool.programs.bracketed_lists import closing, split
 from calibtool.programs.motions import JOINT, Aim, Literal, Move, Program, Routine, Source
-from calibtool.programs.targets import Lines, Number, Remark, is_not_finite, number_at
-from calibtool.robot.model import Robot
+from calibtool.programs.numbers import Lines, Number, Remark, is_not_finite, number_at
+from calibtool.robot.robot import Robot
 
 NAME = "ros2-trajectory"
 SUFFIXES = (".yaml", ".yml", ".json")

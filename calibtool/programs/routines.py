@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from calibtool.programs.control import Action, Block, blocks
+from calibtool.programs.control_flow import Action, Block, blocks
 from calibtool.programs.frames import Frames
 from calibtool.programs.motions import (
     Aim,
@@ -16,7 +16,7 @@ from calibtool.programs.motions import (
     Routine,
     Unknown,
 )
-from calibtool.programs.targets import Remark
+from calibtool.programs.numbers import Remark
 from calibtool.programs.values import Atom, Atoms, joined
 from calibtool.programs.variables import NOWHERE, STANDS, State, Variables
 

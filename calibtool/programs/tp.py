@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from calibtool.programs.targets import Lines
+from calibtool.programs.numbers import Lines
 
 _PROGRAM = re.compile(r"^[ \t]*/PROG\b[ \t]*([^\s;]*)", re.MULTILINE)
 _SECTION = re.compile(r"^[ \t]*/(MN|POS)[ \t]*\r?$", re.MULTILINE)

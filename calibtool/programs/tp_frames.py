@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from calibtool.programs.frames import pose
 from calibtool.programs.motions import FRAME, TOOL, Assign, Frame, Unknown, Value, frame_of
-from calibtool.programs.targets import NUMBER, Lines, Remark, number_at
+from calibtool.programs.numbers import NUMBER, Lines, Remark, number_at
 from calibtool.robot.se3 import Array
 
 _VARIABLE = re.compile(r"^\[\*?\w+\*?\]\$?\w+[ \t]+Storage:", re.MULTILINE)

@@ -24,7 +24,7 @@ from calibtool.programs.motions import (
     Unknown,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.targets import Lines, Remark
+from calibtool.programs.numbers import Lines, Remark
 from calibtool.programs.tp import Motion, Point, Section, motion, parts, statements
 from calibtool.programs.tp_frames import Selection
 from calibtool.programs.tp_positions import HELD, Positions, Taught

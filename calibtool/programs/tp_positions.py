@@ -6,10 +6,10 @@ from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 
 from calibtool.programs.configurations import Digit, Fanuc
-from calibtool.programs.external import arm_units, beside_pose, joints
+from calibtool.programs.external_axes import arm_units, beside_pose, joints
 from calibtool.programs.motions import JOINT, POSE, Literal
-from calibtool.programs.targets import Lines, Number, Remark, is_not_finite, number_at
-from calibtool.robot.model import Robot
+from calibtool.programs.numbers import Lines, Number, Remark, is_not_finite, number_at
+from calibtool.robot.robot import Robot
 
 HELD = "the robot holds the work piece and not the tool"
 _POSITION = re.compile(

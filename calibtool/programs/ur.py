@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from calibtool.programs.lists import closing
+from calibtool.programs.bracketed_lists import closing
 from calibtool.programs.motions import (
     BASE,
     FLANGE,
@@ -36,7 +36,7 @@ from calibtool.programs.motions import (
     frame_of,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.targets import Remark
+from calibtool.programs.numbers import Remark
 from calibtool.programs.ur_names import TCP, Function, Names
 from calibtool.programs.ur_positions import Positions, elements_of
 from calibtool.programs.urscript import (
@@ -47,7 +47,7 @@ from calibtool.programs.urscript import (
     arguments,
     statements,
 )
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 NAME = "ur-script"
 SUFFIXES = (".script", ".urscript")

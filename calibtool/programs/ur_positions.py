@@ -3,8 +3,8 @@
 import re
 from collections.abc import Container, Sequence
 
+from calibtool.programs.bracketed_lists import closing, split
 from calibtool.programs.frames import pose
-from calibtool.programs.lists import closing, split
 from calibtool.programs.motions import (
     JOINT,
     POSE,
@@ -17,7 +17,7 @@ from calibtool.programs.motions import (
     Value,
     frame_of,
 )
-from calibtool.programs.targets import (
+from calibtool.programs.numbers import (
     Lines,
     Number,
     comments_blanked,
@@ -26,7 +26,7 @@ from calibtool.programs.targets import (
 )
 from calibtool.programs.ur_names import Function, Names
 from calibtool.programs.urscript import CALL, MOTION_CALL, MOVED_TO, constant
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.units import LARGEST
 
 _RELATIVE = ("pose_trans", "pose_add", "pose_sub", "interpolate_pose")

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from calibtool.programs.lists import closing, split
+from calibtool.programs.bracketed_lists import closing, split
 
 # Motions and the parameters that say where they go.
 MOTIONS = {

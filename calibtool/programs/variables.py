@@ -4,7 +4,7 @@ where it begins.
 
 from collections.abc import Iterable
 
-from calibtool.programs.control import Block
+from calibtool.programs.control_flow import Block
 from calibtool.programs.frames import Frames
 from calibtool.programs.motions import Assign, Call, Either, Program, Unknown, Value
 from calibtool.programs.values import MANY, Atoms, Evaluation, joined

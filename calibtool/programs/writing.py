@@ -11,8 +11,8 @@ from calibtool.programs.branches import Controller
 from calibtool.programs.configurations import Digit
 from calibtool.programs.frames import poses_values
 from calibtool.programs.motions import POSE, Literal, Program
-from calibtool.programs.nominal import placed
-from calibtool.programs.targets import Remark, rewritten, spliced
+from calibtool.programs.nominal_joints import placed
+from calibtool.programs.numbers import Remark, rewritten, spliced
 from calibtool.robot.se3 import Array
 
 _NO_CHANGE = 1e-9  # rad or m: below, a target's text stays as it is

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from calibtool.errors import UsageError, near_names
 from calibtool.robot.description import read_source
-from calibtool.robot.model import Robot, is_path
+from calibtool.robot.robot import Robot, is_path
 from calibtool.robot.shipped import shipped
 
 

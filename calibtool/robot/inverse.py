@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.robot.damped import at_point, scale_rows
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import at_point, scale_rows
+from calibtool.robot.inverse_starts import drawn, starts_of
 from calibtool.robot.reach import excluded
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
-from calibtool.robot.starts import drawn, starts_of
 
 ForwardAndJacobian = Callable[[Array], tuple[Array, Array]]
 

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
-from calibtool.robot.screw import Screw
+from calibtool.robot.screw_joint import Screw
 from calibtool.robot.se3 import Array, readonly, translation
 
 

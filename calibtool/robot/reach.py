@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse, readonly
 
 _ROUNDING = 1e-9  # m and rad

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, BinaryIO, TypeVar
 import h5py
 
 from calibtool import __version__
-from calibtool.calibration.model import Calibration
+from calibtool.calibration.calibration import Calibration
 from calibtool.errors import CalibtoolError, InputError
 from calibtool.measurement.measurements import Measurements
-from calibtool.storage.calibrations import build_calibration, write_calibration
-from calibtool.storage.measurements import build_measurements, write_measurements
-from calibtool.storage.parts import write_robot
+from calibtool.storage.calibration_groups import build_calibration, write_calibration
+from calibtool.storage.file_checks import check_bytes, check_contents, sealed
+from calibtool.storage.measurement_groups import build_measurements, write_measurements
+from calibtool.storage.shared_groups import write_robot
 from calibtool.storage.texts import put_string, string
-from calibtool.storage.untrusted import check_bytes, check_contents, sealed
 
 if TYPE_CHECKING:
     from calibtool.storage.studies import StudyFile

@@ -9,11 +9,18 @@ import h5py
 import numpy as np
 
 from calibtool import __version__
-from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, Cell, StudyTable, checked_row
+from calibtool.evaluation.study.study_table import (
+    COLUMNS,
+    COUNTS,
+    TEXTS,
+    Cell,
+    StudyTable,
+    checked_row,
+)
 from calibtool.storage import STUDY
-from calibtool.storage.parts import get_with_gaps, put
+from calibtool.storage.file_checks import sealed
+from calibtool.storage.shared_groups import get_with_gaps, put
 from calibtool.storage.texts import put_string, put_text, string, text
-from calibtool.storage.untrusted import sealed
 
 SCHEMA_VERSION = 1
 

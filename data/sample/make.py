@@ -21,9 +21,9 @@ from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints
-from calibtool.planning.iso9283 import plan_test
+from calibtool.planning.iso9283_poses import plan_test
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 ROBOT, SEED = "fanuc-m1000ia", 5
 CUBE, CYCLES = 0.8, 6  # m

@@ -24,12 +24,12 @@ import calibtool.demo
 # All that the commands need is imported once, before the forks.
 import calibtool.planning.plan  # noqa: F401
 from calibtool.cli import files, main
-from calibtool.cli.staging import SUFFIX, Part, staged
+from calibtool.cli.atomic_output import SUFFIX, Part, staged
 
 SAMPLES = Path(__file__).resolve().parent.parent / "programs"
 WATCHED = (
     "files.py",
-    "staging.py",
+    "atomic_output.py",
     "interrupts.py",
 )  # modules of the command line in which an output comes to be
 

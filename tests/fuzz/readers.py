@@ -25,7 +25,7 @@ from calibtool.errors import InputError
 from calibtool.evaluation.study import Definition, Study, StudyTable, parse_definition
 from calibtool.evaluation.study.journal import SCHEMA as JOURNAL
 from calibtool.evaluation.study.journal import Journal
-from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, failed, parse_csv
+from calibtool.evaluation.study.study_table import COLUMNS, COUNTS, TEXTS, failed, parse_csv
 from calibtool.measurement.importing import (
     ColumnMap,
     JointFile,
@@ -37,10 +37,10 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
 from calibtool.programs.frames import read_frames
-from calibtool.programs.targets import rewritten
+from calibtool.programs.numbers import rewritten
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source, source_from_urdf
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.storage import read_any, read_study, to_bytes
 from calibtool.storage.studies import study_to_bytes
 from calibtool.tables import joints_from_header, poses_from_header, read_tables

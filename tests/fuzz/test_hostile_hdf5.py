@@ -14,8 +14,8 @@ from readers import calibrations, measurements, studied, without_digest
 
 from calibtool.errors import InputError
 from calibtool.storage import read_any, read_study, to_bytes
+from calibtool.storage.file_checks import check_contents
 from calibtool.storage.studies import study_to_bytes
-from calibtool.storage.untrusted import check_contents
 
 
 def changed(change: Callable[[h5py.File], None]) -> bytes:

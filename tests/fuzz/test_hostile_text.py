@@ -15,14 +15,14 @@ from calibtool.compensation.stream import StreamOptions, StreamReport, compensat
 from calibtool.errors import CalibtoolError, InputError, UsageError
 from calibtool.evaluation.study import parse_definition
 from calibtool.evaluation.study.journal import Journal
-from calibtool.evaluation.study.table import parse_csv
+from calibtool.evaluation.study.study_table import parse_csv
 from calibtool.measurement.importing import parse_column_map
 from calibtool.measurement.importing.excel import parse_workbook
 from calibtool.programs.formats import reader
 from calibtool.programs.frames import read_frames
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source, read_source, source_from_urdf
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 URDF, TOML = arm().source.urdf_text, arm().source.toml_text
 

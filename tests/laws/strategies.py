@@ -17,9 +17,9 @@ from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.measurements import Measurements, Setup, Truth
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.gravity import load_carrying
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.gravity_torque import load_carrying
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly, transform_points
 
 seeds = st.integers(0, 2**32 - 1)

@@ -11,16 +11,23 @@ from hypothesis import strategies as st
 from strategies import calibrated, configurations, robots, seeds, simulated
 
 from calibtool.calibration import Calibration
+from calibtool.calibration.calibration import CrossValidation
 from calibtool.calibration.frame import ChosenFrame
-from calibtool.calibration.model import CrossValidation
 from calibtool.compensation.decimals import DECIMALS, decimal_rows
 from calibtool.equivalent.optimisers import History
 from calibtool.equivalent.training import TrainingReport
-from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, StudyTable, parse_csv, rounded
-from calibtool.identification.model import Flagged, Posterior
+from calibtool.evaluation.study.study_table import (
+    COLUMNS,
+    COUNTS,
+    TEXTS,
+    StudyTable,
+    parse_csv,
+    rounded,
+)
+from calibtool.identification.identification import Flagged, Posterior
 from calibtool.identification.parameters import Parameters
 from calibtool.measurement.measurements import Measurements
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import exp6, readonly
 from calibtool.storage import read_any, read_study, to_bytes
 from calibtool.storage.studies import study_to_bytes

@@ -33,7 +33,7 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.twists import twist_columns
 from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.observation import observation_matrix, target_columns
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly, relative_error, transform_points
 
 

@@ -12,7 +12,7 @@ from calibtool.evaluation.acceptance import broken_limits
 from calibtool.evaluation.metrics import pose_statistics
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Change, Judgement, Verdict, number
-from calibtool.evaluation.words import brought, words
+from calibtool.evaluation.wording import brought, words
 from calibtool.robot.se3 import Array
 
 _WORDS = {

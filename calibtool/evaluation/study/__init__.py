@@ -4,6 +4,6 @@ table and summary.
 
 from calibtool.evaluation.study.definition import METHODS, Definition, Study, parse_definition
 from calibtool.evaluation.study.runs import perform
-from calibtool.evaluation.study.table import StudyTable
+from calibtool.evaluation.study.study_table import StudyTable
 
 __all__ = ["METHODS", "Definition", "Study", "StudyTable", "parse_definition", "perform"]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calibtool.errors import CalibtoolError, UsageError
 from calibtool.evaluation.study.definition import Study
 from calibtool.evaluation.study.runs import lost, perform
-from calibtool.evaluation.study.table import Row
+from calibtool.evaluation.study.study_table import Row
 
 if TYPE_CHECKING:
     from distributed import Client

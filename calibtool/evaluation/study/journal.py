@@ -10,7 +10,7 @@ from types import TracebackType
 
 from calibtool.errors import UsageError
 from calibtool.evaluation.study.definition import Study
-from calibtool.evaluation.study.table import Row, checked_row
+from calibtool.evaluation.study.study_table import Row, checked_row
 
 SCHEMA = "calibtool/study-journal"
 _START = json.dumps({"schema": SCHEMA})[:-1].encode()

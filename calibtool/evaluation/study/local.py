@@ -14,7 +14,7 @@ from multiprocessing.context import SpawnProcess
 from calibtool.errors import CalibtoolError
 from calibtool.evaluation.study.definition import Study
 from calibtool.evaluation.study.runs import lost, perform
-from calibtool.evaluation.study.table import Row
+from calibtool.evaluation.study.study_table import Row
 
 _TRIES = 2
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")

@@ -14,11 +14,11 @@ from calibtool.errors import CalibtoolError
 from calibtool.evaluation.compare import Evaluation, evaluate
 from calibtool.evaluation.metrics import STATISTICS
 from calibtool.evaluation.study.definition import NOMINAL, RobotText, Study
-from calibtool.evaluation.study.table import OK, REDUCTIONS, Cell, Row, failed, rounded
+from calibtool.evaluation.study.study_table import OK, REDUCTIONS, Cell, Row, failed, rounded
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 # A worker of a cluster may have several threads, and a robot's kinematics keep their work
 # space in the robot.

@@ -9,7 +9,7 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import measured_in_base
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly, transform_points
 
 

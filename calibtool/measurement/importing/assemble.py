@@ -1,4 +1,4 @@
-"""Instrument tables → measurements and their companions; unknown parts of the set-up are
+"""Instrument tables → measurements and their auxiliary; unknown parts of the set-up are
 registered afterwards.
 """
 
@@ -7,32 +7,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibtool.errormodel.conditions import Conditions, directions
+from calibtool.errormodel.operating_conditions import Conditions, directions
 from calibtool.errors import InputError, NoSolutionError
-from calibtool.measurement.companions import Companions
+from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.importing.column_map import ColumnMap, Frame
-from calibtool.measurement.importing.commanded import (
+from calibtool.measurement.importing.commanded_targets import (
     CommandedFile,
     commanded_poses,
     join_commanded,
     of_kept_rows,
 )
 from calibtool.measurement.importing.header import Stated, complete_map
-from calibtool.measurement.importing.joining import JOIN_TOLERANCE, Join, join_rows
-from calibtool.measurement.importing.known import known_setup
+from calibtool.measurement.importing.joint_files import JOIN_TOLERANCE, Join, join_rows
+from calibtool.measurement.importing.known_setup import known_setup
 from calibtool.measurement.importing.readings import (
-    read_companions,
+    read_auxiliary,
     read_joints,
     read_payload,
     read_points,
     read_rotations,
 )
-from calibtool.measurement.importing.rows import choose_rows, line_ranges
+from calibtool.measurement.importing.row_selection import choose_rows, line_ranges
 from calibtool.measurement.importing.sources import Source, read_source
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 from calibtool.tables import Table
 
@@ -69,7 +69,7 @@ class Imported(NamedTuple):
 
     measurements: Measurements
     warnings: list[str]
-    companions: Companions
+    auxiliary: AuxiliaryReadings
     understood: Understood
 
     def split(
@@ -83,7 +83,7 @@ class Imported(NamedTuple):
         """Some of the rows: their indices (k,)."""
         return self._replace(
             measurements=self.measurements.rows(index),
-            companions=self.companions.rows(index),
+            auxiliary=self.auxiliary.rows(index),
             understood=replace(self.understood, lines=self.understood.lines[index]),
         )
 
@@ -148,7 +148,7 @@ def read_table(
     joint_values: JointValues | None = None,
     commanded: CommandedFile | None = None,
 ) -> Imported:
-    """Measurements and companions from the contents of a file; nothing of the set-up
+    """Measurements and auxiliary from the contents of a file; nothing of the set-up
     is estimated yet.
 
     columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame:
@@ -195,7 +195,7 @@ def read_table(
         place = table.place(int(np.argmin(seen.any(axis=-1))))
         raise InputError(f"{place}: no target was measured in this row")
     rotations = None if complete.pose is None else readonly(read_rotations(table, complete.pose))
-    companions = read_companions(table, joint_table, robot, complete, q)
+    auxiliary = read_auxiliary(table, joint_table, robot, complete, q)
     measurements = Measurements(
         robot=robot,
         q=readonly(q),
@@ -211,7 +211,7 @@ def read_table(
             payload_kg=None
             if complete.payload is None
             else readonly(read_payload(table, complete.payload)),
-            temperature_c=companions.temperature_c if _whole(companions.temperature_c) else None,
+            temperature_c=auxiliary.temperature_c if _whole(auxiliary.temperature_c) else None,
         ),
         commanded=None if targets is None else commanded_poses(targets, robot, joint_values),
     )
@@ -230,7 +230,7 @@ def read_table(
         ignored=_ignored(source, joint_table, complete),
         lines=np.array(table.lines),
     )
-    return Imported(measurements, warnings, companions, understood)
+    return Imported(measurements, warnings, auxiliary, understood)
 
 
 def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:

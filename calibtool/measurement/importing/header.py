@@ -22,7 +22,7 @@ from calibtool.measurement.importing.column_map import (
     check_convention,
 )
 from calibtool.measurement.importing.sources import Source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.tables import Table, joint_columns_of, pose_columns_of, stated_values, unit_of
 
 _LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")

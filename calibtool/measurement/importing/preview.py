@@ -6,7 +6,7 @@ from calibtool.errors import NoSolutionError
 from calibtool.measurement.importing.assemble import Imported
 from calibtool.measurement.importing.column_map import ColumnMap
 from calibtool.measurement.observation import residuals
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.units import TO_SI
 
 _FIRST_ROWS = 3
@@ -109,7 +109,7 @@ def _joints(columns: ColumnMap, robot: Robot) -> str:
 
 
 def _beside(imported: Imported) -> list[str]:
-    companions, columns = imported.companions, imported.understood.columns
+    auxiliary, columns = imported.auxiliary, imported.understood.columns
     result = []
     if columns.time is not None:
         result.append(f"time stamps {columns.time.column} [{columns.time.unit}]")
@@ -117,8 +117,8 @@ def _beside(imported: Imported) -> list[str]:
         result.append(f"payload {columns.payload.column} [{columns.payload.unit}]")
     if columns.temperature is not None:
         result.append(f"temperature {columns.temperature.column} [{columns.temperature.unit}]")
-    if companions.reference_points is not None:
-        result.append(f"{companions.reference_points.shape[1]} reference points on the base")
+    if auxiliary.reference_points is not None:
+        result.append(f"{auxiliary.reference_points.shape[1]} reference points on the base")
     return result
 
 

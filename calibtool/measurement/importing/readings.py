@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError
-from calibtool.measurement.companions import Companions
+from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.importing.column_map import (
     ColumnMap,
     JointColumns,
@@ -14,8 +14,8 @@ from calibtool.measurement.importing.column_map import (
     PoseColumns,
     TargetColumns,
 )
-from calibtool.measurement.importing.joining import times
-from calibtool.robot.model import Robot
+from calibtool.measurement.importing.joint_files import times
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.tables import Table, joint_positions
 from calibtool.units import TO_SI
@@ -104,9 +104,9 @@ def read_payload(table: Table, payload: PayloadColumn) -> Array:
     return values
 
 
-def read_companions(
+def read_auxiliary(
     table: Table, joints_table: Table, robot: Robot, columns: ColumnMap, q: Array
-) -> Companions:
+) -> AuxiliaryReadings:
     """The columns beside the measurements; joint values come from `joints_table`, all others from
     the measured table.
 
@@ -121,7 +121,7 @@ def read_companions(
         celsius = table.optional_numbers([temperature.column])[:, 0] + (
             _CELSIUS if temperature.unit == "K" else 0.0
         )
-    return Companions(
+    return AuxiliaryReadings(
         q_commanded=q,
         q_read=read_joints(joints_table, robot, columns.joints_read)
         if columns.joints_read
