@@ -1,7 +1,7 @@
 """The promise of exported code: under the calibrated model no row is worse than uncorrected.
 
 Run: python benchmarks/exported.py [--rows 2000] [--configurations 60] [--seed 0] [--robots
-ur5,panda]. Every carried robot with every kind of error: the complete model and its network from
+ur5,panda]. Every built-in robot with every kind of error: the complete model and its network from
 configurations of the whole joint range (`complete`) and of the default workspace (`complete,
 workspace`), and a network alone on the nominal robot from the latter (`nominal, workspace`). Fresh
 rows of the whole joint range through the compiled C code, double and float, and through the

@@ -63,7 +63,7 @@ def sample() -> None:
         nominal = evaluate([("c", chosen)], verification).methods[0].position_size.mean()
         figures = [
             nominal * 1e3,
-            np.sqrt((scene_of(chosen).sizes ** 2).mean()) * 1e3,
+            np.sqrt((scene_of(chosen).error_rms ** 2).mean()) * 1e3,
             moved(chosen, targets).max() * 1e3,
             compensate_program(chosen, program, "seam.ls", "fanuc-ls").largest_mm,
             predicted_uncertainty(chosen, targets).position.max() * 1e3,

@@ -146,7 +146,7 @@ def collinear() -> Table:
     """Three targets on 0.2 m, the middle one `width` times 0.2 m off the line; 40
     configurations, noise 0.05 mm.
     """
-    rows = [["off the line", "at the door", "largest error of the complete model, forced, mm"]]
+    rows = [["off the line", "when read", "largest error of the complete model, forced, mm"]]
     fanuc = load_robot("fanuc-m1000ia")
     data = simulate(fanuc, Simulation(seed=1, workspace=fanuc.workspace(None)[1]))
     data = data.rows(np.arange(40))

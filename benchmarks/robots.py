@@ -1,4 +1,4 @@
-"""Every carried robot with every kind of error: how much of it a calibration from 60
+"""Every built-in robot with every kind of error: how much of it a calibration from 60
 configurations takes away.
 
 Run: python benchmarks/robots.py [--seeds 5] [--configurations 60] [--robots ur5,panda].

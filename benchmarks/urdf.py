@@ -1,4 +1,4 @@
-"""The calibrated URDF against the best that any URDF can do, for every carried robot.
+"""The calibrated URDF against the best that any URDF can do, for every built-in robot.
 
 Run: python benchmarks/urdf.py [--seeds 3] [--configurations 60] [--robots ur5,panda].
 Every kind of error, 0.05 mm noise, the complete model from 60 configurations of the workspace.

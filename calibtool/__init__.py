@@ -3,8 +3,8 @@ of measurements.
 
 The rooms, in the order in which data flows through them: `robot`, `errormodel`, `measurement`,
 `identification`, `planning`, `equivalent`, `calibration`, `compensation`, `controller`, `programs`,
-`export`, `evaluation`; `storage` and `tables` are the doors; `cli` is one of its users. What
-scripts need of them stands here (docs/library.md) and is imported when it is asked for.
+`export`, `evaluation`; `storage` and `tables` read and write files; `cli` is the command line on
+top. What scripts need of them stands here (docs/library.md) and is imported when it is asked for.
 
 Conventions, everywhere: metres and radians; twists are (v, ω), linear part first; `T_a_b` is the
 pose of frame b in frame a; joint positions `q` have one coordinate per joint.

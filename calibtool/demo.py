@@ -1,4 +1,4 @@
-"""The main job from end to end, with the paper's settings, on the carried FANUC M-1000iA."""
+"""The main job from end to end, with the paper's settings, on the built-in FANUC M-1000iA."""
 
 from collections.abc import Callable
 from dataclasses import replace

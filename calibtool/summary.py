@@ -116,7 +116,7 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         base_summary["flagged"] = {
             "configurations": [int(row) + 1 for row in flagged.rows],
             "residual_mm": [float(f"{v * 1e3:.6g}") for v in flagged.position],
-            "standard_deviations": [float(f"{v:.6g}") for v in flagged.size],
+            "standard_deviations": [float(f"{v:.6g}") for v in flagged.deviation],
             "cluster": flagged.cluster,
             "dropped": flagged.dropped,
         }
@@ -266,10 +266,10 @@ def _flagged_lines(calibration: Calibration) -> list[str]:
     )
     count = len(flagged.rows)
     result = [f"warning: {count} {'row does' if count == 1 else 'rows do'} not fit ({done})"]
-    order = np.argsort(-flagged.size)[:5]
+    order = np.argsort(-flagged.deviation)[:5]
     result += [
         f"  configuration {flagged.rows[k] + 1}: {flagged.position[k] * 1e3:.3g} mm, "
-        f"{flagged.size[k]:.1f} times the noise"
+        f"{flagged.deviation[k]:.1f} times the noise"
         for k in order
     ]
     if flagged.cluster:

@@ -50,7 +50,7 @@ def pytest_pyfunc_call() -> Generator[None, object, object]:
 
 @pytest.fixture(params=ROBOTS)
 def robot(request: pytest.FixtureRequest) -> Robot:
-    """Every carried robot in turn."""
+    """Every built-in robot in turn."""
     return load_robot(request.param)
 
 

@@ -1,5 +1,5 @@
-"""The house: rooms import earlier rooms only, the library knows nothing of its command line, and
-heavy imports wait.
+"""The architecture: rooms import earlier rooms only, the library knows nothing of its command line,
+and heavy imports wait.
 """
 
 import ast
@@ -97,7 +97,7 @@ def test_a_room_imports_only_itself_and_earlier_rooms(name: str) -> None:
 
 
 def test_the_order_is_needed() -> None:
-    """Each room but the first is imported by none before it, and all but the front door
+    """Each room but the first is imported by none before it, and all but the command line
     by some after it.
     """
     used = {name: set() for name in ROOMS}

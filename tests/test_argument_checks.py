@@ -1,5 +1,5 @@
-"""What scripts ask for is checked at the door: a wrong name or number is told, and never
-means something else.
+"""Arguments of scripts are checked where they are given: a wrong name or number is an error, and
+never means something else.
 """
 
 from collections.abc import Callable

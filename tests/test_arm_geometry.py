@@ -77,7 +77,7 @@ def test_links_are_seen_where_the_urdf_has_them(base: str, locked: str) -> None:
         assert np.allclose(found[name], (T_world_base.inverse() * pose).homogeneous, atol=1e-12)
 
 
-def test_meshes_of_a_carried_robot_are_found() -> None:
+def test_meshes_of_a_built_in_robot_are_found() -> None:
     robot = load_robot("xarm7")
     shape = described_shape(robot, mesh_folders(robot, []))
     assert shape.ngeoms == 8

@@ -1,4 +1,4 @@
-"""Backlash by the direction of motion: identified, carried along with rows, taken up on paths,
+"""Backlash by the direction of motion: identified, kept with rows, taken up on paths,
 named in exports.
 """
 

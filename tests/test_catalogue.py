@@ -1,4 +1,4 @@
-"""The carried robots: they load, they are the machines of their data sheets, and a user's own
+"""The built-in robots: they load, they are the machines of their data sheets, and a user's own
 files work as well.
 """
 
@@ -43,7 +43,7 @@ def test_every_folder_of_robots_is_a_robot_of_that_name() -> None:
         assert load_robot(name).name == name
 
 
-def test_the_robots_that_were_promised_are_carried() -> None:
+def test_the_promised_robots_are_built_in() -> None:
     promised = {
         "fanuc-m1000ia",
         "fanuc-m900ib-700",

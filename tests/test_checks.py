@@ -1,4 +1,4 @@
-"""Checks at the door: each finds the damage that was done, with its numbers, and clean measurements
+"""Checks on import: each finds the damage that was done, with its numbers, and clean measurements
 raise no warning.
 """
 

@@ -245,7 +245,7 @@ def test_robots_that_say_nothing_of_it_are_taken_as_drawn() -> None:
 
 
 @pytest.mark.parametrize("name", ["ur3", "ur5", "ur10"])
-def test_every_carried_ur_says_it(name: str) -> None:
+def test_every_built_in_ur_states_it(name: str) -> None:
     known = load_robot(name).source.description.controller
     assert known is not None
     assert known.factory_calibration == "always"

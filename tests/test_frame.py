@@ -122,7 +122,7 @@ def test_urdf_and_view_and_corrections_are_in_the_frame(frame: FrameName) -> Non
     )
     exported = Robot.from_source(replace(robot.source, urdf_text=text, description=described))
     np.testing.assert_allclose(exported.mechanism.forward(q), pose, atol=1e-9)
-    sizes = scene_of(calibration).sizes
+    sizes = scene_of(calibration).error_rms
     assert 0.5 * apart < sizes.mean() < 2 * apart
     corrected = compensate_joints(calibration, q).q
     np.testing.assert_allclose(calibration.forward(corrected), nominal, atol=1e-7)

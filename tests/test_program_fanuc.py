@@ -77,7 +77,9 @@ def bad(text: str, name: str = "fanuc-m1000ia") -> dict[int, str]:
     """Errors by line."""
     program = read(text, name=name)
     remarks = {r.line: r.why for r in program.remarks if r.bad}
-    return remarks | {literal.line: literal.left for literal in program.literals if literal.bad}
+    return remarks | {
+        literal.line: literal.not_corrected for literal in program.literals if literal.bad
+    }
 
 
 POSE = (

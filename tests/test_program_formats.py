@@ -66,7 +66,7 @@ def test_numbers_stand_where_they_are_said_to(sample: str) -> None:
     text = text_of(sample)
     literals = reader(SAMPLES[sample])(text, robot_of(sample)).literals
     assert len(literals) > 1
-    for literal in (literal for literal in literals if not literal.left):
+    for literal in (literal for literal in literals if not literal.not_corrected):
         for number in literal.numbers:
             factor = {"deg": np.pi / 180, "mm": 1e-3}.get(number.unit, 1.0)
             assert float(text[number.start : number.end]) * factor == pytest.approx(

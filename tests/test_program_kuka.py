@@ -84,7 +84,7 @@ def bad(text: str, name: str = "fanuc-m1000ia") -> dict[int, str]:
     """Errors by line."""
     program = read(text, name=name)
     return {r.line: r.why for r in program.remarks if r.bad} | {
-        literal.line: literal.left for literal in program.literals if literal.bad
+        literal.line: literal.not_corrected for literal in program.literals if literal.bad
     }
 
 

@@ -65,7 +65,7 @@ def test_json() -> None:
 def test_errors(before: str, after: str, why: str) -> None:
     program = read(TEXT.replace(before, after, 1))
     errors = {r.line: r.why for r in program.remarks if r.bad}
-    errors |= {literal.line: literal.left for literal in program.literals if literal.bad}
+    errors |= {literal.line: literal.not_corrected for literal in program.literals if literal.bad}
     assert why in errors[4]
 
 

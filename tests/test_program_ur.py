@@ -100,7 +100,7 @@ def test_without_a_tool_it_is_said_what_is_assumed() -> None:
 def test_errors(text: str, why: str) -> None:
     program = read(f"def a():\n  {text}\n")
     errors = [(r.line, r.why) for r in program.remarks if r.bad]
-    errors += [(literal.line, literal.left) for literal in program.literals if literal.bad]
+    errors += [(literal.line, literal.not_corrected) for literal in program.literals if literal.bad]
     (error,) = errors
     assert error[0] == 2
     assert why in error[1]

@@ -42,8 +42,8 @@ def test_the_ur5_set_imports_as_points_in_the_base_frame(table: str, rows: int) 
     assert warnings == []
 
 
-def test_the_carried_ur5_in_its_frame_base_reproduces_the_set_s_nominal_points() -> None:
-    # Within 4 µm the set's nominal points are those of d5 = 94.56 mm; published, and carried
+def test_the_built_in_ur5_in_its_frame_base_reproduces_the_set_s_nominal_points() -> None:
+    # Within 4 µm the set's nominal points are those of d5 = 94.56 mm; published, and built in
     # here, is 94.65 mm.
     text = (REAL / "ur5" / "grid.csv").read_text(encoding="utf-8").splitlines()
     rows = np.array([line.split(",") for line in text[1:]], dtype=float)

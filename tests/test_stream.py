@@ -148,12 +148,12 @@ def test_verify_drives_the_calibrated_model_to_the_command(model: str) -> None:
             "t.csv",
             StreamOptions(method=method, verify=True),
         )
-        assert report.left < limit
+        assert report.remaining_position < limit
         header, *rows = (line.split(",") for line in text.splitlines())
         driven = np.deg2rad([[float(cell) for cell in row[:6]] for row in rows])
-        left = calibration.forward(driven) - calibration.robot.mechanism.forward(q)
+        remaining = calibration.forward(driven) - calibration.robot.mechanism.forward(q)
         stated = [float(row[header.index("left_mm")]) for row in rows]
-        assert np.allclose(np.linalg.norm(left[:, :3, 3], axis=-1) * 1e3, stated, atol=2e-8)
+        assert np.allclose(np.linalg.norm(remaining[:, :3, 3], axis=-1) * 1e3, stated, atol=2e-8)
 
 
 def test_a_path_of_poses_stays_on_the_branch_of_its_first_row_and_jumps_are_named() -> None:

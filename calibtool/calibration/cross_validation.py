@@ -53,6 +53,6 @@ def cross_validate(
 def squared_errors(calibration: Calibration, measurements: Measurements) -> Array:
     """Weighted squared residuals of each configuration, in the calibration's own set-up: (N,)."""
     pose = calibration.forward(measurements.q, measurements.conditions)
-    left = weighted_residuals(measurements, fitting_setup(calibration, measurements), pose)
-    squared: Array = (left**2).sum(axis=-1)
+    residual = weighted_residuals(measurements, fitting_setup(calibration, measurements), pose)
+    squared: Array = (residual**2).sum(axis=-1)
     return squared

@@ -1,6 +1,4 @@
-"""From measurements to a calibration: identify a base model, train networks
-on what it leaves over.
-"""
+"""From measurements to a calibration: identify a base model, train networks on its residuals."""
 
 from dataclasses import dataclass, field, replace
 
@@ -75,7 +73,7 @@ def train(
     progress: Progress = silent,
     frame: FrameName | None = None,
 ) -> Calibration:
-    """Train networks on what `base` leaves over: a model to identify, or an identified
+    """Train networks on the residuals of `base`: a model to identify, or an identified
     calibration used as it is.
 
     frame: as for `identify`; that of the base calibration, or `taught`, unless given.

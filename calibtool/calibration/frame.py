@@ -92,11 +92,11 @@ def taught_frame(
         pose = T_base @ fitted @ T_tool
         columns = free_columns(pose, setup) / sigma[:, None]
         turn = log3(taught[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2))
-        left = np.concatenate([taught[:, :3, 3] - pose[:, :3, 3], turn], axis=-1) / sigma
+        residual = np.concatenate([taught[:, :3, 3] - pose[:, :3, 3], turn], axis=-1) / sigma
         step = np.zeros((2, 6))
-        step[free] = np.linalg.lstsq(columns.reshape(left.size, -1), left.ravel(), rcond=1e-9)[
-            0
-        ].reshape(-1, 6)
+        step[free] = np.linalg.lstsq(
+            columns.reshape(residual.size, -1), residual.ravel(), rcond=1e-9
+        )[0].reshape(-1, 6)
         T_base, T_tool = exp6(step[0]) @ T_base, T_tool @ exp6(step[1])
         if np.abs(step).max() < _SETTLED:
             break

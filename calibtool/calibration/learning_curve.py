@@ -63,8 +63,8 @@ def learning_curve(
             except NoSolutionError:
                 continue
             pose = calibration.forward(judged.q, judged.conditions)
-            left = residuals(judged, fitting_setup(calibration, judged), pose)
-            position = left[:, : 3 * judged.points.shape[1]]
+            residual = residuals(judged, fitting_setup(calibration, judged), pose)
+            position = residual[:, : 3 * judged.points.shape[1]]
             squares.setdefault(size, []).append(
                 float((position**2).sum() / (3 * judged.seen.sum()))
             )

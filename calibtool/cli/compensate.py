@@ -300,7 +300,8 @@ def compensate_rows(
             f"{report.rows} rows verified, none is corrected in full"
             if not report.in_full
             else f"{report.rows} rows verified: the calibrated model stays within "
-            f"{report.left * 1e3:.3g} mm and {report.turned * 1e3:.3g} mrad of the command where "
+            f"{report.remaining_position * 1e3:.3g} mm and "
+            f"{report.remaining_orientation * 1e3:.3g} mrad of the command where "
             "the status is ok, jump or outside"
         )
         message(kept)

@@ -206,8 +206,8 @@ def import_(
         )
     for warning in imported.warnings:
         message(f"warning: {warning}")
-    taken, left = imported.split(rows, sample, seed)
-    if rest is not None and left is None:
+    taken, others = imported.split(rows, sample, seed)
+    if rest is not None and others is None:
         raise UsageError("--rest: no row is left; take fewer with --sample or --rows")
     if dry_run:
         write_stdout(preview(taken).encode())
@@ -219,7 +219,7 @@ def import_(
     for finding in findings:
         message(str(finding))
     outputs: dict[str, bytes | str] = {output: to_bytes(replace(measurements, provenance=origin))}
-    if rest is not None and left is not None:
-        held_out = left.with_setup(measurements.setup).measurements
+    if rest is not None and others is not None:
+        held_out = others.with_setup(measurements.setup).measurements
         outputs[rest] = to_bytes(replace(held_out, provenance=origin))
     write_outputs(outputs, force)

@@ -30,7 +30,7 @@ def robots(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """List the carried robots, show one, or check a description.
+    """List the built-in robots, show one, or check a description.
 
     For one robot: joints with limits and axes, targets, workspaces, virtual joints, sources of its
     numbers. --check takes your own robot.toml, folder or URDF and warns of what will be in the way;

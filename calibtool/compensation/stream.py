@@ -70,14 +70,14 @@ class StreamOptions:
 
 @dataclass
 class StreamReport:
-    """What happened so far.
+    """Counts and remarks of the rows so far.
 
-    remarks    a line for each of the first `listed` rows that are not plainly `ok`; others: how
-               many more there are
-    without_joints   rows that got no joints, unreachable or refused
-    in_full          rows that are corrected in full
-    left, turned     largest of what the calibrated model leaves in rows that are corrected
-                     in full, m and rad
+    remarks                a line for each of the first `listed` rows that are not plainly `ok`
+    others                 how many more of these there are
+    without_joints         rows that got no joints, unreachable or refused
+    in_full                rows that are corrected in full
+    remaining_position     largest error of these under the calibrated model, m
+    remaining_orientation  the same, rad
     """
 
     listed: int = 10
@@ -86,8 +86,8 @@ class StreamReport:
     others: int = 0
     without_joints: int = 0
     in_full: int = 0
-    left: float = 0.0
-    turned: float = 0.0
+    remaining_position: float = 0.0
+    remaining_orientation: float = 0.0
 
     @property
     def full(self) -> bool:
@@ -129,11 +129,11 @@ def compensate_stream(
     joints in degrees (mm if prismatic). Where the controller shows other values than the serial
     chain's, the columns written say whose they are. Where a row has both, the pose is commanded and
     the joints choose the branch. Other columns pass through; a column `status` is added, for n < 6
-    and with `verify` what is left of the commanded pose (`left_mm`, `left_mrad`), and with
-    `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses in order
-    are a path: each starts from the row before, and jumps of the joints are reported. Rows whose
-    correction changes faster than the command (`CorrectionPath`) have the status `jump`. Backlash
-    is taken up along the rows, which must be in the order of motion then
+    and with `verify` the remaining error under the calibrated model (`left_mm`, `left_mrad`), and
+    with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses in
+    order are a path: each starts from the row before, and jumps of the joints are reported. Rows
+    whose correction changes faster than the command (`CorrectionPath`) have the status `jump`.
+    Backlash is taken up along the rows, which must be in the order of motion then
     (`StreamOptions.backlash`). Raises InputError for the first bad row.
     """
     np.empty(_LARGEST_KEPT)  # given back at once
@@ -226,8 +226,10 @@ class _Corrector:
     def _added(self, result: Compensation) -> dict[str, list[str]]:
         added: dict[str, list[str]] = {"status": result.status.tolist()}
         if self.calibration.robot.n < 6 or self.options.verify:
-            for column, left in (("left_mm", result.position), ("left_mrad", result.orientation)):
-                added[column] = ["" if np.isnan(value) else f"{value * 1e3:.6g}" for value in left]
+            for column, errors in (("left_mm", result.position), ("left_mrad", result.orientation)):
+                added[column] = [
+                    "" if np.isnan(value) else f"{value * 1e3:.6g}" for value in errors
+                ]
         if self.options.uncertainty:
             known = np.flatnonzero(~np.isnan(result.q).any(axis=-1))
             sure = np.full((2, len(result.q)), np.nan)
@@ -246,8 +248,12 @@ class _Corrector:
         full = np.isin(result.status, CORRECTED)
         report.in_full += int(full.sum())
         if self.options.verify and full.any():
-            report.left = max(report.left, float(result.position[full].max()))
-            report.turned = max(report.turned, float(result.orientation[full].max()))
+            report.remaining_position = max(
+                report.remaining_position, float(result.position[full].max())
+            )
+            report.remaining_orientation = max(
+                report.remaining_orientation, float(result.orientation[full].max())
+            )
         for k in np.flatnonzero(result.status != OK).tolist():
             status = result.status[k]
             if report.full:
@@ -257,8 +263,8 @@ class _Corrector:
             if status == JUMP:
                 text += f": {self._size(jumps[k])}"
             elif status in DOUBTFUL:
-                left, turned = result.position[k] * 1e3, result.orientation[k] * 1e3
-                text += f"; {left:.3g} mm and {turned:.3g} mrad of the error stay"
+                millimetres, milliradians = result.position[k] * 1e3, result.orientation[k] * 1e3
+                text += f"; {millimetres:.3g} mm and {milliradians:.3g} mrad of the error stay"
             report.remark(f"{table.place(k)}: {text}")
 
     def _size(self, jump: Jump) -> str:

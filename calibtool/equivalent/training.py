@@ -1,4 +1,4 @@
-"""Train the network of the equivalent robot on what a base model leaves over (METHOD §6)."""
+"""Train the network of the equivalent robot on the residuals of a base model."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args

@@ -1,4 +1,4 @@
-"""The actual robot of a simulation (METHOD §2), and how it is drawn."""
+"""The actual robot of a simulation, and how its errors are drawn."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""Wind-up of the joints under the weight of the links: −c_j τ_g,j(q) (METHOD §2)."""
+"""Wind-up of the joints under the weight of the links: −c_j τ_g,j(q)."""
 
 import numpy as np
 

@@ -36,7 +36,7 @@ class Evaluation:
     """The first method is the nominal robot.
 
     kind           `compensated`: the actual robot was driven to the corrected joints and observed
-                   without noise; `predicted`: what is left between measured and predicted target
+                   without noise; `predicted`: difference between measured and predicted target
                    points, what to expect of a correction; `measured`: commanded against measured
                    points, the arm driven to the commands (nominal) and to the corrected joints (the
                    one calibration), see `proof`
@@ -77,7 +77,7 @@ class Evaluation:
         return [None if test is None else test.alone(k) for k in range(len(self.methods))]
 
     def as_json(self) -> dict[str, object]:
-        """The object that `evaluate --json` prints (a contract of DESIGN).
+        """The object that `evaluate --json` prints: its keys are what scripts use.
 
         Statistics are those of the whole errors, reductions those of the correctable part.
         """

@@ -14,8 +14,8 @@ def errors_against(
     points, rotations = measured_in_base(measurements, setup)
     if rotations is None:
         return point_errors(name, points, pose, setup)
-    left = residuals(measurements, setup, pose)
-    return MethodErrors(name, left[:, None, :3], left[:, 3:])
+    residual = residuals(measurements, setup, pose)
+    return MethodErrors(name, residual[:, None, :3], residual[:, 3:])
 
 
 def point_errors(name: str, points: Array, pose: Array, setup: Setup) -> MethodErrors:

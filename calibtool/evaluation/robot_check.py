@@ -38,7 +38,7 @@ class WorkspaceCheck:
 class RobotCheck:
     """What a description amounts to.
 
-    limit_sources   per joint: `robot.toml`, `urdf`, `continuous` (±180°) or `stand-in`
+    limit_sources   per joint: `robot.toml`, `urdf`, `continuous` (±180°) or `assumed`
                     (none given, ±180°)
     reach           largest distance of the tool origin from K_0 and from joint 1 over random
                     configurations, m
@@ -190,7 +190,7 @@ def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
 
 def _limit_sources(robot: Robot) -> list[str]:
     written = {name.split("_")[0] for name in robot.source.description.limits}
-    names = {"missing": "stand-in"}
+    names = {"missing": "assumed"}
     return [
         "robot.toml" if f"j{j + 1}" in written else names.get(source, source)
         for j, source in enumerate(robot.chain.limited_by)
@@ -218,7 +218,7 @@ def _warnings(
     designs: list[tuple[str, Observability]],
 ) -> list[str]:
     found = []
-    missing = [f"j{j + 1}" for j, source in enumerate(sources) if source == "stand-in"]
+    missing = [f"j{j + 1}" for j, source in enumerate(sources) if source == "assumed"]
     if missing:
         found.append(
             f"no limits for {', '.join(missing)}: ±180 deg stand in; give them in [limits]"
@@ -260,7 +260,7 @@ def _warnings(
         others = [f"'{link}'" for link in ends if link != tool]
         could = f"; {', '.join(others)} could be it too" if others else ""
         found.append(
-            f"a bare URDF: '{tool}' is taken for the tool{could}, the targets are stand-ins; "
+            f"a bare URDF: '{tool}' is taken for the tool{could}, the targets are assumed; "
             "write a robot.toml"
         )
     for where, design in designs:

@@ -32,9 +32,9 @@ _PREDICTED = Words(
     how="measured minus predicted: what to expect after correction",
     before="nominal robot",
     after="expected after correction",
-    remark="Nobody drove the arm to corrected joints: errors are what is left between measured and "
-    "predicted target points, which is what to expect after correction; the measurements' noise is "
-    "in them.",
+    remark="Nobody drove the arm to corrected joints: errors are the differences "
+    "between measured and predicted target points, which is what to expect after correction; the "
+    "measurements' noise is in them.",
 )
 _MEASURED = Words(
     how="commanded against measured",

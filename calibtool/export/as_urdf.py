@@ -26,8 +26,8 @@ def calibration_as_urdf(calibration: Calibration) -> tuple[str, list[str]]:
     it does not hold.
 
     Links, meshes, masses, joint names and limits stay. The origins are those of `urdf_geometry`: of
-    all errors of the calibration they take up what origins can. What is left of every part alone,
-    and of all together, is given in mm and mrad at the tool over the configurations of the
+    all errors of the calibration they take up what origins can. The remaining error of every part
+    alone, and of all together, is given in mm and mrad at the tool over the configurations of the
     calibration. Raises InputError where the tool frame is no link of the URDF.
     """
     robot = calibration.robot

@@ -1,5 +1,5 @@
 """The complete model: δζ, δξ, δq and joint-motion functions by maximum a posteriori
-Gauss–Newton (METHOD §7).
+Gauss–Newton.
 
 Tolerances are the prior, so nothing is eliminated and no rank is decided: what the data do not
 determine stays at its prior, and the posterior says so. Noise level, number of harmonics and, on
@@ -21,9 +21,9 @@ from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import InputError, NoSolutionError, check_choice, check_number
 from calibtool.identification.equations import (
     NormalEquations,
-    held_out_sizes,
+    held_out_squares,
     normal_equations,
-    row_sizes,
+    row_squares,
 )
 from calibtool.identification.evidence import Solution, inverse, most_probable, posterior_step
 from calibtool.identification.identification import Flagged, Identification, Posterior, split_rms
@@ -89,7 +89,7 @@ class _Fit:
     state: State
     prior_std: Array
     information: Array
-    row_sizes: Array
+    row_squares: Array
     noise_factor: float
     effective: float
     iterations: int
@@ -133,7 +133,7 @@ def identify_complete(
         without = _fit(measurements, smaller, options, _reduced(fit, smaller), fit)
         if not _predicts_better(measurements, fit, without):
             fit = without
-    flagged = find_flagged(measurements, fit.state, fit.row_sizes)
+    flagged = find_flagged(measurements, fit.state, fit.row_squares)
     if options.drop_flagged and len(flagged.rows):
         kept = np.setdiff1d(np.arange(len(measurements)), flagged.rows)
         again = identify_complete(measurements.rows(kept), replace(options, drop_flagged=False))
@@ -191,7 +191,7 @@ def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) ->
     )
     part = measurements.rows(rows)
     before, after = (
-        held_out_sizes(part, fit.parameters, fit.state, fit.covariance, fit.noise_factor)
+        held_out_squares(part, fit.parameters, fit.state, fit.covariance, fit.noise_factor)
         for fit in (smaller, larger)
     )
     return bool(after.mean() < _WORTHWHILE * before.mean())
@@ -241,7 +241,7 @@ def _fit(
         )
         prior_std, noise_factor = solution.prior_std, solution.noise_factor
         if options.loss_function != "squared":
-            row_weight = row_weights(equations.row_sizes, d, options.loss_function)
+            row_weight = row_weights(equations.row_squares, d, options.loss_function)
         return solution.step, bool(
             solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01
         )
@@ -260,13 +260,13 @@ def _fit(
             f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order "
             "and target order"
         )
-    sizes = row_sizes(measurements, state)
+    squares = row_squares(measurements, state)
     return _Fit(
         parameters,
         state,
         prior_std,
         equations.information,
-        sizes,
+        squares,
         noise_factor,
         solution.effective,
         iterations,
@@ -295,14 +295,14 @@ def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> 
     prior_scaled = fit.prior_std[:, None] * fit.information * fit.prior_std / fit.noise_factor**2
     eigenvalues = np.clip(np.linalg.eigvalsh(prior_scaled), 0.0, None)[::-1]
     count = measurements.equations
-    squares = float(fit.row_sizes.sum()) / fit.noise_factor**2 + float(
+    squares = float(fit.row_squares.sum()) / fit.noise_factor**2 + float(
         ((fit.theta / fit.prior_std) ** 2).sum()
     )
     log_evidence = -0.5 * (squares + float(np.log1p(eigenvalues).sum())) - count * np.log(
         fit.noise_factor
     )
     tool = fit.state.frames(measurements.q, measurements.conditions).tool
-    left = residuals(measurements, fit.state.setup, tool)
+    residual = residuals(measurements, fit.state.setup, tool)
     at_prior = np.sqrt(np.diag(covariance)) > 0.99 * fit.prior_std
     names = np.array(parameters.names)
     return Identification(
@@ -313,7 +313,7 @@ def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> 
         rank=int((eigenvalues > 1.0).sum()),
         observable_rank=_observable_rank(measurements, fit),
         unobservable=tuple(str(name) for name in names[at_prior]),
-        residual_rms=split_rms(left, measurements),
+        residual_rms=split_rms(residual, measurements),
         iterations=fit.iterations,
         posterior=Posterior(
             parameters=parameters,

@@ -55,8 +55,8 @@ def observability(
     names = [parameters.names[i] for i in used]
     seen = _columns(robot, setup, parameters, q, targets=True)[:, used] * scale[used]
     everything = _columns(robot, setup, parameters, anywhere, targets=False)[:, used] * scale[used]
-    _, sizes, vt = np.linalg.svd(seen, full_matrices=True)
-    rank = numerical_rank(sizes)
+    _, singular_values, vt = np.linalg.svd(seen, full_matrices=True)
+    rank = numerical_rank(singular_values)
     possible = numerical_rank(np.linalg.svd(everything, compute_uv=False))
     return Observability(
         model, len(used), rank, possible, directions(vt[rank:], everything, names, possible - rank)

@@ -115,11 +115,13 @@ def inverse(matrix: Array, on_the_way: bool = False) -> Array:
         half, failed = dpotri(factor, lower=True)
         result: Array = half + np.tril(half, -1).T
     if failed:
-        sizes, vectors = np.linalg.eigh(scaled)
-        if not on_the_way or sizes[0] < -_ROUNDING * sizes[-1]:
+        eigenvalues, vectors = np.linalg.eigh(scaled)
+        if not on_the_way or eigenvalues[0] < -_ROUNDING * eigenvalues[-1]:
             raise _singular()
-        sizes = np.maximum(sizes, len(sizes) * np.finfo(float).eps * sizes[-1])
-        result = (vectors / sizes) @ vectors.T
+        eigenvalues = np.maximum(
+            eigenvalues, len(eigenvalues) * np.finfo(float).eps * eigenvalues[-1]
+        )
+        result = (vectors / eigenvalues) @ vectors.T
     return result * np.outer(scale, scale)
 
 

@@ -44,15 +44,15 @@ class Posterior:
 class Flagged:
     """Rows that do not fit the model, and what may be behind them.
 
-    rows      (f,) configurations, from 0
-    size      (f,) residual in standard deviations per coordinate
-    position  (f,) residual as RMS over the target points, m
-    cluster   one line that names the region and the likely joint, None where the rows are spread
-    dropped   they were left out of the final fit
+    rows       (f,) configurations, from 0
+    deviation  (f,) residual in standard deviations per coordinate
+    position   (f,) residual as RMS over the target points, m
+    cluster    one line that names the region and the likely joint, None where the rows are spread
+    dropped    they were left out of the final fit
     """
 
     rows: np.ndarray
-    size: Array
+    deviation: Array
     position: Array
     cluster: str | None
     dropped: bool = False
@@ -104,13 +104,13 @@ class Identification:
         return replace(self, setup=setup)
 
 
-def split_rms(left: Array, measurements: Measurements) -> tuple[float, float | None]:
+def split_rms(residual: Array, measurements: Measurements) -> tuple[float, float | None]:
     """RMS per measured coordinate of residuals (N, d): positions in m, the orientation in rad
     where it is measured.
     """
     split = 3 * measurements.points.shape[1]
-    position = float(np.sqrt((left[:, :split] ** 2).sum() / (3 * measurements.seen.sum())))
-    return position, float(np.sqrt(np.mean(left[:, split:] ** 2))) if left.shape[
+    position = float(np.sqrt((residual[:, :split] ** 2).sum() / (3 * measurements.seen.sum())))
+    return position, float(np.sqrt(np.mean(residual[:, split:] ** 2))) if residual.shape[
         1
     ] > split else None
 
@@ -120,7 +120,7 @@ def nominal_model(measurements: Measurements) -> Identification:
     starting point).
     """
     robot, setup = measurements.robot, measurements.setup
-    left = residuals(measurements, setup, robot.mechanism.forward(measurements.q))
+    residual = residuals(measurements, setup, robot.mechanism.forward(measurements.q))
     return Identification(
         model="nominal",
         errors=RobotErrors.of(robot),
@@ -129,6 +129,6 @@ def nominal_model(measurements: Measurements) -> Identification:
         rank=0,
         observable_rank=0,
         unobservable=(),
-        residual_rms=split_rms(left, measurements),
+        residual_rms=split_rms(residual, measurements),
         iterations=0,
     )

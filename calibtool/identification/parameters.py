@@ -1,5 +1,5 @@
 """The parameters of a model as one vector: families of errors, then what is unknown of the
-set-up (METHOD §7).
+set-up.
 """
 
 from dataclasses import dataclass, replace

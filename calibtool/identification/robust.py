@@ -1,5 +1,5 @@
 """Rows that do not fit: weights of robust loss functions, flags, and whether the flagged rows are
-one region (METHOD §7).
+one region.
 """
 
 from typing import Literal
@@ -20,19 +20,19 @@ _FALSE_ALARM = 0.01  # chance that any row of a clean set is flagged
 _CLUSTER_SIGNIFICANCE = 0.01
 
 
-def row_weights(sizes: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
-    """Weight of each row's squared residuals (N,), 1 for rows that fit; sizes (N,) squared, of d
+def row_weights(squares: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
+    """Weight of each row's squared residuals (N,), 1 for rows that fit; squares (N,) of d
     (N,) coordinates.
     """
-    relative: Array = np.sqrt(sizes / d) / _robust_scale(sizes, d)
+    relative: Array = np.sqrt(squares / d) / _robust_scale(squares, d)
     if loss_function == "huber":
         return np.minimum(1.0, _HUBER / np.maximum(relative, 1e-12))
     if loss_function == "cauchy":
         return 1.0 / (1.0 + (relative / _CAUCHY) ** 2)
-    return np.ones(len(sizes))
+    return np.ones(len(squares))
 
 
-def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flagged:
+def find_flagged(measurements: Measurements, state: State, squares: Array) -> Flagged:
     """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set;
     nothing is changed.
     """
@@ -41,18 +41,18 @@ def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flag
     )  # scipy.stats takes as long to import as everything else together
 
     d = (weights(measurements) > 0).sum(axis=-1)
-    scale = _robust_scale(sizes, d)
-    limit = chdtri(d, _FALSE_ALARM / len(sizes))
-    rows = np.flatnonzero(sizes / scale**2 > limit)
-    left = residuals(
+    scale = _robust_scale(squares, d)
+    limit = chdtri(d, _FALSE_ALARM / len(squares))
+    rows = np.flatnonzero(squares / scale**2 > limit)
+    residual = residuals(
         measurements, state.setup, state.frames(measurements.q, measurements.conditions).tool
     )
-    points = left[rows, : 3 * len(state.setup.targets)].reshape(
+    points = residual[rows, : 3 * len(state.setup.targets)].reshape(
         len(rows), len(state.setup.targets), 3
     )
     return Flagged(
         rows=rows,
-        size=np.sqrt(sizes[rows] / d[rows]) / scale,
+        deviation=np.sqrt(squares[rows] / d[rows]) / scale,
         position=np.sqrt(
             (points**2).sum(axis=-1).sum(axis=-1) / measurements.seen[rows].sum(axis=-1)
         ),
@@ -60,11 +60,11 @@ def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flag
     )
 
 
-def _robust_scale(sizes: Array, d: np.ndarray) -> float:
+def _robust_scale(squares: Array, d: np.ndarray) -> float:
     """Noise over the stated one, from the median row: half of the rows may be bad."""
     from scipy.special import chdtri
 
-    return float(np.sqrt(max(np.median(sizes / chdtri(d, 0.5)), 1e-30)))
+    return float(np.sqrt(max(np.median(squares / chdtri(d, 0.5)), 1e-30)))
 
 
 def at_least(take: int, count: int, inside: int, flagged: int) -> float:

@@ -89,10 +89,10 @@ def circle_axis(angles: Array, points: Array) -> Line | None:
         direction += np.cross(u, v)
         centres.append(centre)
         weights.append(np.linalg.norm(np.cross(u, v)))
-    size = np.linalg.norm(direction)
-    if size < 1e-6:  # m²: targets on the axis
+    length = np.linalg.norm(direction)
+    if length < 1e-6:  # m²: targets on the axis
         return None
-    return Line(direction / size, np.average(centres, axis=0, weights=weights))
+    return Line(direction / length, np.average(centres, axis=0, weights=weights))
 
 
 def _frame(first: Line, second: Line) -> Array | None:

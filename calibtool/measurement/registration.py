@@ -1,8 +1,8 @@
 """Registration: the instrument's frame and the targets on the tool, from measurements and a model
-of the robot (METHOD §3).
+of the robot.
 
 For a given rotation C of the instrument everything else is linear: C p_k,i + s − R_k t_i = t_k.
-What is left is a quadratic form of the nine elements of C, minimised over all rotations at once
+There remains a quadratic form of the nine elements of C, minimised over all rotations at once
 (rotation_search); its lowest minima start a damped Gauss–Newton refinement of the exact residuals.
 No angle is assumed to be small, and no start is needed.
 """
@@ -158,8 +158,8 @@ def frames_of_least_squares(
     both = np.concatenate([A, b], axis=-1)[seen].reshape(-1, 10)
     linear = B[seen].reshape(-1, 3 + 3 * m)
     solved = np.linalg.lstsq(linear, both, rcond=1e-9)[0].astype(float)
-    left = both - linear @ solved
-    form = RotationForm.of(left[:, :9], left[:, 9])
+    reduced = both - linear @ solved
+    form = RotationForm.of(reduced[:, :9], reduced[:, 9])
     turned = [inverse(guess)[None, :3, :3] for guess in guesses]
     rotations = form.minimum(
         np.concatenate(turned if only_guesses else [*turned, form.relaxed(), rotation_grid()])

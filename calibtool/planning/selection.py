@@ -1,6 +1,4 @@
-"""Optimal design by greedy choice and exchange, from a finite set of candidates (Fedorov
-1972; METHOD §9).
-"""
+"""Optimal design by greedy choice and exchange, from a finite set of candidates (Fedorov 1972)."""
 
 from typing import Literal
 

@@ -18,11 +18,11 @@ def short_order(robot: Robot, q: Array, start: Array) -> np.ndarray:
     points = np.concatenate([start[None], q]) / np.where(robot.prismatic, robot.length, 1.0)
     ways = np.abs(points[:, None] - points).max(axis=-1)
     order = [0]
-    left = set(range(1, len(points)))
-    while left:
-        nearest = min(left, key=lambda k: (ways[order[-1], k], k))
+    unvisited = set(range(1, len(points)))
+    while unvisited:
+        nearest = min(unvisited, key=lambda k: (ways[order[-1], k], k))
         order.append(nearest)
-        left.remove(nearest)
+        unvisited.remove(nearest)
     return np.array(_two_opt(order, ways)[1:]) - 1
 
 

@@ -35,8 +35,8 @@ def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, s
     left: dict[int, str] = {}
     for number, literal in enumerate(program.literals):
         here = [flow.uses[k] for k in uses[number]]
-        if literal.left:
-            left[number] = literal.left
+        if literal.not_corrected:
+            left[number] = literal.not_corrected
         elif number in flow.spoiled:
             left[number] = flow.spoiled[number]
         elif number in flow.frames:

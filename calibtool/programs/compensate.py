@@ -323,7 +323,7 @@ class _Correction:
             if not program.sources[literal.source].edited:
                 continue
             left = number in self.why
-            targets += not literal.left and self.why.get(number) not in (SEED, AS_FRAME)
+            targets += not literal.not_corrected and self.why.get(number) not in (SEED, AS_FRAME)
             what = "left" if left else "corrected" if number in writing.changed else "unchanged"
             place = (literal.source, literal.line, literal.name)
             why = self.why[number] if left else looks.get(place, "")
@@ -350,7 +350,11 @@ class _Correction:
 
 def _alone(literal: Literal) -> Literal:
     """A literal without its external axes."""
-    return replace(literal, left="") if literal.left == EXTERNAL and literal.numbers else literal
+    return (
+        replace(literal, not_corrected="")
+        if literal.not_corrected == EXTERNAL and literal.numbers
+        else literal
+    )
 
 
 def _others(failures: Sequence[Remark]) -> str:

@@ -147,7 +147,7 @@ class Literal:
                    first), `rotation vector`
     configuration  what it says about the branch of a pose
     source         number of its text
-    left           why it is no position to correct: not taught, an expression among its numbers,
+    not_corrected  why it is no position to correct: not taught, an expression among its numbers,
                    external axes; bad: this is an error of the program
     external       beside a pose, external axes that are joints of the chain: joint
                    from 0 and number
@@ -165,7 +165,7 @@ class Literal:
     orientation: str = ""
     configuration: Configuration | None = None
     source: int = 0
-    left: str = ""
+    not_corrected: str = ""
     bad: bool = False
     blank: bool = False
     moved_to: bool = False

@@ -63,7 +63,7 @@ class _Solving:
         written = [
             number
             for number, literal in enumerate(self.literals)
-            if literal.kind == JOINT and not literal.left and number not in flow.spoiled
+            if literal.kind == JOINT and not literal.not_corrected and number not in flow.spoiled
         ]
         self.written: dict[int, Array] = {}
         if written:

@@ -139,7 +139,8 @@ class Text:
                     line = self.lines(found.start())
                     yield Literal(
                         POSE if type_ == "robtarget" else JOINT, (), line, type_,
-                        source=self.number, left="stands in something that is not followed",
+                        source=self.number,
+                            not_corrected="stands in something that is not followed",
                         moved_to=self._is_solved(found.start()),
                     )  # fmt: skip
 
@@ -159,7 +160,7 @@ class Text:
 
     def _literal(self, kind: str, start: int, name: str, why: str, bad: bool = False) -> Literal:
         line = self.lines(start)
-        return Literal(kind, (), line, name, source=self.number, left=why, bad=bad)
+        return Literal(kind, (), line, name, source=self.number, not_corrected=why, bad=bad)
 
     def _joints(self, found: re.Match[str], name: str) -> Literal:
         robot, groups = self.robot, found.groups()
@@ -195,7 +196,7 @@ class Text:
             why = f"quaternion of length {np.linalg.norm(values[3:]):.4g}; expected 1"
             return self._literal(POSE, found.start(), name, why, bad=True)
         digits = [Digit(found.start(k), found.end(k), int(found[k])) for k in range(8, 12)]
-        external, left = beside_pose(self.robot, self._beside(found, 12))
+        external, not_corrected = beside_pose(self.robot, self._beside(found, 12))
         return Literal(
             POSE,
             tuple(numbers),
@@ -204,7 +205,7 @@ class Text:
             "quaternion",
             Abb((digits[0], digits[1], digits[2]), digits[3].value),
             self.number,
-            left,
+            not_corrected,
             blank=blank,
             external=external,
         )

@@ -89,7 +89,7 @@ class _Reader:
     def _add(self, found: list[Number] | str, line: int, name: str, source: int) -> None:
         if isinstance(found, str):
             self.literals.append(
-                Literal(JOINT, (), line, name, source=source, left=found, bad=True)
+                Literal(JOINT, (), line, name, source=source, not_corrected=found, bad=True)
             )
         else:
             self.order.append(len(self.literals))

@@ -138,7 +138,7 @@ class Instructions:
         """Let positions that no motion goes to be corrected in their own frame."""
         for one in self.taught.values():
             literal = literals[one.literal]
-            if literal.left in ("", EXTERNAL):
+            if literal.not_corrected in ("", EXTERNAL):
                 aim = Aim(one.literal) if literal.kind == JOINT else self._aim(one)
                 literals[one.literal] = replace(literal, alone=aim)
 

@@ -72,11 +72,11 @@ class Positions:
     remarks: list[Remark]
 
     def read(
-        self, span: tuple[int, int], left: Callable[[int], str], relative: Container[int]
+        self, span: tuple[int, int], not_corrected: Callable[[int], str], relative: Container[int]
     ) -> dict[int, Taught]:
         """The positions for motion group 1 in a part of the text.
 
-        left: why one is none to correct, by its number; relative: those that are distances
+        not_corrected: why one is none to correct, by its number; relative: those that are distances
         """
         found = list(_POSITION.finditer(self.code, *span))
         limits = [position.start() for position in found[1:]] + [span[1]]
@@ -99,9 +99,9 @@ class Positions:
                     why = "another motion group: only group 1 is this robot"
                     kind = JOINT if any(key.startswith("J") for key in read.values) else POSE
                     self._add(Literal(kind, (), self.lines(group.start()), f"{name} GP{group[1]}",
-                                      source=self.source, left=why))  # fmt: skip
+                                      source=self.source, not_corrected=why))  # fmt: skip
                     continue
-                why = "is written more than once" if twice[number] > 1 else left(number)
+                why = "is written more than once" if twice[number] > 1 else not_corrected(number)
                 literal = self._literal(read, name, why)
                 if why and not literal.bad and number in relative:
                     literal = replace(
@@ -109,7 +109,7 @@ class Positions:
                     )  # it is no position, and its numbers are none
                 elif why and not literal.bad:
                     whole = self._literal(read, name, "")
-                    literal = literal if whole.bad else replace(whole, left=why)
+                    literal = literal if whole.bad else replace(whole, not_corrected=why)
                 self._add(literal)
                 taught[number] = Taught(len(self.literals) - 1, read.frame, read.tool)
         return taught
@@ -150,8 +150,8 @@ class Positions:
                 group.refuse(self.lines(first), f"'{word[:30]}' is not known in a position")
         return group
 
-    def _literal(self, group: _Group, name: str, left: str) -> Literal:
-        """The literal of group 1; left: why it is none to correct, where
+    def _literal(self, group: _Group, name: str, not_corrected: str) -> Literal:
+        """The literal of group 1; not_corrected: why it is none to correct, where
         it is otherwise in order.
         """
         axes = {key: value for key, value in group.values.items() if key[0] != "E"}
@@ -160,22 +160,22 @@ class Positions:
         numbers: tuple[Number, ...] = ()
         external: tuple[tuple[int, Number], ...] = ()
         configuration = None
-        if not group.bad and not left and None in group.values.values():
-            left = "not taught"
-        if not group.bad and not left and kind == JOINT:
-            numbers, left = self._joints(group, axes)
-        elif not group.bad and not left:
+        if not group.bad and not not_corrected and None in group.values.values():
+            not_corrected = "not taught"
+        if not group.bad and not not_corrected and kind == JOINT:
+            numbers, not_corrected = self._joints(group, axes)
+        elif not group.bad and not not_corrected:
             numbers = self._pose(group, {k[1:]: v for k, v in axes.items()} if remote else axes)
-            configuration, left = self._configuration(group)
+            configuration, not_corrected = self._configuration(group)
             if remote:
-                left = f"a remote TCP position (RX, RY, …): {HELD}"
-            elif not left:
-                external, left = beside_pose(self.robot, _beside(group))
+                not_corrected = f"a remote TCP position (RX, RY, …): {HELD}"
+            elif not not_corrected:
+                external, not_corrected = beside_pose(self.robot, _beside(group))
         first = next((value for value in axes.values() if value is not None), None)
         line = self.lines(first.start) if first and not group.bad else group.line
         return Literal(
             kind, () if group.bad else numbers, line, name, "wpr" if kind == POSE else "",
-            configuration, self.source, group.why or left, group.bad,
+            configuration, self.source, group.why or not_corrected, group.bad,
             blank=kind == POSE and not any(number.value for number in numbers), external=external,
         )  # fmt: skip
 

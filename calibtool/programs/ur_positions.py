@@ -111,19 +111,28 @@ class Positions:
         opening = start + 1 if kind == POSE else start
         self._taken.add(start)
         read = self._numbers(opening, end, units)
-        left, bad = "", False
+        not_corrected, bad = "", False
         if isinstance(read, str):
             count = len(elements_of(self.code, opening, end))
-            left = f"an expression ({read[:30]})"
+            not_corrected = f"an expression ({read[:30]})"
             if count != len(units):
                 which = "6" if kind == POSE else f"{self.robot.n} ({self.robot.name})"
-                left, bad = f"holds {count} values; expected {which}", told
+                not_corrected, bad = f"holds {count} values; expected {which}", told
             elif is_not_finite(read):
-                left, bad = f"'{read}'; expected a number", True
+                not_corrected, bad = f"'{read}'; expected a number", True
         numbers = () if isinstance(read, str) else tuple(read)
         line = self.lines(start)
         turn = "rotation vector" if kind == POSE else ""
-        found = Literal(kind, numbers, line, name, turn, source=self.number, left=left, bad=bad)
+        found = Literal(
+            kind,
+            numbers,
+            line,
+            name,
+            turn,
+            source=self.number,
+            not_corrected=not_corrected,
+            bad=bad,
+        )
         self.literals.append(found)
         return len(self.literals) - 1
 
@@ -159,7 +168,8 @@ class Positions:
                 line = self.lines(found.start())
                 self.literals.append(
                     Literal(
-                        POSE, (), line, calls[-1] if calls else "", source=self.number, left=why,
+                        POSE, (), line, calls[-1] if calls else "", source=self.number,
+                            not_corrected=why,
                         moved_to=_is_place(re.split(r"[\r\n]", before)[-1], aims),
                     )
                 )  # fmt: skip

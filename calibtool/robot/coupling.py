@@ -103,8 +103,8 @@ def _joint(name: str, n: int, place: str) -> int:
 
 
 def _invertible(matrix: Array, place: str) -> Array:
-    sizes = np.linalg.svd(matrix, compute_uv=False)
-    if not sizes[-1] > _SMALLEST_CONDITION * sizes[0]:
+    singular_values = np.linalg.svd(matrix, compute_uv=False)
+    if not singular_values[-1] > _SMALLEST_CONDITION * singular_values[0]:
         raise InputError(
             f"{place} is singular: joint values cannot be converted back; check its rows"
         )

@@ -91,16 +91,16 @@ def eliminated(gram: Array, right: Array | None = None) -> tuple[Array, Array | 
     gram (k, k, N), right (k, N) → (N,), (k, N). Without pivoting: for well conditioned matrices. A
     call of LAPACK per row would take ten times as long.
     """
-    left, size = gram.copy(), len(gram)
+    reduced, size = gram.copy(), len(gram)
     unit = np.zeros_like(gram)  # becomes L⁻¹
     unit[np.arange(size), np.arange(size)] = 1.0
     for k in range(size - 1):
-        factor = left[k + 1 :, k] / left[k, k]
-        left[k + 1 :, k + 1 :] -= factor[:, None] * left[None, k, k + 1 :]
+        factor = reduced[k + 1 :, k] / reduced[k, k]
+        reduced[k + 1 :, k + 1 :] -= factor[:, None] * reduced[None, k, k + 1 :]
         unit[k + 1 :, : k + 1] -= factor[:, None] * unit[None, k, : k + 1]
     trace, solution = np.zeros(gram.shape[-1]), None if right is None else np.zeros_like(right)
     for k in range(size):
-        row, pivot = unit[k, : k + 1], left[k, k]
+        row, pivot = unit[k, : k + 1], reduced[k, k]
         for value in row:
             trace += value * value / pivot
         if solution is not None and right is not None:

@@ -214,7 +214,7 @@ def source_from_urdf(urdf_text: str, name: str) -> Source:
     )
     toml_text = (
         f'name = "{safe}"\ntitle = "{safe}, from a bare URDF"\n'
-        'notes = ["Made from a bare URDF: the tool is the last link, the targets are stand-ins."]\n'
+        'notes = ["Made from a bare URDF: the tool is the last link, the targets are assumed."]\n'
         "\n"
         f'[kinematics]\nurdf = "robot.urdf"\ntool_frame = "{last_frame(urdf_text, name)}"\n\n'
         "[targets]\npoints_mm = [[100.0, 0.0, 0.0], [-50.0, 86.6, 0.0], [-50.0, -86.6, 0.0]]\n"

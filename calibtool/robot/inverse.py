@@ -33,9 +33,9 @@ class InverseResult:
     q            (N, n) best joint positions found, rad or m
     converged    (N,) a stationary point was reached: the pose itself, or, where steps
                  descend, the nearest one
-    reached      (N,) what is left is below the tolerance
-    position     (N,) what is left at the tool point, m
-    orientation  (N,) what is left as a rotation angle, rad
+    reached      (N,) the remaining pose error is below the tolerance
+    position     (N,) remaining error of the tool point, m
+    orientation  (N,) remaining rotation angle, rad
     iterations   (N,) Newton steps of the successful start
     """
 
@@ -112,11 +112,11 @@ def solve_poses(
         done = (moved < 1e-10) | (np.linalg.norm(error[active], axis=-1) < 1e-12)
         stationary[active[done]] = True
         active = active[~done]
-    left = np.linalg.norm(error, axis=-1)
+    remaining = np.linalg.norm(error, axis=-1)
     return InverseResult(
         q=q,
-        converged=stationary | (left < tolerance),
-        reached=left < tolerance,
+        converged=stationary | (remaining < tolerance),
+        reached=remaining < tolerance,
         position=np.linalg.norm(error[:, :3], axis=-1) * length,
         orientation=np.linalg.norm(error[:, 3:], axis=-1),
         iterations=iterations,

@@ -1,4 +1,4 @@
-"""Where the carried robots and data are."""
+"""Where the built-in robots and data are."""
 
 from pathlib import Path
 

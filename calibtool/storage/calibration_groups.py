@@ -156,7 +156,7 @@ def _write_flagged(group: h5py.Group, flagged: Flagged) -> None:
     put(
         group,
         "size",
-        flagged.size,
+        flagged.deviation,
         "1",
         "residual in standard deviations per coordinate",
         "",
@@ -311,7 +311,7 @@ def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
 def _flagged(group: h5py.Group) -> Flagged:
     return Flagged(
         rows=get_indices(group, "rows"),
-        size=get(group, "size", -1),
+        deviation=get(group, "size", -1),
         position=get(group, "position", -1),
         cluster=string(group, "cluster") or None,
         dropped=bool(group.attrs["dropped"]),

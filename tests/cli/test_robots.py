@@ -97,14 +97,14 @@ def test_text_for_people_holds_what_json_holds() -> None:
 
 def test_a_robot_of_ones_own_by_folder_toml_and_urdf() -> None:
     copytree(shipped("robots") / "planar-3r", "mine")
-    carried = answer("robots", "planar-3r")
-    assert answer("robots", "mine") == carried
-    assert answer("robots", "./mine") == carried
-    assert answer("robots", "mine/robot.toml") == carried
+    original = answer("robots", "planar-3r")
+    assert answer("robots", "mine") == original
+    assert answer("robots", "./mine") == original
+    assert answer("robots", "mine/robot.toml") == original
     bare = answer("robots", "mine/robot.urdf")
-    assert bare["joint_table"] == carried["joint_table"]
+    assert bare["joint_table"] == original["joint_table"]
     assert bare["workspaces"] == ["full"]
-    assert bare["tool_frame"] == carried["tool_frame"]
+    assert bare["tool_frame"] == original["tool_frame"]
 
 
 @pytest.mark.parametrize("start", [["robots"], ["simulate"], ["import", "t.csv", "--robot"]])

@@ -25,7 +25,7 @@ def urdf(one: str = "revolute", limit: str = LIMIT, mimic: str = "", more: str =
     return "mine.urdf"
 
 
-def test_a_carried_robot() -> None:
+def test_a_built_in_robot() -> None:
     value = answer("robots", "--check", "planar-3r")
     assert value["schema"] == "calibtool/robot-check"
     assert value["reach_mm"]["from_base"] <= 1100
@@ -35,7 +35,7 @@ def test_a_carried_robot() -> None:
     assert text.stderr.startswith("warning: the URDF has no masses")
 
 
-def test_a_copy_of_a_carried_robot_is_told_from_it() -> None:
+def test_a_copy_of_a_built_in_robot_is_told_from_it() -> None:
     path = shipped("robots") / "planar-3r"
     Path("own").mkdir()
     for name in ("robot.toml", "robot.urdf"):

@@ -353,11 +353,11 @@ def test_unregistered_needs_enough_configurations() -> None:
 
 def test_a_robot_of_ones_own() -> None:
     copytree(shipped("robots") / "planar-3r", "mine")
-    run("simulate", "planar-3r", "-n", 5, "-o", "carried.h5")
+    run("simulate", "planar-3r", "-n", 5, "-o", "built-in.h5")
     for k, path in enumerate(("mine", "./mine", "mine/robot.toml", str(Path("mine").resolve()))):
         run("simulate", path, "-n", 5, "-o", f"{k}.h5")
         for name in ("measurements/joint_positions", "measurements/points"):
-            assert np.array_equal(stored(f"{k}.h5", name), stored("carried.h5", name))
+            assert np.array_equal(stored(f"{k}.h5", name), stored("built-in.h5", name))
     run("simulate", "mine/robot.urdf", "-n", 5, "-o", "urdf.h5")
     assert answer("info", "urdf.h5")["configurations"] == 5
 

@@ -279,13 +279,13 @@ def test_a_word_again_and_again(name: str, word: str) -> None:
     # The time grows with the length, not with its square: 100,000 characters would take
     # minutes otherwise.
     program = reader(name)(word * (100_000 // len(word)), six())
-    assert all(literal.left for literal in program.literals)
+    assert all(literal.not_corrected for literal in program.literals)
 
 
 def test_a_program_of_numbers_without_end() -> None:
     for value in ("1e999", "9" * 400, "1e308"):
         program = reader("ur-script")(f"movej([{value}, 0, 0, 0, 0, 0])", six())
-        assert [bool(literal.left) for literal in program.literals] == [True]
+        assert [bool(literal.not_corrected) for literal in program.literals] == [True]
     program = reader("ros2-trajectory")("points:\n- positions: [1, 2, 3, 4, 5, 6]\n", six())
     assert [literal.bad for literal in program.literals] == [True]
 

@@ -1,4 +1,4 @@
-"""Drawn robots: serial chains of 1 to 8 joints as URDF text, the carried robots, and errors,
+"""Drawn robots: serial chains of 1 to 8 joints as URDF text, the built-in robots, and errors,
 set-ups and rows for them.
 """
 
@@ -75,12 +75,12 @@ def drawn_chains(
     )
 
 
-carried = st.sampled_from(robot_names()).map(load_robot)
+built_in = st.sampled_from(robot_names()).map(load_robot)
 
 
 def robots(largest: int = 8) -> st.SearchStrategy[Robot]:
     """Carried robots and drawn chains."""
-    return carried | drawn_chains(largest=largest).map(DrawnChain.robot)
+    return built_in | drawn_chains(largest=largest).map(DrawnChain.robot)
 
 
 def plain_chain(robot: Robot) -> PlainChain:

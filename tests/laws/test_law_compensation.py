@@ -19,8 +19,8 @@ from json_reader import correct_from_json
 from plain import Array, logarithm
 from strategies import (
     DrawnChain,
+    built_in,
     calibrated,
-    carried,
     configurations,
     drawn_chains,
     robots,
@@ -174,7 +174,7 @@ def test_compiled_c_is_the_one_step_correction(tmp_path: Path) -> None:
     made: list[Calibration] = []
 
     @examples(12)
-    @given(carried | drawn_chains().map(DrawnChain.robot), seeds, st.booleans(), st.booleans())
+    @given(built_in | drawn_chains().map(DrawnChain.robot), seeds, st.booleans(), st.booleans())
     @example(load_robot("scara"), 0, True, True)  # slides that turn a little
     @example(load_robot("gantry"), 0, True, True)
     def draw(robot: Robot, seed: int, with_network: bool, with_motion: bool) -> None:

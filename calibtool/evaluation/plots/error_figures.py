@@ -27,10 +27,10 @@ _ARROWS = 150  # in a panel
 _WIDE_MM = 120.0
 _BOTTOM_MM = 10.0
 
-Sizes = list[tuple[str, Array]]
+Errors = list[tuple[str, Array]]
 
 
-def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Sizes]]:
+def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Errors]]:
     """Name, axis label and sizes (N,) of every method, in mm and mrad; the orientation
     where it is seen.
     """
@@ -60,18 +60,18 @@ def errors(evaluation: Evaluation, width_mm: float) -> Figure:
     grid = figure.subplots(
         rows, 2 if wide else 1, squeeze=False, width_ratios=(3, 1) if wide else None
     )
-    for k, (_, axis, sizes) in enumerate(quantities):
+    for k, (_, axis, errors) in enumerate(quantities):
         points, boxes = grid[k] if wide else grid[2 * k : 2 * k + 2, 0]
-        _points_and_boxes(points, boxes, sizes, axis)
+        _points_and_boxes(points, boxes, errors, axis)
         if not wide or k == len(quantities) - 1:
             points.set_xlabel("configuration")
     legend(figure, grid[0][0], 5 if wide else 2)
     return figure
 
 
-def _points_and_boxes(points: Axes, boxes: Axes, sizes: Sizes, axis: str) -> None:
-    count = len(sizes[0][1])
-    for i, (name, values) in enumerate(sizes):
+def _points_and_boxes(points: Axes, boxes: Axes, errors: Errors, axis: str) -> None:
+    count = len(errors[0][1])
+    for i, (name, values) in enumerate(errors):
         points.plot(
             np.arange(1, count + 1),
             values,
@@ -83,15 +83,15 @@ def _points_and_boxes(points: Axes, boxes: Axes, sizes: Sizes, axis: str) -> Non
             **mark(i),
         )
     drawn = boxes.boxplot(
-        [values for _, values in sizes], whis=(0, 100), widths=0.6, patch_artist=True
+        [values for _, values in errors], whis=(0, 100), widths=0.6, patch_artist=True
     )
     for i, box in enumerate(drawn["boxes"]):
         box.set_facecolor(colour(i))
     boxes.set_xticks(
-        range(1, len(sizes) + 1), [label(name, 14) for name, _ in sizes], rotation=30, ha="right"
+        range(1, len(errors) + 1), [label(name, 14) for name, _ in errors], rotation=30, ha="right"
     )
     for panel in (points, boxes):
-        log_scale(panel, "y", [values for _, values in sizes])
+        log_scale(panel, "y", [values for _, values in errors])
         panel.grid(axis="y")
     boxes.set_ylim(points.get_ylim())
     points.set_ylabel(axis)
@@ -101,9 +101,9 @@ def distribution(evaluation: Evaluation, limits: tuple[Limit, ...], width_mm: fl
     """Which part of the configurations has at most which error, with the limits."""
     quantities = _quantities(evaluation)
     figure, axes = panels(width_mm, len(quantities), (80.0, 58.0), _BOTTOM_MM)
-    for panel, (quantity, axis, sizes) in zip(axes, quantities, strict=True):
+    for panel, (quantity, axis, errors) in zip(axes, quantities, strict=True):
         own = [limit for limit in limits if limit.quantity == quantity]
-        for i, (name, values) in enumerate(sizes):
+        for i, (name, values) in enumerate(errors):
             part = np.arange(1, len(values) + 1) / len(values) * 100
             panel.step(np.sort(values), part, where="post", **line(i), label=label(name))
         for limit in own:
@@ -113,7 +113,9 @@ def distribution(evaluation: Evaluation, limits: tuple[Limit, ...], width_mm: fl
                 text, (limit.value, 3), (2, 0), textcoords="offset points", rotation=90, fontsize=6
             )
         log_scale(
-            panel, "x", [values for _, values in sizes] + [np.array([limit.value for limit in own])]
+            panel,
+            "x",
+            [values for _, values in errors] + [np.array([limit.value for limit in own])],
         )
         panel.set(xlabel=axis, ylabel="configurations, %", ylim=(0, 101))
         panel.grid()

@@ -143,9 +143,9 @@ def flagged_section(subject: Subject) -> Section:
             [
                 str(int(flagged.rows[k]) + 1),
                 number(float(flagged.position[k]) * 1e3),
-                f"{flagged.size[k]:.1f}",
+                f"{flagged.deviation[k]:.1f}",
             ]
-            for k in (-flagged.size).argsort(kind="stable")
+            for k in (-flagged.deviation).argsort(kind="stable")
         ]
         header = ["configuration", "residual mm", "times the noise"]
         tables.append(Table(f"Flagged rows of {name}", header, rows, folded=len(rows) > _OPEN_ROWS))
@@ -212,19 +212,19 @@ def noise_section(subject: Subject) -> Section:
     for name, calibration in subject.calibrations:
         base = calibration.base
         factor = None if base.posterior is None else base.posterior.noise_factor
-        left, turned = base.residual_rms
+        position, orientation = base.residual_rms
         stated = calibration.noise_position * 1e3
         cells = [
             number(stated),
             number(None if factor is None else factor * stated),
-            number(left * 1e3),
+            number(position * 1e3),
         ]
-        if turned is not None:
+        if orientation is not None:
             angle = calibration.noise_orientation * 1e3
             cells += [
                 number(angle),
                 number(None if factor is None else factor * angle),
-                number(turned * 1e3),
+                number(orientation * 1e3),
             ]
         elif any(c.base.residual_rms[1] is not None for _, c in subject.calibrations):
             cells += ["–"] * 3

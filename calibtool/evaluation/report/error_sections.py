@@ -163,8 +163,8 @@ def uncorrectable_section(subject: Subject) -> Section:
         return Section(section.id, section.title, [reason])
     line = (
         f"{len(beyond.position)} of {evaluation.configurations} commanded poses cannot be taken by "
-        "the actual robot: too few joints, or out of reach. What is left at the nearest poses "
-        "stays whatever the calibration; reductions in percent are of the rest."
+        "the actual robot: too few joints, or out of reach. The error that remains at the "
+        "nearest poses stays whatever the calibration; reductions in percent are of the rest."
     )
     whole = pose_statistics(beyond)
     rows = [

@@ -27,8 +27,8 @@ def mesh_folders(robot: Robot, given: Sequence[Path]) -> list[Path]:
     """Where the robot's meshes may lie: the given folders, and example-robot-data for a robot
     that comes from it.
     """
-    carried = robot.source.description.kinematics.example_robot_data is not None
-    return [*given, *([example_robot_data().parent] if carried else [])]
+    from_library = robot.source.description.kinematics.example_robot_data is not None
+    return [*given, *([example_robot_data().parent] if from_library else [])]
 
 
 def described_shape(robot: Robot, folders: Sequence[Path]) -> pin.GeometryModel:

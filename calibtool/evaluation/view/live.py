@@ -63,7 +63,8 @@ def serving(
         )
         _pairs(server, "all", scene.nominal[rest], found[rest], size / 300)
         told.content = (
-            f"**{scene.sizes[now] * 1e3:.3f} mm** off here, {np.median(scene.sizes) * 1e3:.3f} mm "
+            f"**{scene.error_rms[now] * 1e3:.3f} mm** off here, "
+            f"{np.median(scene.error_rms) * 1e3:.3f} mm "
             f"in the median; blue: nominal, orange: {scene.meaning}"
         )
 

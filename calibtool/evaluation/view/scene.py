@@ -41,7 +41,7 @@ class Scene:
         return float(np.ptp(self.arm.reshape(-1, 3), axis=0).max())
 
     @property
-    def sizes(self) -> Array:
+    def error_rms(self) -> Array:
         """Error of every configuration: length, RMS over the seen targets. (N,) m"""
         squared = ((self.found - self.nominal) ** 2).sum(axis=-1)
         seen = ~np.isnan(squared)
@@ -55,7 +55,7 @@ class Scene:
     @property
     def fitting_factor(self) -> float:
         """A round factor that makes the median error about a twelfth of the scene's size."""
-        median = float(np.median(self.sizes))
+        median = float(np.median(self.error_rms))
         if median <= 0 or self.extent <= 0:
             return 1.0
         wanted = self.extent / 12 / median

@@ -25,7 +25,7 @@ def page_of(scene: Scene, magnify: float) -> str:
         "arm": _numbers(scene.arm, 6),
         "nominal": _numbers(scene.nominal, 6),
         "error": _numbers(scene.found - scene.nominal, 7),
-        "size_mm": _numbers(scene.sizes * 1e3, 4),
+        "size_mm": _numbers(scene.error_rms * 1e3, 4),
     }
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return environment.get_template("scene.html.j2").render(

@@ -48,11 +48,11 @@ def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
     size = np.zeros((int(groups.max()) + 1, seen.shape[1]))
     total = np.zeros_like(size)
     np.add.at(size, groups, seen)
-    np.add.at(total, groups, np.where(seen, fit.left, 0.0))
+    np.add.at(total, groups, np.where(seen, fit.residual, 0.0))
     freedom = float(np.maximum(size - 1, 0).sum())
     if not freedom:
         return None
-    own = np.where(seen, fit.left - (total / np.maximum(size, 1))[groups], 0.0)
+    own = np.where(seen, fit.residual - (total / np.maximum(size, 1))[groups], 0.0)
     scatter, noise = float(np.sqrt((own**2).sum() / freedom)), measurements.noise_position
     rows = len(groups) - len(size)
     message = (
@@ -128,17 +128,17 @@ def _temperature(
     outward = transform_points(
         measurements.robot.mechanism.forward(measurements.q), fit.setup.targets
     )
-    slopes, sizes = _trends(measurements, fit, outward, auxiliary.temperature_c)
-    order_sizes = _trends(measurements, fit, outward, np.arange(float(len(measurements))))[1]
-    strongest, span = int(np.argmax(sizes)), float(np.ptp(auxiliary.temperature_c))
+    slopes, ratios = _trends(measurements, fit, outward, auxiliary.temperature_c)
+    order_ratios = _trends(measurements, fit, outward, np.arange(float(len(measurements))))[1]
+    strongest, span = int(np.argmax(ratios)), float(np.ptp(auxiliary.temperature_c))
     slopes[3] *= float(np.linalg.norm(outward, axis=-1).mean())
-    p, change = min(1.0, 8 * float(ndtr(-sizes[strongest]))), abs(float(slopes[strongest])) * span
+    p, change = min(1.0, 8 * float(ndtr(-ratios[strongest]))), abs(float(slopes[strongest])) * span
     numbers: Numbers = {
         "range_k": span,
         "drift_mm_per_k": [float(slope) * 1e3 for slope in slopes[:3]],
         "growth_mm_per_k": float(slopes[3]) * 1e3,
-        "standard_errors": float(sizes[strongest]),
-        "standard_errors_by_row_order": float(order_sizes.max()),
+        "standard_errors": float(ratios[strongest]),
+        "standard_errors_by_row_order": float(order_ratios.max()),
         "p_value": p,
     }
     place = (
@@ -149,7 +149,7 @@ def _temperature(
         return Finding("temperature_trend", "note", message, numbers)
     kind = "the arm grows" if strongest == 3 else "the points drift"
     message = f"{kind} with temperature, by {change * 1e3:.3g} mm {place} (p = {p:.1g})"
-    if order_sizes.max() > sizes[strongest]:
+    if order_ratios.max() > ratios[strongest]:
         message += "; the order of the rows explains more than that: something drifts with time"
     return Finding(
         "temperature_trend", severity(change > measurements.noise_position), message, numbers
@@ -159,18 +159,18 @@ def _temperature(
 def _trends(
     measurements: Measurements, fit: Fit, outward: Array, values: Array
 ) -> tuple[Array, Array]:
-    """Slopes (4,) of the residual over values (N,) along x, y, z and outward (N, m, 3); their sizes
-    in standard errors.
+    """Slopes (4,) of the residual over values (N,) along x, y, z and outward (N, m, 3); their
+    absolute values in standard errors.
     """
-    left = without_geometry(measurements, fit.setup, fit.left)
-    slopes, sizes = np.empty(4), np.empty(4)
+    residual = without_geometry(measurements, fit.setup, fit.residual)
+    slopes, ratios = np.empty(4), np.empty(4)
     directions = [*np.broadcast_to(np.eye(3)[:, None, None], (3, *outward.shape)), outward]
     for k, direction in enumerate(directions):
-        trend = ((values - values.mean())[:, None, None] * direction).reshape(left.shape)
+        trend = ((values - values.mean())[:, None, None] * direction).reshape(residual.shape)
         trend *= measurements.seen.repeat(3, axis=-1)
-        slopes[k], error = _slope(without_geometry(measurements, fit.setup, trend), left)
-        sizes[k] = abs(slopes[k]) / max(error, 1e-300)
-    return slopes, sizes
+        slopes[k], error = _slope(without_geometry(measurements, fit.setup, trend), residual)
+        ratios[k] = abs(slopes[k]) / max(error, 1e-300)
+    return slopes, ratios
 
 
 def without_geometry(measurements: Measurements, setup: Setup, series: Array) -> Array:
@@ -217,12 +217,13 @@ def _commanded_or_read(measurements: Measurements, auxiliary: AuxiliaryReadings)
     ]
     if not all(np.isfinite(fit.rms) for fit in fits):
         return None
-    apart = fits[0].left - fits[1].left
+    apart = fits[0].residual - fits[1].residual
     power = float((apart**2).sum())
     if power < 1e-30:
         return None
     apart, whole = (
-        without_geometry(measurements, fits[0].setup, series) for series in (apart, fits[0].left)
+        without_geometry(measurements, fits[0].setup, series)
+        for series in (apart, fits[0].residual)
     )
     share, error = _slope(apart, whole)
     used_read = np.abs(measurements.q - read).max() < np.abs(measurements.q - commanded).max()

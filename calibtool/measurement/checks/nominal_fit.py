@@ -31,12 +31,12 @@ _UNIT = 180.0 / np.pi
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A set-up, what it leaves of the points (N, 3m) in K_0, and the rms distance per target, m
+    """A set-up, the residuals of the points (N, 3m) in K_0, and the rms distance per target, m
     (infinite: no fit).
     """
 
     setup: Setup
-    left: Array
+    residual: Array
     rms: float
 
 
@@ -51,8 +51,8 @@ def nominal_fit(measurements: Measurements, *, free: bool) -> Fit:
         setup = register(points)
     except NoSolutionError:
         return Fit(setup, np.full((len(points), 3 * points.points.shape[1]), np.nan), np.inf)
-    left = residuals(points, setup, points.robot.mechanism.forward(points.q))
-    return Fit(setup, left, float(np.sqrt((left**2).sum() / points.seen.sum())))
+    residual = residuals(points, setup, points.robot.mechanism.forward(points.q))
+    return Fit(setup, residual, float(np.sqrt((residual**2).sum() / points.seen.sum())))
 
 
 def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Finding], np.ndarray]:
@@ -184,7 +184,7 @@ def _rows_off(measurements: Measurements) -> Finding | None:
     kept = np.arange(len(measurements))
     before = after = nominal_fit(measurements, free=True)
     for _ in range(10):
-        size = np.sqrt((after.left**2).sum(axis=-1))
+        size = np.sqrt((after.residual**2).sum(axis=-1))
         near = size < _FAR * np.median(size)
         if near.all() or near.sum() < 0.8 * len(measurements):
             break

@@ -76,8 +76,8 @@ class Imported(NamedTuple):
         self, rows: str | None, sample: int | None, seed: int
     ) -> "tuple[Imported, Imported | None]":
         """The chosen rows and the rest (None if there is none), see `rows.choose_rows`."""
-        taken, left = choose_rows(len(self.measurements), rows, sample, seed)
-        return self.rows(taken), self.rows(left) if len(left) else None
+        taken, rest = choose_rows(len(self.measurements), rows, sample, seed)
+        return self.rows(taken), self.rows(rest) if len(rest) else None
 
     def rows(self, index: np.ndarray) -> "Imported":
         """Some of the rows: their indices (k,)."""

@@ -157,8 +157,12 @@ def _fit(imported: Imported) -> str:
     except NoSolutionError as error:
         return f"nominal robot: {error}"
     poses = measurements.robot.mechanism.forward(measurements.q)
-    left = residuals(measurements, measurements.setup, poses)[:, : 3 * measurements.points.shape[1]]
-    distances = np.linalg.norm(left.reshape(len(left), -1, 3), axis=-1)[measurements.seen] * 1e3
+    residual = residuals(measurements, measurements.setup, poses)[
+        :, : 3 * measurements.points.shape[1]
+    ]
+    distances = (
+        np.linalg.norm(residual.reshape(len(residual), -1, 3), axis=-1)[measurements.seen] * 1e3
+    )
     return (
         f"nominal robot: {np.sqrt((distances**2).mean()):.3f} mm rms, {distances.max():.3f} mm max "
         "from the measured points" + ("" if measurements.setup.known else " after registration")
