@@ -155,7 +155,7 @@ def test_names_from_files_cannot_become_markup(text: str, page: Page) -> None:
     assert "49" not in [cell.strip() for cell in page.cells]
     assert EVIL in page.cells
     assert json.loads(page.scripts["evaluation"])["methods"][1]["name"] == EVIL
-    assert len(page.scripts) == 3  # two of data and one of ours
+    assert len(page.scripts) == 2  # one of data and one of ours
 
 
 def test_nothing_is_loaded_from_anywhere(text: str, page: Page) -> None:
@@ -258,7 +258,7 @@ def test_repeated_and_flagged_rows_are_listed(
     flagged = replace(
         complete.base.flagged,
         rows=np.array([4, 7]),
-        size=np.array([5.0, 9.0]),
+        deviation=np.array([5.0, 9.0]),
         position=np.array([1e-3, 2e-3]),
         cluster="joint 2 near 30 deg",
     )

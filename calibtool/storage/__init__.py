@@ -16,7 +16,7 @@ from calibtool.calibration.calibration import Calibration
 from calibtool.errors import CalibtoolError, InputError
 from calibtool.measurement.measurements import Measurements
 from calibtool.storage.calibration_groups import build_calibration, write_calibration
-from calibtool.storage.file_checks import check_bytes, check_contents, sealed
+from calibtool.storage.file_checks import check_bytes, check_contents, with_digest
 from calibtool.storage.measurement_groups import build_measurements, write_measurements
 from calibtool.storage.shared_groups import write_robot
 from calibtool.storage.texts import put_string, string
@@ -53,7 +53,7 @@ def to_bytes(contents: Measurements | Calibration) -> bytes:
         provenance = file.create_group("provenance")
         for name, text in sorted(contents.provenance.items()):
             put_string(provenance, name, text)
-    return sealed(buffer.getvalue())
+    return with_digest(buffer.getvalue())
 
 
 def read_measurements(stream: BinaryIO, name: str) -> Measurements:

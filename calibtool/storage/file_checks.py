@@ -1,9 +1,8 @@
-"""What is checked before an HDF5 file is believed: its digest, heaps that end, plain links, sizes
-that fit its length.
+"""Checks of an HDF5 file before it is read: its digest, its text heaps, its links and its sizes.
 
-The HDF5 library cannot be interrupted, and damage may send it into an endless loop. So behind the
-HDF5 file, where no reader of HDF5 looks, calibtool writes one line with the SHA-256 of all bytes
-before it. Files without one are accepted.
+An HDF5 call cannot be interrupted, and damaged bytes can send it into an endless loop. calibtool
+therefore appends one line with the SHA-256 of all bytes before it, where no reader of HDF5 looks.
+Files without that line, made or edited by other tools, are accepted if their heaps of texts end.
 """
 
 import hashlib
@@ -15,7 +14,7 @@ from typing import Any
 import h5py
 
 _MARK = b"calibtool/sha256 "
-_SEAL = re.compile(_MARK + rb"[0-9a-f]{64}\n\Z")
+_DIGEST_LINE = re.compile(_MARK + rb"[0-9a-f]{64}\n\Z")
 _LENGTH = len(_MARK) + 65
 _HEAP = re.compile(rb"GCOL\x01\0\0\0", re.DOTALL)  # a global heap: signature, version 1
 _ROOM = 16 << 20  # bytes that any file may hold …
@@ -23,7 +22,7 @@ _PACKED = 20  # … and this many times its length: compressed numbers are not s
 _TEXTS = 32  # texts of one attribute
 
 
-def sealed(data: bytes) -> bytes:
+def with_digest(data: bytes) -> bytes:
     """The file and, behind it, a line of text with its digest."""
     return data + _digest(memoryview(data))
 
@@ -36,7 +35,7 @@ def check_bytes(data: bytes) -> None:
     """ValueError for bytes that differ from what was written, or a global heap that HDF5
     would read for ever.
     """
-    if _SEAL.search(data, max(0, len(data) - _LENGTH)):
+    if _DIGEST_LINE.search(data, max(0, len(data) - _LENGTH)):
         if data[-_LENGTH:] != _digest(memoryview(data)[:-_LENGTH]):
             raise ValueError(
                 "its bytes do not match its SHA-256: changed since it was written; get it again "

@@ -18,7 +18,7 @@ from calibtool.evaluation.study.study_table import (
     checked_row,
 )
 from calibtool.storage import STUDY
-from calibtool.storage.file_checks import sealed
+from calibtool.storage.file_checks import with_digest
 from calibtool.storage.shared_groups import get_with_gaps, put
 from calibtool.storage.texts import put_string, put_text, string, text
 
@@ -58,7 +58,7 @@ def study_to_bytes(table: StudyTable, definition: str) -> bytes:
                     [np.nan if cell is None else cell for cell in column], dtype=float
                 )
                 put(group, name, values, _units(name), long_name, "", "row")
-    return sealed(buffer.getvalue())
+    return with_digest(buffer.getvalue())
 
 
 def build_study(file: h5py.File) -> StudyFile:

@@ -36,7 +36,6 @@ class Section:
     lines: Sequence[str] = ()
     drawings: Sequence[Drawing] = ()
     tables: Sequence[Table] = ()
-    vectors: bool = False  # the workspace in three dimensions stands here
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,11 @@ import numpy as np
 from calibtool.calibration.guard import coverage
 from calibtool.evaluation.metrics import STATISTICS, MethodErrors, pose_statistics
 from calibtool.evaluation.plots import Subject
-from calibtool.evaluation.plots.error_figures import magnification
 from calibtool.evaluation.report.content import Drawing, Section, Table, number
 from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements
-from calibtool.robot.se3 import Array
 
 _WORST = 5  # configurations listed per calibration
-_ARROWS = 2000  # in the interactive view
 
 
 def errors_section(subject: Subject, judged: Measurements) -> Section:
@@ -95,51 +92,24 @@ def _worst(methods: list[MethodErrors], judged: Measurements) -> Table:
 
 
 def vectors_section(subject: Subject) -> Section:
-    """Error vectors, turned by hand and in three projections."""
+    """Error vectors in three projections."""
     return Section(
         "vectors",
         "Error vectors in the workspace",
         [
             "Arrows start at the commanded tool position, in the robot's base frame; their "
-            "length is magnified."
+            "length is magnified. calibtool view shows them in three dimensions."
         ],
         [
             Drawing(
                 "vectors",
-                "The same arrows seen along the axes of the base frame, each method at its own "
+                "Position errors seen along the axes of the base frame, each method at its own "
                 "magnification.",
                 "Position error as arrows at the tool positions, projected along z, y and x; one "
                 "row per method.",
             )
         ],
-        vectors=True,
     )
-
-
-def vectors_data(subject: Subject, judged: Measurements) -> dict[str, object]:
-    """What the interactive view draws: positions in m, errors in mm, at most `_ARROWS` of
-    them, evenly chosen.
-    """
-    evaluation = subject.evaluation
-    assert evaluation is not None
-    position = judged.robot.mechanism.forward(judged.q)[:, :3, 3]
-    rows = np.unique(np.linspace(0, len(position) - 1, min(len(position), _ARROWS)).astype(int))
-    extent = max(float(np.ptp(position, axis=0).max()), 1e-3)
-    methods = []
-    for method in evaluation.methods:
-        error = method.position.mean(axis=1)
-        methods.append(
-            {
-                "name": method.name,
-                "factor": magnification(extent, error),
-                "errors_mm": _rounded(error[rows] * 1e3),
-            }
-        )
-    return {"positions_m": _rounded(position[rows]), "methods": methods}
-
-
-def _rounded(values: Array) -> list[list[float]]:
-    return [[float(f"{v:.5g}") for v in row] for row in values]
 
 
 def uncorrectable_section(subject: Subject) -> Section:

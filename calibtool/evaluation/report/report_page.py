@@ -80,7 +80,6 @@ def html_report(subject: Subject, provenance: dict[str, str]) -> str:
         words=words(evaluation.kind, evaluation.before),
         part=evaluation.uncorrectable is not None,
         sections=[_shown(section, subject) for section in sections],
-        vectors=error_sections.vectors_data(subject, rows),
         colours=[f"var(--m{1 + k % (len(COLOURS) - 1)})" for k in range(len(found))],
     )
 
