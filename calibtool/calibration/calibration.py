@@ -1,4 +1,6 @@
-"""Calibration: what it predicts."""
+"""A calibration: the identified base model, the networks on top of it, and the
+poses it predicts.
+"""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -24,12 +26,12 @@ from calibtool.robot.se3 import Array, exp6
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """What the networks gain on configurations that neither they nor their base have seen.
+    """Gain of the networks on configurations that neither they nor their base model were fitted to.
 
-    folds           parts into which the configurations were split
-    gain            reduction of the mean weighted squared error by the networks, in percent
-                    of the base alone
-    standard_error  of the gain, from the differences of single configurations
+    folds           number of parts into which the configurations were split
+    gain            reduction of the mean weighted squared error by the networks, in percent of the
+                    error of the base model alone
+    standard_error  of the gain, in percent, from the differences of single configurations
     """
 
     folds: int
@@ -38,7 +40,7 @@ class CrossValidation:
 
     @property
     def helps(self) -> bool:
-        """The gain is more than chance would give."""
+        """Whether the gain is larger than chance explains."""
         return self.gain > 2.0 * self.standard_error
 
     def __str__(self) -> str:
@@ -52,25 +54,24 @@ class CrossValidation:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """T_calibrated(q) = exp6(J_ρ(q) N(q)) · T_base-model(q), N = 0 without a network.
+    """T_calibrated(q) = exp6(J_ρ(q) N(q)) · T_base-model(q), with N = 0 without networks.
 
-    base            identified base model, with the set-up fitted in it, both in the
-                    frames of the fit
-    equivalent      the equivalent robot, whose Jacobian is J_ρ
-    networks        members whose mean is N; none when a base model stands alone or
-                    networks do not help
-    training        how the networks came about; None when a base model stands alone
-    validation      what they gain in cross-validation; None where that was not asked
-    nominal_setup   the set-up as it was known, or registered with the nominal robot
+    base            identified base model with the set-up fitted to it, in the frames of the fit
+    equivalent      equivalent robot, whose Jacobian is J_ρ
+    networks        networks whose mean is N; empty when the base model stands alone or networks do
+                    not reduce the error
+    training        report of the training; None when the base model stands alone
+    validation      gain of the networks in cross-validation; None where it was not computed
+    nominal_setup   set-up as it was known, or registered with the nominal robot
     noise_position, noise_orientation   stated noise of the measurements used, m and rad
-    q               (N, n) the configurations used, rad or m
-    conditions      under which it predicts where a row does not say otherwise: payload and
-                    temperature as numbers
-    simulated       the measurements came from a simulation, whose controller has the nominal model
-    provenance      command line, seed, input checksums, versions: text by name
-    frame           which base and tool frame it speaks in; None where nothing was free to choose
+    q               (N, n) configurations used, rad or m
+    conditions      payload and temperature of predictions where a row does not state its own
+    simulated       whether the measurements were simulated; the controller then has
+                    the nominal model
+    provenance      command line, seed, checksums of inputs and versions: text by name
+    frame           chosen base and tool frame; None where the measurements determine both
 
-    `errors`, `setup` and every pose are in the chosen frames; only the parameters of `base` are
+    `errors`, `setup` and every pose are in the chosen frames; only the parameters of `base` are in
     those of the fit.
     """
 
@@ -91,17 +92,17 @@ class Calibration:
 
     @property
     def configurations(self) -> int:
-        """How many configurations were used."""
+        """Number of configurations used."""
         return len(self.q)
 
     @cached_property
     def network(self) -> Regressor | None:
-        """The mean of the members as one learned model, None without any."""
+        """Mean of the networks as one learned model; None without networks."""
         return self.networks[0].averaged(self.networks) if self.networks else None
 
     def at(self, conditions: Conditions) -> Self:
-        """The same calibration for a payload and a temperature: those of its rows unless
-        they say otherwise.
+        """The same calibration with other values of payload and temperature as its default
+        conditions.
         """
         return replace(self, conditions=conditions)
 
@@ -113,27 +114,28 @@ class Calibration:
 
     @cached_property
     def setup(self) -> Setup:
-        """The set-up that belongs to `forward`, in the chosen frames."""
+        """Set-up in which `forward` predicts observations, in the chosen frames."""
         fitted = self.base.setup
         return fitted if self.frame is None else self.frame.setup(fitted)
 
     @property
     def base_mechanism(self) -> Mechanism:
-        """Mechanism of `errors`, without what changes from row to row."""
+        """Mechanism with `errors`, without the errors that change from row to row."""
         return self.errors.mechanism
 
     @property
     def frame_is_free(self) -> bool:
-        """There is a choice: the set-up is unknown, and the base model is
-        not the drawing itself.
+        """Whether base and tool frame can be chosen: the set-up is unknown and the base model is
+        not nominal.
         """
         return not self.base.setup.known and self.base.model != "nominal"
 
     def in_frame(self, name: FrameName) -> Self:
-        """The same calibration in the frames of the fit, or in those that move taught poses least.
+        """The same calibration in the frames of the fit (`fitted`), or in those that move taught
+        poses least (`taught`).
 
-        Itself where nothing is free. Raises InputError for networks with virtual joints, which are
-        fixed in the tool frame of the training.
+        Returns itself where both frames are determined. Raises InputError for networks with virtual
+        joints, which are fixed in the tool frame of the training.
         """
         if not self.frame_is_free or (self.frame is not None and self.frame.name == name):
             return self
@@ -155,18 +157,18 @@ class Calibration:
 
     @property
     def model(self) -> pin.Model:
-        """The identified geometry as a Pinocchio model of its own, limits included; its tool frame
-        is the last frame.
+        """The identified geometry as a new Pinocchio model with joint limits; its last frame is the
+        tool.
 
-        `base_mechanism.configuration` turns joint positions into its coordinates. `beyond_model`
-        says what it cannot hold.
+        `base_mechanism.configuration` turns joint positions into coordinates of the model.
+        `beyond_model` names the parts of the calibration that the model cannot represent.
         """
         return self.base_mechanism.as_model(self.robot.lower, self.robot.upper)
 
     @property
     def beyond_model(self) -> tuple[str, ...]:
-        """The parts of this calibration that `model` does not hold, in words; none when it
-        is all there is.
+        """Descriptions of the parts of this calibration that `model` cannot represent; empty if
+        none.
         """
         parts = [family.words for family in self.base.errors.beyond_geometry]
         return (*parts, *(["network"] if self.networks else []))
@@ -174,25 +176,24 @@ class Calibration:
     def base_forward_and_jacobian(
         self, q: Array, conditions: Conditions | None = None
     ) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model for q (N, n); conditions
-        as in `forward`.
+        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) in K_0 of the base model for q (N, n) in rad or
+        m.
 
-        The slope of the joint-motion functions, about a thousandth, is left out of J_ρ.
+        conditions: as in `forward`. J_ρ omits the slope of the joint-motion functions, about a
+        thousandth.
         """
         return self.equivalent.forward_and_jacobian(
             *self.errors.at(q, conditions or self.conditions)
         )
 
     def base_context(self, q: Array) -> Context:
-        """Frames of the base model for joint positions q (N, n), from which error
-        columns are built.
-        """
+        """Frames of the base model at q (N, n), from which the columns of errors are computed."""
         return self.errors.context(q, self.conditions)
 
     def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """Calibrated T_base_tool for joint positions q (N, n): (N, 4, 4) in K_0.
+        """Calibrated pose T_base_tool (N, 4, 4) in K_0 for joint positions q (N, n) in rad or m.
 
-        conditions of the rows; without, the calibration's own, and every joint in the middle
+        conditions: of the rows; if not given, the calibration's own with every joint in the middle
         of its backlash.
         """
         if self.network is None:
@@ -202,11 +203,10 @@ class Calibration:
     def forward_and_jacobian(
         self, q: Array, conditions: Conditions | None = None
     ) -> tuple[Array, Array]:
-        """Calibrated T_base_tool (N, 4, 4) and the base model's J_ρ (N, 6, p); conditions
-        as in `forward`.
+        """Calibrated T_base_tool (N, 4, 4) and J_ρ (N, 6, p) of the base model, both in K_0.
 
-        ∂N/∂q, about a thousandth of J_ρ, is left out: Newton's method converges by as much at every
-        step all the same.
+        conditions: as in `forward`. ∂N/∂q, about a thousandth of J_ρ, is omitted; Newton's method
+        then still reduces the error by that factor in every step.
         """
         pose, jacobian = self.base_forward_and_jacobian(q, conditions)
         if self.network is not None:
@@ -215,10 +215,10 @@ class Calibration:
 
 
 def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup:
-    """The set-up in which a calibration predicts these measurements: theirs if known, else the
-    calibration's own.
+    """Set-up in which a calibration predicts the observations of these measurements.
 
-    Raises InputError when the calibration's targets cannot be those of the measurements.
+    It is that of the measurements if known, otherwise that of the calibration. Raises InputError
+    when the calibration was made with other targets.
     """
     if measurements.setup.known:
         return measurements.setup
@@ -232,7 +232,7 @@ def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup
 
 
 def check_same_robot(a: Robot, b: Robot, place_a: str, place_b: str) -> None:
-    """InputError unless two descriptions have the same kinematics."""
+    """Raises InputError unless two descriptions have the same kinematics."""
     same = (
         a.n == b.n
         and np.allclose(a.chain.placements, b.chain.placements, rtol=0.0, atol=1e-9)

@@ -24,10 +24,10 @@ def cross_validate(
     rng: np.random.Generator,
     progress: Progress = silent,
 ) -> CrossValidation:
-    """Errors on held-out configurations with and without the networks of `fit`; targets of one
-    are never split.
+    """Weighted squared errors on held-out configurations with and without the networks of `fit`.
 
-    Raises NoSolutionError for a single configuration.
+    All target points of a configuration are in the same fold. Raises NoSolutionError for a single
+    configuration.
     """
     count = len(measurements)
     if count < 2:
@@ -51,7 +51,7 @@ def cross_validate(
 
 
 def squared_errors(calibration: Calibration, measurements: Measurements) -> Array:
-    """Weighted squared residuals of each configuration, in the calibration's own set-up: (N,)."""
+    """Weighted squared residual of each configuration in the calibration's own set-up: (N,)."""
     pose = calibration.forward(measurements.q, measurements.conditions)
     residual = weighted_residuals(measurements, fitting_setup(calibration, measurements), pose)
     squared: Array = (residual**2).sum(axis=-1)

@@ -1,4 +1,4 @@
-"""The extrapolation guard: configurations unlike any that a calibration was made from."""
+"""Extrapolation guard: detects configurations that are unlike those of the training."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,13 +17,13 @@ _UNCERTAINTY = 2.0  # times the largest predicted standard deviation on the trai
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Where configurations lie relative to those of the training.
+    """Position of configurations relative to those of the training.
 
-    distance   (N,) to the nearest one, joints scaled by half their range in the training, over the
-               largest such distance within the training
-    deviation  (N,) predicted standard deviation of the tool point over the largest one on the
+    distance   (N,) distance to the nearest one, joints scaled by half their range in the training,
+               over the largest distance between nearest neighbours of the training
+    deviation  (N,) predicted standard deviation of the tool point over the largest one of the
                training configurations; 0 for a base model without a posterior, and where the
-               distance alone decides
+               distance decides
     """
 
     distance: Array
@@ -31,17 +31,17 @@ class Coverage:
 
     @property
     def outside(self) -> np.ndarray:
-        """(N,) rows on which nothing was learned: far away in a joint
-        space, or much less certain.
+        """(N,) bool: rows too far from the training in joint space, or
+        predicted too uncertainly.
         """
         return (self.distance > _DISTANCE) | (self.deviation > _UNCERTAINTY)
 
 
 def coverage(calibration: Calibration, q: Array) -> Coverage:
-    """Compare joint positions q (N, n) with the configurations that the calibration was made from.
+    """Compare joint positions q (N, n), in rad or m, with the configurations of the training.
 
-    Nearer to one of them than they are to each other, and farther than the limit, no deviation is
-    computed: it costs ten times the correction itself.
+    The standard deviation costs ten times the correction, so that it is computed only where the
+    distance alone does not decide.
     """
     reference = _reference(calibration)
     distance = _nearest(reference.known, q / reference.scale) / reference.spacing

@@ -52,9 +52,9 @@ GD_STOPPING = Stopping(max_iterations=20_000, patience=500, change=1e-7)
 
 
 def levenberg_marquardt(network: Regressor, loss: Loss) -> Iterator[tuple[Regressor, float]]:
-    """Networks with ever lower loss; ends when no damping finds a lower one.
+    """Yield networks with decreasing loss; ends when no damping gives a smaller one.
 
-    The damping follows the ratio of real to predicted decrease (Nielsen 1999).
+    The damping follows the ratio of actual to predicted decrease (Nielsen 1999).
     """
     residual, J = loss.residual_and_jacobian(network)
     value = float(residual @ residual)
@@ -87,11 +87,10 @@ def levenberg_marquardt(network: Regressor, loss: Loss) -> Iterator[tuple[Regres
 def gradient_descent(
     network: Regressor, loss: Loss, rate: float = 0.1
 ) -> Iterator[tuple[Regressor, float]]:
-    """w ← w − α ∂E/∂w (Eq. 22), on the loss divided by its value without a network, which makes
-    α free of units.
+    """w ← w − α ∂E/∂w (Eq. 22), with the loss divided by its value without a network, so that α has
+    no unit.
 
-    α is halved where a step would raise the loss, and grows by 5 % otherwise, as a
-    hand would do it.
+    α is halved where a step would increase the loss, and grows by 5 % otherwise.
     """
     unit = max(loss.without_network * len(loss.q), 1e-300)
     residual, J = loss.residual_and_jacobian(network)
@@ -115,8 +114,8 @@ def run(
     validation: Loss | None,
     stopping: Stopping,
 ) -> tuple[Regressor, History]:
-    """Follow an optimiser and keep the weights with the lowest validation loss (training loss
-    without validation).
+    """Run an optimiser and keep the weights with the smallest validation loss
+    (or training loss).
     """
 
     def judge(candidate: Regressor, training_value: float) -> float:

@@ -71,13 +71,14 @@ class TrainingOptions:
 
 @dataclass(frozen=True, eq=False)
 class TrainingReport:
-    """How networks came about.
+    """Report of a training.
 
     history        of the best restart
     training_rows, validation_rows   indices of the configurations
     restart_losses (restarts,) validation loss of each (training loss without validation rows)
     loss_without   the same loss without a network
-    effective      effective number of weights γ, mean of the members (bayes), otherwise all of them
+    effective      effective number of weights γ, mean of the networks (bayes),
+                   otherwise all of them
     loss, optimiser, regularisation, hidden   the options as used
     """
 
@@ -117,11 +118,10 @@ def train_networks(
     rng: np.random.Generator,
     progress: Progress = silent,
 ) -> tuple[tuple[Regressor, ...], TrainingReport]:
-    """Fit N to y ≈ G N: members of an ensemble (bayes), or one network, or none where it does not
-    help (early stopping).
+    """Fit N to y ≈ G N. Returns an ensemble (bayes), one network, or none where it does not help.
 
-    q (K, n) in rad or m; G (K, d, p) = Σ^(−1/2) P J_ρ; y (K, d) weighted residuals
-    of the base model.
+    q (K, n) in rad or m; G (K, d, p) = Σ^(−1/2) P J_ρ; y (K, d) weighted residuals of the base
+    model.
     """
     bayes = options.regularisation == "bayes"
     training_rows, validation_rows = split_rows(len(q), 0.0 if bayes else options.validation, rng)
@@ -175,9 +175,7 @@ def train_networks(
 
 
 def _output_scale(G: Array, y: Array) -> Array:
-    """Typical size of each joint motion error: RMS of a damped solution, which a near-singular row
-    cannot spoil. (p,)
-    """
+    """Typical magnitude (p,) of each joint motion error: RMS of a damped solution."""
     transposed = np.swapaxes(G, -1, -2)
     gram = transposed @ G
     size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None] / gram.shape[-1]

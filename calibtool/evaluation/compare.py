@@ -1,6 +1,4 @@
-"""Methods side by side on measurements: really driven to corrected joints where the truth is known,
-predicted otherwise.
-"""
+"""Evaluation of methods on measurements, side by side with the nominal robot."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
@@ -67,7 +65,9 @@ class Evaluation:
 
     @property
     def before(self) -> Before | None:
-        """How the numbers before a correction came about, of kind `measured`; else None."""
+        """How the errors before the correction were obtained, for kind
+        `measured`; otherwise None.
+        """
         return None if self.proof is None else self.proof.before_is
 
     @property
@@ -190,7 +190,7 @@ def _proved(
     before: Measurements | None,
     refit_setup: bool,
 ) -> Evaluation:
-    """Kind `measured`: before and after one correction."""
+    """Kind `measured`: errors before and after one correction."""
     if after.commanded is None:
         raise UsageError(
             "before a correction and after it: the measurements after it must say what was "

@@ -1,4 +1,4 @@
-"""Pose errors of one method, summarised."""
+"""Pose errors of one method and their statistics."""
 
 from dataclasses import dataclass
 
@@ -25,13 +25,13 @@ class MethodErrors:
 
     @property
     def position_size(self) -> Array:
-        """Position error of each configuration: length, RMS over its points. (N,) m"""
+        """Position error of each configuration: RMS length over its points, (N,) m."""
         squared: Array = (self.position**2).sum(axis=-1).mean(axis=-1)
         return np.sqrt(squared)
 
     @property
     def orientation_size(self) -> Array | None:
-        """Orientation error of each configuration: rotation angle. (N,) rad"""
+        """Orientation error of each configuration: rotation angle, (N,) rad."""
         return None if self.orientation is None else np.linalg.norm(self.orientation, axis=-1)
 
 
@@ -64,7 +64,9 @@ def summary(
 
 
 def pose_statistics(method: MethodErrors) -> dict[str, dict[str, float] | None]:
-    """`position_mm` and `orientation_mrad` (None where it is not seen)."""
+    """Objects `position_mm` and `orientation_mrad`; the latter is None where it
+    was not measured.
+    """
     turned = method.orientation_size
     return {
         "position_mm": statistics(method.position_size, 1e-3),

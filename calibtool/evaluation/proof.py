@@ -1,7 +1,7 @@
-"""Proof on the arm: commanded against measured poses, before a correction and after it.
+"""Verification on the robot: commanded against measured poses, before and after a correction.
 
-Measured while the arm was driven to corrected joints (`Measurements.commanded`), points show what
-a correction really did. What the model expects stands beside it and is called expected.
+The points were measured while the robot was driven to corrected joints (`Measurements.commanded`).
+Errors that the model predicts there are reported beside them as expected.
 """
 
 from dataclasses import dataclass, replace
@@ -47,7 +47,7 @@ class Proof:
 
     @property
     def before_is(self) -> Before:
-        """How `before` came about."""
+        """How `before` was obtained: measured, or expected by the model."""
         return "measured" if self.before_measured else "expected"
 
     def as_json(self) -> dict[str, object]:

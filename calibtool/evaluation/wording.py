@@ -1,4 +1,4 @@
-"""What the numbers of an evaluation are called: only what was measured is called after."""
+"""Names of the quantities of an evaluation: `after` is used only for what was measured."""
 
 from dataclasses import dataclass
 
@@ -8,11 +8,11 @@ from calibtool.evaluation.proof import Before
 
 @dataclass(frozen=True)
 class Words:
-    """Names of an evaluation's numbers.
+    """Names of the quantities of an evaluation.
 
     how            what was compared, for headings
-    before, after  the nominal robot's column, and a calibration's
-    remark         one sentence about what the errors are
+    before, after  heading of the nominal robot's column and of a calibration's
+    remark         one sentence that describes the errors
     """
 
     how: str
@@ -53,9 +53,9 @@ _AFTER_ALONE = Words(
 
 
 def words(kind: Kind, before: Before | None) -> Words:
-    """The words for an evaluation of a kind.
+    """Names for an evaluation of a kind.
 
-    before: how the numbers before the correction came about, of kind `measured`; else None.
+    before: how the errors before the correction were obtained, for kind `measured`; otherwise None.
     """
     if kind == "measured":
         return _MEASURED if before == "measured" else _AFTER_ALONE
@@ -63,7 +63,9 @@ def words(kind: Kind, before: Before | None) -> Words:
 
 
 def brought(evaluation: Evaluation, name: str, before: str, after: str) -> str:
-    """The sentence that a calibration lowers the mean position error, texts with units."""
+    """Sentence that a calibration reduces the mean position error; before,
+    after: texts with units.
+    """
     if evaluation.kind == "predicted":
         return (
             f"After correction by {name} a mean position error of {after} is to be expected; "
