@@ -1,9 +1,8 @@
-"""The complete model: δζ, δξ, δq and joint-motion functions by maximum a posteriori
-Gauss–Newton.
+"""The complete model: δζ, δξ, δq and joint-motion functions by maximum a posteriori Gauss–Newton.
 
-Tolerances are the prior, so nothing is eliminated and no rank is decided: what the data do not
-determine stays at its prior, and the posterior says so. Noise level, number of harmonics and, on
-request, the tolerances come from the evidence.
+Tolerances are the prior, so that nothing is eliminated and no rank is decided: parameters that the
+data do not determine stay at their prior, and their posterior deviation shows it. Noise level,
+number of harmonics and, on request, the tolerances are estimated from the evidence.
 """
 
 from collections.abc import Mapping
@@ -53,16 +52,16 @@ _ROUGHLY = 0.1  # and this small a one not the choice of a model
 
 @dataclass(frozen=True)
 class CompleteOptions:
-    """How the complete model is identified.
+    """Options of the identification of the complete model.
 
-    tolerances       prior standard deviations, those of the robot's description unless given
+    tolerances       prior standard deviations, by default those of the robot's description
     orders           of families that evidence is not to choose, by id: {"harmonics": 2, "gravity":
-                     0}; the others are chosen from `Family.orders`, harmonics from MANY_HARMONICS
-                     if those are too few
-    estimate_priors  re-estimate the scale of every family of tolerances from the evidence; joint
-                     motions only downwards, because many harmonics can cancel where a joint was
-                     measured and grow large where it was not
-    loss_function    `squared`, or down-weight rows that do not fit: `huber`, `cauchy`
+                     0}; the others are chosen from `Family.orders`, harmonics also from
+                     MANY_HARMONICS if those are too few
+    estimate_priors  re-estimate the scale of every family of tolerances from the evidence; those of
+                     joint motions are only reduced, because many harmonics can cancel where a joint
+                     was measured and grow large where it was not
+    loss_function    `squared`, or reduce the weight of rows that do not fit: `huber`, `cauchy`
     drop_flagged     leave flagged rows out of a second fit
     """
 
@@ -81,8 +80,9 @@ class CompleteOptions:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A converged iteration: state, Fisher information H (p, p) of the stated noise, squared
-    sizes of rows (N,).
+    """A converged iteration.
+
+    State, Fisher information H (p, p) for the stated noise, squared residuals of rows (N,).
     """
 
     parameters: Parameters
@@ -106,12 +106,11 @@ class _Fit:
 def identify_complete(
     measurements: Measurements, options: CompleteOptions | None = None
 ) -> Identification:
-    """Identify every error that a tolerance is given for, from any number of configurations.
+    """Identify every error that has a tolerance, from any number of configurations.
 
-    Joint-motion functions are chosen by the Savage–Dickey density ratio: one fit with all of
-    them tells how likely each smaller model is. Raises NoSolutionError when the iteration does
-    not settle, InputError when backlash is asked for and the measurements do not know the
-    directions of motion.
+    Joint-motion functions are chosen by the Savage–Dickey density ratio: one fit with all of them
+    gives the probability of each smaller model. Raises NoSolutionError when the iteration does not
+    converge, InputError when backlash is requested and the directions of motion are not known.
     """
     options = CompleteOptions() if options is None else options
     for family, order in options.orders.items():
@@ -148,10 +147,9 @@ def _most_probable_fit(
     state: State,
     start: "_Fit | None",
 ) -> _Fit:
-    """The fit of everything that the options leave open, reduced to its most probable part.
+    """Fit of all families that the options leave open, reduced to the most probable model.
 
-    With few harmonics it names causes, and a doubtful one is left out; with many it is
-    there to predict.
+    With few harmonics a doubtful one is dropped; many harmonics are kept for prediction.
     """
     rows = _rows(measurements)
     choices = {family.id: family.orders if family.known(rows) else (0,) for family in FAMILIES}

@@ -1,5 +1,5 @@
-"""What a set of configurations can determine: the rank of a design, and names for the directions
-it does not show.
+"""Rank of a design: what a set of configurations can determine, and names of
+the other directions.
 """
 
 from dataclasses import dataclass
@@ -17,16 +17,15 @@ from calibtool.robot.se3 import Array
 
 @dataclass(frozen=True)
 class Observability:
-    """The design of one model.
+    """Observability of one model.
 
-    model         `local-poe` (δζ) or `complete` (δζ, δξ, δq, gravity; harmonics are functions of
-                  δq and left out)
-    parameters    how many the model has
-    rank          how many combinations the configurations and targets determine
-    possible      how many a 6-D instrument on configurations all over the joint range would;
-                  the rest is redundant in the model itself (neighbouring joints share it)
-                  and costs nothing
-    unobservable  text of the directions between `rank` and `possible`, the clearest first
+    model         `local-poe` (δζ) or `complete` (δζ, δξ, δq, gravity; harmonics are functions of δq
+                  and are left out)
+    parameters    number of parameters of the model
+    rank          number of combinations that the configurations and targets determine
+    possible      number that a 6-D instrument would determine with configurations over the whole
+                  joint range; the others are redundant in the model (shared by neighbouring joints)
+    unobservable  descriptions of the directions between `rank` and `possible`, the clearest first
     """
 
     model: str
@@ -39,12 +38,12 @@ class Observability:
 def observability(
     robot: Robot, setup: Setup, q: Array, anywhere: Array, model: str
 ) -> Observability:
-    """Rank of the error columns at configurations q (N, n) seen through the targets of a set-up
-    (known and registered).
+    """Rank of the error columns at configurations q (N, n), observed through the targets of a
+    set-up.
 
-    anywhere (M, n) are configurations all over the joint range, against which q is judged. Columns
-    are scaled by their tolerances and rows to rad by the characteristic length, so that the rank
-    does not depend on units.
+    The set-up is known or registered. anywhere (M, n): configurations over the whole joint range,
+    with which q is compared. Columns are scaled by their tolerances and rows to rad by the
+    characteristic length, so that the rank does not depend on units.
     """
     complete = model == "complete"
     parameters = Parameters.of(robot, setup, twists=complete, gravity=complete)

@@ -1,4 +1,4 @@
-"""Normal equations of a model: what a Gauss–Newton step needs of measurements of any number."""
+"""Normal equations of a model for a Gauss–Newton step, accumulated over any number of rows."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ _CHUNK = 1000  # configurations whose columns are in memory together
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """The sum of weighted squares round a state: squares − 2 gᵀx + xᵀH x, from
-    `equations` residuals.
+    """Sum of weighted squares at a state: squares − 2 gᵀx + xᵀH x, from `equations` residuals.
 
-    information  H = AᵀA (p, p) and gradient g = Aᵀr (p,) of the residuals over the stated noise
-    row_sizes    (N,) squared residuals of every configuration over the stated noise,
+    information  H = AᵀA (p, p) and gradient g = Aᵀr (p,) of the residuals divided by
+                 the stated noise
+    row_squares  (N,) squared residuals of every configuration divided by the stated noise,
                  before row weights
     """
 
@@ -80,11 +80,10 @@ def held_out_squares(
     covariance: Array,
     noise_factor: float,
 ) -> Array:
-    """Squared residuals over the stated noise that every configuration would have if the others
-    alone were fitted. (N,)
+    """Squared residuals (N,) that every configuration would have if only the others were fitted.
 
-    r_k without k is (1 − A_k C A_kᵀ/σ²)⁻¹ r_k, exact for the quadratic model: no fit is repeated.
-    covariance C (p, p).
+    In units of the stated noise: r_k without k is (1 − A_k C A_kᵀ/σ²)⁻¹ r_k, exact for the
+    quadratic model, so that no fit is repeated. covariance C (p, p).
     """
     squares = np.empty(len(measurements))
     for rows, part, context in _chunks(measurements, state):

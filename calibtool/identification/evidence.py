@@ -1,5 +1,5 @@
-"""Evidence: noise, tolerances and the choice of a model from one Gaussian approximation (MacKay;
-Savage and Dickey).
+"""Evidence: noise, tolerances and choice of the model from a Gaussian approximation (MacKay;
+Savage–Dickey).
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ _ROUNDING = 1e-12  # of the largest eigenvalue: a smaller negative one is zero
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A step of the parameters (p,), its covariance, and tolerances, noise and γ at their
-    evidence maximum.
+    """A step of the parameters (p,), its covariance, and tolerances, noise and γ that maximise the
+    evidence.
     """
 
     step: Array
@@ -31,7 +31,7 @@ class Solution:
 
     @property
     def farthest(self) -> float:
-        """The largest element of the step, in standard deviations of the posterior."""
+        """Largest element of the step in standard deviations of the posterior."""
         return float(np.abs(self.step / np.sqrt(np.diag(self.covariance))).max())
 
 
@@ -43,11 +43,10 @@ def posterior_step(
     noise_factor: float,
     largest_std: Array | None,
 ) -> Solution:
-    """Maximum a posteriori step from θ (p,) with the noise re-estimated and, up to `largest_std`
-    (p,), the tolerances.
+    """Maximum a posteriori step from θ (p,), with noise and tolerances re-estimated.
 
-    The quadratic model is kept, so a round costs one factorisation and no kinematics. largest_std
-    None: tolerances stay.
+    The quadratic model is kept, so that an iteration costs one factorisation and no kinematics.
+    largest_std (p,): upper limits of the tolerances; None: the tolerances are not changed.
     """
     H, g = equations.information, equations.gradient
     for _ in range(_ROUNDS):
@@ -77,11 +76,10 @@ def most_probable(
     candidates: list[Parameters],
     parsimony: float,
 ) -> Parameters:
-    """The smallest candidate whose p(θ_dropped = 0 | data) / p(θ_dropped = 0) is near the largest
-    (Savage and Dickey).
+    """Smallest candidate whose p(θ_dropped = 0 | data) / p(θ_dropped = 0) is near the largest.
 
-    Near: by at most `parsimony` nats. The Gaussian N(θ, covariance) over `parameters` is that of
-    the largest candidate.
+    Near: by at most `parsimony` nats (Savage and Dickey). The Gaussian N(θ, covariance) over
+    `parameters` is that of the largest candidate.
     """
 
     def log_evidence(candidate: Parameters) -> float:
@@ -96,12 +94,12 @@ def most_probable(
 
 
 def inverse(matrix: Array, on_the_way: bool = False) -> Array:
-    """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal
-    first: m and rad mix.
+    """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first.
 
-    Raises NoSolutionError where the matrix is not finite, or not positive definite to rounding, as
-    where the noise is far too small beside the tolerances. on_the_way: directions that rounding has
-    made singular keep what it leaves; the noise is estimated again after such a step.
+    Raises NoSolutionError where the matrix is not finite, or not positive definite to rounding, for
+    example because the noise is far too small for the tolerances. on_the_way: in an iteration,
+    rounded negative eigenvalues are replaced instead, since the noise is estimated again
+    afterwards.
     """
     from scipy.linalg.lapack import dpotrf, dpotri
 

@@ -1,6 +1,4 @@
-"""What an identification ends in: errors of the geometry and of the joint motions, the set-up, and
-how sure it all is.
-"""
+"""Result of an identification: errors of geometry and joint motions, set-up and uncertainty."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -16,15 +14,15 @@ from calibtool.robot.se3 import Array, readonly
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """A Gaussian over the parameters of the complete model.
+    """Gaussian posterior of the parameters of the complete model.
 
-    parameters    which errors they are, and their order
-    prior_std     (p,) tolerance of each, as used (SI)
+    parameters    the parameters in their order
+    prior_std     (p,) tolerances as used (SI)
     covariance    (p, p) of the estimate
     noise_factor  estimated noise over the stated one
     effective     effective number of parameters γ that the data determined
-    log_evidence  of the data, up to a constant that is the same for every model of the
-                  same measurements
+    log_evidence  of the data, up to a constant that is the same for every model of the same
+                  measurements
     """
 
     parameters: Parameters
@@ -42,13 +40,13 @@ class Posterior:
 
 @dataclass(frozen=True, eq=False)
 class Flagged:
-    """Rows that do not fit the model, and what may be behind them.
+    """Rows that do not fit the model.
 
     rows       (f,) configurations, from 0
     deviation  (f,) residual in standard deviations per coordinate
     position   (f,) residual as RMS over the target points, m
     cluster    one line that names the region and the likely joint, None where the rows are spread
-    dropped    they were left out of the final fit
+    dropped    whether they were left out of the final fit
     """
 
     rows: np.ndarray
@@ -91,7 +89,7 @@ class Identification:
 
     @property
     def parameters(self) -> int:
-        """How many were estimated, those that stayed at their prior included."""
+        """Number of estimated parameters, including those that stayed at their prior."""
         return len(self.singular_values)
 
     @property
@@ -116,8 +114,9 @@ def split_rms(residual: Array, measurements: Measurements) -> tuple[float, float
 
 
 def nominal_model(measurements: Measurements) -> Identification:
-    """The drawing itself as a base model: no errors, the set-up as known or registered (the paper's
-    starting point).
+    """The nominal robot as a base model, the starting point of the paper.
+
+    No errors; the set-up is known or registered.
     """
     robot, setup = measurements.robot, measurements.setup
     residual = residuals(measurements, setup, robot.mechanism.forward(measurements.q))

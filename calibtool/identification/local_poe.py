@@ -1,8 +1,7 @@
-"""The local-POE baseline (Eqs. 8–11): initial relative poses δζ by Gauss–Newton with
-minimum-norm steps.
+"""The local-POE baseline (Eqs. 8–11): initial relative poses δζ by Gauss–Newton with minimum-norm
+steps.
 
-What the data cannot tell apart is reported instead of hidden: rank, singular values and
-unobservable directions.
+Rank, singular values and unobservable directions are reported.
 """
 
 from dataclasses import replace
@@ -28,11 +27,10 @@ RANK_TOLERANCE = 1e-8  # of the largest singular value; the exact redundancies l
 
 
 def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> Identification:
-    """Fit δζ_1…δζ_{n+1} (and unknown targets in place of δζ_{n+1}) to the measured coordinates,
-    weighted by 1/σ.
+    """Fit δζ_1…δζ_{n+1} to the measured coordinates, weighted by 1/σ.
 
-    Raises NoSolutionError when the configurations are too few for the parameters, or the iteration
-    does not settle.
+    Unknown targets take the place of δζ_{n+1}. Raises NoSolutionError when the configurations are
+    too few for the parameters, or the iteration does not converge.
     """
     q, setup = measurements.q, measurements.setup
     state = State.nominal(measurements.robot, setup)

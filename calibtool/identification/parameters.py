@@ -1,5 +1,5 @@
-"""The parameters of a model as one vector: families of errors, then what is unknown of the
-set-up.
+"""The parameters of a model as one vector: families of errors, then the unknown
+part of the set-up.
 """
 
 from dataclasses import dataclass, replace
@@ -43,8 +43,8 @@ class Part:
 class Parameters:
     """θ: the parameters of the families in their order, then base and targets.
 
-    frame_free  an unknown instrument frame: a twist of K_0
-    targets     names of the free elements of the targets, none where they are known
+    frame_free  whether the instrument frame is unknown: a twist of K_0
+    targets     names of the free elements of the targets, empty where they are known
     """
 
     robot: Robot
@@ -54,8 +54,8 @@ class Parameters:
 
     @classmethod
     def of(cls, robot: Robot, setup: Setup, **orders: int) -> Self:
-        """The parameters of a robot in a set-up: families of these orders, and those that are
-        always identified.
+        """Parameters for a robot in a set-up: families of these orders, and those that are always
+        identified.
         """
         parts = []
         for family in FAMILIES:
@@ -68,8 +68,8 @@ class Parameters:
 
     @cached_property
     def blocks(self) -> dict[str, slice]:
-        """Where each family, and base and targets, stand in the vector; those that it does
-        not have are empty.
+        """Slices of every family, base and targets in the vector; empty for those without
+        parameters.
         """
         sizes = {part.family.id: len(part.elements) for part in self.parts}
         blocks, start = {}, 0
@@ -88,7 +88,7 @@ class Parameters:
 
     @cached_property
     def groups(self) -> list[np.ndarray]:
-        """Indices of the parameters whose tolerances share a scale, which evidence may change."""
+        """Indices of the parameters whose tolerances share a scale that evidence may change."""
         result = []
         for part in self.parts:
             numbers = part.family.groups(part.shape).ravel()[part.elements]
@@ -122,7 +122,7 @@ class Parameters:
         return names + list(self.targets)
 
     def without(self, *families: str) -> Self:
-        """The same parameters but none of these families."""
+        """The same parameters without these families."""
         return replace(
             self, parts=tuple(part for part in self.parts if part.family.id not in families)
         )
@@ -133,8 +133,8 @@ class Parameters:
         return np.array([i for i, name in enumerate(self.names) if name not in kept], dtype=int)
 
     def prior_std(self, tolerances: Tolerances | None = None) -> Array:
-        """Prior standard deviation of every parameter (p,), SI; tolerances of the robot's
-        description unless given.
+        """Prior standard deviation of every parameter (p,), SI; by default the
+        robot's tolerances.
         """
         stated = tolerances or Tolerances.of_robot(self.robot)
         parts = [
@@ -143,7 +143,7 @@ class Parameters:
         return np.concatenate([*parts, np.full(6 * self.frame_free + len(self.targets), _FREE)])
 
     def largest_std(self, tolerances: Array) -> Array:
-        """Up to what evidence may enlarge tolerances (p,)."""
+        """Upper limits (p,) for tolerances estimated from the evidence."""
         largest = np.full(self.count, np.inf)
         for part in self.parts:
             if not part.family.grows:
@@ -151,7 +151,7 @@ class Parameters:
         return largest
 
     def display(self) -> tuple[Array, list[str]]:
-        """Factor (p,) and unit in which people read each parameter."""
+        """Factor (p,) and unit in which each parameter is displayed."""
         factors, units = [], []
         for part in self.parts:
             factor, unit = part.family.display(self.robot, part.shape)
@@ -165,7 +165,7 @@ class Parameters:
 
     @property
     def family_words(self) -> list[str | None]:
-        """What family each parameter belongs to, in words; None for base and targets."""
+        """Description of the family of each parameter; None for base and targets."""
         every: list[str | None] = [part.family.words for part in self.parts for _ in part.elements]
         return every + [None] * (self.count - len(every))
 
@@ -192,7 +192,7 @@ class Parameters:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where an iteration stands: the errors of the robot and the set-up."""
+    """State of an iteration: errors of the robot and set-up."""
 
     errors: RobotErrors
     setup: Setup
@@ -207,7 +207,7 @@ class State:
         return self.errors.frames(q, conditions)
 
     def vector(self, parameters: Parameters) -> Array:
-        """θ as the prior sees it (p,); zero for base and targets, whose prior moves along."""
+        """θ as the prior sees it (p,); zero for base and targets, whose prior follows them."""
         values = [
             p.family.resized(self.errors[p.family.id], p.shape).ravel()[p.elements]
             for p in parameters.parts
@@ -231,7 +231,7 @@ class State:
         return replace(self, errors=self.errors.moved(**steps), setup=setup)
 
     def kept(self, parameters: Parameters) -> Self:
-        """The state with nothing but these parameters."""
+        """The state with only these parameters."""
         values = {}
         for part in parameters.parts:
             value = part.family.resized(self.errors[part.family.id], part.shape)

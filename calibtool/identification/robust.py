@@ -1,5 +1,5 @@
-"""Rows that do not fit: weights of robust loss functions, flags, and whether the flagged rows are
-one region.
+"""Rows that do not fit: weights of robust loss functions, flags, and whether flagged rows form a
+region.
 """
 
 from typing import Literal
@@ -21,8 +21,9 @@ _CLUSTER_SIGNIFICANCE = 0.01
 
 
 def row_weights(squares: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
-    """Weight of each row's squared residuals (N,), 1 for rows that fit; squares (N,) of d
-    (N,) coordinates.
+    """Weights (N,) of the squared residuals of each row; 1 for rows that fit.
+
+    squares (N,): squared residuals of d (N,) coordinates.
     """
     relative: Array = np.sqrt(squares / d) / _robust_scale(squares, d)
     if loss_function == "huber":
@@ -33,8 +34,8 @@ def row_weights(squares: Array, d: np.ndarray, loss_function: LossFunction) -> A
 
 
 def find_flagged(measurements: Measurements, state: State, squares: Array) -> Flagged:
-    """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set;
-    nothing is changed.
+    """Rows whose residual noise does not explain, at a false alarm rate of 1 %
+    for the whole set.
     """
     from scipy.special import (
         chdtri,
@@ -61,7 +62,7 @@ def find_flagged(measurements: Measurements, state: State, squares: Array) -> Fl
 
 
 def _robust_scale(squares: Array, d: np.ndarray) -> float:
-    """Noise over the stated one, from the median row: half of the rows may be bad."""
+    """Noise over the stated one, from the median row: valid with up to half of the rows bad."""
     from scipy.special import chdtri
 
     return float(np.sqrt(max(np.median(squares / chdtri(d, 0.5)), 1e-30)))

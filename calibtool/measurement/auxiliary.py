@@ -1,5 +1,5 @@
-"""What an instrument or a controller writes beside the measurements: joints as read, time,
-temperature, base targets.
+"""Auxiliary readings of instrument and controller: joints as read, time, temperature, reference
+points.
 """
 
 from dataclasses import dataclass, fields
@@ -13,15 +13,15 @@ from calibtool.robot.se3 import Array, readonly
 
 @dataclass(frozen=True, eq=False)
 class AuxiliaryReadings:
-    """Columns that accompany N measured configurations; None where a table has none, NaN where a
-    value is missing.
+    """Columns beside N measured configurations; None where a table has none, NaN for a missing
+    value.
 
-    q_commanded       (N, n) joint positions asked of the controller, rad or m
+    q_commanded       (N, n) joint positions that the controller was told to drive to, rad or m
     q_read            (N, n) joint positions that the controller reported, rad or m
     time_s            (N,) time stamps, s from an arbitrary start (UTC epoch for ISO 8601 stamps)
     temperature_c     (N,) temperature, °C
     reference_points  (N, k, 3) targets fixed to the base, measured again with every configuration,
-                      instrument's frame, m
+                      in the instrument's frame, m
     The arrays are read-only. Raises InputError when they differ in length or have another shape.
     """
 

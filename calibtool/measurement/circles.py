@@ -18,20 +18,18 @@ _PARALLEL = 1e-3  # rad
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """An axis line: unit direction (3,), along which the joint turns positively, and a
-    point (3,) on it, m.
-    """
+    """Axis of a joint: unit direction (3,) of positive rotation, and a point (3,) on it, m."""
 
     direction: Array
     point: Array
 
 
 def circle_start(measurements: Measurements) -> Array | None:
-    """T_instrument_base (4, 4) from circles of joints 1 and 2; None where the rows hold
-    no such circles.
+    """T_instrument_base (4, 4) from circles of joints 1 and 2; None where the rows hold no such
+    circles.
 
-    None as well when a joint is prismatic or the two axes are parallel: two parallel lines leave
-    the way along them open.
+    Also None when one of the joints is prismatic or the two axes are parallel, since parallel lines
+    do not determine the position along them.
     """
     robot = measurements.robot
     if robot.n < 2 or any(robot.prismatic[:2]):
@@ -56,8 +54,8 @@ def circle_start(measurements: Measurements) -> Array | None:
 
 
 def single_joint_rows(q: Array) -> dict[int, np.ndarray]:
-    """The largest set of rows of q (N, n) in which only joint j moves, for each joint with four
-    positions or more.
+    """For each joint, the largest set of four or more rows of q (N, n) in which only this joint
+    moves.
     """
     found = {}
     for j in range(q.shape[1]):

@@ -1,6 +1,4 @@
-"""Configurations to measure: drawn in task space, reachable, inside the limits, away
-from singularities.
-"""
+"""Random configurations to measure: reachable, inside the limits, away from singularities."""
 
 import numpy as np
 

@@ -1,4 +1,6 @@
-"""Checks on import: what is wrong with measurements, before anything is estimated from them."""
+"""Checks on import: errors in measurements that are found before anything is
+estimated from them.
+"""
 
 from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.checks.design import design_findings
@@ -18,11 +20,10 @@ __all__ = ["Finding", "check_measurements", "design_findings"]
 def check_measurements(
     measurements: Measurements, auxiliary: AuxiliaryReadings | None = None
 ) -> list[Finding]:
-    """Every finding about measurements and what was recorded beside them
-    (auxiliary), warnings first.
+    """All findings about measurements and their auxiliary readings, warnings first.
 
-    Nothing is changed and nothing raised: a check whose data are missing says nothing. Row
-    numbers count from 1.
+    Nothing is changed and nothing is raised; a check whose data are missing is skipped. Row numbers
+    count from 1.
     """
     fit = nominal_fit(measurements, free=False)
     mistakes, wrong_rows = nominal_findings(measurements, fit)

@@ -1,6 +1,4 @@
-"""What the joint positions alone show: the design of the experiment, before
-any point is looked at.
-"""
+"""Checks of the joint positions alone: the design of the experiment."""
 
 import numpy as np
 from scipy.sparse import coo_array

@@ -1,6 +1,4 @@
-"""A finding: something about the measurements that people should know,
-with the numbers behind it.
-"""
+"""A finding: a statement about the measurements with the numbers behind it."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field

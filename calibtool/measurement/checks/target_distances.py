@@ -1,4 +1,4 @@
-"""What the measured points show without any robot: targets on one body keep their distances."""
+"""Checks of the measured points alone: distances between targets on one body are constant."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -141,8 +141,8 @@ def _running_median(values: Array) -> Array:
 
 
 def _step(values: Array, scatter: Array) -> tuple[int, Array, float]:
-    """First row after the largest change of the columns' means, the change (P,), and its
-    squared significance.
+    """First row after the largest change of the columns' means, the change (P,), its squared
+    significance.
     """
     count = len(values)
     before = np.arange(1, count)[:, None]

@@ -1,6 +1,6 @@
-"""Kinds of observation: what an instrument sees of the tool, one file each.
+"""Kinds of observation, one file each: what an instrument measures of the tool.
 
-A new one is one more line here.
+A new kind is one more line here.
 """
 
 from calibtool.measurement.kinds.kind import Kind, Readings

@@ -1,4 +1,4 @@
-"""Target points on the tool, of which a row may have seen some (Eqs. 18, 19)."""
+"""Target points on the tool, some of which may be unseen in a row (Eqs. 18, 19)."""
 
 from __future__ import annotations
 
