@@ -1,5 +1,5 @@
-"""Units at the borders: names of columns and options carry them, the
-inside is metres and radians.
+"""Units at the borders: columns and options name them, internal values are in
+metres and radians.
 """
 
 import math

@@ -1,6 +1,4 @@
-"""Taking up backlash along a path: what corrected joints need on top, by the direction in which
-each joint moves.
-"""
+"""Backlash along a path: additional joint motion by the direction in which each joint moves."""
 
 import numpy as np
 
@@ -9,9 +7,7 @@ from calibtool.robot.se3 import Array
 
 
 class BacklashPath:
-    """Remembers where the joints last moved to and from which side, over batches of rows in the
-    order of motion.
-    """
+    """State of the backlash of each joint over batches of rows in the order of motion."""
 
     def __init__(
         self, backlash: Array, lower: Array | float = -np.inf, upper: Array | float = np.inf
@@ -22,13 +18,13 @@ class BacklashPath:
         self._direction: Array | None = None
 
     def taken_up(self, corrected: Array) -> Array:
-        """Half width times direction for corrected joint positions (N, n) in order: (N, n), to
-        be added to them.
+        """Half width times direction (N, n), to be added to corrected joint positions (N, n) in
+        order.
 
-        The directions are those of the corrected motion, which is the one that is driven: a
-        correction turns small steps round. What is added does not turn them again, and takes no
-        joint beyond a limit. 0 for a joint that has not moved yet: nobody knows its side. Rows with
-        NaN are not driven to and get 0.
+        Directions are those of the corrected motion, because a correction can reverse small steps.
+        The addition neither reverses them again nor moves a joint beyond a limit. It is 0 for a
+        joint that has not moved yet, since its side is unknown. Rows with NaN are not driven to and
+        get 0.
         """
         result = np.zeros_like(corrected)
         driven = np.flatnonzero(np.isfinite(corrected).all(axis=-1))

@@ -1,4 +1,4 @@
-"""Along rows in order: where a correction changes faster than the command lets expect."""
+"""Rows in order: where a correction changes faster than the command."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ class Jump:
 
 
 class CorrectionPath:
-    """Remembers the last row of joints, over batches of rows in order."""
+    """State of the last row of joints over batches of rows in order."""
 
     def __init__(self, robot: Robot) -> None:
         self._span = np.where(robot.prismatic, robot.length, 1.0)

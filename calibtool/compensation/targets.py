@@ -1,4 +1,4 @@
-"""Commanded targets: from tables to joint positions, and their correction with the
+"""Commanded targets: from tables to joint positions, and their correction with
 extrapolation guard.
 """
 
@@ -60,13 +60,14 @@ def guarded(
     bounds: Bounds | None = None,
     conditions: Conditions | None = None,
 ) -> Compensation:
-    """Corrected joints with the extrapolation guard: q (N, n), or poses (N, 4, 4), for which q then
-    chooses the branch.
+    """Corrected joints with the extrapolation guard, for q (N, n) or poses (N, 4, 4).
 
-    Poses with q (n,) or None are a path: see `compensate_poses`. Rows outside the configurations of
-    the training are marked, take the base model alone (`base`), or get no joints (`refuse`).
-    bounds: `default_bounds` unless given.
-    conditions: a payload and a temperature for all rows, the calibration's own unless given.
+    With poses, q chooses the branch; poses with q (n,) or None are a path: see `compensate_poses`.
+    Rows unlike the configurations of the training are marked, are corrected by the base model alone
+    (`base`), or get no joints (`refuse`).
+
+    bounds: by default `default_bounds`. conditions: payload and temperature of all rows; by default
+    those of the calibration.
     """
     check_choice(outside, OUTSIDE_POLICIES, "outside")
     bounds = default_bounds(calibration) if bounds is None else bounds

@@ -40,8 +40,8 @@ class Network(Regressor):
 
     @classmethod
     def initial(cls, q: Array, output_scale: Array, hidden: int, rng: np.random.Generator) -> Self:
-        """A network with normally distributed weights, scaled to the range of configurations q (K,
-        n).
+        """A network with normally distributed weights, scaled to the range of configurations q
+        (K, n).
 
         The variance of the weights into a node is one over their number, so that tanh is neither
         linear nor saturated at the start.

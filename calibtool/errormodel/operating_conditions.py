@@ -1,6 +1,4 @@
-"""What a row's errors depend on beside its joint positions: directions of motion, mass on the
-flange, temperature.
-"""
+"""Operating conditions on which errors depend: direction of motion, payload, temperature."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
@@ -17,11 +15,11 @@ _STANDS_STILL = 1e-6  # rad or m: a smaller move is rounding and turns no gear r
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """Of N rows; None where nobody knows. A number () instead of (N,) holds for every row.
+    """Operating conditions of N rows; None where unknown. A number () holds for every row.
 
-    direction      (N, n) −1, 0, +1: direction of each joint's last motion before the
-                   row, 0 where unknown
-    payload_kg     (N,) mass at the tool; None: that of the robot's description
+    direction      (N, n) −1, 0, +1: direction of each joint's last motion before the row, 0 where
+                   unknown
+    payload_kg     (N,) mass at the tool; None: that of the description of the robot
     temperature_c  (N,) of the links; None: `REFERENCE_C`
     """
 
@@ -30,15 +28,15 @@ class Conditions:
     temperature_c: Array | None = None
 
     def rows(self, index: np.ndarray) -> Self:
-        """The same at some rows only: their indices (k,)."""
+        """Conditions of some rows only: their indices (k,)."""
         kept = {field.name: getattr(self, field.name) for field in fields(self)}
         return replace(
             self, **{k: readonly(v[index]) for k, v in kept.items() if v is not None and np.ndim(v)}
         )
 
     def alike(self, count: int) -> Iterator[tuple[Self, np.ndarray]]:
-        """Rows of the same payload and temperature, from `count` rows: these as numbers, and
-        the rows' indices.
+        """Groups of `count` rows with equal payload and temperature: these numbers and the row
+        indices.
         """
         columns = [v for v in (self.payload_kg, self.temperature_c) if v is not None and np.ndim(v)]
         if not columns:
@@ -50,8 +48,8 @@ class Conditions:
             yield replace(self, direction=None).rows(rows[0]), rows
 
     def anywhere(self, shape: tuple[int, ...], rng: np.random.Generator) -> Self:
-        """Conditions drawn from all that these show, for joint positions of a shape (N, n); unknown
-        ones stay unknown.
+        """Conditions for joint positions of a shape (N, n), drawn from these rows; unknown ones
+        stay unknown.
         """
         direction = (
             None if self.direction is None else readonly(rng.choice([-1.0, 1.0], size=shape))

@@ -1,4 +1,4 @@
-"""The errors of a robot, {family: value}, and the robot that has them: exact for finite motions,
+"""Errors of a robot, {family: value}, and the kinematics with them; exact,
 nothing is linearised.
 """
 
@@ -43,7 +43,7 @@ class RobotErrors:
         return self.values[family]
 
     def having(self, **values: Array) -> Self:
-        """The same errors but for these families."""
+        """The same errors with other values of these families."""
         return type(self).of(self.robot, **{**self.values, **values})
 
     def without(self, *families: str) -> Self:
@@ -75,8 +75,8 @@ class RobotErrors:
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The kinematics without what changes from row to row: joint motions, payload
-        and temperature.
+        """Kinematics without the errors that change by row: joint motions,
+        payload and temperature.
         """
         twists, offset = self.twists, np.zeros(self.robot.n)
         for family in FAMILIES:
@@ -84,7 +84,7 @@ class RobotErrors:
         return Mechanism.of(self.robot.chain.bodies, self._placements(None), twists, offset)
 
     def standing(self, conditions: Conditions) -> Mechanism:
-        """The kinematics at a temperature (a number), without joint motions and payload."""
+        """Kinematics at a temperature (a number), without joint motion errors and payload."""
         mechanism, _ = self.without("payload").at(np.zeros((1, self.robot.n)), conditions)
         return mechanism if mechanism.placements.ndim == 3 else mechanism.at_row(0)
 
@@ -97,13 +97,11 @@ class RobotErrors:
         return twists
 
     def motion(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """Joint motion errors δq(q) beyond the constant offsets (N, n), rad or m."""
+        """Joint motion errors δq(q) (N, n) without the constant offsets, rad or m."""
         return self._motion(Rows(self.robot, q, conditions or Conditions()))
 
     def at(self, q: Array, conditions: Conditions | None = None) -> tuple[Mechanism, Array]:
-        """The kinematics at these rows, and the joint positions (N, n) to which its
-        joints are driven.
-        """
+        """Kinematics at these rows, and the joint positions (N, n) that its joints take."""
         return self._at(Rows(self.robot, q, conditions or Conditions()))
 
     def forward(self, q: Array, conditions: Conditions | None = None) -> Array:

@@ -1,6 +1,4 @@
-"""Thermal growth: every link grows along itself by its own coefficient times the
-rise in temperature.
-"""
+"""Thermal growth: every link grows along itself by its coefficient times the temperature rise."""
 
 import numpy as np
 
@@ -13,8 +11,8 @@ STEEL_EXPANSION = 12e-6  # per K
 
 
 class Temperature(Family):
-    """Expansions (n+1,) per K of the links before each joint and before the tool; a link of no
-    length has none.
+    """Expansion coefficients (n+1,) per K of the links before each joint and the tool; 0 without
+    length.
     """
 
     id, symbol, ascii, kind = "temperature", "growth", "growth", "thermal"

@@ -55,7 +55,7 @@ class Setup:
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """Arrays of the tool that this kind of observation has beside the targets, by name."""
+        """Arrays of the tool beside the targets that this kind has, by name, such as (3, 3)."""
         return {name: getattr(self, name) for name in self.kind.arrays}
 
 

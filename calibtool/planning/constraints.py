@@ -1,5 +1,5 @@
-"""Where a robot may be measured: joint margins, singularities, floor, keep-out boxes, line of sight
-to the instrument.
+"""Constraints on configurations: joint margins, singularities, floor, keep-out boxes, line of
+sight.
 """
 
 from collections.abc import Iterator
@@ -36,18 +36,18 @@ class Sight:
 
 @dataclass(frozen=True)
 class Constraints:
-    """What a configuration has to keep.
+    """Constraints that a configuration has to satisfy.
 
     joint_margin          part of each joint's range that stays free at both ends
     singularity_distance  smallest `Robot.singularity_distance`
-    floor                 lowest z of anything that moves, m in K_0; None: no floor
-    keep_out              boxes (x0, y0, z0, x1, y1, z1) that nothing enters, m in K_0; they block
-                          the sight as well
-    sight                 line of sight from every target to the instrument; None: not asked for
+    floor                 lowest z of everything that moves, m in K_0; None: no floor
+    keep_out              boxes (x0, y0, z0, x1, y1, z1) that nothing enters, m in K_0; they also
+                          block the line of sight
+    sight                 line of sight from every target to the instrument; None: not required
 
-    What moves: the straight links between joint origins, from the flange to the tool and to every
-    target. Bodies have no thickness; widen the boxes by theirs. Motions between configurations
-    are not checked.
+    The moving parts are straight links between joint origins, from the flange to the tool and to
+    every target. They have no thickness; widen the boxes accordingly. Motions between
+    configurations are not checked.
     """
 
     joint_margin: float = 0.0

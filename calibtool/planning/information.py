@@ -1,5 +1,5 @@
-"""What is known before a plan, and what a configuration would add: rows of the whitened
-identification matrix.
+"""Prior information and the information of a configuration: rows of the whitened identification
+matrix.
 """
 
 from dataclasses import dataclass, replace
@@ -100,11 +100,11 @@ class Knowledge:
 
     @property
     def effective(self) -> float:
-        """How many parameters' worth is known beyond the tolerances: p − tr(covariance)."""
+        """Effective number of parameters known beyond the tolerances: p − tr(covariance)."""
         return self.parameters.count - float(np.trace(self.covariance))
 
     def after(self, rows: Array) -> Self:
-        """What is known when configurations with these rows (N, r, p) have been measured too."""
+        """Knowledge after configurations with these rows (N, r, p) have been measured too."""
         A = rows.reshape(-1, self.parameters.count)
         root = np.linalg.cholesky(self.covariance)
         seen = A @ root

@@ -1,6 +1,4 @@
-"""Tables of joint positions to drive to: rounded once, so that what is
-written is what is planned.
-"""
+"""Tables of joint positions to drive to, with planned positions rounded as they are written."""
 
 from collections.abc import Mapping, Sequence
 

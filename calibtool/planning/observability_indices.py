@@ -17,8 +17,8 @@ def observability_indices(knowledge: Knowledge, q: Array, candidates: Array) -> 
 
     They are those of the identification matrix of the geometry alone, placements δζ (Eq. 11) with
     what is unknown of the set-up, because only a minimal model has singular values other than zero:
-    rows over the noise, columns times the tolerances, in the L directions that all candidates (M,
-    n) together determine. σ_1 ≥ … ≥ σ_L, N configurations:
+    rows over the noise, columns times the tolerances, in the L directions that all candidates
+    (M, n) together determine. σ_1 ≥ … ≥ σ_L, N configurations:
 
     O1  (σ_1 … σ_L)^(1/L) / √N   Borm and Menq 1991
     O2  σ_L / σ_1                Driels and Pathre 1990

@@ -1,5 +1,5 @@
-"""A measurement plan: the most informative configurations, what they will tell, and
-the table to drive.
+"""A measurement plan: the most informative configurations, predicted accuracy, and the table to
+drive.
 """
 
 from dataclasses import dataclass
@@ -27,9 +27,9 @@ _JUDGED = 500  # configurations of the workspace over which predictions are aver
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What is expected after measuring, over the workspace.
+    """Expected accuracy after measuring, over the workspace.
 
-    effective  parameters' worth known beyond the tolerances
+    effective  effective number of parameters known beyond the tolerances
     target     (M,) standard deviation of the target points after compensation, m
     """
 
@@ -47,15 +47,14 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Chosen configurations and what they are worth.
+    """Chosen configurations with predictions.
 
-    knowledge     what is known before, and the instrument
-    criterion     `d`: every direction of the errors counts; `i`: the mean variance of
-                  the target points
-    candidates    what was chosen from
+    knowledge     prior information and instrument
+    criterion     `d`: determinant of the covariance of the errors; `i`: mean variance of the target
+                  points
+    candidates    configurations from which was chosen
     q             (N, n) chosen joint positions in the order of travel, rad or m
-    before, selected, random   predictions before, with the plan, and with as many random
-                               candidates instead
+    before, selected, random   predictions before, with the plan, and with as many random candidates
     observability, observability_random   indices O1 … O5 of the two designs
     joint_values  whose joint values `table` and `as_json` hold (q is always the serial chain's)
     """
@@ -116,12 +115,11 @@ def make_plan(
     refine: bool = True,
     progress: Progress = silent,
 ) -> Plan:
-    """Choose `count` of `candidates` configurations of a workspace (None: the joint range) that
-    keep the constraints.
+    """Choose `count` of `candidates` configurations of a workspace that satisfy the constraints.
 
-    refine: then let every chosen configuration wander through its neighbourhood, which no finite
-    set of candidates covers. Joint positions are rounded as the table is written, so that the plan
-    is what will be driven. Raises NoSolutionError when too few candidates are found.
+    workspace: None is the whole joint range. refine: then improve every chosen configuration in its
+    neighbourhood. Joint positions are rounded as they are written to the table, so that the plan is
+    what will be driven. Raises NoSolutionError when too few candidates are found.
     """
     check_choice(criterion, get_args(Criterion), "criterion")
     check_number(count, "configurations", 1)

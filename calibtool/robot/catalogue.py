@@ -1,4 +1,4 @@
-"""The built-in robots, and everything that is accepted where a robot's name is."""
+"""The built-in robots, and robots by name or path."""
 
 from functools import lru_cache
 from pathlib import Path

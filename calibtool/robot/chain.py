@@ -28,15 +28,15 @@ LimitSource = Literal["urdf", "continuous", "missing"]
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """n one-coordinate joints in a row, from K_0 to the tool.
+    """n joints with one coordinate each, in series from K_0 to the tool.
 
-    bodies       names, inertias and gravity: what no geometric error changes
+    bodies       names, inertias and gravity, which geometric errors do not change
     placements   (n+1, 4, 4) M_j, pose of joint frame j in frame j−1 at q_j = 0; the last one is
-                 the tool's, K_{n+1}
+                 that of the tool, K_{n+1}
     twists       (n, 6) ξ_j, unit twist of joint j in its own frame
-    lower, upper (n,) joint limits in rad or m; ±π for a continuous or unlimited angle, NaN for
-    an unlimited slide
-    limited_by   (n,) where they come from: the URDF, a continuous joint, or nowhere
+    lower, upper (n,) joint limits in rad or m; ±π for a continuous or unlimited angle, NaN for an
+                 unlimited slide
+    limited_by   (n,) source of the limits: the URDF, a continuous joint, or none
     """
 
     bodies: Bodies
@@ -58,11 +58,10 @@ class SerialChain:
 
 
 def build_chain(source: Source) -> SerialChain:
-    """The chain of a description, its locked joints fixed; joints that Pinocchio stores as (cos,
-    sin) become angles.
+    """The serial chain of a description, with locked joints fixed.
 
-    Raises InputError for an unknown joint or frame, a chain that branches before the tool, or a
-    joint of several degrees of freedom.
+    Joints that Pinocchio stores as (cos, sin) become angles. Raises InputError for an unknown joint
+    or frame, a chain that branches before the tool, or a joint of several degrees of freedom.
     """
     name = source.place
     kinematics = source.description.kinematics

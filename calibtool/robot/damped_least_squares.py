@@ -1,5 +1,5 @@
-"""How far a Jacobian is from a singularity, and damped joint motions for a pose error, for
-many rows at once.
+"""Distance of a Jacobian from singularity, and damped least-squares joint
+motions, for many rows.
 """
 
 import numpy as np
@@ -29,21 +29,20 @@ def at_point(twists: Array, points: Array) -> Array:
 
 
 def singularity_distance(jacobian: Array, length: float) -> Array:
-    """How far J is from losing rank: d = (Σ 1/σ_i²)^(−1/2), at most σ_min and at least σ_min/√6.
+    """Distance d (N,) of J from losing rank: d = (Σ 1/σ_i²)^(−1/2), between σ_min/√6 and σ_min.
 
-    jacobian (N, 6, c) at the tool point, its translational rows are divided by `length` (m). Unlike
-    σ_min it is smooth in q and needs no SVD, so that exported code can evaluate it. (N,)
+    jacobian (N, 6, c) at the tool point; its translational rows are divided by `length` (m). Unlike
+    σ_min, d is smooth in q and needs no SVD, so that exported code can evaluate it.
     """
     return _solved(jacobian, None, length)[1]
 
 
 def damped_solution(jacobian: Array, error: Array, length: float) -> tuple[Array, Array]:
-    """Joint motions x with J x ≈ e, of minimum norm, damped near singularities; and the
-    singularity distance d.
+    """Joint motions x with J x ≈ e, of minimum norm, damped near singularities; and the distance d.
 
     jacobian (N, 6, c ≥ 6) and error (N, 6) at the tool point, translations in m → x (N, c), d (N,).
     With rows scaled by `length`: x = Jᵀ (J Jᵀ + λ² I)⁻¹ e, λ = max(0, d₀ − d) and d₀ =
-    MIN_SINGULARITY_DISTANCE: undamped where d ≥ d₀, and never longer than |e| / (2 λ).
+    MIN_SINGULARITY_DISTANCE: not damped where d ≥ d₀, and never longer than |e| / (2 λ).
     """
     return _solved(jacobian, error, length)
 

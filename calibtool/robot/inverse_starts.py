@@ -1,6 +1,4 @@
-"""Where to start an inverse kinematics: joint positions all over the limits, and those
-whose poses are near.
-"""
+"""Starts of an inverse kinematics: joint positions within the limits, and those with near poses."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,5 +1,5 @@
-"""A serial chain as a Pinocchio model, nominal or with errors: its poses, Jacobians and
-frames, row by row.
+"""A serial chain as a Pinocchio model, nominal or with errors: poses, Jacobians and frames of many
+rows.
 """
 
 from collections.abc import Iterable, Iterator
@@ -16,7 +16,7 @@ from calibtool.robot.se3 import Array, readonly, translation
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """What a serial chain has beside its geometry.
+    """Properties of a serial chain beside its geometry.
 
     robot, joints, tool   names of the robot, of its n joints and of its tool frame
     inertias              (n) of the links, in the frames of their joints
@@ -180,9 +180,7 @@ class Mechanism:
         return there
 
     def as_model(self, lower: Array, upper: Array) -> pin.Model:
-        """A copy of the Pinocchio model with joint limits (n,) in rad or m, to go
-        on with elsewhere.
-        """
+        """A copy of the Pinocchio model with joint limits (n,) in rad or m."""
         model = self.model.copy()
         model.lowerPositionLimit, model.upperPositionLimit = self.configuration(
             np.array([lower, upper])

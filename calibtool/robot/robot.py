@@ -1,4 +1,4 @@
-"""Robot: a description, its serial chain and what everything else asks of it."""
+"""The nominal robot: its description, serial chain and derived quantities."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -35,7 +35,7 @@ class Robot:
 
     @classmethod
     def from_source(cls, source: Source) -> "Robot":
-        """Build the robot and check everything in the description that needs the joints.
+        """Build the robot and check the parts of the description that need the joints.
 
         Raises InputError.
         """
@@ -123,8 +123,8 @@ class Robot:
 
     @property
     def model(self) -> pin.Model:
-        """The nominal robot as a Pinocchio model of its own, limits included; its tool frame
-        is the last frame.
+        """The nominal robot as a new Pinocchio model with joint limits; its
+        last frame is the tool.
         """
         return self.mechanism.as_model(self.lower, self.upper)
 
@@ -141,7 +141,7 @@ class Robot:
     def to_serial(self, q_controller: Array) -> Array:
         """Joint positions of the serial chain from those of the controller, (…, n), rad or m.
 
-        Limits are not looked at.
+        Limits are not checked.
         """
         return q_controller @ self.coupling.T if self.coupled else q_controller
 

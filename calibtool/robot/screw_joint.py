@@ -1,4 +1,4 @@
-"""The motion exp(ξ q) of one joint as a joint of Pinocchio, exact for any twist ξ."""
+"""The motion exp(ξ q) of one joint as a Pinocchio joint, exact for any twist ξ."""
 
 from dataclasses import dataclass
 from typing import Self

@@ -147,8 +147,8 @@ def check_poses(pose: Array, place: str) -> None:
 
 
 def adjoint(pose: Array) -> Array:
-    """Ad(T) = [[R, [p]× R], [0, R]], maps twists of frame b to frame a for T = T_a_b: (…,
-    4, 4) → (…, 6, 6).
+    """Ad(T) = [[R, [p]× R], [0, R]], maps twists of frame b to frame a for T = T_a_b:
+    (…, 4, 4) → (…, 6, 6).
     """
     rotation = pose[..., :3, :3]
     result = np.zeros((*pose.shape[:-2], 6, 6))
@@ -158,8 +158,8 @@ def adjoint(pose: Array) -> Array:
 
 
 def left_jacobian(twists: Array, q: Array) -> Array:
-    """J_l(x) of SE(3) at x = ξ_j q_j, with exp6(x + dx) ≈ exp6(J_l(x) dx) exp6(x): (n, 6), (N,
-    n) → (N, n, 6, 6).
+    """J_l(x) of SE(3) at x = ξ_j q_j, with exp6(x + dx) ≈ exp6(J_l(x) dx) exp6(x): (n, 6),
+    (N, n) → (N, n, 6, 6).
 
     J_l(x) = Σ_k ad(x)^k / (k+1)!; as ad (ad² + θ²)² = 0, θ = |ω|, four powers of ad(ξ_j) are enough
     (Selig 2005, §7.5). Below 0.5 rad, where the closed forms of their factors cancel, the series

@@ -1,6 +1,4 @@
-"""URDF text → a Pinocchio model, with what has to be known of it: frames, end links, joints
-that are locked.
-"""
+"""URDF text → a Pinocchio model, with its frames, end links and locked joints."""
 
 import contextlib
 import os

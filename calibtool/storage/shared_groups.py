@@ -1,5 +1,5 @@
-"""The parts that both kinds of file share: self-describing datasets, the robot, its errors,
-conditions, the set-up.
+"""Groups that both kinds of HDF5 file have: datasets with units, robot, errors,
+conditions, set-up.
 """
 
 from typing import Any

@@ -1,6 +1,4 @@
-"""Finished runs on disk while a study runs: one line each, synced, so that an interruption costs
-only what was running.
-"""
+"""Journal of finished runs on disk, one synced line each, from which a study is resumed."""
 
 import fcntl
 import json

@@ -1,6 +1,4 @@
-"""What the arm looks like: the meshes that its URDF names, where they are at hand, or a body
-of simple solids.
-"""
+"""Shape of the arm: the meshes of its URDF where they are found, or simple solids."""
 
 from collections.abc import Sequence
 from importlib.util import find_spec

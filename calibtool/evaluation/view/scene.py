@@ -1,5 +1,5 @@
-"""What there is to see: the arm at every configuration, its targets where they should be
-and where they are.
+"""Contents of a view: the arm at every configuration, its nominal and its measured or predicted
+targets.
 """
 
 from dataclasses import dataclass
