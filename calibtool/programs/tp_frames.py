@@ -1,4 +1,6 @@
-"""Frames and tools of FANUC controllers: listings of variables, and what UFRAME_NUM and UTOOL_NUM select."""
+"""Frames and tools of FANUC controllers: listings of variables, and what UFRAME_NUM and
+UTOOL_NUM select.
+"""
 
 import re
 from collections.abc import Mapping
@@ -7,7 +9,7 @@ from functools import lru_cache
 
 from calibtool.programs.frames import pose
 from calibtool.programs.motions import FRAME, TOOL, Assign, Frame, Unknown, Value, frame_of
-from calibtool.programs.targets import NUMBER, Lines, Remark, number_at
+from calibtool.programs.numbers import NUMBER, Lines, Remark, number_at
 from calibtool.robot.se3 import Array
 
 _VARIABLE = re.compile(r"^\[\*?\w+\*?\]\$?\w+[ \t]+Storage:", re.MULTILINE)
@@ -30,7 +32,9 @@ def is_listing(text: str) -> bool:
 
 @dataclass(eq=False)
 class Listed:
-    """What listings give: T_base_frame and T_flange_tool of motion group 1 by kind and number, and turn axes from 0."""
+    """What listings give: T_base_frame and T_flange_tool of motion group 1 by kind and number, and
+    turn axes from 0.
+    """
 
     frames: dict[tuple[str, str], Array] = field(default_factory=dict)
     turn_axes: tuple[int, ...] | None = None
@@ -73,10 +77,11 @@ def _frame(kind: str, number: str) -> Frame:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Frames or tools by the numbers that positions have, and the one that UFRAME_NUM or UTOOL_NUM selects.
+    """Frames or tools by the numbers that positions have, and the one that UFRAME_NUM or
+    UTOOL_NUM selects.
 
-    A position that names its number goes with that frame; the controller refuses it while another one is selected. One
-    that says `F` goes with what is selected.
+    A position that names its number goes with that frame; the controller refuses it while another
+    one is selected. One that says `F` goes with what is selected.
 
     kind     FRAME or TOOL
     listed   poses of frames by number

@@ -1,4 +1,6 @@
-"""Universal Robots programs (URScript): the motions of a script, and variables that hold positions."""
+"""Universal Robots programs (URScript): the motions of a script, and
+variables that hold positions.
+"""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -6,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibtool.programs.lists import closing
+from calibtool.programs.bracketed_lists import closing
 from calibtool.programs.motions import (
     BASE,
     FLANGE,
@@ -35,7 +37,7 @@ from calibtool.programs.motions import (
     frame_of,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.targets import Remark
+from calibtool.programs.numbers import Remark
 from calibtool.programs.ur_names import TCP, Function, Names
 from calibtool.programs.ur_positions import Positions, elements_of
 from calibtool.programs.urscript import (
@@ -46,7 +48,7 @@ from calibtool.programs.urscript import (
     arguments,
     statements,
 )
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 NAME = "ur-script"
 SUFFIXES = (".script", ".urscript")
@@ -283,7 +285,9 @@ class _Script(Positions):
         return Aim(value, BASE, _with_threads(tool), near=near)
 
     def _solved(self, start: int, end: int) -> tuple[int, int, Value, Value | None]:
-        """The span of the pose, the tool and `near` of get_inverse_kin; of anything else its own span, the tool in force."""
+        """The span of the pose, the tool and `near` of get_inverse_kin; of anything else its own
+        span, the tool in force.
+        """
         opening = self._inverse(start, end)
         tool: Value = TCP
         near = None
@@ -304,7 +308,9 @@ class _Script(Positions):
         return found.end() if found and closing(self.code, found.end()) == end - 1 else None
 
     def _is_moved_to(self, statement: Statement) -> bool:
-        """Whether joints that are solved here start at qnear, or are where the next motion goes: the robot stands there."""
+        """Whether joints that are solved here start at qnear, or are where the next motion goes:
+        the robot stands there.
+        """
         opening = self._inverse(statement.start, statement.end)
         if opening is None or statement.index:
             return False

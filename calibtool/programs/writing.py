@@ -12,8 +12,8 @@ from calibtool.programs.branches import Controller
 from calibtool.programs.configurations import Digit
 from calibtool.programs.frames import poses_values
 from calibtool.programs.motions import POSE, Literal, Program
-from calibtool.programs.nominal import placed
-from calibtool.programs.targets import Remark, pieces, rewritten
+from calibtool.programs.nominal_joints import placed
+from calibtool.programs.numbers import Remark, pieces, rewritten
 from calibtool.robot.se3 import Array
 
 _NO_CHANGE = 1e-9  # rad or m: below, a target's text stays as it is
@@ -78,7 +78,9 @@ class Writing:
             yield corrected.getvalue()
 
     def _numbers(self) -> Array:
-        """What to write: joints as the controller shows them, or poses in their frames, (N, 7) with zeros behind."""
+        """What to write: joints as the controller shows them, or poses in their frames, (N, 7)
+        with zeros behind.
+        """
         literals = [self.program.literals[position.literal] for position in self.new.found]
         joints = self.controller.to_controller(self.new.q_new)
         result = np.zeros((len(literals), max(7, joints.shape[1])))
@@ -121,7 +123,9 @@ class Writing:
         return sorted(edits)
 
     def _digits(self, literal: Literal, row: int) -> list[tuple[Digit, int]]:
-        """Configuration data to change: those that were right and are not for the corrected joints."""
+        """Configuration data to change: those that were right and are not
+        for the corrected joints.
+        """
         data = literal.configuration
         arm = self.controller.robot.arm
         if data is None or not data.turns(self.controller.to_controller(self.new.q[row])[arm]):

@@ -1,4 +1,6 @@
-"""A serial chain as a Pinocchio model, nominal or with errors: its poses, Jacobians and frames, row by row."""
+"""A serial chain as a Pinocchio model, nominal or with errors: poses, Jacobians and frames of many
+rows.
+"""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -8,13 +10,13 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
-from calibtool.robot.screw import Screw
+from calibtool.robot.screw_joint import Screw
 from calibtool.robot.se3 import Array, readonly, translation
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """What a serial chain has beside its geometry.
+    """Properties of a serial chain beside its geometry.
 
     robot, joints, tool   names of the robot, of its n joints and of its tool frame
     inertias              (n) of the links, in the frames of their joints
@@ -44,13 +46,15 @@ class Frames:
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """A serial chain T(q) = Π_j M_j exp(ξ_j (q_j + δq_j)) · M_{n+1} (Eq. 7), nominal or with errors.
+    """A serial chain T(q) = Π_j M_j exp(ξ_j (q_j + δq_j)) · M_{n+1} (Eq. 7),
+    nominal or with errors.
 
     Pinocchio computes every row; a row's answer does not depend on the rows beside it.
 
-    model       the chain as a Pinocchio model; `configuration` turns joint positions into its coordinates
-    placements  (n+1, 4, 4) M_j, the last one the tool's; (N, n+1, 4, 4) where they change from row to row: such a
-                mechanism answers for its N rows only
+    model       the chain as a Pinocchio model; `configuration` turns joint positions
+                into its coordinates
+    placements  (n+1, 4, 4) M_j, the last one the tool's; (N, n+1, 4, 4) where they change from row
+                to row: such a mechanism answers for its N rows only
     offsets     (n,) δq_j in rad or m
     screws      (n) the joints of the model
     """
@@ -64,7 +68,9 @@ class Mechanism:
     def of(
         cls, bodies: Bodies, placements: Array, twists: Array, offsets: Array | None = None
     ) -> Self:
-        """The chain with these M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch per rad or m, and δq_j (n,), zero unless given."""
+        """The chain with these M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch per rad or m, and δq_j
+        (n,), zero unless given.
+        """
         screws = tuple(Screw.of(twist) for twist in twists)
         model = pin.Model()
         model.name = bodies.robot
@@ -145,7 +151,9 @@ class Mechanism:
         return replace(self, model=model, placements=readonly(self.placements[row]))
 
     def _moving(self, q: Array) -> tuple[pin.Model, pin.Data, Iterable[Array]]:
-        """A model, its data, and its coordinates row by row; placements that change are set before each row."""
+        """A model, its data, and its coordinates row by row; placements that change are set
+        before each row.
+        """
         if self.placements.ndim == 3:
             return self.model, self.model.createData(), self.configuration(q)
         model = self.model.copy()
@@ -157,7 +165,9 @@ class Mechanism:
             yield row
 
     def _in_model(self) -> Array:
-        """M_j as placements of the model's frames, which stand beside the chain's by the shifts of the screws."""
+        """M_j as placements of the model's frames, which stand beside the chain's by the
+        shifts of the screws.
+        """
         shifts = np.array([np.zeros(3), *(screw.shift for screw in self.screws)])
         there = self.placements.copy()
         there[..., :3, 3] -= shifts
@@ -165,7 +175,7 @@ class Mechanism:
         return there
 
     def as_model(self, lower: Array, upper: Array) -> pin.Model:
-        """A copy of the Pinocchio model with joint limits (n,) in rad or m, to go on with elsewhere."""
+        """A copy of the Pinocchio model with joint limits (n,) in rad or m."""
         model = self.model.copy()
         model.lowerPositionLimit, model.upperPositionLimit = self.configuration(
             np.array([lower, upper])
@@ -185,7 +195,9 @@ class Mechanism:
 
     @cached_property
     def _rates(self) -> Array | None:
-        """(n,) coordinates of the model per unit of the joint positions; None where a joint has several."""
+        """(n,) coordinates of the model per unit of the joint positions; None where a
+        joint has several.
+        """
         if any(len(screw.rates) > 1 for screw in self.screws):
             return None
         return readonly(np.concatenate([screw.rates for screw in self.screws]))
