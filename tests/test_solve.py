@@ -39,7 +39,7 @@ def calibrated(name: str, base: str, network: bool = True) -> Calibration:
     )
     if not network:
         return identify(measurements, base)
-    return train(measurements, base, TrainingOptions(restarts=1))
+    return train(measurements, base, TrainingOptions(regularisation="early-stopping", restarts=1))
 
 
 @cache
@@ -354,7 +354,9 @@ def test_gear_errors_are_lowered_by_a_network_through_compensation() -> None:
     measurements = simulate(robot, Simulation(seed=6, workspace=workspace, scales=scales))
     truth = measurements.truth
     assert truth is not None
-    calibration = train(measurements, "local-poe", TrainingOptions(restarts=2))
+    calibration = train(
+        measurements, "local-poe", TrainingOptions(regularisation="early-stopping", restarts=2)
+    )
     q = configurations(robot, 50)
     commanded = robot.mechanism.forward(q)
     before, after = (

@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from calibtool.calibration.frame import ChosenFrame, FrameName, taught_frame
 from calibtool.equivalent.joints import EquivalentRobot
@@ -52,7 +53,7 @@ class CrossValidation:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """T_calibrated(q) = exp6(J_ρ(q) N(q)) · T_base-model(q), with N = 0 without networks.
 
@@ -89,6 +90,22 @@ class Calibration:
     provenance: dict[str, str] = field(default_factory=dict)
     simulated: bool = False
     frame: ChosenFrame | None = None
+
+    def __repr__(self) -> str:
+        residual = self.base.residual_rms[0] * 1e3
+        network = f", {len(self.networks)} networks" if self.networks else ""
+        return (
+            f"<Calibration of {self.robot.name}: {self.base.model}{network}, "
+            f"{self.configurations} configurations, residual {residual:.3g} mm rms>"
+        )
+
+    def summary(self) -> str:
+        """What the fit found, for people: how well it fits, and its parameters with ± one standard
+        deviation.
+        """
+        from calibtool.calibration.fit_summary import fit_summary  # which needs this class
+
+        return fit_summary(self)
 
     @property
     def configurations(self) -> int:
@@ -190,12 +207,16 @@ class Calibration:
         """Frames of the base model at q (N, n), from which the columns of errors are computed."""
         return self.errors.context(q, self.conditions)
 
-    def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
+    def forward(self, q: ArrayLike, conditions: Conditions | None = None) -> Array:
         """Calibrated pose T_base_tool (N, 4, 4) in K_0 for joint positions q (N, n) in rad or m.
 
-        conditions: of the rows; if not given, the calibration's own with every joint in the middle
-        of its backlash.
+        One configuration (n,) gives one pose (4, 4). conditions: of the rows; if not given, the
+        calibration's own with every joint in the middle of its backlash.
         """
+        q = np.asarray(q, dtype=float)
+        if q.ndim == 1:
+            pose: Array = self.forward(q[None], conditions)[0]
+            return pose
         if self.network is None:
             return self.errors.forward(q, conditions or self.conditions)
         return self.forward_and_jacobian(q, conditions)[0]

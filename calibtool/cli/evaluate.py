@@ -106,17 +106,17 @@ def evaluate(
         print_json(report)
     else:
         show_evaluation(report)
-    for errors, marked in zip(evaluation.methods, evaluation.marked, strict=True):
-        if marked:
+    for result in evaluation.results:
+        if result.marked:
             message(
-                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations "
-                "are corrected in part, or not at all (status of compensate)"
+                f"warning: {result.name}: {result.marked} of {evaluation.configurations} "
+                "configurations are corrected in part, or not at all (status of compensate)"
             )
-    for errors, far in zip(evaluation.methods, evaluation.outside, strict=True):
-        if far:
+    for result in evaluation.results:
+        if result.outside:
             message(
-                f"warning: {errors.name}: {far} of {evaluation.configurations} configurations are "
-                "unlike the training's"
+                f"warning: {result.name}: {result.outside} of {evaluation.configurations} "
+                "configurations are unlike the training's"
             )
     broken = broken_limits(evaluation.methods[1:], limits, evaluation.pose_tests[1:])
     if broken:

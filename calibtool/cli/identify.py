@@ -190,10 +190,11 @@ def report_calibration(
     calibration: "Calibration", schema: str, json: bool, extra: dict[str, object] | None = None
 ) -> None:
     """What came out: JSON on stdout, or a few lines on stderr."""
-    from calibtool.summary import calibration_lines, calibration_summary
+    from calibtool.calibration.fit_summary import fit_lines
+    from calibtool.summary import calibration_summary
 
     if json:
         print_json({**calibration_summary(calibration), **(extra or {}), "schema": schema})
         return
-    for line in calibration_lines(calibration):
+    for line in fit_lines(calibration):
         message(line)

@@ -19,7 +19,7 @@ from calibtool.units import joint_and_factor, joint_values
 LONGEST = 10.0  # m: characteristic length of a robot with slides
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """The nominal robot. Joint positions q are (N, n), in rad, or m for a prismatic joint.
 
@@ -32,6 +32,10 @@ class Robot:
     chain: SerialChain
     lower: Array  # (n,) joint limits
     upper: Array
+
+    def __repr__(self) -> str:
+        kinds = "".join("P" if prismatic else "R" for prismatic in self.prismatic)
+        return f"<Robot {self.name}: {kinds}>"
 
     @classmethod
     def from_source(cls, source: Source) -> "Robot":

@@ -16,8 +16,12 @@ from calibtool.measurement.measurements import Measurements
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What figures are drawn from: named calibrations; where they are judged, measurements,
-    errors and limits.
+    """What figures and reports are made from.
+
+    calibrations  with their names
+    measurements  on which they are judged, None where they are not
+    evaluation    their errors there
+    limits        acceptance limits to draw
     """
 
     calibrations: list[tuple[str, Calibration]]

@@ -84,15 +84,14 @@ def cautions(subject: Subject, judged: Array) -> list[str]:
                 f"{seen} of the {len(judged)} judged configurations were used to make {name}: a "
                 "fit shows less error there than anywhere else."
             )
-        if evaluation.marked[k]:
+        found = evaluation.results[k]
+        if found.marked:
             result.append(
-                f"{evaluation.marked[k]} corrections by {name} leave a part of the "
-                "error, or all of it."
+                f"{found.marked} corrections by {name} leave a part of the error, or all of it."
             )
-        if evaluation.outside[k]:
+        if found.outside:
             result.append(
-                f"{evaluation.outside[k]} judged configurations are unlike those of the "
-                f"training of {name}."
+                f"{found.outside} judged configurations are unlike those of the training of {name}."
             )
     return result
 

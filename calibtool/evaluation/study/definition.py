@@ -162,7 +162,12 @@ class RobotText:
 
 @dataclass(frozen=True)
 class Study:
-    """A definition with its robots read: all that a worker needs for any run of it."""
+    """A definition with its robots read: all that a worker needs for any run of it.
+
+    definition  what is varied, and how runs are made and judged
+    robots      texts of their descriptions
+    version     of the calibtool that made it; another one does not run it
+    """
 
     definition: Definition
     robots: tuple[RobotText, ...]
