@@ -274,7 +274,7 @@ def identify_complete_without(measurements: Measurements, like: object) -> objec
 
 def test_the_description_says_where_the_robot_hangs_and_what_it_carries() -> None:
     """Upside down everything bends the other way; a payload of the description holds where rows do
-    not say otherwise.
+    not state otherwise.
     """
     source = load_robot("ur5").source
     rng = np.random.default_rng(0)

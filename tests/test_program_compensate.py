@@ -189,7 +189,8 @@ def test_default_frame_and_tool() -> None:
     result = compensate_program(calibration, text.encode(), "a", "kuka-krl")
     (remark,) = result.left_alone
     assert (
-        remark.why == "the program does not say its frame; give it with --frames, [frames.default]"
+        remark.why
+        == "the program does not state its frame; give it with --frames, [frames.default]"
     )
     assert result.data == text.encode()
     options = ProgramOptions(frames=read_frames("[frames.default]\n[tools.default]\n", "f"))

@@ -268,7 +268,7 @@ def test_positions_that_no_motion_goes_to_are_corrected_in_their_own_frame() -> 
     )
     assert [p.frame.name if p.frame else None for p in found] == ["2", None]
     assert whys == {
-        "P[2]": "the program does not say its frame; give it with --frames, [frames.default]"
+        "P[2]": "the program does not state its frame; give it with --frames, [frames.default]"
     }
 
 

@@ -280,7 +280,7 @@ def test_a_point_of_a_data_list_alone_has_the_frames_of_its_form() -> None:
     np.testing.assert_allclose(places(LIST, TABLES)[2], (frame(TURN), frame(SHIFT)))
     held = LIST.replace("#BASE", "#TCP")
     assert "the robot holds the work piece" in whys(held, TABLES)[2]
-    assert "does not say its frame" in whys(LIST.replace("FP1", "FP2"))[2]
+    assert "does not state its frame" in whys(LIST.replace("FP1", "FP2"))[2]
 
 
 # --- positions ------------------------------------------------------------------------------------
@@ -306,7 +306,7 @@ def test_arrays_in_programs_and_lists() -> None:
     assert sorted(use.literal for use in flow.uses) == [0, 1]
     assert len(found) == 2
     assert not left
-    assert "does not say its frame" in whys(routine("LIN P[1]"), data)[4]
+    assert "does not state its frame" in whys(routine("LIN P[1]"), data)[4]
 
 
 @pytest.mark.parametrize("change", ["XP1.A=12", "XP1.S=2", "XP1 . E1 = track", "P[1].Y=P[1].Y+5"])

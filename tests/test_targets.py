@@ -65,7 +65,7 @@ def csv(header: list[str], values: Array, extra: str = "") -> str:
 
 
 def joint_header(unit: str = "deg", n: int = 6, j3: str = "") -> list[str]:
-    """j3: the word with which the third joint of a FANUC says whose values it holds."""
+    """j3: the word with which the third joint of a FANUC states whose values it holds."""
     return [f"j{i}_{j3}_{unit}" if j3 and i == 3 else f"j{i}_{unit}" for i in range(1, n + 1)]
 
 

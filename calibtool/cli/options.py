@@ -41,7 +41,7 @@ LargestChange = Annotated[
         "--largest-change-deg",
         metavar="DEG",
         help="A joint changes by no more (default: 50 times the size of the identified errors; "
-        "stderr says it).",
+        "stderr reports it).",
     ),
 ]
 RefitSetup = Annotated[
@@ -85,7 +85,7 @@ JointValuesOption = Annotated[
         "--joint-values",
         metavar="serial|controller",
         help="Whose joint values are read and written; "
-        "needed where they differ and no header or program format says it.",
+        "needed where they differ and no header or program format states it.",
     ),
 ]
 

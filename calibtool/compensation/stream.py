@@ -52,7 +52,7 @@ class StreamOptions:
 
     backlash: take up the calibration's backlash; needs rows in the order of motion, see
     `BacklashPath`.
-    joint_values: whose joint values come in, where the header does not say it, and go out
+    joint_values: whose joint values come in, where the header does not state it, and go out
     (`Robot.joint_values`).
     largest_change (rad) and weights: see `default_bounds`.
     """
@@ -127,11 +127,11 @@ def compensate_stream(
 
     Joint columns are replaced by the corrected joints, in their units; pose columns give way to
     joints in degrees (mm if prismatic). Where the controller shows other values than the serial
-    chain's, the columns written say whose they are. Where a row has both, the pose is commanded and
-    the joints choose the branch. Other columns pass through; a column `status` is added, for n < 6
-    and with `verify` the remaining error under the calibrated model (`left_mm`, `left_mrad`), and
-    with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses in
-    order are a path: each starts from the row before, and jumps of the joints are reported. Rows
+    chain's, the columns written state whose they are. Where a row has both, the pose is commanded
+    and the joints choose the branch. Other columns pass through; a column `status` is added, for n
+    < 6 and with `verify` the remaining error under the calibrated model (`left_mm`, `left_mrad`),
+    and with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses
+    in order are a path: each starts from the row before, and jumps of the joints are reported. Rows
     whose correction changes faster than the command (`CorrectionPath`) have the status `jump`.
     Backlash is taken up along the rows, which must be in the order of motion then
     (`StreamOptions.backlash`). Raises InputError for the first bad row.

@@ -91,7 +91,7 @@ def _places(lines: set[int]) -> str:
 def _not_given(frame: Frame) -> str:
     kind, name = frame.kind, frame.name
     if name is None:
-        what, key = f"the program does not say its {kind}", "default"
+        what, key = f"the program does not state its {kind}", "default"
     else:
         what, key = f"{kind} '{name}' is not known", name
     return f"{what}; give it with --frames, [{kind}s.{key}]"

@@ -47,8 +47,8 @@ class ProgramOptions:
     joint_values      whose they are; None: what the format says, see `coupling_of`
     frames            frames and tools that the program does not define
     backlash          take it up where the text is in the order of motion
-    controller_model  T_base_tool by which the controller solves poses; None: nobody says, which is
-                      the nominal robot's where the description knows of no other
+    controller_model  T_base_tool by which the controller solves poses; None: nobody states, which
+                      is the nominal robot's where the description knows of no other
     ignore_external   poses beside external axes are those of the arm alone
     largest_change    rad; this and weights: see `default_bounds`
     """
@@ -167,7 +167,7 @@ class _Correction:
                 corrected = replace(corrected, q=corrected.q + taken)
             else:
                 notes += (
-                    "the backlash is not taken up: a program does not say in which order its "
+                    "the backlash is not taken up: a program does not state in which order its "
                     "targets are reached",
                 )
         new = self._agreed(found, answers, rows, q, corrected)

@@ -64,7 +64,7 @@ class Listed:
     def _add(self, kind: str, number: str, T: Array, name: str, line: int, source: int) -> None:
         before = self.frames.setdefault((kind, number), T)
         if abs(before - T).max() > 1e-9:
-            why = "differs from what another file says"
+            why = "differs from that of another file"
             self.remarks.append(Remark(line, name, why, True, source))
 
 

@@ -110,7 +110,7 @@ class Coupling(_Strict):
 
 class Mounting(_Strict):
     """How the robot stands and what it carries: `gravity`, its direction in K_0 (that of the URDF's
-    world unless given, any length), and the mass at the tool where a row does not say otherwise.
+    world unless given, any length), and the mass at the tool where a row does not state otherwise.
     """
 
     gravity: tuple[float, float, float] | None = None

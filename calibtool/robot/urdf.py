@@ -45,13 +45,13 @@ def read_urdf(urdf_text: str, name: str, read: Callable[[str], T]) -> T:
     """What `read` makes of a file with this text: urdfdom refuses some encodings in a string."""
     try:
         with tempfile.TemporaryDirectory(prefix="calibtool-") as folder:
-            path, said = Path(folder) / "robot.urdf", Path(folder) / "said"
+            path, output = Path(folder) / "robot.urdf", Path(folder) / "said"
             path.write_text(urdf_text, encoding="utf-8")
             try:
-                with _redirected_stderr(said):
+                with _redirected_stderr(output):
                     return read(str(path))
             except (ValueError, RuntimeError):
-                reason = _reason(said.read_text(errors="replace"))
+                reason = _reason(output.read_text(errors="replace"))
                 raise InputError(
                     f"{name}: the URDF cannot be read{reason}; check it with a URDF checker"
                 ) from None
@@ -75,7 +75,7 @@ def _tell_joints_from_links(model: pin.Model) -> None:
 
 @contextlib.contextmanager
 def _redirected_stderr(path: Path) -> Iterator[None]:
-    """urdfdom writes to the process's stderr by itself: keep what it says in a file."""
+    """urdfdom writes to the process's stderr by itself: keep its output in a file."""
     with path.open("wb") as stream:
         try:
             kept = os.dup(2)
@@ -90,8 +90,8 @@ def _redirected_stderr(path: Path) -> Iterator[None]:
             os.close(kept)
 
 
-def _reason(said: str) -> str:
-    match = re.search(r"Error:\s+(.+)", said)
+def _reason(output: str) -> str:
+    match = re.search(r"Error:\s+(.+)", output)
     return f": {match[1].strip()}" if match else ""
 
 

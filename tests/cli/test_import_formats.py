@@ -89,7 +89,9 @@ def test_a_missing_target_is_named_by_line(exported: tuple[str, str]) -> None:
 def test_what_nobody_stated_is_asked_for(exported: tuple[str, str]) -> None:
     points, joints = exported
     message = refused(3, "import", points, *ARM, "--joints", joints, "-o", "m.h5")
-    assert message == "points.txt: a list of points does not say its unit; give --unit mm, m or in"
+    assert (
+        message == "points.txt: a list of points does not state its unit; give --unit mm, m or in"
+    )
     assert "--joints FILE" in refused(3, "import", points, *ARM, "--unit", "mm", "-o", "m.h5")
     assert "--joints FILE" in refused(2, "import", joints, *ARM, "--join", "name", "-o", "m.h5")
 

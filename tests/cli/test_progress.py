@@ -1,4 +1,4 @@
-"""What stderr says while something runs: a first line and progress on a terminal only, more with
+"""What stderr reports while something runs: a first line and progress on a terminal only, more with
 -v, less with -q.
 """
 

@@ -207,7 +207,7 @@ def observability_section(subject: Subject) -> Section:
 
 
 def noise_section(subject: Subject) -> Section:
-    """Stated noise against what the residuals say."""
+    """Stated noise compared with that of the residuals."""
     rows = []
     for name, calibration in subject.calibrations:
         base = calibration.base

@@ -27,8 +27,8 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it, lines first; nothing but a line where there
-    is nothing to say.
+    """A heading and what stands under it, lines first; nothing but a line where there is
+    nothing to show.
     """
 
     id: str

@@ -26,7 +26,7 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class Headline:
-    """One sentence, and whether it is good (True), bad (False) or only said (None)."""
+    """One sentence, and whether it is good (True), bad (False) or neutral (None)."""
 
     text: str
     good: bool | None

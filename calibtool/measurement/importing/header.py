@@ -33,7 +33,7 @@ _ANGLES = (("rx", "ry", "rz"), ("a", "b", "c"), ("roll", "pitch", "yaw"))
 
 @dataclass(frozen=True)
 class Stated:
-    """What the user says where a header is silent: all None where nothing is said.
+    """Units and conventions that the user states where a header does not; None where not stated.
 
     unit         of lengths: mm, m or in
     angle_unit   deg or rad
@@ -170,7 +170,7 @@ def _measured(source: Source, stated: Stated) -> dict[str, object]:
     if source.points is not None:
         if stated.unit is None:
             raise InputError(
-                f"{table.name}: a list of points does not say its unit; give --unit mm, m or in"
+                f"{table.name}: a list of points does not state its unit; give --unit mm, m or in"
             )
         return {
             "targets": [TargetColumns(measured=c, unit=stated.unit) for c in source.points.columns]
