@@ -196,10 +196,10 @@ def compensate(
             check_for_rows(f"{shown(targets)} is {found}", uncertainty, verify, line_buffered)
             for path in (output, *([] if report is None else [report])):
                 check_not_input(path, targets, calibration, *with_)
-            for_program, data = how(), stream.read()
+            for_program = how()
             compensate_file(
                 loaded,
-                data,
+                stream.read(),
                 targets,
                 found,
                 output,

@@ -219,7 +219,8 @@ def compensate_file(
     from calibtool.programs.compensate import compensate_texts
 
     looked_up = [(shown(other), read_bytes(other), False) for other in others]
-    texts = [(shown(path), data, True), *looked_up]
+    texts = iter([(shown(path), data, True), *looked_up])
+    del data  # large programs are kept once, as text
     result = compensate_texts(calibration, texts, kind, options)
     reports = {} if report is None else {report: result.report()}
     if output == STREAM:

@@ -12,7 +12,7 @@ _ROUNDING = 1e-9  # m: frames that are computed in two ways are the same
 _LINES = 5  # lines named in one reason
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class Position:
     """A literal that can be corrected: its number in the program, its uses, and of a pose
     its frame and tool.

@@ -59,7 +59,7 @@ class Configuration(Protocol):
         """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Fanuc:
     """`N U T, 0, 0, 0`: no-flip/flip, up/down, top (front)/bottom (back), and the turns
     of three joints.
@@ -101,7 +101,7 @@ class Fanuc:
         return [(number, turn) for number, turn in pairs if turn != number.value]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Kuka:
     """`S` and `T` of a POS or E6POS. S: bit 0 overhead area, bit 1 axis 3 beyond the stretched
     arm, bit 2 A5 < 0.

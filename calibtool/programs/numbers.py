@@ -5,7 +5,6 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from io import StringIO
 from struct import Struct
 from typing import overload
 
@@ -141,15 +140,15 @@ def comments_blanked(text: str, comment: str, string: str = r'"[^"\n]*"') -> str
 def replaced(text: str, edits: Sequence[tuple[int, int, str]]) -> str:
     """The text with spans (start, end, new text) exchanged; everything else is as it was.
 
-    A number that stands right-aligned in a column (two blanks before it at least) keeps
-    its column's width.
+    A number that stands right-aligned in a column (two blanks before it at least) keeps its
+    column's width.
     """
-    return spliced(text, sorted(edits))
+    return "".join(pieces(text, sorted(edits)))
 
 
-def spliced(text: str, edits: Iterable[tuple[int, int, str]]) -> str:
-    """The same for edits in the order of the text."""
-    pieces, position = StringIO(), 0
+def pieces(text: str, edits: Iterable[tuple[int, int, str]]) -> Iterator[str]:
+    """The same piece by piece, for edits in the order of the text."""
+    position = 0
     for start, end, new in edits:
         room = start
         while room > position and text[room - 1] == " ":
@@ -158,14 +157,13 @@ def spliced(text: str, edits: Iterable[tuple[int, int, str]]) -> str:
             width = end - room
             close = len(new) <= width and text[room - 1 : room] in ("=", ",", "[", "(", "{", ":")
             wanted = new if close else f" {new}"
-            pieces.write(text[position:room])
-            pieces.write(wanted.rjust(width))
+            yield text[position:room]
+            yield wanted.rjust(width)
         else:
-            pieces.write(text[position:start])
-            pieces.write(new)
+            yield text[position:start]
+            yield new
         position = end
-    pieces.write(text[position:])
-    return pieces.getvalue()
+    yield text[position:]
 
 
 def rewritten(

@@ -5,6 +5,7 @@ UTOOL_NUM select.
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from calibtool.programs.frames import pose
 from calibtool.programs.motions import FRAME, TOOL, Assign, Frame, Unknown, Value, frame_of
@@ -68,6 +69,12 @@ class Listed:
             self.remarks.append(Remark(line, name, why, True, source))
 
 
+@lru_cache(maxsize=1000)
+def _frame(kind: str, number: str) -> Frame:
+    """The same frame for all positions that name it: 50,000 of their own are 9 MB."""
+    return Frame(kind, number)
+
+
 @dataclass(frozen=True, eq=False)
 class Selection:
     """Frames or tools by the numbers that positions have, and the one that UFRAME_NUM or
@@ -95,12 +102,12 @@ class Selection:
         if number == "F":
             return self.variable
         if number == "0":
-            return Frame(self.kind, "")
+            return _frame(self.kind, "")
         why = self.changed.get((self.kind, number)) or self.changed.get((self.kind, ""))
         if why:
             return Unknown(why)
         T = self.listed.get((self.kind, number))
-        return Frame(self.kind, number) if T is None else frame_of(self.kind, number, T)
+        return _frame(self.kind, number) if T is None else frame_of(self.kind, number, T)
 
     def select(self, line: int, text: str) -> Assign:
         """What `UFRAME_NUM=text` does."""

@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain, pairwise
 
 from calibtool.programs.configurations import Digit, Fanuc
 from calibtool.programs.external_axes import arm_units, beside_pose, joints
@@ -78,11 +79,11 @@ class Positions:
 
         not_corrected: why one is none to correct, by its number; relative: those that are distances
         """
-        found = list(_POSITION.finditer(self.code, *span))
-        limits = [position.start() for position in found[1:]] + [span[1]]
-        twice = Counter(int(position[1]) for position in found)
+        twice = Counter(int(position[1]) for position in _POSITION.finditer(self.code, *span))
         taught: dict[int, Taught] = {}
-        for position, limit in zip(found, limits, strict=False):
+        for position, following in pairwise(chain(_POSITION.finditer(self.code, *span), [None])):
+            assert position is not None
+            limit = span[1] if following is None else following.start()
             number, line = int(position[1]), self.lines(position.start(1))
             name = f"P[{number}]"
             closed = _END.search(self.code, position.end(), limit)

@@ -4,6 +4,7 @@ variables that hold positions.
 
 import re
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -93,6 +94,12 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
         notes,
         unused="no motion that is known goes there",
     )
+
+
+@lru_cache(maxsize=1000)
+def _with_threads(tool: Value) -> Product:
+    """A tool that threads may change too; the same for all motions: 50,000 of their own are 9 MB."""
+    return Product(TOOL, (tool, _THREADS))
 
 
 class _Script(Positions):
@@ -275,7 +282,7 @@ class _Script(Positions):
             tool, near = f"{value} tool", f"{value} near"
         if isinstance(value, int) and self.literals[value].kind == POSE:
             self.without_tool |= tool == TCP and not self.with_tool
-        return Aim(value, BASE, Product(TOOL, (tool, _THREADS)), near=near)
+        return Aim(value, BASE, _with_threads(tool), near=near)
 
     def _solved(self, start: int, end: int) -> tuple[int, int, Value, Value | None]:
         """The span of the pose, the tool and `near` of get_inverse_kin; of anything else its own

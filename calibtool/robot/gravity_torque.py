@@ -21,10 +21,11 @@ def gravity_torque(robot: Robot, q: Array) -> Array:
     """
     model = gravity_model(robot)
     data = model.createData()
-    torque = np.empty((len(q), robot.n))
-    for k, row in enumerate(robot.mechanism.configuration(q)):
-        torque[k] = pin.computeGeneralizedGravity(model, data, row)
-    return torque
+    torque, torques, move = data.g.data, bytearray(), pin.computeGeneralizedGravity
+    for row in robot.mechanism.configuration(q):
+        move(model, data, row)
+        torques += torque
+    return np.frombuffer(torques).reshape(len(q), robot.n)
 
 
 @lru_cache

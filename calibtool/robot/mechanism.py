@@ -88,50 +88,45 @@ class Mechanism:
         return cls(model, readonly(placements), offsets, screws)
 
     def forward(self, q: Array) -> Array:
-        """T_base_tool for q (N, n) in rad or m: (N, 4, 4).
-
-        Pinocchio's `framesForwardKinematics`.
-        """
-        columns = np.empty((len(q), 4, 3))
+        """T_base_tool for q (N, n) in rad or m: (N, 4, 4). Pinocchio's `framesForwardKinematics`."""
         model, data, rows = self._moving(q)
         tool, move = _columns_of(data.oMf[model.nframes - 1]), pin.framesForwardKinematics
-        for k, row in enumerate(rows):
+        columns = bytearray()
+        for row in rows:
             move(model, data, row)
-            columns[k] = tool
-        return _poses(columns)
+            columns += tool
+        return _poses(columns, len(q))
 
     def forward_and_jacobian(self, q: Array) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0, columns ∂(δy)/∂q_j =
-        Ad(F_j) ξ_j (Eq. 14).
+        """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0.
 
-        Pinocchio's `computeJointJacobians` and `updateFramePlacements`.
+        The columns are ∂(δy)/∂q_j = Ad(F_j) ξ_j (Eq. 14). Pinocchio's `computeJointJacobians` and
+        `updateFramePlacements`.
         """
-        columns, jacobians = np.empty((len(q), 4, 3)), np.empty((len(q), self.model.nv, 6))
         model, data, rows = self._moving(q)
-        tool, jacobian = _columns_of(data.oMf[model.nframes - 1]), data.J.T
+        tool, jacobian = _columns_of(data.oMf[model.nframes - 1]), data.J.T.data
         move, place = pin.computeJointJacobians, pin.updateFramePlacements
-        for k, row in enumerate(rows):
+        columns, jacobians = bytearray(), bytearray()
+        for row in rows:
             move(model, data, row)
             place(model, data)
-            columns[k] = tool
-            jacobians[k] = jacobian
-        return _poses(columns), np.swapaxes(self._per_joint(jacobians), -1, -2)
+            columns += tool
+            jacobians += jacobian
+        per_coordinate = np.frombuffer(jacobians).reshape(len(q), model.nv, 6)
+        return _poses(columns, len(q)), np.swapaxes(self._per_joint(per_coordinate), -1, -2)
 
     def frames(self, q: Array) -> Frames:
-        """Every frame of the chain for q (N, n) in rad or m, from Pinocchio's
-        `framesForwardKinematics`.
-        """
+        """Every frame of the chain for q (N, n), rad or m. Pinocchio's `framesForwardKinematics`."""
         n = len(self.screws)
-        columns = np.empty((len(q), n + 1, 4, 3))
         model, data, rows = self._moving(q)
-        live = [_columns_of(data.oMi[j + 1]) for j in range(n)] + [
-            _columns_of(data.oMf[model.nframes - 1])
-        ]
-        for row, moved in zip(rows, columns, strict=True):
+        live = [_columns_of(data.oMi[j + 1]) for j in range(n)]
+        live.append(_columns_of(data.oMf[model.nframes - 1]))
+        columns = bytearray()
+        for row in rows:
             pin.framesForwardKinematics(model, data, row)
-            for j, frame in enumerate(live):
-                moved[j] = frame
-        poses = _poses(columns)
+            for frame in live:
+                columns += frame
+        poses = _poses(columns, len(q), n + 1)
         after, tool = poses[:, :n], poses[:, n]
         for j, screw in enumerate(self.screws):
             if screw.shift.any():
@@ -215,20 +210,21 @@ def _place(model: pin.Model, placements: Array) -> None:
     model.frames[model.nframes - 1].placement = pin.SE3(placements[-1])
 
 
-def _columns_of(frame: pin.SE3) -> Array:
-    """Axes x, y, z and origin of a frame of Pinocchio's data (4, 3): a view, which
-    changes with every row.
+def _columns_of(frame: pin.SE3) -> memoryview:
+    """Axes x, y, z and origin of a frame of Pinocchio's data (4, 3), which change with every row.
+
+    Appending memory to a `bytearray` is the fastest way to keep the numbers of a row.
     """
     rotation, position = frame.rotation, frame.translation
     start, end = (array.__array_interface__["data"][0] for array in (rotation, position))
     if rotation.strides != (8, 24) or end - start != 72:
         raise RuntimeError("this Pinocchio stores poses in another way; install pin 3.4 to 4.x")
-    return np.lib.stride_tricks.as_strided(rotation.T, (4, 3), (24, 8), writeable=False)
+    return np.lib.stride_tricks.as_strided(rotation.T, (4, 3), (24, 8), writeable=False).data
 
 
-def _poses(columns: Array) -> Array:
-    """Axes x, y, z and origin (…, 4, 3) as poses (…, 4, 4)."""
-    poses = np.empty((*columns.shape[:-2], 4, 4))
-    poses[..., :3, :] = np.swapaxes(columns, -1, -2)
+def _poses(columns: bytearray, *shape: int) -> Array:
+    """Axes x, y, z and origin of frames, one after the other, as poses (*shape, 4, 4)."""
+    poses = np.empty((*shape, 4, 4))
+    poses[..., :3, :] = np.swapaxes(np.frombuffer(columns).reshape(*shape, 4, 3), -1, -2)
     poses[..., 3, :] = (0.0, 0.0, 0.0, 1.0)
     return poses
