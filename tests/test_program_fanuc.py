@@ -10,9 +10,9 @@ import pytest
 
 from calibtool.programs.agreement import Position, positions
 from calibtool.programs.formats import read_program
-from calibtool.programs.frames import Frames, read_frames
+from calibtool.programs.frames import NamedFrames, read_frames
 from calibtool.programs.motion_flow import Flow, follow
-from calibtool.programs.motions import Program, Source
+from calibtool.programs.motions import Program, ProgramText
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 
@@ -28,12 +28,12 @@ def robot(name: str = "fanuc-m1000ia") -> Robot:
 
 
 def read(*texts: str, name: str = "fanuc-m1000ia") -> Program:
-    sources = [Source(f"{k}", text, edited=k == 0) for k, text in enumerate(texts)]
+    sources = [ProgramText(f"{k}", text, edited=k == 0) for k, text in enumerate(texts)]
     return read_program("fanuc-ls", sources, robot(name))
 
 
 def followed(
-    *texts: str, given: Frames = ANY_FRAME
+    *texts: str, given: NamedFrames = ANY_FRAME
 ) -> tuple[Program, Flow, list[Position], dict[str, str]]:
     """The program, its uses, positions that can be corrected, and why others are left, by name."""
     program = read(*texts)
@@ -110,7 +110,7 @@ def written(*instructions: str, name: str = "A", attributes: str = "", **groups:
 
 def test_a_program() -> None:
     text = (FOLDER / "weld.ls").read_text(encoding="ascii")
-    program, _, found, whys = followed(text, given=Frames())
+    program, _, found, whys = followed(text, given=NamedFrames())
     literals = {program.literals[p.literal].line: program.literals[p.literal] for p in found}
     assert {line: (literal.kind, literal.name) for line, literal in literals.items()} == {
         21: ("joint", "P[1]"),
@@ -510,7 +510,7 @@ def test_frames_from_listings(end: str) -> None:
     text = written(
         "L P[1] 1mm/sec FINE", "L P[2] 1mm/sec FINE", P1=pose(uf="1", ut="1"), P2=pose(uf="2")
     )
-    _, _, found, whys = followed(text, LISTING.replace("\n", end), given=Frames())
+    _, _, found, whys = followed(text, LISTING.replace("\n", end), given=NamedFrames())
     (position,) = found
     assert position.frame is not None
     assert position.tool is not None

@@ -22,7 +22,7 @@ _NAME_BYTES = (
 
 
 @dataclass(frozen=True)
-class Part:
+class PartialFile:
     """A temporary file, open for writing, and the place it is for."""
 
     stream: BinaryIO
@@ -51,7 +51,7 @@ class Part:
 
 
 @contextlib.contextmanager
-def staged(target: Path) -> Iterator[Part]:
+def staged(target: Path) -> Iterator[PartialFile]:
     """A part for `target`, in the same folder; gone when the block ends, published or not.
 
     OSError if it cannot be made.
@@ -75,7 +75,7 @@ def staged(target: Path) -> Iterator[Part]:
                 temporary
             ):  # else taken for abandoned by another process, just before it was locked
                 break
-        yield Part(stream, temporary, target)
+        yield PartialFile(stream, temporary, target)
 
 
 def _close(stream: BinaryIO) -> None:

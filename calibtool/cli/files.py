@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
-from calibtool.cli.atomic_output import Part, staged
+from calibtool.cli.atomic_output import PartialFile, staged
 from calibtool.cli.interrupts import held
 from calibtool.cli.verbosity import detail, is_quiet
 from calibtool.errors import InputError, UsageError, printable
@@ -197,7 +197,7 @@ def write_outputs(outputs: dict[str, bytes | str], force: bool) -> None:
     When one cannot take it, those before are put back as they were.
     """
     with contextlib.ExitStack() as stack:
-        parts: dict[str, Part] = {}
+        parts: dict[str, PartialFile] = {}
         for path, contents in outputs.items():
             check_output(path, force, binary=isinstance(contents, bytes))
             if path != STREAM and not _is_device(path):
@@ -212,7 +212,7 @@ def write_outputs(outputs: dict[str, bytes | str], force: bool) -> None:
             _publish_all(parts, force)
 
 
-def _publish_all(parts: dict[str, Part], force: bool) -> None:
+def _publish_all(parts: dict[str, PartialFile], force: bool) -> None:
     done: dict[str, bytes | None] = {}
     for path, part in parts.items():
         before = part.target.read_bytes() if part.target.is_file() else None

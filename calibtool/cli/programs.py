@@ -61,7 +61,9 @@ OnError = Annotated[
 FramesFile = Annotated[
     str | None,
     typer.Option(
-        "--frames", metavar="FRAMES.toml", help="Frames and tools that poses of a program refer to."
+        "--frames",
+        metavar="FRAMES.toml",
+        help="Frames and tools that poses of a program refer to.",
     ),
 ]
 ControllerFile = Annotated[
@@ -143,14 +145,14 @@ def program_options(
 ) -> "ProgramOptions":
     """The options of a program. InputError for a bad frames file."""
     from calibtool.programs.compensate import ProgramOptions
-    from calibtool.programs.frames import Frames, read_frames
+    from calibtool.programs.frames import NamedFrames, read_frames
 
     return ProgramOptions(
         method=method,
         outside=outside,
         on_error=on_error,
         joint_values=joint_values,
-        frames=Frames() if frames is None else read_frames(read_text(frames), shown(frames)),
+        frames=NamedFrames() if frames is None else read_frames(read_text(frames), shown(frames)),
         backlash=backlash,
         ignore_external=external == "ignore",
         largest_change=largest_change,

@@ -15,7 +15,7 @@ from calibtool.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.decimals import DECIMALS, decimal_rows
-from calibtool.compensation.jumps import CorrectionPath, Jump
+from calibtool.compensation.jumps import CorrectionJump, CorrectionPath
 from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.solve import Compensation, Method
 from calibtool.compensation.status import CORRECTED, DOUBTFUL, JUMP, MEANING, OK
@@ -241,7 +241,7 @@ class _Corrector:
                 ]
         return added
 
-    def _note(self, table: Table, result: Compensation, jumps: dict[int, Jump]) -> None:
+    def _note(self, table: Table, result: Compensation, jumps: dict[int, CorrectionJump]) -> None:
         report = self.report
         report.rows += len(table)
         report.without_joints += int(np.isnan(result.q).any(axis=-1).sum())
@@ -267,7 +267,7 @@ class _Corrector:
                 text += f"; {millimetres:.3g} mm and {milliradians:.3g} mrad of the error stay"
             report.remark(f"{table.place(k)}: {text}")
 
-    def _size(self, jump: Jump) -> str:
+    def _size(self, jump: CorrectionJump) -> str:
         factor, unit = (
             (1e3, "mm") if self.calibration.robot.prismatic[jump.joint] else (180 / np.pi, "deg")
         )

@@ -22,9 +22,9 @@ from calibtool.programs.agreement import AS_FRAME, SEED, Position, positions
 from calibtool.programs.branches import Controller
 from calibtool.programs.controller_poses import check_controller_known, poses_to_write
 from calibtool.programs.formats import coupling_of, read_program
-from calibtool.programs.frames import Frames
+from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motion_flow import follow
-from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, Source
+from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, ProgramText
 from calibtool.programs.nominal_joints import Stands, stands
 from calibtool.programs.numbers import Remark
 from calibtool.programs.program_summary import CompensatedProgram, Fate
@@ -59,7 +59,7 @@ class ProgramOptions:
     outside: OutsidePolicy = "mark"
     on_error: str = "stop"
     joint_values: JointValues | None = None
-    frames: Frames = field(default_factory=Frames)
+    frames: NamedFrames = field(default_factory=NamedFrames)
     backlash: bool = True
     controller_model: Mechanism | None = None
     ignore_external: bool = False
@@ -125,10 +125,10 @@ def compensate_texts(
     return _Correction(calibration, program, controller, options, program_format).result()
 
 
-def _source(name: str, data: bytes, edited: bool) -> Source:
+def _source(name: str, data: bytes, edited: bool) -> ProgramText:
     if b"\0" in data:
         raise InputError(f"{name}: holds zero bytes; expected a program in ASCII, UTF-8 or Latin-1")
-    return Source(name, data.decode("latin-1"), edited)
+    return ProgramText(name, data.decode("latin-1"), edited)
 
 
 _Failure = type[CalibtoolError]

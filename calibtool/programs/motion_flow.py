@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from calibtool.programs.frames import Frames
+from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motions import Frame, Program, Setting, Unknown
 from calibtool.programs.numbers import Remark
 from calibtool.programs.routines import ROUNDS, Node, Routines
@@ -63,7 +63,7 @@ class Flow:
     remarks: tuple[Remark, ...]
 
 
-def follow(program: Program, given: Frames) -> Flow:
+def follow(program: Program, given: NamedFrames) -> Flow:
     """Follow all routines. given: frames and tools by name, which win over those that the
     program declares.
     """

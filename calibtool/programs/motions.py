@@ -25,7 +25,7 @@ FRAME, TOOL = "frame", "tool"
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class ProgramText:
     """A text of the program, Latin-1 so that every byte is one character.
 
     edited  whether it is corrected; a text that is only looked up for frames and positions is not
@@ -311,7 +311,7 @@ class Program:
     unused      why a literal that no motion goes to and that has no `alone` is left
     """
 
-    sources: tuple[Source, ...]
+    sources: tuple[ProgramText, ...]
     literals: tuple[Literal, ...] = ()
     routines: tuple[Routine, ...] = ()
     declared: dict[str, Value] = field(default_factory=dict)

@@ -99,7 +99,7 @@ class Remark:
     source: int = 0
 
 
-class Lines:
+class LineNumbers:
     """Line numbers (from 1) of positions in a text."""
 
     def __init__(self, text: str) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """Rows of cells under headers; the first cell of a row is its header.
     folded: shown on request.
     """
@@ -26,7 +26,7 @@ class Drawing:
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A heading and what stands under it, lines first; nothing but a line where there is
     nothing to show.
     """
@@ -35,7 +35,7 @@ class Section:
     title: str
     lines: Sequence[str] = ()
     drawings: Sequence[Drawing] = ()
-    tables: Sequence[Table] = ()
+    tables: Sequence[PageTable] = ()
 
 
 @dataclass(frozen=True)

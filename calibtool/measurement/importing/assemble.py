@@ -28,7 +28,7 @@ from calibtool.measurement.importing.readings import (
     read_rotations,
 )
 from calibtool.measurement.importing.row_selection import choose_rows, line_ranges
-from calibtool.measurement.importing.sources import Source, read_source
+from calibtool.measurement.importing.sources import SourceTable, read_source
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
 from calibtool.robot.coupling import JointValues
@@ -54,7 +54,7 @@ class JointFile(NamedTuple):
 class Understood:
     """How the files were read: for people, before anything is written (`preview.preview`)."""
 
-    source: Source
+    source: SourceTable
     columns: ColumnMap
     joints_name: str
     noise_stated: bool
@@ -264,7 +264,7 @@ def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str
     ]
 
 
-def _ignored(source: Source, joints: Table, columns: ColumnMap) -> dict[str, list[str]]:
+def _ignored(source: SourceTable, joints: Table, columns: ColumnMap) -> dict[str, list[str]]:
     """Columns of each file that nothing is read from."""
     of_joints = {
         column for part in (columns.joints, columns.joints_read) if part for column in part.columns
