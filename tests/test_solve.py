@@ -111,7 +111,7 @@ def test_the_actual_robot_is_put_right_by_its_own_geometry() -> None:
 @pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize("name", FEWER)
 def test_with_fewer_joints_no_small_motion_comes_nearer(name: str, base: str) -> None:
-    """With equal weights, what is left is the least error: translation over the characteristic
+    """With equal weights, the remaining error is the least one: translation over the characteristic
     length, and rotation.
     """
     calibration = calibrated(name, base)
