@@ -98,9 +98,7 @@ def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
 
 @lru_cache(maxsize=1000)
 def _with_threads(tool: Value) -> Product:
-    """A tool that threads may change too; the same for all motions:
-    50,000 of their own are 9 MB.
-    """
+    """A tool that threads may change too; one for all motions: 50,000 of their own are 9 MB."""
     return Product(TOOL, (tool, _THREADS))
 
 
