@@ -176,9 +176,7 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
 
 
 def report_target(output: str | None, json: bool) -> str | None:
-    """Where the file goes: with --json stdout is taken, and no file is
-    written unless one is named.
-    """
+    """Output path: with --json stdout is used, and a file is written only if one is named."""
     if json and output == "-":
         from calibtool.errors import UsageError
 
@@ -189,7 +187,7 @@ def report_target(output: str | None, json: bool) -> str | None:
 def report_calibration(
     calibration: "Calibration", schema: str, json: bool, extra: dict[str, object] | None = None
 ) -> None:
-    """What came out: JSON on stdout, or a few lines on stderr."""
+    """Report of a new calibration: JSON on stdout, or a few lines on stderr."""
     from calibtool.summary import calibration_lines, calibration_summary
 
     if json:

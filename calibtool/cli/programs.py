@@ -1,6 +1,4 @@
-"""Controller programs at the command line: the options of a filter, which format a file is in,
-and its summary.
-"""
+"""Options, formats and summaries of controller programs on the command line."""
 
 import os
 import re
@@ -162,7 +160,9 @@ def program_options(
 
 
 def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "Mechanism | None":
-    """The kinematics that `--controller` names, None without it; says how far they are off."""
+    """Kinematics named by `--controller`, None without it; prints their distance from the nominal
+    robot.
+    """
     if given is None and dh is None:
         return None
     from calibtool.controller.controller_model import read_controller_model
@@ -247,7 +247,7 @@ def compensate_folder(
     partial: bool,
     bounds: str,
 ) -> None:
-    """The same for all programs of a folder; those of one language are one program.
+    """The same for all programs of a folder; those of one language are treated as one program.
 
     All files are written or none.
     """

@@ -1,4 +1,4 @@
-"""The languages of programs, and which one a file is in."""
+"""The languages of programs, and detection of the language of a file."""
 
 from collections.abc import Callable, Sequence
 from pathlib import PurePath
@@ -67,8 +67,9 @@ def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Ar
 
 
 def detected(text: str, name: str) -> str | None:
-    """The format of a program: by what it holds, with the end of its name where that is not clear;
-    None if nothing tells.
+    """Format of a program from its contents, or from the suffix where these are ambiguous.
+
+    None if neither decides.
     """
     text = text.removeprefix(BYTE_ORDER_MARK)
     suffix = PurePath(name).suffix.lower()

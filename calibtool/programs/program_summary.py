@@ -1,5 +1,5 @@
-"""What came of a program, for people: counts, the largest change, and what is left
-with its reasons.
+"""Summary of a corrected program: counts, the largest change, and positions left alone with
+reasons.
 """
 
 import csv

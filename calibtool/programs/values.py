@@ -1,4 +1,4 @@
-"""What variables of a program can hold: sets of values, and what is computed from them."""
+"""Sets of values that variables of a program can hold, and values computed from them."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

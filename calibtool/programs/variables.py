@@ -1,6 +1,4 @@
-"""The variables of a program: what is assigned to them somewhere, and what they hold
-where it begins.
-"""
+"""Variables of a program: their assignments, and their values at the beginning."""
 
 from collections.abc import Iterable
 

@@ -1,4 +1,4 @@
-"""New numbers put where the old ones stand, text by text."""
+"""Replacement of the numbers of corrected positions in the texts of a program."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,5 +1,4 @@
-"""The only room that knows HDF5: measurements, calibrations and tables of studies
-to bytes and back.
+"""HDF5 files: measurements, calibrations and tables of studies to bytes and back.
 
 Formats: docs/file-formats.md. The same contents give the same bytes: no time stamps, no pickles,
 groups and datasets in a fixed order.

@@ -1,4 +1,4 @@
-"""The figures by name: what each shows, and what it is drawn from."""
+"""The figures by name, with the data that each needs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ from calibtool.measurement.measurements import Measurements
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What figures are drawn from: named calibrations; where they are judged, measurements,
-    errors and limits.
+    """Data of figures: named calibrations; measurements, errors and limits where they are
+    evaluated.
     """
 
     calibrations: list[tuple[str, Calibration]]
