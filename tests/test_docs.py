@@ -76,7 +76,7 @@ def test_the_pages_of_reliability_show_the_kept_figures() -> None:
         )
 
 
-def test_the_figures_of_reliability_say_that_the_laws_held() -> None:
+def test_the_figures_of_reliability_state_that_the_laws_held() -> None:
     figures = json.loads((ROOT / "benchmarks" / "pages" / "figures.json").read_text("utf-8"))
     rows = {
         name: part["rows"]

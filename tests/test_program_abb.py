@@ -134,7 +134,7 @@ def test_arrays_and_switched_off_configurations() -> None:
     assert use.obeyed is False
 
 
-def test_an_instruction_that_does_not_end_or_close_is_said() -> None:
+def test_an_instruction_that_does_not_end_or_close_is_reported() -> None:
     def said(move: str) -> set[str]:
         return set(whys(f"MODULE A\nPROC m()\n {move}\nENDPROC\nENDMODULE\n").values())
 

@@ -236,7 +236,7 @@ def test_motions_that_a_sensor_shifts(begin: str, end: str) -> None:
 
 @pytest.mark.parametrize("point", ["PAL_1[BTM]", "PAL_12[A_1]"])
 @pytest.mark.parametrize("letter", ["L", "J"])
-def test_pallets_are_said(letter: str, point: str) -> None:
+def test_pallets_are_reported(letter: str, point: str) -> None:
     text = written(f"{letter} {point} 100mm/sec FINE", "L P[1] 100mm/sec FINE", P1=pose())
     assert said(text) == {4: f"a position of a pallet: its value is not in the program ({point})"}
 
@@ -331,7 +331,7 @@ def test_relative_motions(options: str) -> None:
     assert "corrected without" not in "".join(read(text).notes)
 
 
-def test_registers_and_indirect_positions_are_said() -> None:
+def test_registers_and_indirect_positions_are_reported() -> None:
     text = written(
         "L PR[3:home] 100mm/sec FINE", "L P[R[1]] 100mm/sec FINE", "J P[R[AR[1]]] 20% FINE INC",
         "L P[9] 1cm/min FINE",
@@ -560,7 +560,7 @@ def test_which_joints_turn_numbers_count() -> None:
     assert axes("N U T, 0, 0, 1", listing=setting) == {(3, 4, 5)}
 
 
-def test_turn_numbers_stand_where_they_are_said_to() -> None:
+def test_turn_numbers_stand_where_they_are_stated_to() -> None:
     text = one(config="F U T, 0, -1, 2")
     (literal,) = read(text).literals
     assert literal.configuration is not None

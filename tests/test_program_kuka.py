@@ -437,7 +437,7 @@ def test_line_ends_and_comments_of_any_bytes() -> None:
     assert comment.encode("latin-1") in result.data
 
 
-def test_untaught_axes_and_poses_are_said() -> None:
+def test_untaught_axes_and_poses_are_reported() -> None:
     text = routine(HOME, "LIN {X 0,Y 0,Z 0,A 0,B 0,C 0}", "LIN {X 1,Y 0,Z 0,A 0,B 0,C 0}")
     options = ProgramOptions(on_error="skip")
     result = compensate_program(calibration(), text.encode(), "a", "kuka-krl", options)

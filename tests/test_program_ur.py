@@ -81,7 +81,7 @@ def test_a_script() -> None:
         np.testing.assert_allclose(tool.T[:3, 3], [0, 0, 0.1])
 
 
-def test_without_a_tool_it_is_said_what_is_assumed() -> None:
+def test_without_a_tool_it_is_reported_what_is_assumed() -> None:
     (note,) = read(f"movel({POSE})\n").notes
     assert "no set_tcp" in note
     assert read(f"set_tcp(p[0,0,0,0,0,0])\nmovel({POSE})\n").notes == ()

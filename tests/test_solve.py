@@ -274,7 +274,7 @@ def test_corrections_that_lead_over_a_joint_limit_stop_there() -> None:
     np.testing.assert_array_equal(result.q[held], inside[held])
 
 
-def test_a_pose_out_of_reach_has_no_joints_and_says_so() -> None:
+def test_a_pose_out_of_reach_has_no_joints_and_is_marked() -> None:
     calibration = calibrated("ur5", "local-poe")
     poses = calibration.robot.mechanism.forward(np.tile(UR5_HOME, (3, 1)))
     poses[1, :3, 3] *= 10.0

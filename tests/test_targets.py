@@ -266,7 +266,7 @@ def test_an_unreachable_pose_has_empty_joints_and_a_remark() -> None:
     assert result.remarks[0].startswith("t.csv:2: the pose is unreachable")
 
 
-def test_what_fewer_joints_cannot_correct_is_told_for_every_row() -> None:
+def test_what_fewer_joints_cannot_correct_is_reported_for_every_row() -> None:
     q = configurations("scara")
     header = ["j1_rad", "j2_rad", "j3_m", "j4_rad"]
     result = compensate_table(calibrated("scara"), csv(header, q), "t.csv", "exact")

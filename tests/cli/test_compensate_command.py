@@ -275,7 +275,7 @@ def test_rows_outside_the_limits_are_marked(files: Files) -> None:
 # --- bounds ---------------------------------------------------------------------------------------
 
 
-def test_the_largest_change_is_told_and_kept(files: Files) -> None:
+def test_the_largest_change_is_reported_and_kept(files: Files) -> None:
     write_table("t.csv", SIX, ANGLES)
     free = run("compensate", files.six_network, "t.csv")
     told = [

@@ -64,7 +64,7 @@ def test_defaults_of_the_contract() -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_says_what_it_does(command: str) -> None:
+def test_every_command_states_what_it_does(command: str) -> None:
     first = COMMANDS[command].help.strip().splitlines()[0]
     assert first.endswith(".")
     assert len(first) > 15

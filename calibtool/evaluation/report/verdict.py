@@ -73,7 +73,7 @@ def headline(subject: Subject, found: list[Verdict]) -> Headline:
 
 
 def cautions(subject: Subject, judged: Array) -> list[str]:
-    """What a reader has to know before believing the numbers; judged (N, n) joint positions."""
+    """Cautions that weaken the numbers; judged (N, n) joint positions."""
     evaluation = subject.evaluation
     assert evaluation is not None
     result = []
