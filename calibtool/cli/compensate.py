@@ -136,7 +136,7 @@ def compensate(
     (docs/numerics): ok, jump (the correction changes faster than the command), outside (of the
     training's configurations); partial, limited, near-singular, out-of-limits (a part of the error
     stays), uncorrected (all of it: as commanded) or unreachable (empty joints, exit code 4; the
-    other rows are written all the same). Poses without joints are a path: each row starts from the
+    other rows are written nevertheless). Poses without joints are a path: each row starts from the
     one before, jumps of the joints are reported. A calibration with backlash takes it up by the
     direction of each joint's corrected motion: rows must be in the order of motion.
 

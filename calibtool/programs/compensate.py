@@ -79,7 +79,8 @@ def compensate_program(
     A joint target gets the joints that bring the calibrated robot where the nominal one would be; a
     pose target, solved on the branch that the controller takes there, gets the pose that the
     controller's robot takes at the corrected joints, in its own frame and with its own tool.
-    program_format: one of docs/programs; name stands in messages; options: exact, stop at the first
+    program_format: one of docs/programs; name is used in messages; options: exact, stop at the
+    first
     failure, unless given.
 
     Raises InputError for bad data and NoSolutionError for targets without an answer, both with the

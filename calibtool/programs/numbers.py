@@ -1,4 +1,4 @@
-"""Numbers in program text: where they stand, what they mean, and how they are rewritten."""
+"""Numbers in program text: their spans, units and values, and new numbers in the same style."""
 
 import re
 from bisect import bisect_right

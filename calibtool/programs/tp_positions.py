@@ -1,4 +1,4 @@
-"""The positions of a TP program: what stands between /POS and /END."""
+"""The positions of a TP program, between /POS and /END."""
 
 import re
 from collections import Counter

@@ -26,7 +26,7 @@ def joint_name(model: pin.Model, joint: int) -> str:
 
 
 def parse_urdf(urdf_text: str, name: str) -> pin.Model:
-    """The Pinocchio model of a URDF text; name stands in messages.
+    """The Pinocchio model of a URDF text; name is used in messages.
 
     InputError for what is no arm.
     """
@@ -99,7 +99,7 @@ def locked_joints(model: pin.Model, locked: dict[str, float], name: str) -> tupl
     """Ids of the locked joints, and a configuration (nq,) of the model in which they stand where
     they are locked.
 
-    locked: positions by joint name, rad or m; name stands in messages. InputError for
+    locked: positions by joint name, rad or m; name is used in messages. InputError for
     an unknown joint.
     """
     q = pin.neutral(model)

@@ -1,4 +1,4 @@
-"""What the page is made of: sections of lines, tables and drawings, all of them text."""
+"""Contents of the page: sections of lines, tables and drawings, all as text."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

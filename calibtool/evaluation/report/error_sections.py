@@ -113,7 +113,7 @@ def vectors_section(subject: Subject) -> PageSection:
 
 
 def uncorrectable_section(subject: Subject) -> PageSection:
-    """Poses that the actual robot cannot take whatever its joints do."""
+    """Poses that the actual robot cannot reach with any joint positions."""
     evaluation = subject.evaluation
     assert evaluation is not None
     section = PageSection("uncorrectable", "What no joint can correct")

@@ -1,4 +1,4 @@
-"""What the names of a header stand for: the parts of a column map that no file gives."""
+"""Meaning of the names of a header: the parts of a column map that no file gives."""
 
 import re
 from collections.abc import Sequence
