@@ -14,7 +14,7 @@ from commandline import COMMANDS, ENVIRONMENT, Files, example_of, measured_table
 
 import calibtool
 
-# What scripts rely on (DESIGN.md); a name may be added, none may go.
+# What scripts rely on (docs/commands.md); a name may be added, none may go.
 CONTRACT = {
     "robots": "--json",
     "simulate": "-n --configurations --seed --workspace --errors --length-error-mm "
