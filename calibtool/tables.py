@@ -415,8 +415,8 @@ def joints_from_header(
 ) -> Joints | None:
     """Joint positions (N, n) in rad or m by the header's names; None when it has no joint columns.
 
-    joint_values: whose they are where the header does not say it. Raises UsageError where nothing
-    says it and it matters (`Robot.joint_values`), InputError for a bad header or cell.
+    joint_values: whose they are where the header does not state it. Raises UsageError where nothing
+    states it and it matters (`Robot.joint_values`), InputError for a bad header or cell.
     """
     columns = joint_columns_of(table, robot)
     if columns is None:

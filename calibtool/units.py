@@ -25,7 +25,7 @@ def joint_column(name: str) -> tuple[int, str] | None:
 
 
 def without_values(name: str) -> tuple[str, str | None]:
-    """A joint header without the word that says whose values it holds, and that word.
+    """A joint header without the word that states whose values it holds, and that word.
 
     `j3_controller_deg` is `j3_deg` and `controller`; every other name is itself and None.
     """

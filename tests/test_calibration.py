@@ -211,5 +211,5 @@ def test_targets_of_another_number_do_not_fit(fanuc: Robot, fanuc_network: Calib
         (1e-9, 1e-9, "+0.0 ± 0.0 %"),
     ],
 )
-def test_a_small_gain_is_told_with_two_decimals(gain: float, error: float, told: str) -> None:
+def test_a_small_gain_is_reported_with_two_decimals(gain: float, error: float, told: str) -> None:
     assert str(CrossValidation(5, gain, error)) == told

@@ -78,7 +78,7 @@ def test_the_pages_of_reliability_show_the_kept_figures() -> None:
         )
 
 
-def test_the_figures_of_reliability_say_that_the_laws_held() -> None:
+def test_the_figures_of_reliability_state_that_the_laws_held() -> None:
     figures = json.loads((ROOT / "benchmarks" / "pages" / "figures.json").read_text("utf-8"))
     rows = {
         name: part["rows"]
@@ -115,7 +115,9 @@ def test_the_examples_of_the_library_run(tmp_path: Path, monkeypatch: pytest.Mon
         with contextlib.redirect_stdout(out):
             exec(block, names)
         printed.append(out.getvalue().splitlines())
-    arrays, steps, real, files, proof, network, models, programs, controller, errors, pages = printed
+    arrays, steps, real, files, proof, network, models, programs, controller, errors, pages = (
+        printed
+    )
     assert arrays[0].startswith("complete: ur5, 30 configurations, residual")
     assert any(line.startswith("parameters:") for line in arrays)
     assert float(arrays[-1].split()[-2]) < 0.3

@@ -190,7 +190,7 @@ def test_joint_motions_are_those_of_the_network_on_the_drawing(fanuc_network: Ca
 
 
 @pytest.mark.parametrize("kind", ["training", "motions", "parameters"])
-def test_what_is_not_there_is_said(kind: str, fanuc_local_poe: Calibration) -> None:
+def test_what_is_not_there_is_reported(kind: str, fanuc_local_poe: Calibration) -> None:
     with pytest.raises(InputError, match=r"no |only "):
         draw(kind, Subject([("poe", fanuc_local_poe)]), "png")
 

@@ -111,7 +111,7 @@ def test_the_actual_robot_is_put_right_by_its_own_geometry() -> None:
 @pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize("name", FEWER)
 def test_with_fewer_joints_no_small_motion_comes_nearer(name: str, base: str) -> None:
-    """With equal weights, what is left is the least error: translation over the characteristic
+    """With equal weights, the remaining error is the least one: translation over the characteristic
     length, and rotation.
     """
     calibration = calibrated(name, base)
@@ -274,7 +274,7 @@ def test_corrections_that_lead_over_a_joint_limit_stop_there() -> None:
     np.testing.assert_array_equal(result.q[held], inside[held])
 
 
-def test_a_pose_out_of_reach_has_no_joints_and_says_so() -> None:
+def test_a_pose_out_of_reach_has_no_joints_and_is_marked() -> None:
     calibration = calibrated("ur5", "local-poe")
     poses = calibration.robot.mechanism.forward(np.tile(UR5_HOME, (3, 1)))
     poses[1, :3, 3] *= 10.0

@@ -74,7 +74,7 @@ def test_a_network_learns_what_a_smooth_function_has_made(loss: str, optimiser: 
     )
 
 
-def test_the_reported_losses_are_those_of_the_rows_they_are_said_to_be_of() -> None:
+def test_the_reported_losses_are_those_of_the_rows_they_are_stated_to_be_of() -> None:
     (q, G, y), network, report = trained()
     assert network is not None
     for rows, reported in (

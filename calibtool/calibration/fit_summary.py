@@ -127,7 +127,7 @@ def _complete_lines(calibration: Calibration) -> list[str]:
     ]
     if not 0.5 <= posterior.noise_factor <= 2.0:
         result.append(
-            f"warning: the residuals say {estimated:.3g} mm of noise, stated are "
+            f"warning: the residuals show {estimated:.3g} mm of noise, stated are "
             f"{calibration.noise_position * 1e3:.3g} mm: either the statement is wrong or the "
             "robot does what the model cannot describe"
         )

@@ -1,4 +1,6 @@
-"""The command line: every module parses, calls one library function, and writes."""
+"""The command line: every module parses options, calls one library function,
+and writes the result.
+"""
 
 import os
 import sys

@@ -1,7 +1,7 @@
-"""Outputs in the making: a temporary file beside its place, which takes its place when it is whole.
+"""Atomic output: a temporary file beside its target, renamed to it when it is complete.
 
-It is called `.NAME.xxxxxxxx.calibtool-part` and locked by its maker. One without a lock was left by
-a process that was killed; the next output of the same name removes it.
+It is called `.NAME.xxxxxxxx.calibtool-part` and locked by its process. One without a lock was left
+by a process that was killed; the next output of the same name removes it.
 """
 
 import contextlib
@@ -22,17 +22,17 @@ _NAME_BYTES = (
 
 
 @dataclass(frozen=True)
-class Part:
-    """A temporary file, open for writing, and the place it is for."""
+class PartialFile:
+    """A temporary file, open for writing, and its target."""
 
     stream: BinaryIO
     temporary: str
     target: Path
 
     def publish(self, force: bool) -> None:
-        """Put the whole file in its place.
+        """Rename the complete file to its target.
 
-        FileExistsError without `force` if something stands there by now.
+        FileExistsError without `force` if the target exists by now.
         """
         self.stream.flush()
         _adopt_permissions(self.stream.fileno(), self.target)
@@ -51,8 +51,9 @@ class Part:
 
 
 @contextlib.contextmanager
-def staged(target: Path) -> Iterator[Part]:
-    """A part for `target`, in the same folder; gone when the block ends, published or not.
+def staged(target: Path) -> Iterator[PartialFile]:
+    """A partial file for `target` in the same folder; removed when the block ends without
+    `publish`.
 
     OSError if it cannot be made.
     """
@@ -75,7 +76,7 @@ def staged(target: Path) -> Iterator[Part]:
                 temporary
             ):  # else taken for abandoned by another process, just before it was locked
                 break
-        yield Part(stream, temporary, target)
+        yield PartialFile(stream, temporary, target)
 
 
 def _close(stream: BinaryIO) -> None:
@@ -87,7 +88,7 @@ def _close(stream: BinaryIO) -> None:
 
 
 def remove_abandoned(folder: Path, mark: str) -> None:
-    """Remove parts that nobody is working on any more: those whose lock can be had."""
+    """Remove partial files of processes that have ended: those whose lock is free."""
     with contextlib.suppress(OSError):
         for name in os.listdir(folder):
             if (
@@ -109,7 +110,7 @@ def _remove_unlocked(path: str) -> None:
 
 
 def _adopt_permissions(descriptor: int, target: Path) -> None:
-    """Those of the file that is replaced, or what the umask leaves of rw-rw-rw-."""
+    """Permissions of the replaced file, or rw-rw-rw- without the umask."""
     try:
         old = os.stat(target)
     except OSError:

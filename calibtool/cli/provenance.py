@@ -1,5 +1,5 @@
-"""Where a result comes from: the command, its inputs' checksums, the seed and versions; no
-clock, no output name.
+"""Provenance of a result: command, checksums of inputs, seed and versions; no
+time, no output name.
 """
 
 import hashlib

@@ -102,7 +102,7 @@ def train(
 
     The network learns the joint motion errors of the equivalent robot that the base model leaves
     over. With Bayesian regularisation it is kept only if cross-validation, with the base identified
-    again in every fold, says that it helps.
+    again in every fold, shows that it helps.
 
     Example: calibtool train measurements.h5 --base nominal --loss task -o paper.h5
     """

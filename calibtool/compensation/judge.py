@@ -1,4 +1,6 @@
-"""The promise: joints are changed only where the calibrated model says that it is better so."""
+"""Acceptance of corrections: joints are changed only where the calibrated model
+shows an improvement.
+"""
 
 from dataclasses import dataclass
 

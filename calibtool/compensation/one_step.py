@@ -164,8 +164,8 @@ def _median_left(calibration: Calibration, q: Array, bounds: Bounds) -> tuple[fl
     """Medians of what the rule leaves at joints q (N, n): of the task, of all components."""
     model = Linearised.at(calibration, q, None, bounds)
     proposal, traded = model.proposed()
-    left = judged(calibration, model.commanded, proposal, bounds).error
+    remaining = judged(calibration, model.commanded, proposal, bounds).error
     rows = slice(None) if traded.all() else ~traded
-    parts = model.task.of_error(left, model.commanded)[rows], left[rows]
+    parts = model.task.of_error(remaining, model.commanded)[rows], remaining[rows]
     of_task, of_all = (float(np.median(np.linalg.norm(part, axis=-1))) for part in parts)
     return of_task, of_all

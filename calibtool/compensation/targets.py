@@ -31,8 +31,8 @@ def read_configurations(
     """Joint positions (N, n) of the serial chain from a table of joints, or of poses by inverse
     kinematics from home.
 
-    joint_values: whose they are where the header does not say it. Raises UsageError where nothing
-    says it and it matters, InputError for a bad table, NoSolutionError naming the first pose that
+    joint_values: whose they are where the header does not state it. Raises UsageError where nothing
+    states it and it matters, InputError for a bad table, NoSolutionError naming the first pose that
     cannot be reached.
     """
     table = parse_table(text, name)

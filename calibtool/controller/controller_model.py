@@ -1,4 +1,4 @@
-"""Which model a controller computes with: what a file says, compared with the nominal robot."""
+"""The kinematic model of a controller: read from a file and compared with the nominal robot."""
 
 import re
 from dataclasses import dataclass, replace
@@ -60,7 +60,7 @@ def read_controller_model(
         if dh is not None:
             raise UsageError(f"--dh is for a table of DH parameters, but {name} holds none")
         raise UsageError(
-            f"{name}: DH parameters do not say their convention; give --dh standard (a and alpha "
+            f"{name}: DH parameters do not state their convention; give --dh standard (a and alpha "
             "behind the joint) or --dh modified (Craig: before it)"
         )
     if kind != "urdf" and len(text) > _LARGEST:

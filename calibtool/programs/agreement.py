@@ -1,4 +1,4 @@
-"""What all uses of a position agree on: its frame and tool, or why it is left as it is."""
+"""Frame and tool on which all uses of a position agree, or the reason why it is not corrected."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -25,8 +25,8 @@ class Position:
 
 
 def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, str]]:
-    """Positions in the order of the literals, and why the other literals are left,
-    by their numbers.
+    """Positions in the order of the literals, and the reasons why other
+    literals are not corrected.
     """
     uses: list[list[int]] = [[] for _ in program.literals]
     for number, use in enumerate(flow.uses):
@@ -91,7 +91,7 @@ def _places(lines: set[int]) -> str:
 def _not_given(frame: Frame) -> str:
     kind, name = frame.kind, frame.name
     if name is None:
-        what, key = f"the program does not say its {kind}", "default"
+        what, key = f"the program does not state its {kind}", "default"
     else:
         what, key = f"{kind} '{name}' is not known", name
     return f"{what}; give it with --frames, [{kind}s.{key}]"

@@ -1,5 +1,5 @@
-"""Joint positions for the poses of a program: inverse kinematics on the branch that is meant,
-for many at once.
+"""Joint positions for the poses of a program: inverse kinematics on the configured branch, in
+batches.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -40,9 +40,7 @@ class Controller:
 
     @cached_property
     def home(self) -> Array:
-        """Where the robot is taken to stand if nothing is known: the home of its default
-        workspace, (n,).
-        """
+        """Assumed joint positions (n,) where nothing is known: home of the default workspace."""
         return self.robot.home(self.robot.workspace(None)[1])
 
     def to_serial(self, q: Array) -> Array:
@@ -178,7 +176,7 @@ class _Search:
 
     @property
     def tolerance(self) -> float:
-        """What counts as reached, as in `inverse_kinematics`."""
+        """Tolerance of a solution, as in `inverse_kinematics`."""
         return 1e-8 if self.controller.robot.n >= 6 else 1e-5
 
     def newton(self, T: Array, start: Array) -> InverseResult:

@@ -1,6 +1,4 @@
-"""External axes beside a position: joints of the chain where its description says so, otherwise
-none of the arm's matter.
-"""
+"""External axes beside a position: joints of the chain where the description states so."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,5 +1,5 @@
-"""What came of a program, for people: counts, the largest change, and what is left
-with its reasons.
+"""Summary of a corrected program: counts, the largest change, and positions left alone with
+reasons.
 """
 
 import csv
@@ -37,7 +37,7 @@ class Fate:
 class CompensatedProgram:
     """What came of a program.
 
-    names         of its texts, as they stand in messages
+    names         of its texts, as they appear in messages
     texts         its corrected texts; every byte that is no number of a changed target is as it was
     targets       how many could be read
     changed       how many have other numbers now

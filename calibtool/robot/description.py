@@ -1,6 +1,4 @@
-"""robot.toml: what a robot is called, where its kinematics come from, its targets,
-workspaces and limits.
-"""
+"""robot.toml: name of a robot, source of its kinematics, targets, workspaces and limits."""
 
 import tomllib
 from dataclasses import dataclass
@@ -109,8 +107,10 @@ class Coupling(_Strict):
 
 
 class Mounting(_Strict):
-    """How the robot stands and what it carries: `gravity`, its direction in K_0 (that of the URDF's
-    world unless given, any length), and the mass at the tool where a row does not say otherwise.
+    """Mounting and load of the robot.
+
+    `gravity`: its direction in K_0, of any length (default: that of the URDF's world). The mass at
+    the tool holds where a row does not state its own.
     """
 
     gravity: tuple[float, float, float] | None = None

@@ -163,9 +163,9 @@ class Robot:
         """Joint positions of the serial chain as values of either kind, (N, n)."""
         return self.to_controller(q) if values == "controller" else q
 
-    def joint_values(self, place: str, *said: JointValues | None) -> JointValues:
+    def joint_values(self, place: str, *stated: JointValues | None) -> JointValues:
         """Whose joint values `place` holds, by what is said of them; see `settled_values`."""
-        return settled_values(self.coupling, place, *said)
+        return settled_values(self.coupling, place, *stated)
 
     @cached_property
     def targets(self) -> Array:

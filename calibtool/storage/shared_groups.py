@@ -141,7 +141,7 @@ def read_errors(group: h5py.Group, robot: Robot) -> RobotErrors:
 
 
 def write_conditions(group: h5py.Group, conditions: Conditions) -> None:
-    """What is known of the conditions of the rows."""
+    """Known conditions of the rows."""
     if conditions.direction is not None:
         signs = conditions.direction.astype(np.int8)
         put(

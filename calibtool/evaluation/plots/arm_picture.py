@@ -1,5 +1,5 @@
-"""A picture of an arm at the home of its default workspace: three views, joint axes, base and tool
-frames, targets.
+"""Picture of an arm at the home of its default workspace: three views with axes, frames and
+targets.
 """
 
 from dataclasses import dataclass

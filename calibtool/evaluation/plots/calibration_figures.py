@@ -1,5 +1,5 @@
-"""What is inside calibrations: training (the paper's Fig. 4), joint motions, parameters, singular
-values, coverage.
+"""Figures of calibrations: training (Fig. 4), joint motions, parameters,
+singular values, coverage.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,4 @@
-"""Errors of methods: per configuration (the paper's Fig. 5), distributed, in the workspace,
-and after ISO 9283.
-"""
+"""Figures of errors: per configuration (Fig. 5), distribution, in the workspace, ISO 9283."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -31,8 +29,8 @@ Errors = list[tuple[str, Array]]
 
 
 def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Errors]]:
-    """Name, axis label and sizes (N,) of every method, in mm and mrad; the orientation
-    where it is seen.
+    """Name, axis label and errors (N,) of every method, in mm and mrad; orientation where it was
+    measured.
     """
     result = [
         (

@@ -1,4 +1,4 @@
-"""The figures by name: what each shows, and what it is drawn from."""
+"""The figures by name, with the data that each needs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,11 +1,11 @@
-"""What the page is made of: sections of lines, tables and drawings, all of them text."""
+"""Contents of the page: sections of lines, tables and drawings, all as text."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """Rows of cells under headers; the first cell of a row is its header.
     folded: shown on request.
     """
@@ -26,16 +26,16 @@ class Drawing:
 
 
 @dataclass(frozen=True)
-class Section:
-    """A heading and what stands under it, lines first; nothing but a line where there
-    is nothing to say.
+class PageSection:
+    """A heading and what stands under it, lines first; nothing but a line where there is
+    nothing to show.
     """
 
     id: str
     title: str
     lines: Sequence[str] = ()
     drawings: Sequence[Drawing] = ()
-    tables: Sequence[Table] = ()
+    tables: Sequence[PageTable] = ()
 
 
 @dataclass(frozen=True)

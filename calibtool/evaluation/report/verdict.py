@@ -26,7 +26,7 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class Headline:
-    """One sentence, and whether it is good (True), bad (False) or only said (None)."""
+    """One sentence, and whether it is good (True), bad (False) or neutral (None)."""
 
     text: str
     good: bool | None
@@ -73,7 +73,7 @@ def headline(subject: Subject, found: list[Verdict]) -> Headline:
 
 
 def cautions(subject: Subject, judged: Array) -> list[str]:
-    """What a reader has to know before believing the numbers; judged (N, n) joint positions."""
+    """Cautions that weaken the numbers; judged (N, n) joint positions."""
     evaluation = subject.evaluation
     assert evaluation is not None
     result = []
