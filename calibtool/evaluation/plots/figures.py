@@ -16,9 +16,7 @@ from calibtool.measurement.measurements import Measurements
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """Data of figures: named calibrations; measurements, errors and limits where they are
-    evaluated.
-    """
+    """Data of figures: calibrations; measurements, errors and limits if evaluated."""
 
     calibrations: list[tuple[str, Calibration]]
     measurements: Measurements | None = None
@@ -28,9 +26,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class FigureKind:
-    """A figure: one line about it, whether it needs measurements, and how it is drawn
-    at a width in mm.
-    """
+    """A figure: description, whether it needs measurements, and its drawing function."""
 
     title: str
     judged: bool
