@@ -36,9 +36,7 @@ def first_line(arguments: list[str]) -> str | None:
 
 
 def _without_traceback(kind: type[BaseException], error: BaseException, trace: object) -> None:
-    """Ctrl-C before the command line is loaded: Python ends by the signal,
-    and has nothing to say.
-    """
+    """Ctrl-C before the command line is loaded: Python ends by the signal, without output."""
     if not issubclass(kind, KeyboardInterrupt):
         sys.__excepthook__(kind, error, trace)  # type: ignore[arg-type]
 

@@ -1,6 +1,4 @@
-"""What a robot or a file holds, as plain dictionaries: the JSON of `robots` and
-`info`, and their text.
-"""
+"""Contents of a robot or a file as dictionaries: JSON and text of `robots` and `info`."""
 
 import numpy as np
 

@@ -1,6 +1,4 @@
-"""A calibration: the identified base model, the networks on top of it, and the
-poses it predicts.
-"""
+"""A calibration: identified base model, networks on top of it, and predicted poses."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -118,9 +116,7 @@ class Calibration:
         return self.networks[0].averaged(self.networks) if self.networks else None
 
     def at(self, conditions: Conditions) -> Self:
-        """The same calibration with other values of payload and temperature as its default
-        conditions.
-        """
+        """The same calibration with other default conditions: payload and temperature."""
         return replace(self, conditions=conditions)
 
     @cached_property
@@ -142,9 +138,7 @@ class Calibration:
 
     @property
     def frame_is_free(self) -> bool:
-        """Whether base and tool frame can be chosen: the set-up is unknown and the base model is
-        not nominal.
-        """
+        """Whether base and tool frame can be chosen: unknown set-up, model not nominal."""
         return not self.base.setup.known and self.base.model != "nominal"
 
     def in_frame(self, name: FrameName) -> Self:
@@ -184,9 +178,7 @@ class Calibration:
 
     @property
     def beyond_model(self) -> tuple[str, ...]:
-        """Descriptions of the parts of this calibration that `model` cannot represent; empty if
-        none.
-        """
+        """Descriptions of the parts that `model` cannot represent; empty if none."""
         parts = [family.words for family in self.base.errors.beyond_geometry]
         return (*parts, *(["network"] if self.networks else []))
 

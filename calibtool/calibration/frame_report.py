@@ -1,6 +1,4 @@
-"""Common part of the corrections in the frames of the fit, and the errors that
-remain without it.
-"""
+"""Common part of the corrections in the frames of the fit, and the remaining errors."""
 
 from dataclasses import dataclass, replace
 

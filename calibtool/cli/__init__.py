@@ -1,6 +1,4 @@
-"""The command line: every module parses options, calls one library function,
-and writes the result.
-"""
+"""The command line: modules parse options, call one library function, and write the result."""
 
 import os
 import sys

@@ -1,6 +1,4 @@
-"""Input and output files of commands: `-` for standard streams, atomic output, no silent
-overwriting.
-"""
+"""Input and output of commands: `-` for streams, atomic output, no silent overwriting."""
 
 import contextlib
 import io

@@ -143,9 +143,7 @@ def identify(
 
 
 def show_parameters(calibration: "Calibration", every: bool) -> None:
-    """The parameter table for people: the clearest errors, or every parameter, and the
-    strongest correlations.
-    """
+    """Table of the clearest errors, or of every parameter, and the largest correlations."""
     from calibtool.identification.report import parameter_rows, strongest_correlations
 
     rows = parameter_rows(calibration.base)

@@ -53,9 +53,7 @@ def interruptible() -> Iterator[None]:
 
 @contextlib.contextmanager
 def unfinished(path: str) -> Iterator[None]:
-    """A temporary file that is removed however the block ends, except by
-    SIGKILL or power failure.
-    """
+    """A temporary file that is removed however the block ends, except by SIGKILL."""
     _unfinished.add(path)
     try:
         yield

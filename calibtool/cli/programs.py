@@ -114,9 +114,7 @@ External = Annotated[
 
 
 def recognised(path: str, head: bytes) -> str:
-    """The format of the input from its name and first bytes: `csv`, `ndjson` or a
-    controller program's.
-    """
+    """Format of the input from its name and first bytes: `csv`, `ndjson` or a program's."""
     text = head.decode("latin-1").removeprefix("\xef\xbb\xbf")
     first = next((line for line in text.splitlines() if line.strip()), "")
     suffix = "" if path == STREAM else Path(path).suffix.lower()
@@ -160,9 +158,7 @@ def program_options(
 
 
 def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "Mechanism | None":
-    """Kinematics named by `--controller`, None without it; prints their distance from the nominal
-    robot.
-    """
+    """Kinematics named by `--controller`, None without it; prints their distance."""
     if given is None and dh is None:
         return None
     from calibtool.controller.controller_model import read_controller_model

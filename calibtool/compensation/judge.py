@@ -1,6 +1,4 @@
-"""Acceptance of corrections: joints are changed only where the calibrated model
-shows an improvement.
-"""
+"""Acceptance of corrections: joints change only where the calibrated model improves."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,4 @@
-"""Commanded targets: from tables to joint positions, and their correction with
-extrapolation guard.
-"""
+"""Commanded targets: from tables to joints, and correction with extrapolation guard."""
 
 from dataclasses import replace
 from typing import Literal

@@ -115,9 +115,7 @@ class TrainingReport:
 def split_rows(
     count: int, validation: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (k,) and (count − k,) of the training and validation rows of `count`
-    configurations, both sorted.
-    """
+    """Sorted indices (k,) and (count − k,) of the training and validation rows."""
     order = rng.permutation(count)
     held = round(count * validation)
     return np.sort(order[held:]), np.sort(order[:held])

@@ -76,9 +76,7 @@ class Evaluation:
 
     @property
     def before(self) -> Before | None:
-        """How the errors before the correction were obtained, for kind
-        `measured`; otherwise None.
-        """
+        """How errors before the correction were obtained (kind `measured`); or None."""
         return None if self.proof is None else self.proof.before_is
 
     @property
@@ -183,9 +181,7 @@ def evaluate(
 
 
 def judged_rows(measurements: Measurements) -> Measurements:
-    """The rows that `evaluate` judges: whole observations, or all where a simulation can
-    be driven again.
-    """
+    """Rows that `evaluate` judges: whole observations, or all of a simulation."""
     if measurements.truth is not None and measurements.commanded is None:
         return measurements
     return measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))

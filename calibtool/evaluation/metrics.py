@@ -115,9 +115,7 @@ def summary(
 
 
 def pose_statistics(method: MethodErrors) -> dict[str, dict[str, float] | None]:
-    """Objects `position_mm` and `orientation_mrad`; the latter is None where it
-    was not measured.
-    """
+    """Objects `position_mm` and `orientation_mrad` (None if not measured)."""
     turned = method.orientation_size
     return {
         "position_mm": asdict(Statistics.of(method.position_size / 1e-3)),
@@ -142,9 +140,7 @@ def _reduction(before: float, after: float) -> float:
 
 
 def error_rows(methods: list[MethodErrors]) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of a table of signed errors: one row per method and configuration,
-    targets side by side.
-    """
+    """Header and rows of a table of signed errors, one row per method and configuration."""
     points = methods[0].position.shape[1]
     parts = [""] if points == 1 else [f"t{i + 1}_" for i in range(points)]
     header = ["method", "configuration", *(f"{part}d{axis}_mm" for part in parts for axis in "xyz")]

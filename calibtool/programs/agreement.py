@@ -14,9 +14,7 @@ _LINES = 5  # lines named in one reason
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Position:
-    """A literal that can be corrected: its number in the program, its uses, and of a pose
-    its frame and tool.
-    """
+    """A literal that can be corrected: number, uses, and the frame and tool of a pose."""
 
     literal: int
     uses: tuple[int, ...]
@@ -25,9 +23,7 @@ class Position:
 
 
 def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, str]]:
-    """Positions in the order of the literals, and the reasons why other
-    literals are not corrected.
-    """
+    """Positions in the order of the literals, and reasons for the others."""
     uses: list[list[int]] = [[] for _ in program.literals]
     for number, use in enumerate(flow.uses):
         uses[use.literal].append(number)

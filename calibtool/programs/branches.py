@@ -1,6 +1,4 @@
-"""Joint positions for the poses of a program: inverse kinematics on the configured branch, in
-batches.
-"""
+"""Joint positions for the poses of a program: inverse kinematics by branch, in batches."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -25,9 +23,7 @@ _SAME = 1e-6  # rad or m: nearer joint positions are one answer
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """The nominal robot as its controller counts joints: q_serial = coupling @ q_controller,
-    coupling (n, n).
-    """
+    """The nominal robot in controller joints: q_serial = coupling @ q_controller, (n, n)."""
 
     robot: Robot
     coupling: Array

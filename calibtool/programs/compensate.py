@@ -108,9 +108,7 @@ def compensate_texts(
     program_format: str,
     options: ProgramOptions | None = None,
 ) -> CompensatedProgram:
-    """The same for a program of several texts: name, bytes and whether it is corrected
-    or only looked up.
-    """
+    """The same for several texts: name, bytes and whether it is corrected."""
     options = options or ProgramOptions()
     sources = [_source(*text) for text in texts]
     robot = calibration.robot

@@ -30,9 +30,7 @@ class Block:
 
 @dataclass(eq=False)
 class _Open:
-    """A selection or loop that is not ended yet: where it begins, and
-    blocks that go on behind it.
-    """
+    """A selection or loop that has not ended: its beginning, and blocks behind it."""
 
     head: int
     loop: bool

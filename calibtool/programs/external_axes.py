@@ -25,9 +25,7 @@ def arm_units(robot: Robot) -> list[str]:
 
 
 def joints(robot: Robot, axes: Sequence[Number], beside: Beside) -> tuple[Number, ...] | str:
-    """Numbers in the robot's order from those of the arm's axes and of external axes, or
-    what is missing.
-    """
+    """Numbers in the robot's order from those of arm and external axes, or what is missing."""
     given = dict(zip(robot.arm, axes, strict=True))
     for axis, joint in robot.external.items():
         number = beside.get(axis)

@@ -208,9 +208,7 @@ class Aim:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Move:
-    """A motion through its aims in their order: a circle has two. name: the
-    instruction, for messages.
-    """
+    """A motion through its aims in order; a circle has two. name: the instruction."""
 
     line: int
     name: str
@@ -240,9 +238,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """The first branch of a selection begins, or a loop. once: its body is
-    executed once at least.
-    """
+    """Begin of the first branch of a selection, or of a loop. once: at least one round."""
 
     loop: bool = False
     once: bool = False

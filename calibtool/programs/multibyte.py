@@ -1,6 +1,4 @@
-"""Multi-byte characters in Latin-1 text: a byte that looks like a bracket may be half of a
-character.
-"""
+"""Multi-byte characters in Latin-1: a byte that looks like a bracket may be half of one."""
 
 import re
 

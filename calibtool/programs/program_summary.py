@@ -1,6 +1,4 @@
-"""Summary of a corrected program: counts, the largest change, and positions left alone with
-reasons.
-"""
+"""Summary of a corrected program: counts, largest change, uncorrected positions."""
 
 import csv
 import io

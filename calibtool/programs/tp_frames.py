@@ -1,6 +1,4 @@
-"""Frames and tools of FANUC controllers: listings of variables, and what UFRAME_NUM and
-UTOOL_NUM select.
-"""
+"""Frames and tools of FANUC: listings of variables, UFRAME_NUM and UTOOL_NUM."""
 
 import re
 from collections.abc import Mapping

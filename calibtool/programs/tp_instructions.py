@@ -1,6 +1,4 @@
-"""What the instructions of a TP program do: motions, selections of frames, and the order they
-are executed in.
-"""
+"""Instructions of a TP program: motions, selections of frames, and their order."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping

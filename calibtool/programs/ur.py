@@ -1,6 +1,4 @@
-"""Universal Robots programs (URScript): the motions of a script, and
-variables that hold positions.
-"""
+"""Universal Robots programs (URScript): motions, and variables that hold positions."""
 
 import re
 from collections.abc import Iterator, Sequence

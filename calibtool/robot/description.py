@@ -165,9 +165,7 @@ class Description(_Strict):
 
 @dataclass(frozen=True)
 class Source:
-    """A description together with the texts that it was read from; enough to build the
-    robot again anywhere.
-    """
+    """A description with the texts that it was read from, to build the robot again."""
 
     description: Description
     toml_text: str
@@ -201,9 +199,7 @@ def read_source(path: Path) -> Source:
 
 
 def source_from_urdf(urdf_text: str, name: str) -> Source:
-    """A description for a bare URDF: the last link is the tool, three targets on a circle
-    of 0.1 m round it.
-    """
+    """A description for a bare URDF: last link as tool, three targets 0.1 m round it."""
     from calibtool.robot.urdf import last_frame  # Pinocchio is only needed here
 
     safe = (

@@ -52,9 +52,7 @@ def link_masses(robot: Robot) -> tuple[Array, Array, Array]:
 
 
 def load_carrying(robot: Robot) -> np.ndarray:
-    """Revolute joints whose static torque matters, at least 2 % of the
-    largest joint's: (n,) bool.
-    """
+    """(n,) bool: revolute joints with at least 2 % of the largest static torque."""
     largest = largest_torque(robot)
     revolute = ~np.array(robot.prismatic)
     heavy = (largest > _CARRIES_LOAD * largest[revolute].max(initial=0.0)) & (largest > 1e-9)

@@ -127,9 +127,7 @@ class Robot:
 
     @property
     def model(self) -> pin.Model:
-        """The nominal robot as a new Pinocchio model with joint limits; its
-        last frame is the tool.
-        """
+        """The nominal robot as a new Pinocchio model; its last frame is the tool."""
         return self.mechanism.as_model(self.lower, self.upper)
 
     @cached_property
@@ -229,9 +227,7 @@ class Robot:
         return chosen, self.source.description.workspaces.get(chosen)
 
     def home(self, workspace: Workspace | None) -> Array:
-        """Joint positions (n,) at the middle of a workspace; the middle of the joint
-        range for `full`.
-        """
+        """Joint positions (n,) at the middle of a workspace; of the range for `full`."""
         if workspace is None:
             return (self.lower + self.upper) / 2
         return np.array(joint_values(workspace.home, self.prismatic, self.name))

@@ -1,6 +1,4 @@
-"""Groups that both kinds of HDF5 file have: datasets with units, robot, errors,
-conditions, set-up.
-"""
+"""Groups that both kinds of HDF5 file have: robot, errors, conditions, set-up."""
 
 from typing import Any
 

@@ -1,6 +1,4 @@
-"""Picture of an arm at the home of its default workspace: three views with axes, frames and
-targets.
-"""
+"""Picture of an arm at home: three views with joint axes, frames and targets."""
 
 from dataclasses import dataclass
 from typing import Any

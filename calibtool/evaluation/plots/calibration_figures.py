@@ -1,6 +1,4 @@
-"""Figures of calibrations: training (Fig. 4), joint motions, parameters,
-singular values, coverage.
-"""
+"""Figures of calibrations: training (Fig. 4), motions, parameters, rank, coverage."""
 
 from collections.abc import Sequence
 

@@ -29,9 +29,7 @@ Errors = list[tuple[str, Array]]
 
 
 def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Errors]]:
-    """Name, axis label and errors (N,) of every method, in mm and mrad; orientation where it was
-    measured.
-    """
+    """Name, axis label and errors (N,) of every method in mm and, if measured, mrad."""
     result = [
         (
             "position",
@@ -48,9 +46,7 @@ def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Errors]]:
 
 
 def errors(evaluation: Evaluation, width_mm: float) -> Figure:
-    """Position and orientation error of every configuration, and their spread,
-    methods side by side.
-    """
+    """Position and orientation errors of every configuration and their spread."""
     quantities = _quantities(evaluation)
     wide = width_mm >= _WIDE_MM
     rows = len(quantities) if wide else 2 * len(quantities)
@@ -122,9 +118,7 @@ def distribution(evaluation: Evaluation, limits: tuple[Limit, ...], width_mm: fl
 
 
 def vectors(evaluation: Evaluation, position: Array, width_mm: float) -> Figure:
-    """Errors as arrows at the commanded tool positions (N, 3), m in K_0, magnified, seen
-    along the three axes.
-    """
+    """Magnified errors as arrows at tool positions (N, 3), m in K_0, in three views."""
     methods = evaluation.methods
     figure = sheet(width_mm, len(methods) * (width_mm / 3.1 + 6.0))
     grid = figure.subplots(len(methods), 3, squeeze=False)

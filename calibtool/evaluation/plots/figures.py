@@ -32,9 +32,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class FigureKind:
-    """A figure: one line about it, whether it needs measurements, and how it is drawn
-    at a width in mm.
-    """
+    """A figure: description, whether it needs measurements, and its drawing function."""
 
     title: str
     judged: bool

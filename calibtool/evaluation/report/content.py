@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class PageTable:
-    """Rows of cells under headers; the first cell of a row is its header.
-    folded: shown on request.
-    """
+    """Rows of cells under headers, headers of rows first. folded: shown on request."""
 
     caption: str
     header: Sequence[str]
@@ -27,9 +25,7 @@ class Drawing:
 
 @dataclass(frozen=True)
 class PageSection:
-    """A heading and what stands under it, lines first; nothing but a line where there is
-    nothing to show.
-    """
+    """A heading with lines, drawings and tables; a line where there is nothing to show."""
 
     id: str
     title: str

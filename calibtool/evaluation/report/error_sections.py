@@ -18,9 +18,7 @@ _WORST = 5  # configurations listed per calibration
 
 
 def errors_section(subject: Subject, judged: Measurements) -> PageSection:
-    """Statistics of every method, its errors and their distribution, and
-    the worst configurations.
-    """
+    """Statistics and distribution of the errors, and the worst configurations."""
     evaluation = subject.evaluation
     assert evaluation is not None
     entries: list[dict[str, Any]] = evaluation.as_json()["methods"]  # type: ignore[assignment]

@@ -98,9 +98,7 @@ def _shown(section: PageSection, subject: Subject) -> Shown:
 
 
 def _inline(svg: str, prefix: str) -> Markup:
-    """The `<svg>` element alone: its names its own, its colours those of
-    the page, light or dark.
-    """
+    """The `<svg>` element with unique names and the colours of the page."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r"<!--.*?-->\n?", "", svg, flags=re.DOTALL)

@@ -1,6 +1,4 @@
-"""The verdict: what every calibration changes, whether the limits are met, and what weakens
-either statement.
-"""
+"""The verdict: effect of every calibration, limits, and cautions."""
 
 from dataclasses import dataclass
 from typing import Any, cast

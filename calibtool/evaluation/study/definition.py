@@ -1,6 +1,4 @@
-"""What a study varies: the definition (a TOML file or options), and the
-runs that follow from it.
-"""
+"""Definition of a study, from a TOML file or options, and its runs."""
 
 import hashlib
 from collections.abc import Mapping

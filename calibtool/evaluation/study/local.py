@@ -1,6 +1,4 @@
-"""Runs in processes of this machine: a killed process is noticed, replaced, and its
-run repeated once.
-"""
+"""Runs in processes of this machine: a killed process is replaced, its run repeated once."""
 
 import contextlib
 import multiprocessing

@@ -1,6 +1,4 @@
-"""One run of a study: draw a robot, measure it, calibrate it by every method, judge
-them side by side.
-"""
+"""One run of a study: draw a robot, measure, calibrate by every method, evaluate."""
 
 import threading
 from collections.abc import Callable
