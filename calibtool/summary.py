@@ -34,7 +34,7 @@ def robot_summary(robot: Robot) -> dict[str, object]:
     home = robot.mechanism.forward(robot.home(robot.workspace(None)[1])[None])[0]
     joints = []
     for j, prismatic in enumerate(robot.prismatic):
-        factor, unit = (1e3, "mm") if prismatic else (180.0 / np.pi, "deg")
+        factor, unit = robot.display_unit(j)
         twist = robot.chain.twists[j]
         joints.append(
             {

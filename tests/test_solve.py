@@ -330,7 +330,7 @@ def test_the_seed_chooses_the_branch() -> None:
 # --- wrong input ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("q", [np.zeros((3, 7)), np.zeros(6), np.full((1, 6), np.inf)])
+@pytest.mark.parametrize("q", [np.zeros((3, 7)), np.zeros(7), np.full((1, 6), np.inf)])
 def test_joints_that_do_not_fit_the_robot_are_refused(q: Array) -> None:
     with pytest.raises(InputError, match="joint positions"):
         compensate_joints(calibrated("ur5", "local-poe"), q)

@@ -5,8 +5,8 @@ by a process that was killed; the next output of the same name removes it.
 """
 
 import contextlib
-import fcntl
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 from calibtool.cli.interrupts import held, unfinished
+
+if sys.platform != "win32":
+    import fcntl
 
 SUFFIX = ".calibtool-part"
 _NAME_BYTES = (
@@ -71,7 +74,8 @@ def staged(target: Path) -> Iterator[PartialFile]:
             with contextlib.suppress(
                 OSError
             ):  # no locks on this file system: nobody removes anything either
-                fcntl.flock(descriptor, fcntl.LOCK_EX)
+                if sys.platform != "win32":
+                    fcntl.flock(descriptor, fcntl.LOCK_EX)
             if os.path.exists(
                 temporary
             ):  # else taken for abandoned by another process, just before it was locked
@@ -103,8 +107,9 @@ def remove_abandoned(folder: Path, mark: str) -> None:
 def _remove_unlocked(path: str) -> None:
     descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        os.unlink(path)
+        if sys.platform != "win32":  # without locks nobody knows whether its process has ended
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.unlink(path)
     finally:
         os.close(descriptor)
 

@@ -148,9 +148,7 @@ def default_bounds(
             f"the largest change of a joint is {largest_change:g}; expected more than zero"
         )
     robot, known = calibration.robot, calibration.q
-    anywhere = robot.lower + (robot.upper - robot.lower) * np.random.default_rng(0).random(
-        (500, robot.n)
-    )
+    anywhere = robot.anywhere(500, np.random.default_rng(0))
     error = weighted_error(calibration.forward(known), robot.mechanism.forward(known), robot.length)
     size = float(np.sqrt((error**2).sum(axis=-1).mean()))
     bounds = Bounds(size / DAMPED_BELOW, (np.inf, np.inf), weights)

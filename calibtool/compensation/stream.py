@@ -268,9 +268,7 @@ class _Corrector:
             report.remark(f"{table.place(k)}: {text}")
 
     def _size(self, jump: CorrectionJump) -> str:
-        factor, unit = (
-            (1e3, "mm") if self.calibration.robot.prismatic[jump.joint] else (180 / np.pi, "deg")
-        )
+        factor, unit = self.calibration.robot.display_unit(jump.joint)
         return f"joint {jump.joint + 1} by {jump.change * factor:.3g} {unit}"
 
     def _note_branches(self, table: Table, q: Array) -> None:

@@ -160,8 +160,7 @@ def _compared(model: Robot, robot: Robot) -> ControllerModel:
 
 def _poses(model: Robot, robot: Robot) -> tuple[Array, Array]:
     """Tool poses of both at configurations of the nominal robot's joint range, (N, 4, 4)."""
-    part = np.random.default_rng(0).random((_CONFIGURATIONS, robot.n))
-    q = robot.lower + (robot.upper - robot.lower) * part
+    q = robot.anywhere(_CONFIGURATIONS, np.random.default_rng(0))
     return model.mechanism.forward(q), robot.mechanism.forward(q)
 
 

@@ -393,6 +393,6 @@ def _beyond(controller: Controller, q: Array) -> str:
     robot = controller.robot
     outside = np.flatnonzero((q < robot.lower - 1e-9) | (q > robot.upper + 1e-9))
     j = int(outside[0])
-    factor, unit = (1e3, "mm") if robot.prismatic[j] else (180 / np.pi, "deg")
+    factor, unit = robot.display_unit(j)
     limits = f"{robot.lower[j] * factor:.6g} … {robot.upper[j] * factor:.6g} {unit}"
     return f"joint {j + 1} at {q[j] * factor:.6g} {unit} is outside its limits ({limits})"

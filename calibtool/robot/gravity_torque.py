@@ -64,5 +64,5 @@ def load_carrying(robot: Robot) -> np.ndarray:
 def largest_torque(robot: Robot) -> Array:
     """Largest |τ_g| of each joint over 500 fixed configurations of the whole joint range: (n,)."""
     rng = np.random.default_rng(0)
-    q = robot.lower + (robot.upper - robot.lower) * rng.random((500, robot.n))
+    q = robot.anywhere(500, rng)
     return readonly(np.abs(gravity_torque(robot, q)).max(axis=0))

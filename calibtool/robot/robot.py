@@ -232,6 +232,20 @@ class Robot:
             return (self.lower + self.upper) / 2
         return np.array(joint_values(workspace.home, self.prismatic, self.name))
 
+    def display_unit(self, joint: int) -> tuple[float, str]:
+        """Factor and unit, mm or deg, that show the position of a joint (from 0) to people."""
+        return (1e3, "mm") if self.prismatic[joint] else (180.0 / np.pi, "deg")
+
+    @property
+    def display_factors(self) -> Array:
+        """The factors of `display_unit` of all joints, (n,)."""
+        return np.array([self.display_unit(joint)[0] for joint in range(self.n)])
+
+    def anywhere(self, count: int, rng: np.random.Generator) -> Array:
+        """Joint positions (count, n) drawn evenly over the whole joint range, rad or m."""
+        q: Array = self.lower + (self.upper - self.lower) * rng.random((count, self.n))
+        return q
+
     def within_limits(self, q: Array) -> np.ndarray:
         """Per row of q (N, n): all joints inside their limits (a rounding error of 1e-9 is
         forgiven). (N,) bool

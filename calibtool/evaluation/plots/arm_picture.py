@@ -54,7 +54,7 @@ def arm_figure(robot: Robot) -> Figure:
     arm = _arm(robot, q)
     figure = Figure(figsize=(13.0, 5.6), layout="constrained")
     panels = figure.subplots(1, 3)
-    shown = q * np.where(robot.prismatic, 1e3, 180.0 / np.pi)
+    shown = q * robot.display_factors
     home = ", ".join(
         f"{column} {value:.4g}" for column, value in zip(robot.joint_columns, shown, strict=True)
     )

@@ -19,6 +19,7 @@ from calibtool.evaluation.plots.style import (
     panels,
     sheet,
 )
+from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.se3 import Array
 
 _ARROWS = 150  # in a panel
@@ -122,7 +123,7 @@ def vectors(evaluation: Evaluation, position: Array, width_mm: float) -> Figure:
     methods = evaluation.methods
     figure = sheet(width_mm, len(methods) * (width_mm / 3.1 + 6.0))
     grid = figure.subplots(len(methods), 3, squeeze=False)
-    rows = np.unique(np.linspace(0, len(position) - 1, min(len(position), _ARROWS)).astype(int))
+    rows = spread_rows(len(position), _ARROWS)
     extent = max(float(np.ptp(position, axis=0).max()), 1e-3)
     for i, method in enumerate(methods):
         error = method.position.mean(axis=1)

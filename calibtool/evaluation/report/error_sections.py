@@ -79,7 +79,7 @@ def _with_expected(table: PageTable, expected: MethodErrors) -> PageTable:
 
 def _worst(methods: list[MethodErrors], judged: Measurements) -> PageTable:
     """The largest position errors, and the joint positions where they are."""
-    factors = np.where(judged.robot.prismatic, 1e3, 180 / np.pi)
+    factors = judged.robot.display_factors
     rows = []
     for method in methods:
         for k in np.argsort(-method.position_size, kind="stable")[:_WORST]:

@@ -31,6 +31,7 @@ from calibtool.measurement.importing.row_selection import choose_rows, line_rang
 from calibtool.measurement.importing.sources import SourceTable, read_source
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
+from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
@@ -97,10 +98,8 @@ class Imported(NamedTuple):
         Raises NoSolutionError for too few rows; a warning about the table goes along,
         it may tell why.
         """
-        count = len(self.measurements)
         used = self.measurements
-        if count > REGISTRATION_ROWS:
-            used = used.rows(np.linspace(0, count - 1, REGISTRATION_ROWS).astype(int))
+        used = used.rows(spread_rows(len(used), REGISTRATION_ROWS))
         try:
             return self.with_setup(register(used))
         except NoSolutionError as error:
