@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibtool.calibration.frame import on_base
 from calibtool.calibration.model import Calibration, check_same_robot
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
@@ -72,7 +73,10 @@ def _absorbed(calibration: Calibration, known: Setup, fitted: Setup) -> RobotErr
     """Base and tool as errors of the first and last placement, so that poses come out in the known set-up."""
     chain, errors = calibration.robot.chain, calibration.errors
     placements = chain.placements @ exp6(errors["placements"])
-    placements[0] = inverse(known.T_instrument_base) @ fitted.T_instrument_base @ placements[0]
+    roots = on_base(calibration.robot)
+    placements[roots] = (
+        inverse(known.T_instrument_base) @ fitted.T_instrument_base @ placements[roots]
+    )
     if len(known.targets) >= 3:
         placements[-1] = placements[-1] @ rigid_fit(known.targets, fitted.targets)
     else:

@@ -10,6 +10,7 @@ import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Rows, Sizes
 from calibtool.errormodel.tolerances import Tolerances
+from calibtool.robot.damped import at_point
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6, readonly
 from calibtool.robot.starts import drawn as configurations
@@ -81,6 +82,8 @@ class Payload(Family):
 def moments(rows: Rows) -> tuple[Array, Array]:
     """Moments of the payload's weight about every joint, N m: along its axis (N, n), and across it in F0_j (N, n, 3)."""
     frames, robot = rows.nominal, rows.robot
+    if frames.jacobian is not None:
+        return _work(rows, frames.jacobian), np.zeros((*rows.q.shape, 3))
     arm = frames.tool[:, None, :3, 3] - frames.before[..., :3, 3]
     weight = np.asarray(rows.payload)[..., None] * np.array(robot.chain.model.gravity.linear)
     moment = np.cross(arm, np.broadcast_to(weight, (len(rows.q), 3))[:, None])
@@ -90,12 +93,21 @@ def moments(rows: Rows) -> tuple[Array, Array]:
     return along, local - along[..., None] * axes
 
 
+def _work(rows: Rows, jacobian: Array) -> Array:
+    """Moments about the actuated joints of closed loops by virtual work: what the weight gains as a joint turns (N, n)."""
+    robot, tool = rows.robot, rows.nominal.tool[:, :3, 3]
+    weight = np.asarray(rows.payload)[..., None] * np.array(robot.chain.model.gravity.linear)
+    gained = np.einsum("nki,...k->ni", at_point(jacobian, tool)[:, :3], weight)
+    result: Array = np.where(robot.prismatic, 0.0, gained)
+    return result
+
+
 @lru_cache
 def largest_moment(robot: Robot) -> Array:
     """Largest moments of 1 kg along and across each joint over fixed configurations of the joint range: (n, 2) N m."""
     from calibtool.errormodel.conditions import Conditions
 
-    q = configurations(robot, _SAMPLES, np.random.default_rng(0))
+    q = robot.closing(configurations(robot, _SAMPLES, np.random.default_rng(0)))
     along, across = moments(Rows(robot, q, Conditions(payload_kg=readonly(1.0))))
     return readonly(
         np.stack([np.abs(along).max(axis=0), np.linalg.norm(across, axis=-1).max(axis=0)], axis=-1)

@@ -60,7 +60,7 @@ class RobotCheck:
             joints.append(
                 {
                     "joint": f"j{j + 1}",
-                    "name": str(robot.chain.model.names[j + 1]),
+                    "name": robot.chain.bodies.joints[j],
                     "kind": "prismatic" if prismatic else "revolute",
                     "axis": _rounded(twist[:3] if prismatic else twist[3:], 9),
                     f"lower_{unit}": round(float(robot.lower[j]) * factor, 6),
@@ -118,7 +118,9 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     """
     rng = np.random.default_rng(0)
     place = robot.source.place
-    anywhere = robot.lower + (robot.upper - robot.lower) * rng.random((_REACH_SAMPLES, robot.n))
+    anywhere = robot.closing(
+        robot.lower + (robot.upper - robot.lower) * rng.random((_REACH_SAMPLES, robot.n))
+    )
     tools = robot.mechanism.forward(anywhere)[:, :3, 3]
     first = robot.chain.placements[0, :3, 3]
     if robot.singularity_distance(anywhere).max() < MIN_SINGULARITY_DISTANCE:
@@ -243,7 +245,7 @@ def _warnings(
     if given_as.endswith(".urdf"):
         tool = robot.source.description.kinematics.tool_frame
         ends = end_links(
-            robot.source.urdf_text, robot.chain.model.names[robot.n], robot.source.place
+            robot.source.urdf_text, robot.chain.bodies.joints[robot.n - 1], robot.source.place
         )
         others = [f"'{link}'" for link in ends if link != tool]
         could = f"; {', '.join(others)} could be it too" if others else ""

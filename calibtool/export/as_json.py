@@ -78,7 +78,7 @@ def calibration_as_json(calibration: Calibration, joint_values: JointValues = "s
 def _joints(robot: Robot) -> list[dict[str, Any]]:
     return [
         {
-            "name": robot.chain.model.names[j + 1],
+            "name": robot.chain.bodies.joints[j],
             "kind": "prismatic" if robot.prismatic[j] else "revolute",
             "unit": robot.joint_units[j],
             "lower_rad_or_m": float(robot.lower[j]),

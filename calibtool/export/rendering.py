@@ -254,7 +254,7 @@ def _payload(calibration: Calibration) -> dict[str, Any] | None:
 
 def _joints(robot: Robot) -> list[str]:
     """One line per joint. A name comes from a URDF: nothing of it may end the comment it stands in."""
-    names = [re.sub(r"[^A-Za-z0-9_. -]", "_", name) for name in robot.chain.model.names[1:]]
+    names = [re.sub(r"[^A-Za-z0-9_. -]", "_", name) for name in robot.chain.bodies.joints[: robot.n]]
     return [
         f"{name}, {unit}, {low:.6g} to {high:.6g}"
         for name, unit, low, high in zip(

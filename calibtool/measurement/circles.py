@@ -26,10 +26,10 @@ class Line:
 def circle_start(measurements: Measurements) -> Array | None:
     """T_instrument_base (4, 4) from circles of joints 1 and 2; None where the rows hold no such circles.
 
-    None as well when a joint is prismatic or the two axes are parallel: two parallel lines leave the way along them open.
+    None as well with closed loops, and when a joint is prismatic or the two axes are parallel: two parallel lines leave the way along them open.
     """
     robot = measurements.robot
-    if robot.n < 2 or any(robot.prismatic[:2]):
+    if robot.n < 2 or any(robot.prismatic[:2]) or robot.chain.tree is not None:
         return None
     rows = single_joint_rows(measurements.q)
     if 0 not in rows or 1 not in rows:

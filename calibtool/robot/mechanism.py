@@ -32,14 +32,35 @@ class Bodies:
 class Frames:
     """Frames of a chain in K_0 for N configurations, from which error columns are built.
 
-    before  (N, n, 4, 4) F0_j, after M_j and before joint j moves
-    after   (N, n, 4, 4) F_j, after joint j has moved
-    tool    (N, 4, 4) T_base_tool
+    before    (N, n, 4, 4) F0_j, after M_j and before joint j moves
+    after     (N, n, 4, 4) F_j, after joint j has moved
+    tool      (N, 4, 4) T_base_tool
+    cuts      (N, 2L, 4, 4) frames A and B of every closed loop; None without loops, as all that follow
+    transfer  (N, n + 2L + 1, 6, 6) what a twist of everything beyond each of `placed` does to the tool; n counts all joints
+    jacobian  (N, 6, n_a) of the tool by the actuated joints, which are the first ones
     """
 
     before: Array
     after: Array
     tool: Array
+    cuts: Array | None = None
+    transfer: Array | None = None
+    jacobian: Array | None = None
+
+    @property
+    def placed(self) -> Array:
+        """The frames that placements put somewhere: before the joints, cut frames, the tool: (N, n + 2L + 1, 4, 4)."""
+        parts = [self.before, *([] if self.cuts is None else [self.cuts]), self.tool[:, None]]
+        return np.concatenate(parts, axis=1)
+
+    def links(self, placed_on: tuple[int, ...]) -> tuple[Array, Array]:
+        """Straight pieces from the joint that carries each of `placed` (−1: the base) to it, in K_0: ends (N, s, 3) each."""
+        origins = np.concatenate([np.zeros((len(self.tool), 1, 3)), self.after[:, :, :3, 3]], axis=1)
+        return origins[:, np.array(placed_on) + 1], self.placed[:, :, :3, 3]
+
+    def seen(self, twists: Array, joints: slice = slice(None)) -> Array:
+        """Twists (N, k, 6, …) of the placed frames (`joints` of them) as the tool takes them."""
+        return twists if self.transfer is None else self.transfer[:, joints] @ twists
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +110,7 @@ class Mechanism:
         for k, row in enumerate(rows):
             move(model, data, row)
             columns[k] = tool
-        return _poses(columns)
+        return poses_of(columns)
 
     def forward_and_jacobian(self, q: Array) -> tuple[Array, Array]:
         """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0, columns ∂(δy)/∂q_j = Ad(F_j) ξ_j (Eq. 14).
@@ -105,7 +126,7 @@ class Mechanism:
             place(model, data)
             columns[k] = tool
             jacobians[k] = jacobian
-        return _poses(columns), np.swapaxes(self._per_joint(jacobians), -1, -2)
+        return poses_of(columns), np.swapaxes(self._per_joint(jacobians), -1, -2)
 
     def frames(self, q: Array) -> Frames:
         """Every frame of the chain for q (N, n) in rad or m, from Pinocchio's `framesForwardKinematics`."""
@@ -119,7 +140,7 @@ class Mechanism:
             pin.framesForwardKinematics(model, data, row)
             for j, frame in enumerate(live):
                 moved[j] = frame
-        poses = _poses(columns)
+        poses = poses_of(columns)
         after, tool = poses[:, :n], poses[:, n]
         for j, screw in enumerate(self.screws):
             if screw.shift.any():
@@ -128,6 +149,10 @@ class Mechanism:
         before[:, 0] = self.placements[..., 0, :, :]
         before[:, 1:] = after[:, :-1] @ self.placements[..., 1:-1, :, :]
         return Frames(before, after, tool)
+
+    def closes(self, q: Array) -> np.ndarray:
+        """Which rows of q (N, n) the mechanism can stand at: (N,) bool; all, where there are no loops."""
+        return np.ones(len(q), dtype=bool)
 
     def configuration(self, q: Array) -> Array:
         """Coordinates of `model` for joint positions q (N, n) in rad or m: (N, nq)."""
@@ -206,7 +231,18 @@ def _columns_of(frame: pin.SE3) -> Array:
     return np.lib.stride_tricks.as_strided(rotation.T, (4, 3), (24, 8), writeable=False)
 
 
-def _poses(columns: Array) -> Array:
+def columns_of(frames: pin.StdVec_SE3) -> Array:
+    """Axes x, y, z and origin of all frames of Pinocchio's data, one behind the other (k, 4, 3): a view as `_columns_of`."""
+    first, last = _columns_of(frames[0]), _columns_of(frames[len(frames) - 1])
+    start, end = (view.__array_interface__["data"][0] for view in (first, last))
+    if end - start != 96 * (len(frames) - 1):
+        raise RuntimeError("this Pinocchio stores poses in another way; install pin 3.4 to 4.x")
+    return np.lib.stride_tricks.as_strided(
+        first, (len(frames), 4, 3), (96, 24, 8), writeable=False
+    )
+
+
+def poses_of(columns: Array) -> Array:
     """Axes x, y, z and origin (…, 4, 3) as poses (…, 4, 4)."""
     poses = np.empty((*columns.shape[:-2], 4, 4))
     poses[..., :3, :] = np.swapaxes(columns, -1, -2)

@@ -8,7 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from calibtool.errors import InputError, UsageError, near_names
-from calibtool.robot.chain import SerialChain, build_chain
+from calibtool.robot.chain import SerialChain
+from calibtool.robot.closed_chain import ClosedChain, chain_of
+from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.coupling import JointValues, coupling_matrix, settled_values
 from calibtool.robot.damped import at_point, singularity_distance
 from calibtool.robot.description import Source, Workspace
@@ -24,19 +26,19 @@ class Robot:
     """The nominal robot. Joint positions q are (N, n), in rad, or m for a prismatic joint.
 
     source   description and texts that it was built from
-    chain    placements and twists of its joints, from K_0 to the tool
+    chain    placements and twists of its joints, from K_0 to the tool: serial, or with closed loops
     lower, upper   (n,) joint limits, rad or m
     """
 
     source: Source
-    chain: SerialChain
+    chain: SerialChain | ClosedChain
     lower: Array  # (n,) joint limits
     upper: Array
 
     @classmethod
     def from_source(cls, source: Source) -> "Robot":
         """Build the robot and check everything in the description that needs the joints. Raises InputError."""
-        chain = build_chain(source)
+        chain = chain_of(source)
         description = source.description
         prismatic = _prismatic(chain)
         lower, upper = chain.lower.copy(), chain.upper.copy()
@@ -55,7 +57,7 @@ class Robot:
         for unlimited in np.flatnonzero(np.isnan(lower)):
             j = int(unlimited) + 1
             raise InputError(
-                f"{source.place}: slide '{chain.model.names[j]}' has no limits in the URDF; give them in robot.toml: "
+                f"{source.place}: slide '{chain.bodies.joints[j - 1]}' has no limits in the URDF; give them in robot.toml: "
                 f"[limits] j{j}_mm = [lower, upper]"
             )
         for name, workspace in description.workspaces.items():
@@ -88,7 +90,7 @@ class Robot:
     @property
     def n(self) -> int:
         """Number of joints."""
-        return len(self.chain.twists)
+        return self.chain.n
 
     @cached_property
     def prismatic(self) -> list[bool]:
@@ -158,7 +160,10 @@ class Robot:
         """Characteristic length in m: half of the sum of link lengths and prismatic strokes. Weighs rad against m.
 
         With slides at most LONGEST: 1 m of a slide counts 1/length, and every pose of a long crane would look singular.
+        That of closed loops stands in the description.
         """
+        if self.chain.tree is not None:
+            return self.chain.tree.length
         links = np.linalg.norm(self.chain.placements[1:, :3, 3], axis=-1).sum()
         strokes = (self.upper - self.lower)[self.prismatic].sum()
         half = float(max(links + strokes, 1e-3) / 2)
@@ -206,20 +211,43 @@ class Robot:
         return chosen, self.source.description.workspaces.get(chosen)
 
     def home(self, workspace: Workspace | None) -> Array:
-        """Joint positions (n,) at the middle of a workspace; the middle of the joint range for `full`."""
+        """Joint positions (n,) at the middle of a workspace; the middle of the joint range for `full`, or, with
+        closed loops, where the description closes them."""
+        if workspace is None and self.chain.tree is not None:
+            return self.chain.tree.closed_at[: self.n]
         if workspace is None:
             return (self.lower + self.upper) / 2
         return np.array(joint_values(workspace.home, self.prismatic, self.name))
 
     def within_limits(self, q: Array) -> np.ndarray:
-        """Per row of q (N, n): all joints inside their limits (a rounding error of 1e-9 is forgiven). (N,) bool"""
+        """Per row of q (N, n): all joints inside their limits (a rounding error of 1e-9 is forgiven). (N,) bool
+
+        With closed loops also the passive joints; a row that does not close is not inside.
+        """
         inside: np.ndarray = np.all((q >= self.lower - 1e-9) & (q <= self.upper + 1e-9), axis=-1)
+        if isinstance(self.mechanism, ClosedMechanism):
+            inside &= self.mechanism.passive_within(q)
         return inside
 
+    def closing(self, q: Array) -> Array:
+        """Those rows of q (N, n) at which the nominal robot can stand: all but where closed loops do not close."""
+        return q if self.chain.tree is None else q[self.mechanism.closes(q)]
+
     def singularity_distance(self, q: Array) -> Array:
-        """Smooth lower bound of σ_min of the actuated Jacobian at the tool, see `mechanism.singularity_distance`. (N,)"""
+        """Smooth lower bound of σ_min of the actuated Jacobian at the tool, see `mechanism.singularity_distance`. (N,)
+
+        With closed loops also small where the passive joints are near a singularity of their own, and 0 where they do not
+        close (`ClosedMechanism.steadiness`).
+        """
         pose, jacobian = self.mechanism.forward_and_jacobian(q)
-        return singularity_distance(at_point(jacobian, pose[:, :3, 3]), self.length)
+        if not isinstance(self.mechanism, ClosedMechanism):
+            return singularity_distance(at_point(jacobian, pose[:, :3, 3]), self.length)
+        ok = np.isfinite(pose[:, 0, 0])
+        distance = np.zeros(len(q))
+        seen = at_point(jacobian[ok], pose[ok, :3, 3])
+        steady = self.mechanism.steadiness(pose[ok], jacobian[ok])
+        distance[ok] = np.minimum(singularity_distance(seen, self.length), steady)
+        return distance
 
     def check_positions(self, q: Array, place: str) -> None:
         """InputError unless q is (N, n) and finite."""
@@ -233,8 +261,8 @@ class Robot:
             )
 
 
-def _prismatic(chain: SerialChain) -> list[bool]:
-    return [bool(np.linalg.norm(twist[3:]) < 0.5) for twist in chain.twists]
+def _prismatic(chain: SerialChain | ClosedChain) -> list[bool]:
+    return [bool(np.linalg.norm(twist[3:]) < 0.5) for twist in chain.twists[: chain.n]]
 
 
 def is_path(name: str) -> bool:

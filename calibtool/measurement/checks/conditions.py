@@ -166,7 +166,7 @@ def _trends(
 def without_geometry(measurements: Measurements, setup: Setup, series: Array) -> Array:
     """A series (N, d) without what placement errors of the links (Eq. 10), of tolerance 1 mm and 1 mrad, explain of it."""
     frames = measurements.robot.mechanism.frames(measurements.q)
-    blocks = adjoint(np.concatenate([frames.before, frames.tool[:, None]], axis=1))
+    blocks = frames.seen(adjoint(frames.placed))
     P = observation_matrix(setup, frames.tool)
     seen = measurements.seen.repeat(3, axis=-1)
     columns: Array = (
