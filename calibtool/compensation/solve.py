@@ -1,6 +1,5 @@
 """Corrected joint positions (Eqs. 23, 24): the one-step rule, or the exact solution."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -10,7 +9,6 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.exact import exact
 from calibtool.compensation.one_step import one_step
-from calibtool.compensation.judge import Judged
 from calibtool.compensation.status import NOT_CLOSED, UNREACHABLE
 from calibtool.errors import check_choice
 from calibtool.robot.inverse import follow_path, inverse_kinematics
@@ -93,11 +91,9 @@ def _compensate(
     """Correct joints q (N, n) for commanded poses (N, 4, 4), nominal ones for None."""
     check_choice(method, get_args(Method), "method")
     rule = exact if method == "exact" else one_step
-    closed = calibration.closes(q)
-    if not closed.all():
-        result = _where_closed(calibration, rule, commanded, q, bounds, closed)
-    else:
-        result = rule(calibration, q, commanded, bounds)
+    result = rule(calibration, q, commanded, bounds)
+    lost = np.isnan(result.error).any(axis=-1)  # closed loops, of the nominal or of this robot
+    result.q[lost], result.status[lost] = q[lost], NOT_CLOSED
     return Compensation(
         q=result.q,
         status=result.status,
@@ -105,24 +101,3 @@ def _compensate(
         orientation=np.linalg.norm(result.error[:, 3:], axis=-1),
         commanded=q,
     )
-
-
-def _where_closed(
-    calibration: Calibration,
-    rule: Callable[..., Judged],
-    commanded: Array | None,
-    q: Array,
-    bounds: Bounds | None,
-    closed: np.ndarray,
-) -> Judged:
-    """Rows in which the loops do not close, of the nominal or of the calibrated robot, stay as they are."""
-    result = Judged(q.copy(), np.full(len(q), NOT_CLOSED, dtype=object), np.full((len(q), 6), np.nan))
-    if closed.any():
-        poses = None if commanded is None else commanded[closed]
-        part = rule(calibration, q[closed], poses, bounds)
-        result.q[closed], result.status[closed], result.error[closed] = (
-            part.q,
-            part.status,
-            part.error,
-        )
-    return result

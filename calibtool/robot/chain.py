@@ -71,6 +71,11 @@ class SerialChain:
         return (*self.bodies.joints, self.bodies.tool)
 
     @property
+    def model_joints(self) -> dict[int, int]:
+        """The number of each joint, and of the base (−1), in `model`."""
+        return {j: j + 1 for j in range(-1, self.n)}
+
+    @property
     def placed_on(self) -> tuple[int, ...]:
         """The joint that carries each placement, −1 for the base."""
         return tuple(range(-1, self.n))

@@ -10,15 +10,15 @@ import pinocchio as pin
 
 from calibtool.robot.closure import Closure, closure
 from calibtool.robot.damped import at_point
-from calibtool.robot.continuation import Closing, Starts, advanced, newton, solved
+from calibtool.robot.continuation import At, Closing, Starts, advanced, newton, solved
 from calibtool.robot.loops import Tree
 from calibtool.robot.mechanism import Bodies, Frames, Mechanism, columns_of, poses_of
 from calibtool.robot.screw import Screw
 from calibtool.robot.se3 import Array, exp6, readonly, translation
 
-_TOGETHER = 512  # rows: their numbers stay in the processor's cache
+_TOGETHER = 1024  # rows: their numbers stay in the processor's cache
 _STEADY = 0.2  # a tool that moves ten times as far as at the closed configuration is as bad as a singularity of type 1
-_STEPS = 12  # of the way from a start to rows that Newton does not reach at once
+_STEPS = 3, 12  # of the way from a start to rows that Newton does not reach at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,8 @@ class ClosedMechanism(Mechanism):
         parts = []
         for rows, closed in self._parts(q):
             theta = np.where(closed.ok[:, None], closed.theta, np.nan)
-            ends, jacobian, after = self._driven(theta, np.arange(len(q))[rows], joints=True)
+            driven, numbers = self._coordinates(theta), np.arange(len(q))[rows]
+            ends, jacobian, after = self._driven(driven, numbers, joints=True)
             equations = closure(tree, ends[:, :-1], jacobian, theta)
             influence = self._influence(jacobian, equations)
             parts.append(
@@ -202,19 +203,28 @@ class ClosedMechanism(Mechanism):
             numbers = np.arange(rows.start, rows.stop)
             moved = q[rows] + self.offsets
             begin, near = starts.nearest(moved)
-            closed = newton(self.equations, self.tree, near, numbers, starts.reach(begin, moved))
-            again = np.flatnonzero(~closed.ok)
-            if len(again):
-                found = advanced(
-                    self.equations, self.tree, begin[again], moved[again], numbers[again], _STEPS
-                )
-                closed.put(again, found)
+            closed = newton(self.equations, self.tree, near, numbers, starts.reach(begin, near))
+            for steps in _STEPS:
+                again = np.flatnonzero(~closed.ok)
+                if len(again):
+                    way = begin[again], moved[again], numbers[again]
+                    closed.put(again, advanced(self.equations, self.tree, *way, steps))
             yield rows, closed
 
-    def equations(self, theta: Array, rows: np.ndarray) -> tuple[Array, Array, Closure]:
-        """Cut frames and tool (N, 2L + 1, 4, 3), columns of the joints (N, J, 6), and equations, at θ (N, J)."""
-        ends, jacobian, _ = self._driven(theta, rows)
-        return ends, jacobian, closure(self.tree, ends[:, :-1], jacobian, theta)
+    def equations(self, theta: Array, rows: np.ndarray) -> At:
+        """Cut frames and tool (k, 2L + 1, 4, 3), columns of the joints (k, J, 6), and equations of some of the rows of
+        θ (N, J), numbered rows (N,), for other positions (k, p) of the passive joints.
+        """
+        tree, coordinates = self.tree, self._coordinates(theta)
+
+        def at(some: np.ndarray, passive: Array) -> tuple[Array, Array, Closure]:
+            moved, driven = theta[some], coordinates[some]
+            moved[:, tree.passive] = passive
+            driven[:, self._passive_coordinates] = passive
+            ends, jacobian, _ = self._driven(driven, rows[some])
+            return ends, jacobian, closure(tree, ends[:, :-1], jacobian, moved)
+
+        return at
 
     def _tool(self, closed: Closing) -> Array:
         """T_base_tool, after the last step of the passive joints, which is smaller than what could be seen of its square."""
@@ -253,10 +263,13 @@ class ClosedMechanism(Mechanism):
     # --- the tree ---
 
     def _driven(
-        self, theta: Array, rows: np.ndarray, joints: bool = False
+        self, coordinates: Array, rows: np.ndarray, joints: bool = False
     ) -> tuple[Array, Array, Array]:
-        """Ends (N, 2L + 1, 4, 3), columns of the joints (N, J, 6) and, if asked, the joints' frames (N, J, 4, 3)."""
-        model, count = self.model, len(theta)
+        """Ends (N, 2L + 1, 4, 3), columns of the joints (N, J, 6) and, if asked, the joints' frames (N, J, 4, 3).
+
+        coordinates (N, nq) of the model, rows (N,) their numbers.
+        """
+        model, count = self.model, len(coordinates)
         if self.placements.ndim == 4:
             model = model.copy()
         data = model.createData()
@@ -265,7 +278,7 @@ class ClosedMechanism(Mechanism):
         of_frames, of_joints = columns_of(data.oMf)[1:], columns_of(data.oMi)[1:]
         jacobian = data.J.T
         move, place = pin.computeJointJacobians, pin.updateFramePlacements
-        for k, row in enumerate(self._coordinates(theta)):
+        for k, row in enumerate(coordinates):
             if self.placements.ndim == 4:
                 self._place(model, rows[k])
             move(model, data, row)
@@ -297,6 +310,12 @@ class ClosedMechanism(Mechanism):
         if self._rates is not None:
             return theta[:, order] * self._rates[order]
         return np.concatenate([self.screws[j].coordinates(theta[:, j]) for j in order], axis=-1)
+
+    @cached_property
+    def _passive_coordinates(self) -> list[int]:
+        """Where the passive joints, which have one coordinate of rate 1 each, stand among those of the model."""
+        joints = range(self.tree.joints)[self.tree.passive]
+        return [self.model.joints[int(self.model_joints[j]) + 1].idx_q for j in joints]
 
     def _per_joint(self, jacobians: Array) -> Array:
         """Columns per coordinate of the model (N, nv, 6) → per joint (N, J, 6)."""

@@ -17,6 +17,7 @@ from calibtool.robot.chain import (
     unit_twist,
 )
 from calibtool.robot.closed import ClosedMechanism
+from calibtool.robot.closure import Closure
 from calibtool.robot.continuation import Starts
 from calibtool.robot.description import LoopTable, Source
 from calibtool.robot.loops import FORBIDDEN, Follower, Loop, Tree
@@ -85,6 +86,12 @@ class ClosedChain:
         return ClosedMechanism.closing(
             self.bodies, placements, twists, offsets, self.tree, lambda: self.starts
         )
+
+    @property
+    def model_joints(self) -> dict[int, int]:
+        """The number of each joint, and of the base (−1), in `model`."""
+        joints = {j: int(k) + 1 for j, k in enumerate(self.mechanism.model_joints)}
+        return {-1: 0} | joints
 
     @cached_property
     def placed_on(self) -> tuple[int, ...]:
@@ -376,11 +383,11 @@ def _nearest_closed(
     mechanism: ClosedMechanism, tree: Tree, theta: Array, free: np.ndarray
 ) -> tuple[Array, float]:
     """Least-squares steps of the free joints (J,) to r = 0 from θ (J,), and the largest |r| left, in rad."""
-    theta, row = theta.copy(), np.zeros(1, dtype=int)
+    theta = theta.copy()
     scale = np.where(free, tree.joint_scale, 0.0)
     left = np.inf
     for _ in range(_STEPS):
-        _, _, at = mechanism.equations(theta[None], row)
+        at = _equations(mechanism, theta)
         r = at.residual[0] * tree.row_scale
         left = float(np.abs(r).max(initial=0.0))
         if left < 1e-14:
@@ -393,9 +400,15 @@ def _nearest_closed(
     return theta, left
 
 
+def _equations(mechanism: ClosedMechanism, theta: Array) -> Closure:
+    """Equations of one row, θ (J,)."""
+    row = np.zeros(1, dtype=int)
+    return mechanism.equations(theta[None], row)(row, theta[None, mechanism.tree.passive])[2]
+
+
 def _worst_loop(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> str:
     """The loop that is farthest from closed at θ (J,), and by how much, in words."""
-    _, _, at = mechanism.equations(theta[None], np.zeros(1, dtype=int))
+    at = _equations(mechanism, theta)
     r = at.residual[0]
     sizes = [float(np.abs((r * tree.row_scale)[rows]).max()) for rows in tree.row_blocks]
     if not sizes:
@@ -416,8 +429,7 @@ def _samples(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> list[Sampl
     for k in range(_SAMPLES):
         at = theta
         if k:
-            _, _, now = mechanism.equations(theta[None], row)
-            C = now.columns[0] * tree.row_scale[:, None] * scale
+            C = _equations(mechanism, theta).columns[0] * tree.row_scale[:, None] * scale
             sizes, vt = np.linalg.svd(C)[1:]
             rank = int((sizes > 1e-7 * sizes.max(initial=1e-300)).sum())
             null = vt[rank:]
@@ -426,7 +438,8 @@ def _samples(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> list[Sampl
             at, left = _nearest_closed(mechanism, tree, theta + move * scale, everything)
             if not left < 1e-9:
                 continue
-        ends, jacobian, equations = mechanism.equations(at[None], row)
+        passive = at[None, tree.passive]
+        ends, jacobian, equations = mechanism.equations(at[None], row)(row, passive)
         at_tool = (jacobian[0] * tree.tool_support[:, None] * scale[:, None]).T
         at_tool[:3] -= np.cross(ends[0, -1, 3], at_tool[3:].T).T
         at_tool[:3] /= tree.length

@@ -10,11 +10,14 @@ from calibtool.robot.closure import Closure
 from calibtool.robot.loops import Tree
 from calibtool.robot.se3 import Array, readonly
 
-Equations = Callable[[Array, np.ndarray], tuple[Array, Array, Closure]]
+# θ (N, J) and row numbers (N,) → of some of these rows (k,), their passive joints (k, p): ends, columns, equations.
+At = Callable[[np.ndarray, Array], tuple[Array, Array, Closure]]
+Equations = Callable[[Array, np.ndarray], At]
 
 _ITERATIONS = 12
 _ARRIVED = 1e-10  # rad: after a smaller step, what is left is below its square
 _LONGEST = 0.5  # rad, or lengths: the equations are not linear over longer steps
+_DIFFERENCE = 1e-4  # rad, or lengths
 _CELLS = 4096  # starts
 _JUMP = 0.25  # rad, or lengths: a correction of a prediction that is larger ends in another assembly mode
 _OF_WAY = 0.5  # and so does one that is larger than this part of the way
@@ -66,15 +69,16 @@ def newton(
     A row is given up when a passive joint is farther than reach (N,), in rad or lengths, from where it started.
     """
     found = Closing.of(tree, theta)
+    at = equations(theta, rows)
     theta, start = found.theta, theta[:, tree.passive]
     scale = tree.joint_scale[tree.passive]
     active = np.flatnonzero(np.isfinite(theta).all(axis=-1))
     for _ in range(_ITERATIONS):
         if not len(active):
             break
-        ends, jacobian, at = equations(theta[active], rows[active])
-        C_p = at.columns[:, :, tree.passive]
-        step = -solved(C_p, at.residual[..., None])[..., 0]
+        ends, jacobian, now = at(active, theta[active, tree.passive])
+        C_p = now.columns[:, :, tree.passive]
+        step = -solved(C_p, now.residual[..., None])[..., 0]
         size = np.abs(step / scale).max(axis=-1, initial=0.0)
         done = size < _ARRIVED
         step[~done] *= np.minimum(1.0, _LONGEST / size[~done])[:, None]
@@ -86,7 +90,7 @@ def newton(
         found.ok[arrived] = True
         found.last[arrived], found.ends[arrived] = step[kept], ends[kept]
         found.jacobian[arrived] = jacobian[kept]
-        found.follow[arrived] = -solved(C_p[kept], at.columns[kept, :, : tree.n])
+        found.follow[arrived] = -solved(C_p[kept], now.columns[kept, :, : tree.n])
         active = active[near & ~done]
     return found
 
@@ -143,12 +147,14 @@ class Starts:
     tree   the mechanism's
     theta  (k, J) closed configurations, rad or m
     follow (k, p, n) ∂θ_p/∂q there
+    curve  (k, p, n n) half of its own derivative
     cells  (c_1, …, c_n) which of them a cell has
     """
 
     tree: Tree
     theta: Array
     follow: Array
+    curve: Array
     cells: np.ndarray
 
     @classmethod
@@ -183,7 +189,9 @@ class Starts:
         for first in range(0, len(every), 256):
             part = every[first : first + 256, None] - every[reached]
             number[first : first + 256] = (part**2).sum(axis=-1).argmin(axis=-1)
-        return cls(tree, readonly(theta[reached]), readonly(follow[reached]), number.reshape(shape))
+        theta, follow = theta[reached], follow[reached]
+        curve = _curve(equations, tree, theta, follow)
+        return cls(tree, *map(readonly, (theta, follow, curve)), number.reshape(shape))
 
     def nearest(self, q: Array) -> tuple[Array, Array]:
         """Closed configurations near actuated positions q (N, n), and what they predict at q: (N, J) each."""
@@ -194,14 +202,30 @@ class Starts:
         near = begin.copy()
         moved = (q - begin[:, :n])[..., None]
         near[:, :n] = q
-        near[:, self.tree.passive] += (self.follow[number] @ moved)[..., 0]
+        pairs = (moved * np.swapaxes(moved, 1, 2)).reshape(len(q), n * n, 1)
+        change = self.follow[number] @ moved + self.curve[number] @ pairs
+        near[:, self.tree.passive] += change[..., 0]
         return begin, near
 
-    def reach(self, begin: Array, q: Array) -> Array:
-        """How far from their predictions closed configurations at q (N, n) may be: (N,), see `newton`."""
-        _, near = self.nearest(q)
+    def reach(self, begin: Array, near: Array) -> Array:
+        """How far from their predictions (N, J) closed configurations may be: (N,), see `newton`."""
         moved = near - begin
         return _reach(self.tree, moved[:, : self.tree.n], moved[:, self.tree.passive])
+
+
+def _curve(equations: Equations, tree: Tree, theta: Array, follow: Array) -> Array:
+    """Half of the second derivative of the passive joints, by differences: (k, p, n n)."""
+    n, p = tree.n, tree.p
+    curve = np.zeros((len(theta), p, n, n))
+    for j in range(n):
+        step = _DIFFERENCE * tree.joint_scale[j]
+        near = theta.copy()
+        near[:, j] += step
+        near[:, tree.passive] += step * follow[:, :, j]
+        closed = newton(equations, tree, near, np.arange(len(near)), np.full(len(near), _JUMP))
+        slope = (closed.follow - follow) / step
+        curve[closed.ok, :, :, j] = slope[closed.ok] / 2
+    return curve.reshape(len(theta), p, n * n)
 
 
 def _cell(tree: Tree, q: Array, shape: tuple[int, ...]) -> np.ndarray:
