@@ -203,12 +203,13 @@ class ClosedMechanism(Mechanism):
             numbers = np.arange(rows.start, rows.stop)
             moved = q[rows] + self.offsets
             begin, near = starts.nearest(moved)
-            closed = newton(self.equations, self.tree, near, numbers, starts.reach(begin, near))
+            sign, reach = starts.sign, starts.reach(begin, near)
+            closed = newton(self.equations, self.tree, near, numbers, reach, sign)
             for steps in _STEPS:
                 again = np.flatnonzero(~closed.ok)
                 if len(again):
                     way = begin[again], moved[again], numbers[again]
-                    closed.put(again, advanced(self.equations, self.tree, *way, steps))
+                    closed.put(again, advanced(self.equations, self.tree, *way, steps, sign))
             yield rows, closed
 
     def equations(self, theta: Array, rows: np.ndarray) -> At:

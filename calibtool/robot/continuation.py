@@ -62,11 +62,17 @@ class Closing:
 
 
 def newton(
-    equations: Equations, tree: Tree, theta: Array, rows: np.ndarray, reach: Array
+    equations: Equations,
+    tree: Tree,
+    theta: Array,
+    rows: np.ndarray,
+    reach: Array,
+    sign: float | None = None,
 ) -> Closing:
     """Close the loops from θ (N, J), whose actuated joints stay; rows are their numbers (N,).
 
-    A row is given up when a passive joint is farther than reach (N,), in rad or lengths, from where it started.
+    A row is given up when a passive joint is farther than reach (N,), in rad or lengths, from where it started, and where
+    det C_p has not this sign: beyond a singularity of the passive joints the mechanism is assembled in another way.
     """
     found = Closing.of(tree, theta)
     at = equations(theta, rows)
@@ -86,6 +92,8 @@ def newton(
         far = np.abs((theta[active, tree.passive] - start[active]) / scale).max(-1, initial=0.0)
         near = far <= reach[active]  # not where a step is not a number
         kept = np.flatnonzero(done & near)
+        if sign is not None:
+            kept = kept[np.linalg.slogdet(C_p[kept])[0] == sign]
         arrived = active[kept]
         found.ok[arrived] = True
         found.last[arrived], found.ends[arrived] = step[kept], ends[kept]
@@ -96,10 +104,16 @@ def newton(
 
 
 def advanced(
-    equations: Equations, tree: Tree, begin: Array, q: Array, rows: np.ndarray, steps: int
+    equations: Equations,
+    tree: Tree,
+    begin: Array,
+    q: Array,
+    rows: np.ndarray,
+    steps: int,
+    sign: float | None,
 ) -> Closing:
     """Close the loops at q (N, n) by way of closed configurations from θ = begin (N, J), which need not be closed quite."""
-    found = newton(equations, tree, begin, rows, np.full(len(q), _JUMP))
+    found = newton(equations, tree, begin, rows, np.full(len(q), _JUMP), sign)
     way = q - begin[:, : tree.n]
     for k in range(1, steps + 1):
         theta = found.theta.copy()
@@ -108,7 +122,7 @@ def advanced(
         predicted = (found.follow @ moved[..., None])[..., 0]
         theta[:, : tree.n] += moved
         theta[:, tree.passive] += predicted
-        found = newton(equations, tree, theta, rows, _reach(tree, moved, predicted))
+        found = newton(equations, tree, theta, rows, _reach(tree, moved, predicted), sign)
     return found
 
 
@@ -148,6 +162,7 @@ class Starts:
     theta  (k, J) closed configurations, rad or m
     follow (k, p, n) ∂θ_p/∂q there
     curve  (k, p, n n) half of its own derivative
+    sign   of det C_p on this assembly mode
     cells  (c_1, …, c_n) which of them a cell has
     """
 
@@ -155,6 +170,7 @@ class Starts:
     theta: Array
     follow: Array
     curve: Array
+    sign: float
     cells: np.ndarray
 
     @classmethod
@@ -166,6 +182,8 @@ class Starts:
         every = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=-1)
         centres = low + (every + 0.5) * width
         home = _cell(tree, tree.closed_at[None, :n], shape)[0]
+        _, _, at = equations(tree.closed_at[None], home[:1])(home[:1] * 0, tree.closed_at[None, tree.passive])
+        sign = float(np.linalg.slogdet(at.columns[0][:, tree.passive])[0])
         rings = np.abs(every - home).max(axis=-1)
         theta, follow = np.full((len(every), tree.joints), np.nan), np.zeros((len(every), tree.p, n))
         for ring in range(rings.max() + 1):
@@ -176,7 +194,7 @@ class Starts:
                 before = np.rint(home + (every[own] - home) * (1.0 - 1.0 / ring)).astype(int)
                 begin = theta[np.ravel_multi_index(tuple(before.T), shape)]
             own, begin = own[(ok := np.isfinite(begin).all(axis=-1))], begin[ok]
-            closed = advanced(equations, tree, begin, centres[own], own, 4)
+            closed = advanced(equations, tree, begin, centres[own], own, 4, sign)
             theta[own[closed.ok]] = closed.theta[closed.ok]
             follow[own] = closed.follow
         reached = np.flatnonzero(np.isfinite(theta).all(axis=-1))
@@ -191,7 +209,7 @@ class Starts:
             number[first : first + 256] = (part**2).sum(axis=-1).argmin(axis=-1)
         theta, follow = theta[reached], follow[reached]
         curve = _curve(equations, tree, theta, follow)
-        return cls(tree, *map(readonly, (theta, follow, curve)), number.reshape(shape))
+        return cls(tree, *map(readonly, (theta, follow, curve)), sign, number.reshape(shape))
 
     def nearest(self, q: Array) -> tuple[Array, Array]:
         """Closed configurations near actuated positions q (N, n), and what they predict at q: (N, J) each."""
