@@ -74,7 +74,7 @@ def planned(robot: Robot, truth: Measurements, count: int, seed: int) -> Array:
         workspace,
         count,
         constraints=Constraints(),
-        criterion="I",
+        criterion="i",
         candidates=300,
         rng=np.random.default_rng(seed),
     )
@@ -153,7 +153,8 @@ def by_small_steps(mechanism: ClosedMechanism, q: Array) -> Array:
         theta[:, : tree.n] = home[: tree.n] + (q - home[: tree.n]) * (k / STEPS)
         closed = newton(mechanism.equations, tree, theta, rows, reach)
         _, _, now = mechanism.equations(closed.theta, rows)(rows, closed.theta[:, tree.passive])
-        now_sign = np.sign(np.linalg.det(now.columns[:, :, tree.passive]))
+        with np.errstate(invalid="ignore"):
+            now_sign = np.sign(np.linalg.det(now.columns[:, :, tree.passive]))
         sign = now_sign if sign is None else sign
         theta = closed.theta
         theta[~closed.ok | (now_sign != sign)] = np.nan

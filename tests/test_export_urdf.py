@@ -19,7 +19,7 @@ from calibtool.robot.description import parse_source
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, log3
 
-ROBOTS = robot_names()
+ROBOTS = [name for name in robot_names() if load_robot(name).chain.tree is None]
 
 
 def geometric(name: str, twists: str) -> Calibration:

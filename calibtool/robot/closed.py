@@ -16,9 +16,9 @@ from calibtool.robot.mechanism import Bodies, Frames, Mechanism, columns_of, pos
 from calibtool.robot.screw import Screw
 from calibtool.robot.se3 import Array, exp6, readonly, translation
 
-_TOGETHER = 1024  # rows: their numbers stay in the processor's cache
-_STEADY = 0.2  # a tool that moves ten times as far as at the closed configuration is as bad as a singularity of type 1
 _STEPS = 3, 12  # of the way from a start to rows that Newton does not reach at once
+_TOGETHER = 1024  # rows: their numbers stay in the processor's cache
+_STEADY = 0.1  # a tool that moves five times as far as at the closed configuration is as bad as a singularity of type 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ class ClosedMechanism(Mechanism):
     def steadiness(self, pose: Array, jacobian: Array) -> Array:
         """How far the passive joints are from losing hold of the tool (a singularity of type 2): (N,).
 
-        pose (N, 4, 4) and J (N, 6, n) of `forward_and_jacobian`. A fifth of the size of J at the closed configuration of the
+        pose (N, 4, 4) and J (N, 6, n) of `forward_and_jacobian`. A tenth of the size of J at the closed configuration of the
         description over its size here, both at the tool point in rad: near such a singularity J grows without bound.
         """
         home = self.forward_and_jacobian(self.tree.closed_at[None, : self.tree.n] - self.offsets)
@@ -196,7 +196,7 @@ class ClosedMechanism(Mechanism):
     # --- closure ---
 
     def _parts(self, q: Array) -> Iterator[tuple[slice, Closing]]:
-        """Rows some at a time, closed: from the nearest start at once, or by way of closed configurations."""
+        """Rows some at a time, closed: from the nearest start at once, or in steps."""
         starts = self.starts()
         for first in range(0, max(len(q), 1), _TOGETHER):
             rows = slice(first, min(first + _TOGETHER, len(q)))

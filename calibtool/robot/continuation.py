@@ -15,7 +15,9 @@ At = Callable[[np.ndarray, Array], tuple[Array, Array, Closure]]
 Equations = Callable[[Array, np.ndarray], At]
 
 _ITERATIONS = 12
-_ARRIVED = 1e-10  # rad: after a smaller step, what is left is below its square
+_ARRIVED = 1e-12  # rad: after a smaller step, what is left is below its square
+_ROUNDED = 1e-9  # rad: and after that many steps, one this small is rounding near a singularity
+_MANY = 7
 _LONGEST = 0.5  # rad, or lengths: the equations are not linear over longer steps
 _DIFFERENCE = 1e-4  # rad, or lengths
 _CELLS = 4096  # starts
@@ -79,14 +81,14 @@ def newton(
     theta, start = found.theta, theta[:, tree.passive]
     scale = tree.joint_scale[tree.passive]
     active = np.flatnonzero(np.isfinite(theta).all(axis=-1))
-    for _ in range(_ITERATIONS):
+    for k in range(_ITERATIONS):
         if not len(active):
             break
         ends, jacobian, now = at(active, theta[active, tree.passive])
         C_p = now.columns[:, :, tree.passive]
         step = -solved(C_p, now.residual[..., None])[..., 0]
         size = np.abs(step / scale).max(axis=-1, initial=0.0)
-        done = size < _ARRIVED
+        done = size < (_ARRIVED if k < _MANY else _ROUNDED)
         step[~done] *= np.minimum(1.0, _LONGEST / size[~done])[:, None]
         theta[active, tree.passive] += step
         far = np.abs((theta[active, tree.passive] - start[active]) / scale).max(-1, initial=0.0)
