@@ -10,6 +10,7 @@ from calibtool.identification.observability import Observability, observability
 from calibtool.measurement.measurements import Setup, determines_orientation
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import robot_names
+from calibtool.robot.closed_chain import ClosedChain
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.model import Robot, is_path
 from calibtool.robot.se3 import Array, readonly
@@ -38,6 +39,7 @@ class RobotCheck:
     reach           largest distance of the tool origin from K_0 and from joint 1 over random configurations, m
     extent          (2, 3) smallest and largest tool position over them, K_0, m
     designs         the models' ranks over the whole joint range and in the default workspace: (where, observability)
+    loops           of a robot with closed loops: the loops, mobility, joints; else None
     """
 
     robot: Robot
@@ -49,6 +51,7 @@ class RobotCheck:
     virtual_reason: str
     designs: list[tuple[str, Observability]]
     warnings: list[str]
+    loops: dict[str, object] | None = None
 
     def as_json(self) -> dict[str, object]:
         """The object that `robots --check --json` prints; units in the keys."""
@@ -106,6 +109,7 @@ class RobotCheck:
                 }
                 for where, design in self.designs
             ],
+            **({} if self.loops is None else {"closed_loops": self.loops}),
             "warnings": list(self.warnings),
         }
 
@@ -154,7 +158,33 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
         virtual_reason=_virtual_reason(robot),
         designs=designs,
         warnings=_warnings(robot, given_as, sources, workspaces, designs),
+        loops=_loops(robot, len(anywhere) / _REACH_SAMPLES),
     )
+
+
+def _loops(robot: Robot, closes: float) -> dict[str, object] | None:
+    """What is closed, what moves with it and what does not; closes: the part of the joint range at which it can stand."""
+    tree = robot.chain.tree
+    if tree is None or not isinstance(robot.chain, ClosedChain):
+        return None
+    joints, described = robot.chain.bodies.joints, robot.source.description.kinematics.loops
+    return {
+        "loops": [
+            {
+                "name": loop.name,
+                "frames": list(table.frames),
+                "joint": loop.joint,
+                "equations": len(loop.rows),
+            }
+            for loop, table in zip(tree.loops, described, strict=True)
+        ],
+        "mimic_joints": [joints[follower.joint] for follower in tree.followers],
+        "mobility": robot.chain.mobility,
+        "actuated_joints": list(joints[: tree.n]),
+        "passive_joints": list(joints[tree.passive]),
+        "idle_joints": list(joints[tree.n + tree.p :]),
+        "joint_range_that_closes_percent": round(100.0 * closes, 1),
+    }
 
 
 def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:

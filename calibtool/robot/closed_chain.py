@@ -22,7 +22,7 @@ from calibtool.robot.continuation import Starts
 from calibtool.robot.description import LoopTable, Source
 from calibtool.robot.loops import FORBIDDEN, Follower, Loop, Tree
 from calibtool.robot.mechanism import Bodies
-from calibtool.robot.reduction import Sample, mobility, reduced
+from calibtool.robot.reduction import Sample, check_freedom, mobility, reduced
 from calibtool.robot.se3 import Array, readonly
 from calibtool.robot.urdf import base_placement, frame_id, joint_name, mimic_joints
 
@@ -358,16 +358,21 @@ def _closed_at(
     mechanism: ClosedMechanism, tree: Tree, names: tuple[str, ...], place: str
 ) -> Array:
     """The closed configuration next to the given one, actuated joints as given; InputError if it is not next to it."""
-    start = tree.closed_at
+    start = tree.closed_at.copy()
+    for follower in tree.followers:
+        start[follower.joint] = follower.factor * start[follower.leader] + follower.offset
     free = np.arange(tree.joints) >= tree.n
     theta, left = _nearest_closed(mechanism, tree, start, free)
     scale = tree.joint_scale
-    moved = np.abs((theta - start) / scale)
     if not left < 1e-10:
+        anywhere, still = _nearest_closed(mechanism, tree, start, np.ones(tree.joints, dtype=bool))
+        if still < 1e-10:
+            check_freedom(tree, _samples(mechanism, tree, anywhere), names, place)
         raise InputError(
-            f"{place}: {_worst_loop(mechanism, tree, theta)} with the actuators as in kinematics.closed_at; correct the "
-            "link lengths or frames, or give joint positions at which the mechanism is closed"
+            f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, and does not come together while the "
+            "actuators stay there; correct link lengths and frames, or give positions at which the mechanism is closed"
         )
+    moved = np.abs((theta - start) / scale)
     if moved.max(initial=0.0) > _OPEN:
         values = ", ".join(
             f"{names[j]} = {theta[j]:.6g}" for j in np.flatnonzero(free & (moved > 1e-6))[:8]

@@ -41,7 +41,7 @@ def reduced(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: st
     n = tree.n
     ranks = [_rank(sample.columns[:, n:]) for sample in samples]
     rank, generic = max(ranks), samples[int(np.argmax(ranks))]
-    _check_freedom(tree, samples, rank, names, place)
+    check_freedom(tree, samples, names, place)
     idle: list[int] = []
     C_p, moving = generic.columns[:, n:].copy(), generic.at_tool[:, n:]
     while C_p.shape[1] - len(idle) > rank:
@@ -50,11 +50,10 @@ def reduced(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: st
         tool = moving[:, free] @ null.T
         if np.abs(tool).max() > 1e-6 * max(1.0, float(np.abs(moving).max())):
             vector = null[int(np.abs(tool).max(axis=0).argmax())]
-            largest = np.argsort(-np.abs(vector))[:3]
-            joints = ", ".join(f"'{names[n + free[k]]}'" for k in largest if abs(vector[k]) > 0.05)
+            joints = ", ".join(f"'{names[n + free[k]]}'" for k in _suspects(tree, free, vector))
             raise InputError(
-                f"{place}: the tool moves while every actuator stands still, by joints {joints}: name one of them in "
-                "kinematics.actuated, or add the loop that holds them"
+                f"{place}: the tool moves while every actuator stands still, by joints such as {joints}: name what has a "
+                "motor in kinematics.actuated, or add the loop that holds them"
             )
         idle.append(free[int(np.abs(null).max(axis=0).argmax())])
     used = [j for j in range(C_p.shape[1]) if j not in idle]
@@ -69,15 +68,31 @@ def reduced(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: st
     return Reduced(tuple(loops), tuple(n + j for j in idle))
 
 
+def _suspects(tree: Tree, free: list[int], vector: Array) -> list[int]:
+    """Which of the free passive joints, that move by `vector`, look most like those with a motor, three at most.
+
+    As deep in the tree as one of them and of the same kind; where there is none, those that move most.
+    """
+
+    def place_of(joint: int) -> tuple[int, bool]:
+        return int(tree.support(joint).sum()), bool(tree.slides[joint])
+
+    known = {place_of(joint) for joint in range(tree.n)}
+    moving = [int(k) for k in np.argsort(-np.abs(vector)) if abs(vector[k]) > 1e-3]
+    alike = [k for k in moving if place_of(tree.n + free[k]) in known]
+    return (alike or moving)[:3]
+
+
 def mobility(samples: list[Sample], joints: int) -> int:
     """Independent motions of all joints together: J less the rank of C."""
     return joints - max(_rank(sample.columns) for sample in samples)
 
 
-def _check_freedom(
-    tree: Tree, samples: list[Sample], rank: int, names: tuple[str, ...], place: str
+def check_freedom(
+    tree: Tree, samples: list[Sample], names: tuple[str, ...], place: str
 ) -> None:
     """InputError where equations hold actuators against each other: C has a higher rank than C_p."""
+    rank = max(_rank(sample.columns[:, tree.n :]) for sample in samples)
     whole = max(_rank(sample.columns) for sample in samples)
     if whole <= rank:
         return
