@@ -123,9 +123,7 @@ def perfect_model(robot: Robot, seed: int) -> float:
     )
     calibration = replace(calibration, base=knowing)
     result = compensate_joints(calibration, measured.q)
-    sizes = task_errors(
-        robot, measured.truth.actual, result.q, robot.mechanism.forward(measured.q)
-    )
+    sizes = task_errors(robot, measured.truth.actual, result.q, robot.mechanism.forward(measured.q))
     return float(sizes[result.status == "ok", 0].max())
 
 
@@ -138,8 +136,11 @@ def modes(robot: Robot, poses: int, seed: int) -> tuple[int, int, int, int]:
     found, stepped = mechanism.joints(q), by_small_steps(mechanism, q)
     a, b = (np.isfinite(each).all(axis=-1) for each in (found, stepped))
     apart = np.abs((found - stepped) / tree.joint_scale).max(axis=-1)
-    return int((a & b).sum()), int((apart[a & b] > 1e-6).sum()), int((b & ~a).sum()), int(
-        (a & ~b).sum()
+    return (
+        int((a & b).sum()),
+        int((apart[a & b] > 1e-6).sum()),
+        int((b & ~a).sum()),
+        int((a & ~b).sum()),
     )
 
 
@@ -205,7 +206,10 @@ def main() -> None:
     print("\n| robot | both close | wrong mode | only by small steps | only by the table |")
     print("|---|---|---|---|---|")
     for name in names:
-        print(f"| {name} | " + " | ".join(map(str, modes(load_robot(name), options.poses, 0))) + " |", flush=True)
+        print(
+            f"| {name} | " + " | ".join(map(str, modes(load_robot(name), options.poses, 0))) + " |",
+            flush=True,
+        )
     print("\n| robot | method | position max −% | mean −% | rotation max −% | mean −% |")
     print("|---|---|---|---|---|---|")
     for name in names:

@@ -60,5 +60,3 @@ def robot_of(urdf: str, kinematics: str) -> Robot:
     return Robot.from_source(
         parse_source(toml, f'<robot name="mine"><link name="base"/>{urdf}</robot>', "mine")
     )
-
-

@@ -40,7 +40,9 @@ def test_a_revolute_cut_of_a_planar_loop_keeps_what_the_plane_sees() -> None:
     assert [loop.rows for loop in robot.chain.tree.loops] == [(0, 1)]
     expected = load_robot("fivebar")
     q = expected.home(None)[None] + np.array([[0.1, -0.2], [0.0, 0.3]])
-    np.testing.assert_allclose(robot.mechanism.forward(q), expected.mechanism.forward(q), atol=1e-12)
+    np.testing.assert_allclose(
+        robot.mechanism.forward(q), expected.mechanism.forward(q), atol=1e-12
+    )
 
 
 def test_the_spin_of_a_rod_is_idle() -> None:
@@ -134,7 +136,10 @@ BAD = [
     ),
     pytest.param(
         "fivebar",
-        [('<origin xyz="0.23 0.0 0.05"', '<origin xyz="0.23 0.0 0.06"'), ('xyz="0.23 0.0 0.0"', 'xyz="0.023 0.0 0.0"')],
+        [
+            ('<origin xyz="0.23 0.0 0.05"', '<origin xyz="0.23 0.0 0.06"'),
+            ('xyz="0.23 0.0 0.0"', 'xyz="0.023 0.0 0.0"'),
+        ],
         "loop 'loop1' does not close: its frames are .* mm apart",
         id="rods too short",
     ),
@@ -165,7 +170,12 @@ BAD = [
     ),
     pytest.param(
         "prs3",
-        [('{ frames = ["platform_2", "rod2_end"], joint = "spherical" }', '{ name = "leg 2", frames = ["platform_2", "rod2_end"], joint = "weld" }')],
+        [
+            (
+                '{ frames = ["platform_2", "rod2_end"], joint = "spherical" }',
+                '{ name = "leg 2", frames = ["platform_2", "rod2_end"], joint = "weld" }',
+            )
+        ],
         "loop 'leg 2' does not close: .* 120 deg turned",
         id="over-constrained 3-PRS",
     ),
@@ -266,7 +276,14 @@ def test_the_check_shows_the_closed_mechanism(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "identifiable"),
-    [("fivebar", 23), ("hexapod", 57), ("delta", 54), ("prs3", 48), ("palletizer", 45), ("hybrid", 60)],
+    [
+        ("fivebar", 23),
+        ("hexapod", 57),
+        ("delta", 54),
+        ("prs3", 48),
+        ("palletizer", 45),
+        ("hybrid", 60),
+    ],
 )
 def test_as_many_parameters_are_identifiable_as_the_mathematics_says(
     name: str, identifiable: int
@@ -291,8 +308,8 @@ def test_as_many_parameters_are_identifiable_as_the_mathematics_says(
 
 def test_an_ideal_hexapod_has_42_identifiable_parameters() -> None:
     """Centres of its twelve ideal joints, and the zeros of its six legs: the textbook number."""
-    from calibtool.errormodel.robot_errors import RobotErrors
     from calibtool.errormodel.families import BY_ID
+    from calibtool.errormodel.robot_errors import RobotErrors
     from calibtool.measurement.sampling import sample_configurations
 
     robot = load_robot("hexapod")

@@ -100,7 +100,9 @@ def test_the_fivebar_is_where_two_circles_meet(rng: np.random.Generator) -> None
 def test_the_platform_of_the_delta_keeps_its_orientation(rng: np.random.Generator) -> None:
     robot = load_robot("delta")
     pose, jacobian = robot.mechanism.forward_and_jacobian(inside(robot, 100, rng))
-    np.testing.assert_allclose(pose[:, :3, :3], np.broadcast_to(pose[0, :3, :3], (100, 3, 3)), atol=1e-12)
+    np.testing.assert_allclose(
+        pose[:, :3, :3], np.broadcast_to(pose[0, :3, :3], (100, 3, 3)), atol=1e-12
+    )
     np.testing.assert_allclose(jacobian[:, 3:], 0.0, atol=1e-12)
 
 

@@ -5,8 +5,6 @@ An observation of one configuration has d coordinates in K_0, in m and rad: see 
 
 import numpy as np
 
-import numpy as np
-
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.robot.se3 import Array, inverse, transform_points

@@ -115,7 +115,7 @@ def _sampled(
 ) -> Array:
     """Configurations of the workspace; with closed loops those at which the actual robot can stand."""
     wanted, workspace = simulation.configurations, simulation.workspace
-    q = sample_configurations(robot, workspace, wanted, rng)
+    q: Array = sample_configurations(robot, workspace, wanted, rng)
     if robot.chain.tree is None:
         return q
     for _ in range(_DRAWN_AGAIN):

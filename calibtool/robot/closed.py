@@ -3,14 +3,14 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
 
 from calibtool.robot.closure import Closure, closure
-from calibtool.robot.damped import at_point
 from calibtool.robot.continuation import At, Closing, Starts, advanced, newton, solved
+from calibtool.robot.damped import at_point
 from calibtool.robot.loops import Tree
 from calibtool.robot.mechanism import Bodies, Frames, Mechanism, columns_of, poses_of
 from calibtool.robot.screw import Screw
@@ -118,9 +118,7 @@ class ClosedMechanism(Mechanism):
                     - influence @ equations.columns[:, :, : tree.n],
                 )
             )
-        after, ends, transfer, slopes = (
-            np.concatenate(each) for each in zip(*parts, strict=True)
-        )
+        after, ends, transfer, slopes = (np.concatenate(each) for each in zip(*parts, strict=True))
         for j, screw in enumerate(self.screws):
             if screw.shift.any():
                 after[:, j, :3, 3] -= after[:, j, :3, :3] @ screw.shift
@@ -132,13 +130,14 @@ class ClosedMechanism(Mechanism):
 
     def closes(self, q: Array) -> np.ndarray:
         """Which rows of q (N, n) the loops close for: (N,) bool."""
-        return np.isfinite(self.joints(q)).all(axis=-1)
+        closed: np.ndarray = np.isfinite(self.joints(q)).all(axis=-1)
+        return closed
 
     def passive_within(self, q: Array) -> np.ndarray:
         """Which rows of q (N, n) close with the passive joints inside their limits: (N,) bool."""
         theta, rows = self.joints(q), self.tree.passive
         within = (theta >= self.tree.lower - 1e-9) & (theta <= self.tree.upper + 1e-9)
-        inside: np.ndarray = within[:, rows].all(axis=-1) & np.isfinite(theta).all(axis=-1)
+        inside: np.ndarray = (within & np.isfinite(theta))[:, rows].all(axis=-1)
         return inside
 
     def steadiness(self, pose: Array, jacobian: Array) -> Array:
@@ -171,14 +170,13 @@ class ClosedMechanism(Mechanism):
         result = np.zeros((len(q), tree.joints, tree.n))
         result[:, : tree.n] = np.eye(tree.n)
         for rows, closed in self._parts(q):
-            result[rows, tree.passive] = np.where(
-                closed.ok[:, None, None], closed.follow, np.nan
-            )
+            result[rows, tree.passive] = np.where(closed.ok[:, None, None], closed.follow, np.nan)
         return result
 
     def by_actuators(self, torques: Array, q: Array) -> Array:
         """Torques of the tree's joints (N, nv) in the model's order as those of the actuators: (∂θ/∂q)ᵀ τ, (N, n)."""
-        return np.einsum("njk,nj->nk", self.slopes(q), torques[:, self.model_joints])
+        work: Array = np.einsum("njk,nj->nk", self.slopes(q), torques[:, self.model_joints])
+        return work
 
     def configuration(self, q: Array) -> Array:
         """Coordinates of `model` for actuated positions q (N, n) in rad or m: (N, nq)."""

@@ -28,7 +28,9 @@ from calibtool.robot.urdf import base_placement, frame_id, joint_name, mimic_joi
 
 _SAMPLES = 6
 _APART = 0.05  # rad, or lengths: how far samples are from the closed configuration
-_OPEN = 0.05  # rad, or lengths: a closed_at that is farther from a closed configuration is a mistake
+_OPEN = (
+    0.05  # rad, or lengths: a closed_at that is farther from a closed configuration is a mistake
+)
 _STEPS = 60
 
 
@@ -354,9 +356,7 @@ def _length(source: Source, placements: Array) -> float:
     return max(float(np.linalg.norm(placements[1:, :3, 3], axis=-1).sum()) / 2, 1e-3)
 
 
-def _closed_at(
-    mechanism: ClosedMechanism, tree: Tree, names: tuple[str, ...], place: str
-) -> Array:
+def _closed_at(mechanism: ClosedMechanism, tree: Tree, names: tuple[str, ...], place: str) -> Array:
     """The closed configuration next to the given one, actuated joints as given; InputError if it is not next to it."""
     start = tree.closed_at.copy()
     for follower in tree.followers:
@@ -448,7 +448,5 @@ def _samples(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> list[Sampl
         at_tool = (jacobian[0] * tree.tool_support[:, None] * scale[:, None]).T
         at_tool[:3] -= np.cross(ends[0, -1, 3], at_tool[3:].T).T
         at_tool[:3] /= tree.length
-        samples.append(
-            Sample(equations.columns[0] * tree.row_scale[:, None] * scale, at_tool)
-        )
+        samples.append(Sample(equations.columns[0] * tree.row_scale[:, None] * scale, at_tool))
     return samples

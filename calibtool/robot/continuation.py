@@ -133,24 +133,24 @@ def _reach(tree: Tree, moved: Array, predicted: Array) -> Array:
     scale = tree.joint_scale
     actuated = np.abs(moved / scale[: tree.n]).max(axis=-1, initial=0.0)
     passive = np.abs(predicted / scale[tree.passive]).max(axis=-1, initial=0.0)
-    return np.minimum(_JUMP, 0.01 + _OF_WAY * np.maximum(actuated, passive))
+    reach: Array = np.minimum(_JUMP, 0.01 + _OF_WAY * np.maximum(actuated, passive))
+    return reach
 
 
 def solved(matrices: Array, right: Array) -> Array:
     """M⁻¹ R of (N, p, p), (N, p, k); not a number where a matrix is singular."""
     if not matrices.shape[-1]:
         return np.zeros(right.shape)
+    answer: Array = np.full(right.shape, np.nan)
     try:
-        answer: Array = np.linalg.solve(matrices, right)
-        return answer
+        answer[:] = np.linalg.solve(matrices, right)
     except np.linalg.LinAlgError:
-        answer = np.full(right.shape, np.nan)
         for k, (matrix, column) in enumerate(zip(matrices, right, strict=True)):
             try:
                 answer[k] = np.linalg.solve(matrix, column)
             except np.linalg.LinAlgError:
                 continue
-        return answer
+    return answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,10 +184,15 @@ class Starts:
         every = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=-1)
         centres = low + (every + 0.5) * width
         home = _cell(tree, tree.closed_at[None, :n], shape)[0]
-        _, _, at = equations(tree.closed_at[None], home[:1])(home[:1] * 0, tree.closed_at[None, tree.passive])
+        _, _, at = equations(tree.closed_at[None], home[:1])(
+            home[:1] * 0, tree.closed_at[None, tree.passive]
+        )
         sign = float(np.linalg.slogdet(at.columns[0][:, tree.passive])[0])
         rings = np.abs(every - home).max(axis=-1)
-        theta, follow = np.full((len(every), tree.joints), np.nan), np.zeros((len(every), tree.p, n))
+        theta, follow = (
+            np.full((len(every), tree.joints), np.nan),
+            np.zeros((len(every), tree.p, n)),
+        )
         for ring in range(rings.max() + 1):
             own = np.flatnonzero(rings == ring)
             if ring == 0:
@@ -209,9 +214,9 @@ class Starts:
         for first in range(0, len(every), 256):
             part = every[first : first + 256, None] - every[reached]
             number[first : first + 256] = (part**2).sum(axis=-1).argmin(axis=-1)
-        theta, follow = theta[reached], follow[reached]
-        curve = _curve(equations, tree, theta, follow)
-        return cls(tree, *map(readonly, (theta, follow, curve)), sign, number.reshape(shape))
+        theta, follow = readonly(theta[reached]), readonly(follow[reached])
+        curve = readonly(_curve(equations, tree, theta, follow))
+        return cls(tree, theta, follow, curve, sign, number.reshape(shape))
 
     def nearest(self, q: Array) -> tuple[Array, Array]:
         """Closed configurations near actuated positions q (N, n), and what they predict at q: (N, J) each."""
@@ -252,4 +257,5 @@ def _cell(tree: Tree, q: Array, shape: tuple[int, ...]) -> np.ndarray:
     """The cell of the grid (N, n) that positions q (N, n) are in, or nearest to."""
     low, high = tree.lower[: tree.n], tree.upper[: tree.n]
     cell = np.floor((q - low) / (high - low) * np.array(shape)).astype(int)
-    return np.clip(cell, 0, np.array(shape) - 1)
+    inside: np.ndarray = np.clip(cell, 0, np.array(shape) - 1)
+    return inside

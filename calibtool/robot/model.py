@@ -9,8 +9,8 @@ import pinocchio as pin
 
 from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.chain import SerialChain
-from calibtool.robot.closed_chain import ClosedChain, chain_of
 from calibtool.robot.closed import ClosedMechanism
+from calibtool.robot.closed_chain import ClosedChain, chain_of
 from calibtool.robot.coupling import JointValues, coupling_matrix, settled_values
 from calibtool.robot.damped import at_point, singularity_distance
 from calibtool.robot.description import Source, Workspace

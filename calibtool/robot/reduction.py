@@ -61,7 +61,8 @@ def reduced(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: st
     blocks, loops = tree.row_blocks, []
     for loop, block in zip(tree.loops, blocks, strict=True):
         rows = tuple(
-            row for row, number in zip(loop.rows, range(block.start, block.stop), strict=True)
+            row
+            for row, number in zip(loop.rows, range(block.start, block.stop), strict=True)
             if number in kept
         )
         loops.append(replace(loop, rows=rows))
@@ -88,9 +89,7 @@ def mobility(samples: list[Sample], joints: int) -> int:
     return joints - max(_rank(sample.columns) for sample in samples)
 
 
-def check_freedom(
-    tree: Tree, samples: list[Sample], names: tuple[str, ...], place: str
-) -> None:
+def check_freedom(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: str) -> None:
     """InputError where equations hold actuators against each other: C has a higher rank than C_p."""
     rank = max(_rank(sample.columns[:, tree.n :]) for sample in samples)
     whole = max(_rank(sample.columns) for sample in samples)

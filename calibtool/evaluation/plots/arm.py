@@ -10,8 +10,8 @@ from matplotlib.patheffects import withStroke
 
 from calibtool.evaluation.plots.style import ImageFormat, styled, to_bytes
 from calibtool.robot.model import Robot
-from calibtool.robot.skeleton import skeleton
 from calibtool.robot.se3 import Array, transform_points
+from calibtool.robot.skeleton import skeleton
 
 # Okabe and Ito's colours, told apart by colour-blind readers; nothing is told by its colour alone.
 _LINK, _AXIS, _TARGET = "#777777", "#CC79A7", "#E69F00"
