@@ -1,11 +1,14 @@
-"""Robots with closed loops: what a calibration takes away, how fast it is, and whether any assembly mode is wrong.
+"""Robots with closed loops: what a calibration takes away, how fast it is, and whether any assembly
+mode is wrong.
 
-Run: python benchmarks/closed.py [--seeds 7] [--fresh 1000] [--robots delta,hexapod] [--poses 10000].
-0.5 mm and 0.5 mrad at every joint and cut, 0.05 mm noise, default workspace. Errors are those of the task components (all but
-the virtual joints), at exactly corrected joints on fresh configurations: position in mm, rotation in mrad, in percent of the
-nominal robot's. Median (worst) of the seeds. The network is the paper's, on the nominal robot, trained on 50 configurations
-with Bayesian regularisation. Assembly modes are compared with small steps along the straight way from the closed
-configuration of the description, without a table, on poses drawn from the whole joint range. Times are processor times.
+Run: python benchmarks/closed.py [--seeds 7] [--fresh 1000] [--robots delta,hexapod] [--poses
+10000]. 0.5 mm and 0.5 mrad at every joint and cut, 0.05 mm noise, default workspace. Errors are
+those of the task components (all but the virtual joints), at exactly corrected joints on fresh
+configurations: position in mm, rotation in mrad, in percent of the nominal robot's. Median (worst)
+of the seeds. The network is the paper's, on the nominal robot, trained on 50 configurations with
+Bayesian regularisation. Assembly modes are compared with small steps along the straight way from
+the closed configuration of the description, without a table, on poses drawn from the whole joint
+range. Times are processor times.
 """
 
 import os
@@ -19,24 +22,24 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from calibtool.compensation.weighed import Task
+from calibtool.identification.model import Identification
+from calibtool.planning.knowledge import Knowledge
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.compensation.solve import compensate_joints
-from calibtool.compensation.weighed import Task
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.actual import ActualRobot
-from calibtool.identification.model import Identification
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints
-from calibtool.planning.knowledge import Knowledge
 from calibtool.planning.plan import make_plan
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.continuation import newton
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
 
 ROBOTS = ("fivebar", "hexapod", "delta", "prs3", "palletizer", "hybrid")
@@ -45,7 +48,9 @@ STEPS = 100  # of the way to a pose whose assembly mode is checked
 
 
 def task_errors(robot: Robot, actual: ActualRobot, driven: Array, commanded: Array) -> Array:
-    """Sizes of the position (mm) and the rotation (mrad) of the task components at driven joints: (N, 2)."""
+    """Sizes of the position (mm) and the rotation (mrad) of the task components at driven joints:
+    (N, 2).
+    """
     pose = actual.forward(driven)
     turn = log3(pose[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], 1, 2))
     error = np.concatenate([pose[:, :3, 3] - commanded[:, :3, 3], turn], axis=-1)
@@ -82,7 +87,9 @@ def planned(robot: Robot, truth: Measurements, count: int, seed: int) -> Array:
 
 
 def reductions(robot: Robot, seed: int, fresh_rows: int) -> dict[str, Array]:
-    """Per method the reductions of (maximum, mean) of position and rotation, percent: (4,), NaN where there is none."""
+    """Per method the reductions of (maximum, mean) of position and rotation, percent: (4,), NaN
+    where there is none.
+    """
     basis = Simulation(seed=seed, configurations=50, workspace=robot.workspace(None)[1])
     measured = simulate(robot, basis)
     assert measured.truth is not None
@@ -113,7 +120,9 @@ def _mean(errors: Array) -> Array:
 
 
 def perfect_model(robot: Robot, seed: int) -> float:
-    """Largest position error (mm) of the task components after exact correction by the truth itself."""
+    """Largest position error (mm) of the task components after exact correction by the truth
+    itself.
+    """
     basis = Simulation(seed=seed, configurations=200, workspace=robot.workspace(None)[1])
     measured = simulate(robot, basis)
     assert measured.truth is not None
@@ -128,7 +137,9 @@ def perfect_model(robot: Robot, seed: int) -> float:
 
 
 def modes(robot: Robot, poses: int, seed: int) -> tuple[int, int, int, int]:
-    """Rows that close by the table and by small steps: both; of those wrong; by small steps alone; by the table alone."""
+    """Rows that close by the table and by small steps: both; of those wrong; by small steps alone;
+    by the table alone.
+    """
     mechanism = robot.mechanism
     assert isinstance(mechanism, ClosedMechanism)
     tree, rng = mechanism.tree, np.random.default_rng(seed)
@@ -145,7 +156,9 @@ def modes(robot: Robot, poses: int, seed: int) -> tuple[int, int, int, int]:
 
 
 def by_small_steps(mechanism: ClosedMechanism, q: Array) -> Array:
-    """All joints (N, J) by Newton in small steps from the closed configuration; NaN where det C_p changes its sign."""
+    """All joints (N, J) by Newton in small steps from the closed configuration; NaN where det C_p
+    changes its sign.
+    """
     tree, rows = mechanism.tree, np.arange(len(q))
     home = tree.closed_at
     theta, reach = np.tile(home, (len(q), 1)), np.full(len(q), 0.3)
@@ -173,7 +186,9 @@ def processor_time(work: Callable[[], object]) -> float:
 
 
 def speed(robot: Robot) -> tuple[float, float, float]:
-    """Forward kinematics with Jacobian in µs a pose, exact corrections in rows/s, making of the starts in s."""
+    """Forward kinematics with Jacobian in µs a pose, exact corrections in rows/s, making of the
+    starts in s.
+    """
     workspace = robot.workspace(None)[1]
     start = time.process_time()
     robot.mechanism.closes(robot.home(workspace)[None])
@@ -200,7 +215,8 @@ def main() -> None:
         robot = load_robot(name)
         forward, rows, starts = speed(robot)
         print(
-            f"| {name} | {forward:.1f} | {rows:,.0f} | {starts:.1f} | {perfect_model(robot, 0):.1e} |",
+            f"| {name} | {forward:.1f} | {rows:,.0f} | {starts:.1f} | "
+            f"{perfect_model(robot, 0):.1e} |",
             flush=True,
         )
     print("\n| robot | both close | wrong mode | only by small steps | only by the table |")

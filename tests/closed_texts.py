@@ -1,10 +1,11 @@
-"""Descriptions with closed loops, changed: the texts of a carried robot, or a URDF of few joints."""
+"""Descriptions with closed loops, changed: the texts of a carried robot, or a URDF of few "
+"joints."""
 
 from pathlib import Path
 
 from calibtool.robot.catalogue import shipped
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 
 def texts(name: str) -> tuple[str, str]:
@@ -54,7 +55,8 @@ def joint(
 def robot_of(urdf: str, kinematics: str) -> Robot:
     """A robot of joints behind a link `base`."""
     toml = (
-        f'name = "mine"\ntitle = "mine"\n[kinematics]\nurdf = "robot.urdf"\ntool_frame = "tool"\n{kinematics}\n'
+        'name = "mine"\ntitle = "mine"\n[kinematics]\nurdf = "robot.urdf"\ntool_frame = "tool"\n'
+        f"{kinematics}\n"
         "[targets]\npoints_mm = [[100, 0, 0], [0, 100, 0], [0, 0, 100]]\n"
     )
     return Robot.from_source(

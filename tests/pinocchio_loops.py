@@ -1,11 +1,13 @@
-"""Closed loops by Pinocchio alone: the URDF as it is read, its frames, and the anchors of its constraint models."""
+"""Closed loops by Pinocchio alone: the URDF as it is read, its frames, and the anchors of its
+constraint models.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 
@@ -49,7 +51,9 @@ class Anchored:
         return [self.model.joints[j].idx_v for j in ids]
 
     def at(self, theta: Array) -> tuple[Array, Array, Array, Array]:
-        """Tool pose, residuals, constraint Jacobian (m, J) of the kept rows, spatial tool Jacobian (6, J) in K_0."""
+        """Tool pose, residuals, constraint Jacobian (m, J) of the kept rows, spatial tool Jacobian
+        (6, J) in K_0.
+        """
         data, q = self.model.createData(), self.coordinates(theta)
         pin.computeJointJacobians(self.model, data, q)
         pin.updateFramePlacements(self.model, data)

@@ -1,4 +1,6 @@
-"""What a description with closed loops says, and what is wrong in it, in one line with the loop's name."""
+"""What a description with closed loops says, and what is wrong in it, in one line with the loop's
+name.
+"""
 
 from pathlib import Path
 
@@ -46,7 +48,9 @@ def test_a_revolute_cut_of_a_planar_loop_keeps_what_the_plane_sees() -> None:
 
 
 def test_the_spin_of_a_rod_is_idle() -> None:
-    """A joint more along the second leg of the hexapod, before its ball: the rod can turn about itself."""
+    """A joint more along the second leg of the hexapod, before its ball: the rod can turn about
+    itself.
+    """
     fixed = '<joint name="rod2_end_fix" type="fixed">'
     robot = changed("hexapod", (fixed, '<joint name="spin" type="continuous"><axis xyz="0 0 1"/>'))
     tree = robot.chain.tree
@@ -76,7 +80,9 @@ FOLLOWING = '<mimic joint="a" multiplier="-1" offset="0.2"/>'
 
 
 def test_a_mimic_joint_is_a_constraint() -> None:
-    """Two links whose second joint turns back what the first turned: the tool keeps its orientation."""
+    """Two links whose second joint turns back what the first turned: the tool keeps its
+    orientation.
+    """
     urdf = (
         joint("a", "base", "one")
         + joint("b", "one", "two", "0.4 0 0", more=FOLLOWING)
@@ -152,7 +158,8 @@ BAD = [
     pytest.param(
         "fivebar",
         [("p1 = -1.6511640051052074", "p1 = -1.2")],
-        "loop 'loop1' does not close: .* at kinematics.closed_at, which chooses the assembly mode; a closed configuration "
+        "loop 'loop1' does not close: .* at kinematics.closed_at, which chooses the assembly mode; "
+        "a closed configuration "
         "from there is p1 = -1.65116: write it there",
         id="closed_at is not closed",
     ),

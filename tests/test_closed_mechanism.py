@@ -1,4 +1,6 @@
-"""Mechanisms with closed loops against Pinocchio's own constraints, closed forms, finite differences and small steps."""
+"""Mechanisms with closed loops against Pinocchio's own constraints, closed forms, finite
+differences and small steps.
+"""
 
 from dataclasses import replace
 
@@ -12,7 +14,7 @@ from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.continuation import newton
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, relative_error
 
 
@@ -82,7 +84,9 @@ def test_the_legs_of_the_hexapod_are_as_long_as_its_joints_say(rng: np.random.Ge
 
 
 def test_the_fivebar_is_where_two_circles_meet(rng: np.random.Generator) -> None:
-    """Rods of 230 mm round the two elbows, 275 mm between the motors; where they do not reach, no pose is given."""
+    """Rods of 230 mm round the two elbows, 275 mm between the motors; where they do not reach, no
+    pose is given.
+    """
     robot = load_robot("fivebar")
     q = robot.lower + (robot.upper - robot.lower) * rng.random((400, 2))
     elbows = 0.23 * np.stack([np.cos(q), np.sin(q)], axis=-1)
@@ -124,7 +128,9 @@ def test_the_parallelogram_keeps_its_rod_parallel_to_the_lower_arm(
 def test_jacobian_and_error_columns_are_derivatives(
     closed: Robot, rng: np.random.Generator, size: float
 ) -> None:
-    """Within 1e-7 of differences: joints, placements of joints, cut frames and tool, twists, offsets."""
+    """Within 1e-7 of differences: joints, placements of joints, cut frames and tool, twists,
+    offsets.
+    """
     q = inside(closed, 1, rng)
     errors = perturbed(closed, rng, size)
     context = errors.context(q)
@@ -151,8 +157,8 @@ def test_jacobian_and_error_columns_are_derivatives(
 def test_growth_of_the_links_has_the_columns_that_it_says(
     closed: Robot, rng: np.random.Generator
 ) -> None:
-    from calibtool.errormodel.conditions import Conditions
     from calibtool.errormodel.families import BY_ID
+    from calibtool.errormodel.operating_conditions import Conditions
     from calibtool.robot.se3 import readonly
 
     q, none = inside(closed, 1, rng), RobotErrors.of(closed)
@@ -216,7 +222,9 @@ def test_a_row_that_is_no_number_does_not_close(closed: Robot, rng: np.random.Ge
 
 @pytest.mark.parametrize("name", ["fivebar", "hexapod", "delta"])
 def test_no_assembly_mode_is_wrong(name: str, rng: np.random.Generator) -> None:
-    """Against small steps along the straight way from the closed configuration, which needs no table."""
+    """Against small steps along the straight way from the closed configuration, which needs no
+    table.
+    """
     robot = load_robot(name)
     mechanism, tree = closed_mechanism(robot), robot.chain.tree
     q = robot.lower + (robot.upper - robot.lower) * rng.random((400, robot.n))

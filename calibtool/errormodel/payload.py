@@ -1,7 +1,8 @@
-"""What a mass at the tool does: joints wind up about their axes and bend across them, in proportion to its moment.
+"""What a mass at the tool does: joints wind up about their axes and bend across them, in
+proportion to its moment.
 
-A joint is a spring: a moment m turns what it carries by c m about its axis and by b m across it. The mass stands at the
-origin of the tool frame, the moments are those of the nominal robot.
+A joint is a spring: a moment m turns what it carries by c m about its axis and by b m across it.
+The mass stands at the origin of the tool frame, the moments are those of the nominal robot.
 """
 
 from functools import lru_cache
@@ -10,10 +11,10 @@ import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Rows, Sizes
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.damped import at_point
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import at_point
+from calibtool.robot.inverse_starts import drawn as configurations
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly
-from calibtool.robot.starts import drawn as configurations
 
 _FULL = 10.0  # kg at which sizes and tolerances are stated
 _CARRIES_LOAD = (
@@ -66,7 +67,9 @@ class Payload(Family):
         return result
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
-        """The bend to first order: a turn about the origin of F0_j, whose other errors are small beside it."""
+        """The bend to first order: a turn about the origin of F0_j, whose other errors are
+        small beside it.
+        """
         along, across = moments(context.rows)
         before = context.frames.before
         turn = (before[..., :3, :3] @ across[..., None])[..., 0]
@@ -80,7 +83,9 @@ class Payload(Family):
 
 
 def moments(rows: Rows) -> tuple[Array, Array]:
-    """Moments of the payload's weight about every joint, N m: along its axis (N, n), and across it in F0_j (N, n, 3)."""
+    """Moments of the payload's weight about every joint, N m: along its axis (N, n), and across it
+    in F0_j (N, n, 3).
+    """
     frames, robot = rows.nominal, rows.robot
     if frames.jacobian is not None:
         return _work(rows, frames.jacobian), np.zeros((*rows.q.shape, 3))
@@ -94,7 +99,9 @@ def moments(rows: Rows) -> tuple[Array, Array]:
 
 
 def _work(rows: Rows, jacobian: Array) -> Array:
-    """Moments about the actuated joints of closed loops by virtual work: what the weight gains as a joint turns (N, n)."""
+    """Moments about the actuated joints of closed loops by virtual work: what the weight gains as a
+    joint turns (N, n).
+    """
     robot, tool = rows.robot, rows.nominal.tool[:, :3, 3]
     weight = np.asarray(rows.payload)[..., None] * np.array(robot.chain.model.gravity.linear)
     gained = np.einsum("nki,...k->ni", at_point(jacobian, tool)[:, :3], weight)
@@ -104,8 +111,10 @@ def _work(rows: Rows, jacobian: Array) -> Array:
 
 @lru_cache
 def largest_moment(robot: Robot) -> Array:
-    """Largest moments of 1 kg along and across each joint over fixed configurations of the joint range: (n, 2) N m."""
-    from calibtool.errormodel.conditions import Conditions
+    """Largest moments of 1 kg along and across each joint over fixed configurations of the joint
+    range: (n, 2) N m.
+    """
+    from calibtool.errormodel.operating_conditions import Conditions
 
     q = robot.closing(configurations(robot, _SAMPLES, np.random.default_rng(0)))
     along, across = moments(Rows(robot, q, Conditions(payload_kg=readonly(1.0))))

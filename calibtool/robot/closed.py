@@ -1,4 +1,6 @@
-"""A mechanism with closed loops over its actuated joints: Newton's method on closure, then what its tree gives (METHOD §11)."""
+"""A mechanism with closed loops over its actuated joints: Newton's method on closure, then what its
+tree gives (METHOD §11).
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -10,30 +12,36 @@ import pinocchio as pin
 
 from calibtool.robot.closure import Closure, closure
 from calibtool.robot.continuation import At, Closing, Starts, advanced, newton, solved
-from calibtool.robot.damped import at_point
+from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.loops import Tree
 from calibtool.robot.mechanism import Bodies, Frames, Mechanism, columns_of, poses_of
-from calibtool.robot.screw import Screw
+from calibtool.robot.screw_joint import Screw
 from calibtool.robot.se3 import Array, exp6, readonly, translation
 
 _STEPS = 3, 12  # of the way from a start to rows that Newton does not reach at once
 _TOGETHER = 1024  # rows: their numbers stay in the processor's cache
-_STEADY = 0.1  # a tool that moves five times as far as at the closed configuration is as bad as a singularity of type 1
+# A tool that moves five times as far as at the closed configuration is as bad as a singularity of
+# type 1.
+_STEADY = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class ClosedMechanism(Mechanism):
-    """A tree of joints with closed loops, nominal or with errors, as a function of its n actuated joints.
+    """A tree of joints with closed loops, nominal or with errors, as a function of its n actuated
+    joints.
 
-    For q the passive joints solve r(q, θ_p) = 0 (`closure`), on the assembly mode of the description. A row for which they
-    do not is NaN in every answer; `closes` tells. A row's answer does not depend on the rows beside it.
+    For q the passive joints solve r(q, θ_p) = 0 (`closure`), on the assembly mode of the
+    description. A row for which they do not is NaN in every answer; `closes` tells. A row's answer
+    does not depend on the rows beside it.
 
-    placements  (J + 2L + 1, 4, 4): M_i of the joints, poses of the cut frames A, B of every loop on the joints that carry
-                them, and of the tool; (N, …) where they change from row to row
+    placements  (J + 2L + 1, 4, 4): M_i of the joints, poses of the cut frames A, B of every loop on
+                the joints that carry them, and of the tool; (N, …) where they change from row to
+                row
     offsets     (n,) δq of the actuated joints, rad or m; a passive joint has none
     screws      (J) the joints, in the numbering of `tree`
     tree        how they hang together
-    starts      closed configurations of the nominal mechanism, from which Newton starts; made when first asked for
+    starts      closed configurations of the nominal mechanism, from which Newton starts; made when
+                first asked for
     """
 
     tree: Tree
@@ -49,7 +57,9 @@ class ClosedMechanism(Mechanism):
         tree: Tree,
         starts: Callable[[], Starts],
     ) -> Self:
-        """The mechanism with these placements (J + 2L + 1, 4, 4), twists (J, 6) and offsets (n,), zero unless given."""
+        """The mechanism with these placements (J + 2L + 1, 4, 4), twists (J, 6) and offsets (n,),
+        zero unless given.
+        """
         screws = tuple(Screw.of(twist) for twist in twists)
         model = pin.Model()
         model.name = bodies.robot
@@ -84,7 +94,8 @@ class ClosedMechanism(Mechanism):
     def forward_and_jacobian(self, q: Array) -> tuple[Array, Array]:
         """T_base_tool (N, 4, 4) and the spatial Jacobian of the closed mechanism (N, 6, n) in K_0.
 
-        J = J_a − J_p C_p⁻¹ C_a, J the columns of the tree at the tool. NaN for a row that does not close.
+        J = J_a − J_p C_p⁻¹ C_a, J the columns of the tree at the tool. NaN for a row that does not
+        close.
         """
         tree, n = self.tree, self.tree.n
         pose, jacobian = np.empty((len(q), 4, 4)), np.empty((len(q), 6, n))
@@ -96,10 +107,11 @@ class ClosedMechanism(Mechanism):
         return pose, jacobian
 
     def frames(self, q: Array) -> Frames:
-        """Every frame, and what a twist of it does to the tool (`Frames.transfer`), NaN for rows that do not close.
+        """Every frame, and what a twist of it does to the tool (`Frames.transfer`), NaN for rows
+        that do not close.
 
-        With Λ = J_p C_p⁻¹ and K_ℓ = Λ_ℓ W_ℓ: H_i = s_tool(i) I − Σ_ℓ σ_ℓ(i) K_ℓ for a joint, K_ℓ for the cut frame A and −K_ℓ
-        for B, I for the tool.
+        With Λ = J_p C_p⁻¹ and K_ℓ = Λ_ℓ W_ℓ: H_i = s_tool(i) I − Σ_ℓ σ_ℓ(i) K_ℓ for a joint, K_ℓ
+        for the cut frame A and −K_ℓ for B, I for the tool.
         """
         tree = self.tree
         parts = []
@@ -130,21 +142,22 @@ class ClosedMechanism(Mechanism):
 
     def closes(self, q: Array) -> np.ndarray:
         """Which rows of q (N, n) the loops close for: (N,) bool."""
-        closed: np.ndarray = np.isfinite(self.joints(q)).all(axis=-1)
-        return closed
+        return np.asarray(np.isfinite(self.joints(q)).all(axis=-1))
 
     def passive_within(self, q: Array) -> np.ndarray:
         """Which rows of q (N, n) close with the passive joints inside their limits: (N,) bool."""
         theta, rows = self.joints(q), self.tree.passive
         within = (theta >= self.tree.lower - 1e-9) & (theta <= self.tree.upper + 1e-9)
-        inside: np.ndarray = (within & np.isfinite(theta))[:, rows].all(axis=-1)
-        return inside
+        return np.asarray((within & np.isfinite(theta))[:, rows].all(axis=-1))
 
     def steadiness(self, pose: Array, jacobian: Array) -> Array:
-        """How far the passive joints are from losing hold of the tool (a singularity of type 2): (N,).
+        """How far the passive joints are from losing hold of the tool (a singularity of type 2):
+        (N,).
 
-        pose (N, 4, 4) and J (N, 6, n) of `forward_and_jacobian`. A tenth of the size of J at the closed configuration of the
-        description over its size here, both at the tool point in rad: near such a singularity J grows without bound.
+        pose (N, 4, 4) and J (N, 6, n) of `forward_and_jacobian`. A tenth of the size of J at the
+             closed configuration of the
+        description over its size here, both at the tool point in rad: near such a singularity J
+        grows without bound.
         """
         home = self.forward_and_jacobian(self.tree.closed_at[None, : self.tree.n] - self.offsets)
         here, there = (self._size(*each) for each in ((pose, jacobian), home))
@@ -158,14 +171,17 @@ class ClosedMechanism(Mechanism):
         return size
 
     def joints(self, q: Array) -> Array:
-        """Positions of all joints (N, J) for q (N, n), rad or m; NaN for a row that does not close."""
+        """Positions of all joints (N, J) for q (N, n), rad or m; NaN for a row that does not "
+        "close."""
         theta = np.empty((len(q), self.tree.joints))
         for rows, closed in self._parts(q):
             theta[rows] = np.where(closed.ok[:, None], closed.theta, np.nan)
         return theta
 
     def slopes(self, q: Array) -> Array:
-        """∂θ/∂q (N, J, n): how all joints move with the actuated ones; NaN for a row that does not close."""
+        """∂θ/∂q (N, J, n): how all joints move with the actuated ones; NaN for a row that does not
+        close.
+        """
         tree = self.tree
         result = np.zeros((len(q), tree.joints, tree.n))
         result[:, : tree.n] = np.eye(tree.n)
@@ -174,7 +190,9 @@ class ClosedMechanism(Mechanism):
         return result
 
     def by_actuators(self, torques: Array, q: Array) -> Array:
-        """Torques of the tree's joints (N, nv) in the model's order as those of the actuators: (∂θ/∂q)ᵀ τ, (N, n)."""
+        """Torques of the tree's joints (N, nv) in the model's order as those of the actuators:
+        (∂θ/∂q)ᵀ τ, (N, n).
+        """
         work: Array = np.einsum("njk,nj->nk", self.slopes(q), torques[:, self.model_joints])
         return work
 
@@ -183,7 +201,9 @@ class ClosedMechanism(Mechanism):
         return self._coordinates(self.joints(q))
 
     def as_model(self, lower: Array, upper: Array) -> pin.Model:
-        """A copy of the Pinocchio model of the tree with limits (n,) of the actuated joints, those of the others its own."""
+        """A copy of the Pinocchio model of the tree with limits (n,) of the actuated joints, those
+        of the others its own.
+        """
         model = self.model.copy()
         limits = np.stack([self.tree.lower, self.tree.upper])
         limits[:, : self.tree.n] = lower, upper
@@ -211,7 +231,8 @@ class ClosedMechanism(Mechanism):
             yield rows, closed
 
     def equations(self, theta: Array, rows: np.ndarray) -> At:
-        """Cut frames and tool (k, 2L + 1, 4, 3), columns of the joints (k, J, 6), and equations of some of the rows of
+        """Cut frames and tool (k, 2L + 1, 4, 3), columns of the joints (k, J, 6), and equations of
+        some of the rows of
         θ (N, J), numbered rows (N,), for other positions (k, p) of the passive joints.
         """
         tree, coordinates = self.tree, self._coordinates(theta)
@@ -226,7 +247,9 @@ class ClosedMechanism(Mechanism):
         return at
 
     def _tool(self, closed: Closing) -> Array:
-        """T_base_tool, after the last step of the passive joints, which is smaller than what could be seen of its square."""
+        """T_base_tool, after the last step of the passive joints, which is smaller than what could
+        be seen of its square.
+        """
         tree = self.tree
         ends = poses_of(closed.ends[:, -1])
         at_tool = self._at_tool(closed.jacobian)[:, :, tree.passive]
@@ -264,7 +287,8 @@ class ClosedMechanism(Mechanism):
     def _driven(
         self, coordinates: Array, rows: np.ndarray, joints: bool = False
     ) -> tuple[Array, Array, Array]:
-        """Ends (N, 2L + 1, 4, 3), columns of the joints (N, J, 6) and, if asked, the joints' frames (N, J, 4, 3).
+        """Ends (N, 2L + 1, 4, 3), columns of the joints (N, J, 6) and, if asked, the joints' frames
+        (N, J, 4, 3).
 
         coordinates (N, nq) of the model, rows (N,) their numbers.
         """
@@ -272,20 +296,23 @@ class ClosedMechanism(Mechanism):
         if self.placements.ndim == 4:
             model = model.copy()
         data = model.createData()
-        ends, jacobians = np.empty((count, model.nframes - 1, 4, 3)), np.empty((count, model.nv, 6))
-        after = np.empty((count if joints else 0, model.njoints - 1, 4, 3))
+        frames, columns, moved = bytearray(), bytearray(), bytearray()
         of_frames, of_joints = columns_of(data.oMf)[1:], columns_of(data.oMi)[1:]
-        jacobian = data.J.T
+        jacobian = data.J.T.data
         move, place = pin.computeJointJacobians, pin.updateFramePlacements
         for k, row in enumerate(coordinates):
             if self.placements.ndim == 4:
                 self._place(model, rows[k])
             move(model, data, row)
             place(model, data)
-            ends[k], jacobians[k] = of_frames, jacobian
+            frames += of_frames
+            columns += jacobian
             if joints:
-                after[k] = of_joints
-        return ends, self._per_joint(jacobians), after[:, self.model_joints]
+                moved += of_joints
+        ends = np.frombuffer(frames).reshape(count, model.nframes - 1, 4, 3)
+        per_coordinate = np.frombuffer(columns).reshape(count, model.nv, 6)
+        after = np.frombuffer(moved).reshape(-1, model.njoints - 1, 4, 3)
+        return ends, self._per_joint(per_coordinate), after[:, self.model_joints]
 
     def _place(self, model: pin.Model, row: int) -> None:
         """Give a model the placements of one row."""
@@ -312,7 +339,9 @@ class ClosedMechanism(Mechanism):
 
     @cached_property
     def _passive_coordinates(self) -> list[int]:
-        """Where the passive joints, which have one coordinate of rate 1 each, stand among those of the model."""
+        """Where the passive joints, which have one coordinate of rate 1 each, stand among those of
+        the model.
+        """
         joints = range(self.tree.joints)[self.tree.passive]
         return [self.model.joints[int(self.model_joints[j]) + 1].idx_q for j in joints]
 

@@ -1,4 +1,6 @@
-"""A description with closed loops → its tree of joints, cut frames and closed configuration, checked and reduced."""
+"""A description with closed loops → its tree of joints, cut frames and closed configuration,
+checked and reduced.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,10 +38,12 @@ _STEPS = 60
 
 @dataclass(frozen=True, eq=False)
 class ClosedChain:
-    """Joints with closed loops: n actuated ones first, in the order of `kinematics.actuated`, then passive, then idle ones.
+    """Joints with closed loops: n actuated ones first, in the order of `kinematics.actuated`, then
+    passive, then idle ones.
 
     bodies       names, inertias and gravity, of all J joints
-    placements   (J + 2L + 1, 4, 4): M_i of every joint on the one that carries it, the cut frames A and B of every loop, tool
+    placements   (J + 2L + 1, 4, 4): M_i of every joint on the one that carries it, the cut frames A
+                 and B of every loop, tool
     twists       (J, 6) unit twists of the joints in their own frames
     lower, upper (n,) limits of the actuated joints, rad or m
     limited_by   (n,) where they come from
@@ -78,7 +82,9 @@ class ClosedChain:
 
     @cached_property
     def starts(self) -> Starts:
-        """Closed configurations of the nominal mechanism, made when first asked for (a second or so)."""
+        """Closed configurations of the nominal mechanism, made when first asked for (a second or
+        so).
+        """
         return Starts.of(self.mechanism.equations, self.tree)
 
     def mechanism_of(
@@ -102,14 +108,18 @@ class ClosedChain:
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """A name for each placement: those of joints, `loop.a` and `loop.b` of cut frames, that of the tool."""
+        """A name for each placement: those of joints, `loop.a` and `loop.b` of cut frames, that of
+        the tool.
+        """
         cuts = [f"{loop.name}.{side}" for loop in self.tree.loops for side in "ab"]
         return (*self.bodies.joints, *cuts, self.bodies.tool)
 
 
 @dataclass(frozen=True, eq=False)
 class _Read:
-    """What a description says, joints in the order actuated, then the others as in the URDF; loops with all rows."""
+    """What a description says, joints in the order actuated, then the others as in the URDF; loops
+    with all rows.
+    """
 
     bodies: Bodies
     placements: Array
@@ -119,7 +129,9 @@ class _Read:
 
 
 def chain_of(source: Source) -> SerialChain | ClosedChain:
-    """The chain of a description: a closed one where it has loops, or mimic joints between base and tool."""
+    """The chain of a description: a closed one where it has loops, or mimic joints between base and
+    tool.
+    """
     if source.description.kinematics.loops or _mimics_before_tool(source):
         return build_closed_chain(source)
     return build_chain(source)
@@ -142,8 +154,9 @@ def _mimics_before_tool(source: Source) -> bool:
 def build_closed_chain(source: Source) -> ClosedChain:
     """The chain of a description with `loops`, or with mimic joints before the tool.
 
-    Raises InputError, with the loop's name, for frames on one link, loops that do not close at `closed_at`, or leave the
-    actuators no freedom; for joints outside of everything, unknown names, and motions that no actuator commands.
+    Raises InputError, with the loop's name, for frames on one link, loops that do not close at
+    `closed_at`, or leave the actuators no freedom; for joints outside of everything, unknown names,
+    and motions that no actuator commands.
     """
     place = source.place
     read = _read(source)
@@ -215,7 +228,8 @@ def _read(source: Source) -> _Read:
             waiting.append(_leader(names, names[joint], mimics[names[joint]][0], place))
     if beside := [names[j] for j in range(1, model.njoints) if j not in used]:
         raise InputError(
-            f"{place}: joints {', '.join(beside)} move neither the tool nor a frame of a loop; lock them in [kinematics]"
+            f"{place}: joints {', '.join(beside)} move neither the tool nor a frame of a loop; "
+            "lock them in [kinematics]"
         )
     order, n = _actuated_first(source, names, sorted(used), set(mimics))
     number = {j: k for k, j in enumerate(order)} | {0: -1}
@@ -282,7 +296,8 @@ def _cut_frames(
     a, b = (model.frames[frame_id(model, f, f"{place}: loop '{name}'")] for f in loop.frames)
     if a.parentJoint == b.parentJoint:
         raise InputError(
-            f"{place}: loop '{name}': frames '{loop.frames[0]}' and '{loop.frames[1]}' are on the same link: nothing moves "
+            f"{place}: loop '{name}': frames '{loop.frames[0]}' and '{loop.frames[1]}' are on the "
+            "same link: nothing moves "
             "between them; name a frame of each of the two links that the joint joins"
         )
     return a, b
@@ -291,7 +306,8 @@ def _cut_frames(
 def _leader(names: list[str], joint: str, leader: str, place: str) -> int:
     if leader not in names[1:]:
         raise InputError(
-            f"{place}: joint '{joint}' mimics '{leader}', which is locked or not in the URDF; lock '{joint}' too"
+            f"{place}: joint '{joint}' mimics '{leader}', which is locked or not in the URDF; lock "
+            f"'{joint}' too"
         )
     return names.index(leader, 1)
 
@@ -299,12 +315,15 @@ def _leader(names: list[str], joint: str, leader: str, place: str) -> int:
 def _actuated_first(
     source: Source, names: list[str], used: list[int], mimics: set[str]
 ) -> tuple[list[int], int]:
-    """Joint ids: the actuated ones as the description names them, then the others; and the number of the former."""
+    """Joint ids: the actuated ones as the description names them, then the others; and the number
+    of the former.
+    """
     place, given = source.place, source.description.kinematics.actuated
     if given is None:
         if source.description.kinematics.loops:
             raise InputError(
-                f"{place}: kinematics.actuated is missing: name the joints that have a motor, in their order"
+                f"{place}: kinematics.actuated is missing: name the joints that have a motor, in "
+                "their order"
             )
         n = sum(names[j] not in mimics for j in used)
         return sorted(used, key=lambda j: (names[j] in mimics, j)), n
@@ -312,7 +331,8 @@ def _actuated_first(
         inside = [names[j] for j in used]
         if joint not in inside:
             raise InputError(
-                f"{place}: kinematics.actuated: '{joint}' is no movable joint of the URDF; {near_names(joint, inside)}"
+                f"{place}: kinematics.actuated: '{joint}' is no movable joint of the URDF; "
+                f"{near_names(joint, inside)}"
             )
         if joint in given[:k]:
             raise InputError(f"{place}: kinematics.actuated names '{joint}' twice")
@@ -327,12 +347,15 @@ def _actuated_first(
 def _given_closed(
     source: Source, names: list[str], limits: tuple[Array, Array], slides: np.ndarray, n: int
 ) -> Array:
-    """`closed_at` (J,), rad or m: 0 where nothing is said, or the limit nearest to it for an actuated joint."""
+    """`closed_at` (J,), rad or m: 0 where nothing is said, or the limit nearest to it for an
+    actuated joint.
+    """
     place, given = source.place, source.description.kinematics.closed_at
     for joint in given:
         if joint not in names:
             raise InputError(
-                f"{place}: kinematics.closed_at: '{joint}' is no movable joint; {near_names(joint, names)}"
+                f"{place}: kinematics.closed_at: '{joint}' is no movable joint; "
+                f"{near_names(joint, names)}"
             )
     theta = np.array([given.get(joint, 0.0) for joint in names])
     for j in range(n):
@@ -342,14 +365,17 @@ def _given_closed(
         elif not low - 1e-9 <= theta[j] <= high + 1e-9:
             unit = "m" if slides[j] else "rad"
             raise InputError(
-                f"{place}: kinematics.closed_at: '{names[j]}' = {theta[j]:g} {unit} is outside its limits "
+                f"{place}: kinematics.closed_at: '{names[j]}' = {theta[j]:g} {unit} is outside its "
+                "limits "
                 f"{low:g} to {high:g}"
             )
     return theta
 
 
 def _length(source: Source, placements: Array) -> float:
-    """Characteristic length: as given, or half of the sum of distances between neighbouring joint frames."""
+    """Characteristic length: as given, or half of the sum of distances between neighbouring joint
+    frames.
+    """
     given = source.description.kinematics.length
     if given is not None:
         return given
@@ -357,7 +383,9 @@ def _length(source: Source, placements: Array) -> float:
 
 
 def _closed_at(mechanism: ClosedMechanism, tree: Tree, names: tuple[str, ...], place: str) -> Array:
-    """The closed configuration next to the given one, actuated joints as given; InputError if it is not next to it."""
+    """The closed configuration next to the given one, actuated joints as given; InputError if it is
+    not next to it.
+    """
     start = tree.closed_at.copy()
     for follower in tree.followers:
         start[follower.joint] = follower.factor * start[follower.leader] + follower.offset
@@ -369,8 +397,10 @@ def _closed_at(mechanism: ClosedMechanism, tree: Tree, names: tuple[str, ...], p
         if still < 1e-10:
             check_freedom(tree, _samples(mechanism, tree, anywhere), names, place)
         raise InputError(
-            f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, and does not come together while the "
-            "actuators stay there; correct link lengths and frames, or give positions at which the mechanism is closed"
+            f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, and does not "
+            "come together while the "
+            "actuators stay there; correct link lengths and frames, or give positions at which the "
+            "mechanism is closed"
         )
     moved = np.abs((theta - start) / scale)
     if moved.max(initial=0.0) > _OPEN:
@@ -378,7 +408,8 @@ def _closed_at(mechanism: ClosedMechanism, tree: Tree, names: tuple[str, ...], p
             f"{names[j]} = {theta[j]:.6g}" for j in np.flatnonzero(free & (moved > 1e-6))[:8]
         )
         raise InputError(
-            f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, which chooses the assembly mode; a "
+            f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, which "
+            "chooses the assembly mode; a "
             f"closed configuration from there is {values}: write it there if that is the one"
         )
     return theta
@@ -387,7 +418,9 @@ def _closed_at(mechanism: ClosedMechanism, tree: Tree, names: tuple[str, ...], p
 def _nearest_closed(
     mechanism: ClosedMechanism, tree: Tree, theta: Array, free: np.ndarray
 ) -> tuple[Array, float]:
-    """Least-squares steps of the free joints (J,) to r = 0 from θ (J,), and the largest |r| left, in rad."""
+    """Least-squares steps of the free joints (J,) to r = 0 from θ (J,), and the largest |r| left,
+    in rad.
+    """
     theta = theta.copy()
     scale = np.where(free, tree.joint_scale, 0.0)
     left = np.inf
@@ -427,7 +460,9 @@ def _worst_loop(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> str:
 
 
 def _samples(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> list[Sample]:
-    """Derivatives at closed configurations near θ (J,), which are found by moving along what C leaves free."""
+    """Derivatives at closed configurations near θ (J,), which are found by moving along what C
+    leaves free.
+    """
     rng, row = np.random.default_rng(0), np.zeros(1, dtype=int)
     everything, scale = np.ones(tree.joints, dtype=bool), tree.joint_scale
     samples = []

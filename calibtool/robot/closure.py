@@ -1,8 +1,9 @@
 """The equations of closed loops and their derivatives, for many rows at once (METHOD §11).
 
-For loop ℓ with frames A and B, E = T_A⁻¹ T_B: the residual r is the translation of E and what of its rotation the cut joint
-forbids; its derivative is C_ℓ = W_ℓ (σ_ℓ ∘ J), J the spatial columns of the joints and W_ℓ the forbidden components of a twist
-in the axes of A at the origin of B. Where all three components of the translation are forbidden, the axes of K_0 do as well.
+For loop ℓ with frames A and B, E = T_A⁻¹ T_B: the residual r is the translation of E and what of
+its rotation the cut joint forbids; its derivative is C_ℓ = W_ℓ (σ_ℓ ∘ J), J the spatial columns of
+the joints and W_ℓ the forbidden components of a twist in the axes of A at the origin of B. Where
+all three components of the translation are forbidden, the axes of K_0 do as well.
 """
 
 from dataclasses import dataclass
@@ -32,8 +33,8 @@ class Closure:
 def closure(tree: Tree, cuts: Array, jacobian: Array, theta: Array) -> Closure:
     """Equations of N rows.
 
-    cuts (N, 2L, 4, 3): axes x, y, z and origin of the cut frames in K_0; jacobian (N, J, 6): spatial columns of the joints
-    as rows; theta (N, J) in rad or m.
+    cuts (N, 2L, 4, 3): axes x, y, z and origin of the cut frames in K_0; jacobian (N, J, 6):
+    spatial columns of the joints as rows; theta (N, J) in rad or m.
     """
     count = len(theta)
     m, f = len(tree.row_signs), len(tree.followers)
@@ -58,7 +59,9 @@ def closure(tree: Tree, cuts: Array, jacobian: Array, theta: Array) -> Closure:
 
 
 def _equations(loop: Loop, A: Array, B: Array, r: Array, W: Array) -> None:
-    """Residual (N, k) and twists (N, k, 6) of one loop, written into r and W; A and B (N, 4, 3) as in `closure`."""
+    """Residual (N, k) and twists (N, k, 6) of one loop, written into r and W; A and B (N, 4, 3) as
+    in `closure`.
+    """
     apart, p = B[:, 3] - A[:, 3], B[:, 3]
     kept = set(loop.rows)
     whole = kept >= _TRANSLATION

@@ -10,7 +10,8 @@ from calibtool.robot.closure import Closure
 from calibtool.robot.loops import Tree
 from calibtool.robot.se3 import Array, readonly
 
-# θ (N, J) and row numbers (N,) → of some of these rows (k,), their passive joints (k, p): ends, columns, equations.
+# θ (N, J) and row numbers (N,) → for some of these rows (k,) and their passive joints (k, p): ends,
+# columns, equations.
 At = Callable[[np.ndarray, Array], tuple[Array, Array, Closure]]
 Equations = Callable[[Array, np.ndarray], At]
 
@@ -21,7 +22,8 @@ _MANY = 7
 _LONGEST = 0.5  # rad, or lengths: the equations are not linear over longer steps
 _DIFFERENCE = 1e-4  # rad, or lengths
 _CELLS = 4096  # starts
-_JUMP = 0.25  # rad, or lengths: a correction of a prediction that is larger ends in another assembly mode
+# Larger corrections of a prediction (rad, or lengths) end in another assembly mode.
+_JUMP = 0.25
 _OF_WAY = 0.5  # and so does one that is larger than this part of the way
 
 
@@ -73,8 +75,9 @@ def newton(
 ) -> Closing:
     """Close the loops from θ (N, J), whose actuated joints stay; rows are their numbers (N,).
 
-    A row is given up when a passive joint is farther than reach (N,), in rad or lengths, from where it started, and where
-    det C_p has not this sign: beyond a singularity of the passive joints the mechanism is assembled in another way.
+    A row is given up when a passive joint is farther than reach (N,), in rad or lengths, from where
+    it started, and where det C_p has not this sign: beyond a singularity of the passive joints the
+    mechanism is assembled in another way.
     """
     found = Closing.of(tree, theta)
     at = equations(theta, rows)
@@ -114,7 +117,9 @@ def advanced(
     steps: int,
     sign: float | None,
 ) -> Closing:
-    """Close the loops at q (N, n) by way of closed configurations from θ = begin (N, J), which need not be closed quite."""
+    """Close the loops at q (N, n) by way of closed configurations from θ = begin (N, J), which need
+    not be closed quite.
+    """
     found = newton(equations, tree, begin, rows, np.full(len(q), _JUMP), sign)
     way = q - begin[:, : tree.n]
     for k in range(1, steps + 1):
@@ -129,7 +134,9 @@ def advanced(
 
 
 def _reach(tree: Tree, moved: Array, predicted: Array) -> Array:
-    """How far from its prediction a closed configuration may be after a motion of the joints: (N,) rad or lengths."""
+    """How far from its prediction a closed configuration may be after a motion of the joints: (N,)
+    rad or lengths.
+    """
     scale = tree.joint_scale
     actuated = np.abs(moved / scale[: tree.n]).max(axis=-1, initial=0.0)
     passive = np.abs(predicted / scale[tree.passive]).max(axis=-1, initial=0.0)
@@ -155,10 +162,11 @@ def solved(matrices: Array, right: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """Closed configurations on one assembly mode, one for each cell of a grid over the limits of the actuated joints.
+    """Closed configurations on one assembly mode, one for each cell of a grid over the limits of
+    the actuated joints.
 
-    They are reached from the closed configuration of the description, cell by cell, near the straight way to each. A cell
-    that is not reached has the start of the nearest one that is.
+    They are reached from the closed configuration of the description, cell by cell, near the
+    straight way to each. A cell that is not reached has the start of the nearest one that is.
 
     tree   the mechanism's
     theta  (k, J) closed configurations, rad or m
@@ -219,7 +227,9 @@ class Starts:
         return cls(tree, theta, follow, curve, sign, number.reshape(shape))
 
     def nearest(self, q: Array) -> tuple[Array, Array]:
-        """Closed configurations near actuated positions q (N, n), and what they predict at q: (N, J) each."""
+        """Closed configurations near actuated positions q (N, n), and what they predict at q: (N,
+        J) each.
+        """
         n = self.tree.n
         cell = _cell(self.tree, np.where(np.isfinite(q), q, 0.0), self.cells.shape)
         number = self.cells[tuple(cell.T)]
@@ -233,7 +243,8 @@ class Starts:
         return begin, near
 
     def reach(self, begin: Array, near: Array) -> Array:
-        """How far from their predictions (N, J) closed configurations may be: (N,), see `newton`."""
+        """How far from their predictions (N, J) closed configurations may be: (N,), see "
+        "`newton`."""
         moved = near - begin
         return _reach(self.tree, moved[:, : self.tree.n], moved[:, self.tree.passive])
 

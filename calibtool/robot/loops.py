@@ -1,7 +1,10 @@
-"""How the joints of a mechanism with closed loops hang together: a tree, the frames that join it to loops, mimic joints."""
+"""How the joints of a mechanism with closed loops hang together: a tree, the frames that join it to
+loops, mimic joints.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -32,7 +35,9 @@ class Loop:
 
 @dataclass(frozen=True)
 class Follower:
-    """A mimic joint: θ_joint = factor · θ_leader + offset, rad or m. Joints by their number in the chain, from 0."""
+    """A mimic joint: θ_joint = factor · θ_leader + offset, rad or m. Joints by their number in the
+    chain, from 0.
+    """
 
     joint: int
     leader: int
@@ -42,10 +47,12 @@ class Follower:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """J joints, numbered: n actuated ones in the order of q, p passive ones, idle ones that stand still.
+    """J joints, numbered: n actuated ones in the order of q, p passive ones, idle ones that stand
+    still.
 
     parents      (J,) the joint before, −1 for the base
-    carriers     (2L,) the joint that carries each cut frame: A and B of the first loop, of the second …
+    carriers     (2L,) the joint that carries each cut frame: A and B of the first loop, of the
+                 second …
     tool         the joint that carries the tool
     n, p         numbers of actuated and of passive joints; p is the number of equations
     loops        (L) the cut joints
@@ -105,7 +112,8 @@ class Tree:
 
     @cached_property
     def signs(self) -> Array:
-        """σ_ℓ(i) of loop ℓ: 1 where joint i moves frame B alone, −1 where it moves A alone: (L, J)."""
+        """σ_ℓ(i) of loop ℓ: 1 where joint i moves frame B alone, −1 where it moves A alone: (L, "
+        "J)."""
         pairs = zip(self.carriers[::2], self.carriers[1::2], strict=True)
         return np.array([self.support(b) - self.support(a) for a, b in pairs]).reshape(
             -1, self.joints
@@ -120,7 +128,7 @@ class Tree:
     def row_blocks(self) -> list[slice]:
         """The equations of every loop."""
         ends = np.cumsum([0, *(len(loop.rows) for loop in self.loops)])
-        return [slice(int(a), int(b)) for a, b in zip(ends, ends[1:], strict=False)]
+        return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     @cached_property
     def row_scale(self) -> Array:
@@ -131,10 +139,14 @@ class Tree:
 
     @cached_property
     def joint_scale(self) -> Array:
-        """What a motion of one rad is in the unit of each joint: the length for a slide, 1 for a turn (J,)."""
+        """What a motion of one rad is in the unit of each joint: the length for a slide, 1 for a
+        turn (J,).
+        """
         return np.where(self.slides, self.length, 1.0)
 
     @property
     def placed_on(self) -> tuple[int, ...]:
-        """The joint that carries each placement: of the joints, of the cut frames, of the tool; −1 for the base."""
+        """The joint that carries each placement: of the joints, of the cut frames, of the tool; −1
+        for the base.
+        """
         return (*self.parents, *self.carriers, self.tool)

@@ -1,8 +1,10 @@
-"""What of a mechanism with closed loops moves: equations that say something, joints that are idle, actuators that are missing.
+"""What of a mechanism with closed loops moves: equations that say something, joints that are idle,
+actuators that are missing.
 
-At closed configurations near the given one, C holds the derivatives of all equations, C_p those by the joints that are not
-actuated. Equations that depend on others are dropped: of a revolute cut in a planar loop x and y stay. A null vector of C_p is
-a motion with the actuators at rest. If it moves the tool, an actuator is missing; if not, one of its joints is idle.
+At closed configurations near the given one, C holds the derivatives of all equations, C_p those by
+the joints that are not actuated. Equations that depend on others are dropped: of a revolute cut in
+a planar loop x and y stay. A null vector of C_p is a motion with the actuators at rest. If it moves
+the tool, an actuator is missing; if not, one of its joints is idle.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +20,9 @@ _RANK = 1e-7  # of the largest singular value or pivot
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Equations at one closed configuration, scaled to rad: C (m, J), and the joints' columns at the tool, (6, J)."""
+    """Equations at one closed configuration, scaled to rad: C (m, J), and the joints' columns at
+    the tool, (6, J).
+    """
 
     columns: Array
     at_tool: Array
@@ -33,10 +37,11 @@ class Reduced:
 
 
 def reduced(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: str) -> Reduced:
-    """Rows and passive joints that stay, p of each. tree: all joints but the actuated ones passive, all rows kept.
+    """Rows and passive joints that stay, p of each. tree: all joints but the actuated ones passive,
+    all rows kept.
 
-    names of the joints, and place, stand in messages. Raises InputError for a loop that leaves the actuators no freedom of
-    their own, and for a motion of the tool that no actuator commands.
+    names of the joints, and place, stand in messages. Raises InputError for a loop that leaves the
+    actuators no freedom of their own, and for a motion of the tool that no actuator commands.
     """
     n = tree.n
     ranks = [_rank(sample.columns[:, n:]) for sample in samples]
@@ -52,7 +57,8 @@ def reduced(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: st
             vector = null[int(np.abs(tool).max(axis=0).argmax())]
             joints = ", ".join(f"'{names[n + free[k]]}'" for k in _suspects(tree, free, vector))
             raise InputError(
-                f"{place}: the tool moves while every actuator stands still, by joints such as {joints}: name what has a "
+                f"{place}: the tool moves while every actuator stands still, by joints such as "
+                f"{joints}: name what has a "
                 "motor in kinematics.actuated, or add the loop that holds them"
             )
         idle.append(free[int(np.abs(null).max(axis=0).argmax())])
@@ -70,9 +76,11 @@ def reduced(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: st
 
 
 def _suspects(tree: Tree, free: list[int], vector: Array) -> list[int]:
-    """Which of the free passive joints, that move by `vector`, look most like those with a motor, three at most.
+    """Which of the free passive joints, that move by `vector`, look most like those with a motor,
+    three at most.
 
-    As deep in the tree as one of them and of the same kind; where there is none, those that move most.
+    As deep in the tree as one of them and of the same kind; where there is none, those that move
+    most.
     """
 
     def place_of(joint: int) -> tuple[int, bool]:
@@ -90,7 +98,8 @@ def mobility(samples: list[Sample], joints: int) -> int:
 
 
 def check_freedom(tree: Tree, samples: list[Sample], names: tuple[str, ...], place: str) -> None:
-    """InputError where equations hold actuators against each other: C has a higher rank than C_p."""
+    """InputError where equations hold actuators against each other: C has a higher rank than "
+    "C_p."""
     rank = max(_rank(sample.columns[:, tree.n :]) for sample in samples)
     whole = max(_rank(sample.columns) for sample in samples)
     if whole <= rank:
@@ -105,7 +114,8 @@ def check_freedom(tree: Tree, samples: list[Sample], names: tuple[str, ...], pla
             suspects.append(f"'{loop.name}'")
     said = f"loop {', '.join(suspects)}" if suspects else "the loops"
     raise InputError(
-        f"{place}: {said}: over-constrained: the mechanism has {moves} independent motions for {tree.n} actuators; let the "
+        f"{place}: {said}: over-constrained: the mechanism has {moves} independent motions for "
+        f"{tree.n} actuators; let the "
         "cut joint forbid less, or take a joint out of kinematics.actuated"
     )
 
