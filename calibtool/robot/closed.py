@@ -20,9 +20,6 @@ from calibtool.robot.se3 import Array, exp6, readonly, translation
 
 _STEPS = 3, 12  # of the way from a start to rows that Newton does not reach at once
 _TOGETHER = 1024  # rows: their numbers stay in the processor's cache
-# A tool that moves five times as far as at the closed configuration is as bad as a singularity of
-# type 1.
-_STEADY = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,21 +147,12 @@ class ClosedMechanism(Mechanism):
         within = (theta >= self.tree.lower - 1e-9) & (theta <= self.tree.upper + 1e-9)
         return np.asarray((within & np.isfinite(theta))[:, rows].all(axis=-1))
 
-    def steadiness(self, pose: Array, jacobian: Array) -> Array:
-        """How far the passive joints are from losing hold of the tool (a singularity of type 2):
-        (N,).
+    def gain(self, pose: Array, jacobian: Array) -> Array:
+        """Size of J (N,), at the tool point and in rad: it grows without bound towards a singularity
+        of the passive joints (type 2).
 
-        pose (N, 4, 4) and J (N, 6, n) of `forward_and_jacobian`. A tenth of the size of J at the
-             closed configuration of the
-        description over its size here, both at the tool point in rad: near such a singularity J
-        grows without bound.
+        pose (N, 4, 4) and jacobian (N, 6, n) as of `forward_and_jacobian`.
         """
-        home = self.forward_and_jacobian(self.tree.closed_at[None, : self.tree.n] - self.offsets)
-        here, there = (self._size(*each) for each in ((pose, jacobian), home))
-        steady: Array = _STEADY * there / np.maximum(here, 1e-300)
-        return steady
-
-    def _size(self, pose: Array, jacobian: Array) -> Array:
         scaled = at_point(jacobian, pose[:, :3, 3]) * self.tree.joint_scale[: self.tree.n]
         scaled[:, :3] /= self.tree.length
         size: Array = np.sqrt((scaled**2).sum(axis=(1, 2)))

@@ -12,12 +12,19 @@ from calibtool.robot.chain import SerialChain
 from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.closed_chain import ClosedChain, chain_of
 from calibtool.robot.coupling import JointValues, coupling_matrix, settled_values
-from calibtool.robot.damped_least_squares import at_point, singularity_distance
+from calibtool.robot.damped_least_squares import (
+    MIN_SINGULARITY_DISTANCE,
+    at_point,
+    singularity_distance,
+)
 from calibtool.robot.description import Source, Workspace
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, readonly
 from calibtool.units import joint_and_factor, joint_values
 
+# Times the usual gain of closed loops: a tool that moves farther is near a singularity of type 2, where
+# a robot with errors may not close.
+_LARGEST_GAIN = 2.0
 LONGEST = 10.0  # m: characteristic length of a robot with slides
 
 
@@ -260,7 +267,7 @@ class Robot:
         `mechanism.singularity_distance`. (N,)
 
         With closed loops also small where the passive joints are near a singularity of their own,
-        and 0 where they do not close (`ClosedMechanism.steadiness`).
+        and 0 where they do not close (`ClosedMechanism.gain`).
         """
         pose, jacobian = self.mechanism.forward_and_jacobian(q)
         if not isinstance(self.mechanism, ClosedMechanism):
@@ -268,9 +275,19 @@ class Robot:
         ok = np.isfinite(pose[:, 0, 0])
         distance = np.zeros(len(q))
         seen = at_point(jacobian[ok], pose[ok, :3, 3])
-        steady = self.mechanism.steadiness(pose[ok], jacobian[ok])
+        gain = self.mechanism.gain(pose[ok], jacobian[ok]) / self._usual_gain
+        steady = _LARGEST_GAIN * MIN_SINGULARITY_DISTANCE / np.maximum(gain, 1e-300)
         distance[ok] = np.minimum(singularity_distance(seen, self.length), steady)
         return distance
+
+    @cached_property
+    def _usual_gain(self) -> float:
+        """The median `ClosedMechanism.gain` over the closed configurations of the chain."""
+        mechanism = self.mechanism
+        assert isinstance(mechanism, ClosedMechanism)
+        q = mechanism.starts().theta[:, : self.n]
+        pose, jacobian = mechanism.forward_and_jacobian(q[:: max(1, len(q) // 500)])
+        return float(np.nanmedian(mechanism.gain(pose, jacobian)))
 
     def check_positions(self, q: Array, place: str) -> None:
         """InputError unless q is (N, n) and finite."""
