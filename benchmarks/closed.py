@@ -22,19 +22,19 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from calibtool.compensation.weighed import Task
-from calibtool.identification.model import Identification
-from calibtool.planning.knowledge import Knowledge
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.compensation.solve import compensate_joints
+from calibtool.compensation.weighted_error import Task
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.actual import ActualRobot
+from calibtool.identification.identification import Identification
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints
+from calibtool.planning.information import Knowledge
 from calibtool.planning.plan import make_plan
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.closed import ClosedMechanism

@@ -71,7 +71,7 @@ class Payload(Family):
         small beside it.
         """
         along, across = moments(context.rows)
-        before = context.frames.before
+        before = context.frames.before[:, : context.rows.robot.n]  # closed loops have no bending
         turn = (before[..., :3, :3] @ across[..., None])[..., 0]
         bend = np.concatenate([np.cross(before[..., :3, 3], turn), turn], axis=-1)
         wind = context.offset_columns * along[:, None]
@@ -104,7 +104,8 @@ def _work(rows: Rows, jacobian: Array) -> Array:
     """
     robot, tool = rows.robot, rows.nominal.tool[:, :3, 3]
     weight = np.asarray(rows.payload)[..., None] * np.array(robot.chain.model.gravity.linear)
-    gained = np.einsum("nki,...k->ni", at_point(jacobian, tool)[:, :3], weight)
+    weight = np.broadcast_to(weight, tool.shape)
+    gained = np.einsum("nki,nk->ni", at_point(jacobian, tool)[:, :3], weight)
     result: Array = np.where(robot.prismatic, 0.0, gained)
     return result
 

@@ -98,7 +98,7 @@ def compensator_values(
         "network": network,
         "network_size": network_size(network),
         "left_out": left_out(calibration),
-        "joints": _joints(robot),
+        "joints": joint_lines(robot),
         "coupling": robot.coupling if robot.coupled else None,
         "uncoupling": np.linalg.inv(robot.coupling),
         "converted": converted,  # the code takes and gives the controller's joint values …
@@ -275,7 +275,7 @@ def _payload(calibration: Calibration) -> dict[str, Any] | None:
     }
 
 
-def _joints(robot: Robot) -> list[str]:
+def joint_lines(robot: Robot) -> list[str]:
     """One line per joint.
 
     A name comes from a URDF: nothing of it may end the comment it stands in.

@@ -148,7 +148,8 @@ class ClosedMechanism(Mechanism):
         return np.asarray((within & np.isfinite(theta))[:, rows].all(axis=-1))
 
     def gain(self, pose: Array, jacobian: Array) -> Array:
-        """Size of J (N,), at the tool point and in rad: it grows without bound towards a singularity
+        """Size of J (N,), at the tool point and in rad: it grows without bound towards a
+        singularity
         of the passive joints (type 2).
 
         pose (N, 4, 4) and jacobian (N, 6, n) as of `forward_and_jacobian`.

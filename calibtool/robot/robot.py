@@ -22,8 +22,8 @@ from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, readonly
 from calibtool.units import joint_and_factor, joint_values
 
-# Times the usual gain of closed loops: a tool that moves farther is near a singularity of type 2, where
-# a robot with errors may not close.
+# Times the usual gain of closed loops: a tool that moves farther is near a singularity of type 2,
+# where a robot with errors may not close.
 _LARGEST_GAIN = 2.0
 LONGEST = 10.0  # m: characteristic length of a robot with slides
 
