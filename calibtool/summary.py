@@ -38,7 +38,7 @@ def robot_summary(robot: Robot) -> dict[str, object]:
         twist = robot.chain.twists[j]
         joints.append(
             {
-                "name": str(robot.chain.model.names[j + 1]),
+                "name": robot.chain.bodies.joints[j],
                 "kind": "prismatic" if prismatic else "revolute",
                 f"lower_{unit}": round(float(robot.lower[j]) * factor, 6),
                 f"upper_{unit}": round(float(robot.upper[j]) * factor, 6),

@@ -23,7 +23,8 @@ settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.register_profile("thorough", max_examples=2000, deadline=None, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
-ROBOTS = robot_names()
+LOOPS = [name for name in robot_names() if load_robot(name).chain.tree is not None]
+ROBOTS = [name for name in robot_names() if name not in LOOPS]
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -50,7 +51,13 @@ def pytest_pyfunc_call() -> Generator[None, object, object]:
 
 @pytest.fixture(params=ROBOTS)
 def robot(request: pytest.FixtureRequest) -> Robot:
-    """Every built-in robot in turn."""
+    """Every built-in robot without closed loops in turn."""
+    return load_robot(request.param)
+
+
+@pytest.fixture(params=LOOPS)
+def closed(request: pytest.FixtureRequest) -> Robot:
+    """Every built-in robot with closed loops in turn."""
     return load_robot(request.param)
 
 

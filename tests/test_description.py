@@ -317,15 +317,16 @@ def test_a_slide_without_limits_takes_them_from_the_description_or_is_refused(
     assert load_robot(str(crane(tmp_path, given, urdf))).upper[1] == pytest.approx(0.25)
 
 
-def test_a_joint_that_mimics_another_is_refused_on_the_way_and_may_be_locked_beside_it(
+def test_a_joint_that_mimics_another_follows_it_on_the_way_and_may_be_locked_beside_it(
     tmp_path: Path,
 ) -> None:
     limit = 'upper="0.3" effort="1" velocity="1"/>'
-    way = URDF.replace(limit, f'{limit}<mimic joint="shoulder"/>')
-    with pytest.raises(
-        InputError, match=r"joint 'lift' between base and tool mimics 'shoulder'; .*lock it"
-    ):
-        load_robot(str(crane(tmp_path, urdf=way)))
+    way = URDF.replace(limit, f'{limit}<mimic joint="shoulder" multiplier="0.1"/>')
+    alone = TOML[: TOML.index("[workspaces")]  # whose home has two joints
+    robot = load_robot(str(crane(tmp_path, alone, way)))
+    assert robot.n == 1
+    height = robot.mechanism.forward(np.array([[0.0], [1.0]]))[:, 2, 3]
+    assert height[1] - height[0] == pytest.approx(0.1)  # 0.1 m per rad
     finger = GRIPPER.replace("</joint>", '<mimic joint="lift"/></joint>')
     locked = TOML.replace(
         'tool_frame = "tool0"', 'tool_frame = "tool0"\nlocked_joints = { grip = 0.01 }'

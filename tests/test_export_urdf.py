@@ -16,12 +16,12 @@ from calibtool.calibration import Calibration
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.catalogue import robot_names
+from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
 
-ROBOTS = robot_names()
+ROBOTS = [name for name in robot_names() if load_robot(name).chain.tree is None]
 
 
 def geometric(name: str, twists: str) -> Calibration:

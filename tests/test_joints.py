@@ -18,7 +18,11 @@ from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
-SMALL = [name for name in robot_names() if load_robot(name).n < 6]
+SMALL = [  # whose virtual joints are chosen, not named
+    name
+    for name in robot_names()
+    if load_robot(name).n < 6 and load_robot(name).source.description.equivalent is None
+]
 
 
 def configurations(robot: Robot, count: int = 60, seed: int = 11) -> Array:

@@ -195,6 +195,15 @@ class Calibration:
             *self.errors.at(q, conditions or self.conditions)
         )
 
+    def closes(self, q: Array) -> np.ndarray:
+        """Which rows of q (N, n) the nominal and the calibrated robot can stand at: (N,) bool; all
+        without closed loops.
+        """
+        if self.robot.chain.tree is None:
+            return np.ones(len(q), dtype=bool)
+        closed: np.ndarray = self.robot.mechanism.closes(q) & np.isfinite(self.forward(q)[:, 0, 0])
+        return closed
+
     def base_context(self, q: Array) -> Context:
         """Frames of the base model at q (N, n), from which the columns of errors are computed."""
         return self.errors.context(q, self.conditions)
@@ -248,6 +257,8 @@ def check_same_robot(a: Robot, b: Robot, place_a: str, place_b: str) -> None:
     """Raises InputError unless two descriptions have the same kinematics."""
     same = (
         a.n == b.n
+        and a.chain.placements.shape == b.chain.placements.shape
+        and a.chain.placed_on == b.chain.placed_on
         and np.allclose(a.chain.placements, b.chain.placements, rtol=0.0, atol=1e-9)
         and np.allclose(a.chain.twists, b.chain.twists, rtol=0.0, atol=1e-9)
     )

@@ -14,6 +14,7 @@ import numpy as np
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.damped_least_squares import at_point
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, log6, readonly
 
 FrameName = Literal["fitted", "taught"]
@@ -42,12 +43,13 @@ class ChosenFrame:
         return self.name != "fitted"
 
     def errors(self, fitted: RobotErrors) -> RobotErrors:
-        """Errors of the fit in the chosen frames: the first and the last placement change."""
+        """Errors of the fit in the chosen frames: what stands on the base, and the tool, move."""
         if not self.moves:
             return fitted
         nominal = fitted.robot.chain.placements
         placements = nominal @ exp6(fitted["placements"])
-        placements[0] = self.T_taught_fitted @ placements[0]
+        roots = on_base(fitted.robot)
+        placements[roots] = self.T_taught_fitted @ placements[roots]
         placements[-1] = placements[-1] @ self.T_tool_taught
         return fitted.having(placements=log6(inverse(nominal) @ placements))
 
@@ -62,6 +64,11 @@ class ChosenFrame:
         if not self.moves:
             return chosen
         return moved_setup(chosen, inverse(self.T_taught_fitted), inverse(self.T_tool_taught))
+
+
+def on_base(robot: Robot) -> np.ndarray:
+    """Which placements stand on the base: the first, or with closed loops several (k,)."""
+    return np.flatnonzero(np.array(robot.chain.placed_on) < 0)
 
 
 def moved_setup(setup: Setup, T_new_base: Array, T_tool_new: Array) -> Setup:

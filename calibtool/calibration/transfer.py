@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibtool.calibration.calibration import Calibration, check_same_robot
+from calibtool.calibration.frame import on_base
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.measurement.measurements import Measurements, Setup
@@ -78,7 +79,10 @@ def _absorbed(calibration: Calibration, known: Setup, fitted: Setup) -> RobotErr
     """
     chain, errors = calibration.robot.chain, calibration.errors
     placements = chain.placements @ exp6(errors["placements"])
-    placements[0] = inverse(known.T_instrument_base) @ fitted.T_instrument_base @ placements[0]
+    roots = on_base(calibration.robot)
+    placements[roots] = (
+        inverse(known.T_instrument_base) @ fitted.T_instrument_base @ placements[roots]
+    )
     if len(known.targets) >= 3:
         placements[-1] = placements[-1] @ rigid_fit(known.targets, fitted.targets)
     else:

@@ -98,6 +98,8 @@ def _shape(robot: "Robot", folders: list[Path]) -> "pin.GeometryModel":
     from calibtool.errors import InputError
     from calibtool.evaluation.view.arm_geometry import described_shape, mesh_folders, simple_shape
 
+    if robot.chain.tree is not None:  # meshes are placed along serial chains
+        return simple_shape(robot)
     try:
         described = described_shape(robot, mesh_folders(robot, folders))
     except InputError as error:

@@ -147,8 +147,9 @@ def default_bounds(
         raise UsageError(
             f"the largest change of a joint is {largest_change:g}; expected more than zero"
         )
-    robot, known = calibration.robot, calibration.q
+    robot, known = calibration.robot, calibration.q[calibration.closes(calibration.q)]
     anywhere = robot.anywhere(500, np.random.default_rng(0))
+    anywhere = anywhere[calibration.closes(anywhere)]
     error = weighted_error(calibration.forward(known), robot.mechanism.forward(known), robot.length)
     size = float(np.sqrt((error**2).sum(axis=-1).mean()))
     bounds = Bounds(size / DAMPED_BELOW, (np.inf, np.inf), weights)

@@ -11,7 +11,7 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.exact import exact
 from calibtool.compensation.one_step import one_step
-from calibtool.compensation.status import UNREACHABLE
+from calibtool.compensation.status import NOT_CLOSED, UNREACHABLE
 from calibtool.errors import check_choice
 from calibtool.robot.inverse import follow_path, inverse_kinematics
 from calibtool.robot.se3 import Array, check_poses
@@ -106,6 +106,8 @@ def _compensate(
     check_choice(method, get_args(Method), "method")
     rule = exact if method == "exact" else one_step
     result = rule(calibration, q, commanded, bounds)
+    lost = np.isnan(result.error).any(axis=-1)  # closed loops, of the nominal or of this robot
+    result.q[lost], result.status[lost] = q[lost], NOT_CLOSED
     return Compensation(
         q=result.q,
         status=result.status,

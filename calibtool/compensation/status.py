@@ -9,6 +9,7 @@ NEAR_SINGULAR = "near-singular"
 OUT_OF_LIMITS = "out-of-limits"
 UNCORRECTED = "uncorrected"
 UNREACHABLE = "unreachable"
+NOT_CLOSED = "not-closed"
 
 CORRECTED = (OK, JUMP, OUTSIDE)  # nothing of the error stays but what no joint can correct
 DOUBTFUL = (
@@ -17,6 +18,7 @@ DOUBTFUL = (
     NEAR_SINGULAR,
     OUT_OF_LIMITS,
     UNCORRECTED,
+    NOT_CLOSED,
 )  # a part of it, or all, stays
 
 MEANING = {
@@ -27,5 +29,6 @@ MEANING = {
     NEAR_SINGULAR: "near a singularity: damped",
     OUT_OF_LIMITS: "a joint is held at its limit, or outside its limits",
     UNCORRECTED: "no better joints found: as commanded",
+    NOT_CLOSED: "the closed loops do not close there: as commanded",
     UNREACHABLE: "the pose is unreachable: no joints are given",
 }

@@ -262,7 +262,7 @@ class _Corrector:
             text = MEANING[status]
             if status == JUMP:
                 text += f": {self._size(jumps[k])}"
-            elif status in DOUBTFUL:
+            elif status in DOUBTFUL and np.isfinite(result.position[k]):
                 millimetres, milliradians = result.position[k] * 1e3, result.orientation[k] * 1e3
                 text += f"; {millimetres:.3g} mm and {milliradians:.3g} mrad of the error stay"
             report.remark(f"{table.place(k)}: {text}")

@@ -38,12 +38,17 @@ class Task:
     All six for n ≥ 6, in K_0. For fewer joints those along the axes of the commanded tool that are
     no virtual joints of the equivalent robot, as many as there are joints; or those with a weight.
 
+    With closed loops the components that are no virtual joints are solved alone: a tilt that no
+    joint can correct must not cost any of the others.
+
     components   their indices among x, y, z, rx, ry, rz; None for all six
     weights      their weights; None for 1 each
+    alone        the others do not count
     """
 
     components: tuple[int, ...] | None
     weights: Weights | None = None
+    alone: bool = False
 
     @classmethod
     def of(cls, equivalent: EquivalentRobot, weights: Weights | None = None) -> "Task":
@@ -56,7 +61,8 @@ class Task:
             if not equivalent.virtual_joints:
                 return cls(None)
             virtual = equivalent.virtual_joints
-            return cls(tuple(i for i, name in enumerate(ELEMENTARY) if name not in virtual))
+            components = tuple(i for i, name in enumerate(ELEMENTARY) if name not in virtual)
+            return cls(components, alone=equivalent.loops)
         n = equivalent.n
         if n >= 6:
             raise UsageError(f"weights are for robots with fewer than six joints; this one has {n}")
@@ -75,7 +81,7 @@ class Task:
     @property
     def is_part(self) -> bool:
         """Whether the whole pose error has more components than the task."""
-        return self.components is not None and self.weights is None
+        return self.components is not None and self.weights is None and not self.alone
 
     def of_jacobian(self, jacobian: Array, commanded: Array) -> Array:
         """Rows of a weighted Jacobian (N, 6, c) in K_0 for commanded poses (N, 4, 4): (N, k, c)."""

@@ -23,10 +23,12 @@ class EquivalentRobot:
 
     virtual_joints   elementary twists fixed in the tool frame, 6 − n of them (none for n ≥ 6);
                      their nominal value is zero
+    loops            the robot has closed loops
     """
 
     n: int
     virtual_joints: tuple[VirtualJoint, ...]
+    loops: bool = False
 
     @property
     def p(self) -> int:
@@ -53,11 +55,12 @@ def equivalent_robot(robot: Robot) -> EquivalentRobot:
     The best ones maximise the smallest `singularity_distance` of J_ρ over 200 fixed configurations
     of the default workspace.
     """
+    loops = robot.chain.tree is not None
     if robot.n >= 6:
-        return EquivalentRobot(robot.n, ())
+        return EquivalentRobot(robot.n, (), loops)
     override = robot.source.description.equivalent
     if override is not None:
-        return EquivalentRobot(robot.n, tuple(override.virtual_joints))
+        return EquivalentRobot(robot.n, tuple(override.virtual_joints), loops)
     workspace = robot.workspace(None)[1]
     q = sample_configurations(robot, workspace, 200, np.random.default_rng(0))
 
@@ -65,4 +68,4 @@ def equivalent_robot(robot: Robot) -> EquivalentRobot:
         pose, jacobian = EquivalentRobot(robot.n, names).forward_and_jacobian(robot.mechanism, q)
         return float(singularity_distance(at_point(jacobian, pose[:, :3, 3]), robot.length).min())
 
-    return EquivalentRobot(robot.n, max(combinations(ELEMENTARY, 6 - robot.n), key=worst))
+    return EquivalentRobot(robot.n, max(combinations(ELEMENTARY, 6 - robot.n), key=worst), loops)

@@ -74,6 +74,8 @@ class Context:
 
 def offset_columns(frames: Frames, twists: Array) -> Array:
     """δq_j, j = 1…n: Ad(F_j) ξ_j, which is also the spatial Jacobian. (N, 6, n)"""
+    if frames.jacobian is not None:
+        return frames.jacobian
     return np.moveaxis((adjoint(frames.after) @ twists[:, :, None])[..., 0], 1, 2)
 
 
@@ -122,6 +124,10 @@ class Family(ABC):
 
     # --- its parameters ---
 
+    def joints(self, robot: Robot) -> int:
+        """For how many joints a robot has a value: the actuated ones."""
+        return robot.n
+
     @abstractmethod
     def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
         """Shape of the value for n joints."""
@@ -144,6 +150,10 @@ class Family(ABC):
     @abstractmethod
     def names(self, shape: tuple[int, ...], symbol: str) -> list[str]:
         """One name per element, flat."""
+
+    def names_of(self, robot: Robot, shape: tuple[int, ...], symbol: str) -> list[str]:
+        """The same for a robot, whose passive joints and cut frames have no numbers."""
+        return self.names(shape, symbol)
 
     @abstractmethod
     def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Rows, Sizes
 from calibtool.errormodel.tolerances import Tolerances
+from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.inverse_starts import drawn as configurations
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly
@@ -69,7 +70,7 @@ class Payload(Family):
         small beside it.
         """
         along, across = moments(context.rows)
-        before = context.frames.before
+        before = context.frames.before[:, : context.rows.robot.n]  # closed loops have no bending
         turn = (before[..., :3, :3] @ across[..., None])[..., 0]
         bend = np.concatenate([np.cross(before[..., :3, 3], turn), turn], axis=-1)
         wind = context.offset_columns * along[:, None]
@@ -85,6 +86,8 @@ def moments(rows: Rows) -> tuple[Array, Array]:
     in F0_j (N, n, 3).
     """
     frames, robot = rows.nominal, rows.robot
+    if frames.jacobian is not None:
+        return _work(rows, frames.jacobian), np.zeros((*rows.q.shape, 3))
     arm = frames.tool[:, None, :3, 3] - frames.before[..., :3, 3]
     weight = np.asarray(rows.payload)[..., None] * np.array(robot.chain.model.gravity.linear)
     moment = np.cross(arm, np.broadcast_to(weight, (len(rows.q), 3))[:, None])
@@ -94,6 +97,18 @@ def moments(rows: Rows) -> tuple[Array, Array]:
     return along, local - along[..., None] * axes
 
 
+def _work(rows: Rows, jacobian: Array) -> Array:
+    """Moments about the actuated joints of closed loops by virtual work: what the weight gains as a
+    joint turns (N, n).
+    """
+    robot, tool = rows.robot, rows.nominal.tool[:, :3, 3]
+    weight = np.asarray(rows.payload)[..., None] * np.array(robot.chain.model.gravity.linear)
+    weight = np.broadcast_to(weight, tool.shape)
+    gained = np.einsum("nki,nk->ni", at_point(jacobian, tool)[:, :3], weight)
+    result: Array = np.where(robot.prismatic, 0.0, gained)
+    return result
+
+
 @lru_cache
 def largest_moment(robot: Robot) -> Array:
     """Largest moments of 1 kg along and across each joint over fixed configurations of the joint
@@ -101,7 +116,7 @@ def largest_moment(robot: Robot) -> Array:
     """
     from calibtool.errormodel.operating_conditions import Conditions
 
-    q = configurations(robot, _SAMPLES, np.random.default_rng(0))
+    q = robot.closing(configurations(robot, _SAMPLES, np.random.default_rng(0)))
     along, across = moments(Rows(robot, q, Conditions(payload_kg=readonly(1.0))))
     return readonly(
         np.stack([np.abs(along).max(axis=0), np.linalg.norm(across, axis=-1).max(axis=0)], axis=-1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibtool.errormodel.family import Context, Family, Rows, Sizes, names_of_twists
+from calibtool.errormodel.family import COMPONENTS, Context, Family, Rows, Sizes, names_of_twists
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
@@ -20,11 +20,29 @@ class Placements(Family):
     def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
         return (n + 1, 6)
 
+    def joints(self, robot: Robot) -> int:
+        """All joints, and with closed loops the cut frames."""
+        return len(robot.chain.placements) - 1
+
+    def free(self, robot: Robot, shape: tuple[int, ...]) -> np.ndarray:
+        """A ball joint does not see how its frames are turned."""
+        free, tree = np.ones(shape, dtype=bool), robot.chain.tree
+        for k, loop in enumerate(() if tree is None else tree.loops):
+            if loop.joint == "spherical":
+                start = robot.chain.n_all + 2 * k
+                free[start : start + 2, 3:] = False
+        return free
+
+    def names_of(self, robot: Robot, shape: tuple[int, ...], symbol: str) -> list[str]:
+        if robot.chain.tree is None:
+            return self.names(shape, symbol)
+        return [f"{symbol}({label}).{c}" for label in robot.chain.labels for c in COMPONENTS]
+
     def names(self, shape: tuple[int, ...], symbol: str) -> list[str]:
         return names_of_twists(shape[0], symbol)
 
     def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
-        return tolerances.elements(robot.n)
+        return tolerances.elements(self.joints(robot))
 
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
         return np.broadcast_to(np.arange(6) // 3, shape)
@@ -42,14 +60,18 @@ class Placements(Family):
         return log6(exp6(value) @ exp6(step))
 
     def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:
-        value: Array = rng.normal(size=self.shape(robot.n)) * np.repeat(
+        value: Array = rng.normal(size=self.shape(self.joints(robot))) * np.repeat(
             [sizes.length, sizes.angle], 3
         )
+        value[~self.free(robot, value.shape)] = 0.0
         return value
 
 
 def placement_columns(frames: Frames) -> Array:
-    """δζ_j, j = 1…n+1: Ad(F0_j), the last block Ad(T_base_tool). (N, 6, 6n+6)"""
-    blocks = np.concatenate([adjoint(frames.before), adjoint(frames.tool)[:, None]], axis=1)
+    """δζ_j, j = 1…n+1: Ad(F0_j), the last block Ad(T_base_tool). (N, 6, 6n+6)
+
+    With closed loops H_j Ad(F0_j), and the cut frames' ±K Ad(T_A), Ad(T_B) before the last block.
+    """
+    blocks = frames.seen(adjoint(frames.placed))
     count, joints = blocks.shape[:2]
     return np.moveaxis(blocks, 1, 2).reshape(count, 6, 6 * joints)

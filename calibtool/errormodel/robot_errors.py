@@ -34,7 +34,11 @@ class RobotErrors:
         if unknown := set(values) - set(BY_ID):
             raise ValueError(f"unknown families of errors: {', '.join(sorted(unknown))}")
         return cls(
-            robot, {family.id: family.value(robot.n, values.get(family.id)) for family in FAMILIES}
+            robot,
+            {
+                family.id: family.value(family.joints(robot), values.get(family.id))
+                for family in FAMILIES
+            },
         )
 
     def __getitem__(self, family: str) -> Array:
@@ -77,7 +81,7 @@ class RobotErrors:
         twists, offset = self.twists, np.zeros(self.robot.n)
         for family in FAMILIES:
             offset = offset + family.offset(self.values[family.id])
-        return Mechanism.of(self.robot.chain.bodies, self._placements(None), twists, offset)
+        return self.robot.chain.mechanism_of(self._placements(None), twists, offset)
 
     def standing(self, conditions: Conditions) -> Mechanism:
         """Kinematics at a temperature (a number), without joint motion errors and payload."""

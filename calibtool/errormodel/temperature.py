@@ -22,6 +22,10 @@ class Temperature(Family):
     def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
         return (n + 1,)
 
+    def joints(self, robot: Robot) -> int:
+        """All joints, and with closed loops the cut frames."""
+        return len(robot.chain.placements) - 1
+
     def free(self, robot: Robot, shape: tuple[int, ...]) -> np.ndarray:
         long: np.ndarray = np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1) > 1e-6
         return long
@@ -49,16 +53,16 @@ class Temperature(Family):
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
         """What follows a link is shifted along it: R_(j−1) p_j times the rise, without a turn."""
         rows, frames = context.rows, context.frames
-        n = rows.robot.n
+        chain = rows.robot.chain
         turned = np.concatenate(
             [np.broadcast_to(np.eye(3), (len(rows.q), 1, 3, 3)), frames.after[..., :3, :3]], axis=1
-        )
+        )[:, [carrier + 1 for carrier in chain.placed_on]]
         along = (turned @ rows.robot.chain.placements[:, :3, 3, None])[..., 0] * np.asarray(
             rows.warmth
         )[..., None, None]
-        result = np.zeros((len(rows.q), 6, n + 1))
-        result[:, :3] = np.swapaxes(along, 1, 2)
-        return result
+        result = np.zeros((len(rows.q), len(chain.placements), 6, 1))
+        result[:, :, :3, 0] = along
+        return np.ascontiguousarray(np.swapaxes(frames.seen(result)[..., 0], 1, 2))
 
     def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:
-        return np.full(robot.n + 1, sizes.size)
+        return np.full(self.joints(robot) + 1, sizes.size)

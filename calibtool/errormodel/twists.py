@@ -33,7 +33,10 @@ class Twists(Family):
         return np.full(shape, 1e3), [unit + p for p in per for unit in ["mm"] * 3 + ["mrad"] * 3]
 
     def twisted(self, value: Array, twists: Array) -> Array:
-        return twists + value
+        n = len(value)  # of a passive joint, all but its placements is what closes the loop
+        return (
+            twists + value if n == len(twists) else np.concatenate([twists[:n] + value, twists[n:]])
+        )
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
         return twist_columns(context.frames, context.twists, context.moved)
@@ -49,8 +52,10 @@ def twist_columns(frames: Frames, twists: Array, q: Array) -> Array:
     """δξ_j, j = 1…n: Ad(F0_j) · J_l(ξ_j q_j) · q_j, of which the paper's Ad_j q_j is the first
     order. (N, 6, 6n)
 
-    twists (n, 6) ξ_j in the joint's frame, q (N, n) in rad or m.
+    twists (n, 6) ξ_j in the joint's frame, q (N, n) in rad or m; of closed loops the actuated
+           joints.
     """
     count, n = q.shape
-    blocks = adjoint(frames.before) @ left_jacobian(twists, q) * q[:, :, None, None]
+    before = frames.seen(adjoint(frames.before[:, :n]), slice(n))
+    blocks = before @ left_jacobian(twists[:n], q) * q[:, :, None, None]
     return np.moveaxis(blocks, 1, 2).reshape(count, 6, 6 * n)

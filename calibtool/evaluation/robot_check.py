@@ -12,6 +12,7 @@ from calibtool.identification.design_rank import Observability, observability
 from calibtool.measurement.measurements import Setup, determines_orientation
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import robot_names
+from calibtool.robot.closed_chain import ClosedChain
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.robot import Robot, is_path
 from calibtool.robot.se3 import Array, readonly
@@ -45,6 +46,7 @@ class RobotCheck:
     extent          (2, 3) smallest and largest tool position over them, K_0, m
     designs         the models' ranks over the whole joint range and in the default workspace:
                     (where, observability)
+    loops           of a robot with closed loops: the loops, mobility, joints; else None
     """
 
     robot: Robot
@@ -56,6 +58,7 @@ class RobotCheck:
     virtual_reason: str
     designs: list[tuple[str, Observability]]
     warnings: list[str]
+    loops: dict[str, object] | None = None
 
     def as_json(self) -> dict[str, object]:
         """The object that `robots --check --json` prints; units in the keys."""
@@ -67,7 +70,7 @@ class RobotCheck:
             joints.append(
                 {
                     "joint": f"j{j + 1}",
-                    "name": str(robot.chain.model.names[j + 1]),
+                    "name": robot.chain.bodies.joints[j],
                     "kind": "prismatic" if prismatic else "revolute",
                     "axis": _rounded(twist[:3] if prismatic else twist[3:], 9),
                     f"lower_{unit}": round(float(robot.lower[j]) * factor, 6),
@@ -113,6 +116,7 @@ class RobotCheck:
                 }
                 for where, design in self.designs
             ],
+            **({} if self.loops is None else {"closed_loops": self.loops}),
             "warnings": list(self.warnings),
         }
 
@@ -125,7 +129,7 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     """
     rng = np.random.default_rng(0)
     place = robot.source.place
-    anywhere = robot.anywhere(_REACH_SAMPLES, rng)
+    anywhere = robot.closing(robot.anywhere(_REACH_SAMPLES, rng))
     tools = robot.mechanism.forward(anywhere)[:, :3, 3]
     first = robot.chain.placements[0, :3, 3]
     if robot.singularity_distance(anywhere).max() < MIN_SINGULARITY_DISTANCE:
@@ -159,7 +163,35 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
         virtual_reason=_virtual_reason(robot),
         designs=designs,
         warnings=_warnings(robot, given_as, sources, workspaces, designs),
+        loops=_loops(robot, len(anywhere) / _REACH_SAMPLES),
     )
+
+
+def _loops(robot: Robot, closes: float) -> dict[str, object] | None:
+    """What is closed, what moves with it and what does not; closes: the part of the joint range at
+    which it can stand.
+    """
+    tree = robot.chain.tree
+    if tree is None or not isinstance(robot.chain, ClosedChain):
+        return None
+    joints, described = robot.chain.bodies.joints, robot.source.description.kinematics.loops
+    return {
+        "loops": [
+            {
+                "name": loop.name,
+                "frames": list(table.frames),
+                "joint": loop.joint,
+                "equations": len(loop.rows),
+            }
+            for loop, table in zip(tree.loops, described, strict=True)
+        ],
+        "mimic_joints": [joints[follower.joint] for follower in tree.followers],
+        "mobility": robot.chain.mobility,
+        "actuated_joints": list(joints[: tree.n]),
+        "passive_joints": list(joints[tree.passive]),
+        "idle_joints": list(joints[tree.n + tree.p :]),
+        "joint_range_that_closes_percent": round(100.0 * closes, 1),
+    }
 
 
 def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
@@ -255,7 +287,7 @@ def _warnings(
     if given_as.endswith(".urdf"):
         tool = robot.source.description.kinematics.tool_frame
         ends = end_links(
-            robot.source.urdf_text, robot.chain.model.names[robot.n], robot.source.place
+            robot.source.urdf_text, robot.chain.bodies.joints[robot.n - 1], robot.source.place
         )
         others = [f"'{link}'" for link in ends if link != tool]
         could = f"; {', '.join(others)} could be it too" if others else ""

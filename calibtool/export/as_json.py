@@ -10,6 +10,8 @@ from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.regressor import Regressor
 from calibtool.errormodel.family import Rows
+from calibtool.errors import UsageError
+from calibtool.export.closed_json import closed_calibration_as_json
 from calibtool.export.formula import FORMULA
 from calibtool.export.rendering import LARGEST_POSITION
 from calibtool.measurement.measurements import Setup
@@ -42,6 +44,10 @@ def calibration_as_json(calibration: Calibration, joint_values: JointValues = "s
     same calibration gives the same text. joint_values: whose joint values q and q_m are.
     """
     robot, equivalent = calibration.robot, calibration.equivalent
+    if robot.chain.tree is not None:
+        if robot.coupled:
+            raise UsageError(f"{robot.name}: JSON of closed loops holds no coupled joint values")
+        return closed_calibration_as_json(calibration)
     bounds = default_bounds(calibration)
     contents = {
         "schema": SCHEMA,
@@ -79,7 +85,7 @@ def calibration_as_json(calibration: Calibration, joint_values: JointValues = "s
 def _joints(robot: Robot) -> list[dict[str, Any]]:
     return [
         {
-            "name": robot.chain.model.names[j + 1],
+            "name": robot.chain.bodies.joints[j],
             "kind": "prismatic" if robot.prismatic[j] else "revolute",
             "unit": robot.joint_units[j],
             "lower_rad_or_m": float(robot.lower[j]),

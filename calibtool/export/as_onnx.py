@@ -1,11 +1,16 @@
 """A calibration's network with its scalings as an ONNX model."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from calibtool.calibration import Calibration
+from calibtool.equivalent.network import Network
 from calibtool.errors import InputError, UsageError
 from calibtool.export.rendering import Precision, left_out, network_size, tanh_network
+from calibtool.export.taught import Taught
 from calibtool.robot.coupling import JointValues
+from calibtool.robot.se3 import readonly
 
 OPSET, IR_VERSION = 17, 8  # of 2022: what runtimes of controllers and edge devices read
 
@@ -18,10 +23,12 @@ def calibration_as_onnx(
     Input `q` (N, n) in rad or m, output `rho` (N, p) = N(q), both double or float; on the nominal
     base also `q_corrected` (N, n) = q − ρ_a (Eqs. 23, 24). joint_values: whose joint values q and
     q_corrected are; `rho` stays that of the serial chain. What stands in the metadata: robot, base
-    model, units, joint values. Raises InputError when there is no network, UsageError when the
+    model, units, joint values. With closed loops the network is `Taught`: ρ is q minus the exactly
+    corrected joints. Raises InputError when there is no network, UsageError when the
     package `onnx` is not installed.
     """
-    network, robot = tanh_network(calibration), calibration.robot
+    robot, loops = calibration.robot, calibration.robot.chain.tree is not None
+    network = _taught(calibration) if loops else tanh_network(calibration)
     if network is None:
         raise InputError(
             "the calibration has no network, and ONNX holds nothing else; export it "
@@ -60,7 +67,7 @@ def calibration_as_onnx(
         ("Add", ["combined", "output_bias"], "scaled_output"),
         ("Mul", ["scaled_output", "output_scale"], "rho"),
     ]
-    n, outputs = robot.n, {"rho": calibration.equivalent.p}
+    n, outputs = robot.n, {"rho": len(network.output_scale)}
     moved = "rho_actuated"
     if joint_values == "controller" and robot.coupled:
         constants |= {"coupling": robot.coupling.T, "uncoupling": robot.to_controller(np.eye(n))}
@@ -71,7 +78,7 @@ def calibration_as_onnx(
         numpy_helper.from_array(np.ascontiguousarray(value, dtype), name)
         for name, value in constants.items()
     ]
-    if calibration.base.model == "nominal":
+    if calibration.base.model == "nominal" or loops:
         ranges = {"first": 0, "last": n, "axis": 1}
         tensors += [
             numpy_helper.from_array(np.array([value], np.int64), name)
@@ -113,3 +120,9 @@ def calibration_as_onnx(
     )
     onnx.checker.check_model(model, full_check=True)
     return bytes(model.SerializeToString(deterministic=True))
+
+
+def _taught(calibration: Calibration) -> Network:
+    """The network that is taught the exact corrections, its sign that of joint motion errors."""
+    network = Taught.of(calibration).network
+    return replace(network, output_scale=readonly(-network.output_scale))

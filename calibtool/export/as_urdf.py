@@ -41,6 +41,7 @@ def calibration_as_urdf(calibration: Calibration) -> tuple[str, list[str]]:
         "locked": kinematics.locked_joints,
         "configurations": len(calibration.q),
         "missing": missing,
+        "loops": [loop.name for loop in robot.chain.tree.loops] if robot.chain.tree else [],
     }
     comment = render("urdf_comment.xml.j2", values, comment=lambda text: text.replace("--", "- -"))
     text = ET.tostring(root, encoding="unicode")
@@ -63,7 +64,9 @@ def _calibrated_tree(robot: Robot, geometry: RobotErrors) -> tuple[ET.Element, s
         raise InputError(
             f"{place}: tool frame '{tool}' is no link of the URDF; name the link instead"
         )
-    moved = [joints[name] for name in robot.chain.model.names[1:]]
+    moved = [joints[name] for name in robot.chain.bodies.joints]
+    for loop in robot.source.description.kinematics.loops:
+        moved += [_fixed_to(frame, joints, robot.source.place) for frame in loop.frames]
     if geometry["placements"][-1].any():
         carrier = next((joint for joint in joints.values() if _child(joint) == tool), None)
         if carrier is None or carrier.get("type") != "fixed":
@@ -74,6 +77,17 @@ def _calibrated_tree(robot: Robot, geometry: RobotErrors) -> tuple[ET.Element, s
         if error.any():
             _set_origin(joint, _origin(joint) @ exp6(error))
     return root, tool
+
+
+def _fixed_to(frame: str, joints: dict[str, ET.Element], place: str) -> ET.Element:
+    """The fixed joint that places a frame of a loop; InputError where there is none."""
+    found = joints.get(frame) or next((j for j in joints.values() if _child(j) == frame), None)
+    if found is None or found.get("type") != "fixed":
+        raise InputError(
+            f"{place}: frame '{frame}' of a loop has no fixed joint of its own in the URDF, whose "
+            "origin could be calibrated: give it one, or export json"
+        )
+    return found
 
 
 def _new_tool(root: ET.Element, tool: str, taken: set[str]) -> ET.Element:

@@ -7,6 +7,7 @@ from typing import Any
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
 from calibtool.export.rendering import LINE, Precision, compensator_values, digits, render, wrapped
+from calibtool.export.taught_code import taught_c, taught_values
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
@@ -31,8 +32,13 @@ def calibration_as_c(
             f"'{prefix}' cannot begin the names of C functions; use letters, digits and _, "
             "no digit first"
         )
+    loops = calibration.robot.chain.tree is not None
     values = {
-        **compensator_values(calibration, precision, joint_values),
+        **(
+            taught_values(calibration, precision)
+            if loops
+            else compensator_values(calibration, precision, joint_values)
+        ),
         "prefix": prefix,
         "PREFIX": prefix.upper(),
         "real": "double" if precision == "double" else "float",
@@ -40,6 +46,9 @@ def calibration_as_c(
         if precision == "double"
         else "f",  # suffix of constants and of functions of <math.h>
     }
+    if loops:
+        number = partial(_number, precision)
+        return taught_c(values, {"number": number, "array": partial(_array, number)})
     values["stack"] = _stack(values, 8 if precision == "double" else 4)
     number = partial(_number, precision)
     filters = {"number": number, "array": partial(_array, number), "poses": partial(_poses, number)}

@@ -94,7 +94,7 @@ def compensator_values(
         "network": network,
         "network_size": network_size(network),
         "left_out": left_out(calibration),
-        "joints": _joints(robot),
+        "joints": joint_lines(robot),
         "coupling": robot.coupling if robot.coupled else None,
         "uncoupling": np.linalg.inv(robot.coupling),
         "converted": converted,  # the code takes and gives the controller's joint values …
@@ -269,12 +269,13 @@ def _payload(calibration: Calibration) -> dict[str, Any] | None:
     }
 
 
-def _joints(robot: Robot) -> list[str]:
+def joint_lines(robot: Robot) -> list[str]:
     """One line per joint.
 
     A name comes from a URDF: nothing of it may end the comment it stands in.
     """
-    names = [re.sub(r"[^A-Za-z0-9_. -]", "_", name) for name in robot.chain.model.names[1:]]
+    joints = robot.chain.bodies.joints[: robot.n]
+    names = [re.sub(r"[^A-Za-z0-9_. -]", "_", name) for name in joints]
     return [
         f"{name}, {unit}, {low:.6g} to {high:.6g}"
         for name, unit, low, high in zip(

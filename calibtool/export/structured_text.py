@@ -9,6 +9,7 @@ from typing import Any
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
 from calibtool.export.rendering import Precision, compensator_values, digits, render, wrapped
+from calibtool.export.taught_code import taught_values
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
@@ -52,8 +53,13 @@ def calibration_as_structured_text(
             f"'{name}' cannot be the name of a function block; use letters, digits and single _, "
             "no reserved word"
         )
+    loops = calibration.robot.chain.tree is not None
     values = {
-        **compensator_values(calibration, precision, joint_values),
+        **(
+            taught_values(calibration, precision)
+            if loops
+            else compensator_values(calibration, precision, joint_values)
+        ),
         "name": name,
         "real": "LREAL" if precision == "double" else "REAL",
     }
@@ -64,6 +70,8 @@ def calibration_as_structured_text(
         "array": array,
         "poses": lambda poses: array(poses[:, :3]),
     }
+    if loops:
+        return render("taught.st.j2", values, **filters)
     declarations = render("declarations.st.j2", values, **filters)
     memory = _memory(declarations, values["n"], 8 if precision == "double" else 4)
     return render(

@@ -34,6 +34,7 @@ def urdf_geometry(calibration: Calibration) -> RobotErrors:
     sample, judged = np.split(_sample(calibration, 2 * _SAMPLE), 2)
     as_many = known[np.linspace(0, len(known) - 1, _SAMPLE).round().astype(int)]
     q = np.concatenate([sample, as_many])
+    q, judged = q[calibration.closes(q)], judged[calibration.closes(judged)]
     fitted, drawing = fitted_geometry(robot, calibration.forward, q), RobotErrors.of(robot)
     target = calibration.forward(judged)
     before, after = (
@@ -53,11 +54,15 @@ def fitted_geometry(robot: Robot, forward: Forward, q: Array) -> RobotErrors:
     """
     target, geometry = forward(q), RobotErrors.of(robot)
     tolerances = Tolerances.of_robot(robot)
-    scale = np.tile(np.repeat([tolerances.length, tolerances.angle], 3), robot.n + 1)
+    scale = np.tile(
+        np.repeat([tolerances.length, tolerances.angle], 3), len(robot.chain.placements)
+    )
     for _ in range(_STEPS):
         frames = geometry.frames(q)
         error = _pose_error(robot, target, frames).ravel()
         columns = _weighted(robot, placement_columns(frames), frames)
+        lost = np.isnan(frames.tool[:, 0, 0])  # closed loops that do not close
+        columns[lost], error[np.repeat(lost, 6)] = 0.0, 0.0
         u, s, vt = np.linalg.svd(columns.reshape(len(error), -1) * scale, full_matrices=False)
         noise = max(float(np.mean(error**2)), (_ROUNDING * s[0]) ** 2)
         prior = vt @ (geometry["placements"].ravel() / scale)

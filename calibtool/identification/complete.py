@@ -330,9 +330,12 @@ def _observable_rank(measurements: Measurements, fit: _Fit) -> int:
     """
     robot, parameters = measurements.robot, fit.parameters
     count, rng = max(30, parameters.count // 3), np.random.default_rng(0)
+    q = robot.closing(drawn(robot, count, rng))
+    q = q[fit.state.errors.mechanism.closes(q)]
+    count = len(q)
     anywhere = replace(
         measurements.rows(np.zeros(count, dtype=int)),
-        q=drawn(robot, count, rng),
+        q=q,
         points=np.zeros(
             (count, *measurements.points.shape[1:])
         ),  # every target is seen; where does not matter

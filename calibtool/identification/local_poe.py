@@ -18,11 +18,13 @@ from calibtool.measurement.observation import (
     observation_matrix,
     residuals,
     target_columns,
+    weighted_residuals,
     weights,
 )
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
+_LEAST_CERTAIN = 0.01  # m or rad: with closed loops, a direction less certain than this is left out
 RANK_TOLERANCE = 1e-8  # of the largest singular value; the exact redundancies lie near 1e-16
 
 
@@ -49,6 +51,7 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
             "useful result)"
         )
 
+    loops = measurements.robot.chain.tree is not None
     rank, last = 0, np.inf
     singular_values, null_space = np.zeros(0), np.zeros((0, 0))
 
@@ -62,18 +65,33 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
             bool(parameters.targets),
         )
 
-    def solve(system: tuple[Array, Array], _: float) -> tuple[Array, bool]:
+    def solve(system: tuple[Array, Array], damping: float) -> tuple[Array, bool]:
         nonlocal rank, last, singular_values, null_space
         u, s, vt = np.linalg.svd(system[0].reshape(-1, parameters.count), full_matrices=False)
         if not rank:  # that of the nominal design: errors must not make it look better
             rank = numerical_rank(s)
+            if loops:
+                rank = min(rank, int((s > 1.0 / _LEAST_CERTAIN).sum()))
             singular_values, null_space = s, vt[rank:]
-        step = vt[:rank].T @ ((u[:, :rank].T @ system[1].ravel()) / s[:rank])
+        gains = s[:rank] + damping * s[0] ** 2 / s[:rank]
+        step = vt[:rank].T @ ((u[:, :rank].T @ system[1].ravel()) / gains)
         last = np.abs(step).max()
         return step, bool(last < 1e-10)
 
+    def cost(at: State) -> float:
+        """With closed loops a step can be too long: rows would not close any more."""
+        pose = at.frames(q).tool
+        if np.isnan(pose).any():
+            return np.inf
+        return float((weighted_residuals(measurements, at.setup, pose) ** 2).sum())
+
     state, iterations, settled = gauss_newton(
-        state, linearise, solve, lambda at, step: at.moved(parameters, step), max_iterations
+        state,
+        linearise,
+        solve,
+        lambda at, step: at.moved(parameters, step),
+        max_iterations,
+        cost if loops else None,
     )
     if not settled:
         raise NoSolutionError(
@@ -107,7 +125,7 @@ def _placements(robot: Robot, setup: Setup) -> Parameters:
 def _seen_anywhere(measurements: Measurements, state: State, parameters: Parameters) -> Array:
     """Weighted identification matrix (M, p) of configurations all over the joint range."""
     robot, rng = measurements.robot, np.random.default_rng(0)
-    context = state.errors.context(robot.anywhere(100, rng))
+    context = state.errors.context(robot.closing(robot.anywhere(100, rng)))
     columns = observation_matrix(state.setup, context.frames.tool) @ parameters.pose_columns(
         context
     )

@@ -60,7 +60,7 @@ class Parameters:
         parts = []
         for family in FAMILIES:
             if order := int(orders.get(family.id, family.always)):
-                shape = family.shape(robot.n, order)
+                shape = family.shape(family.joints(robot), order)
                 elements = np.flatnonzero(family.free(robot, shape))
                 parts += [Part(family, shape, elements)] if len(elements) else []
         targets = () if setup.targets_known else setup.target_names
@@ -116,7 +116,7 @@ class Parameters:
     def _names(self, symbols: list[str]) -> list[str]:
         names = []
         for part, symbol in zip(self.parts, symbols, strict=True):
-            every = part.family.names(part.shape, symbol)
+            every = part.family.names_of(self.robot, part.shape, symbol)
             names += [every[i] for i in part.elements]
         names += [f"base.{c}" for c in COMPONENTS] if self.frame_free else []
         return names + list(self.targets)

@@ -28,11 +28,11 @@ def circle_start(measurements: Measurements) -> Array | None:
     """T_instrument_base (4, 4) from circles of joints 1 and 2; None where the rows hold no such
     circles.
 
-    Also None when one of the joints is prismatic or the two axes are parallel, since parallel lines
-    do not determine the position along them.
+    Also None with closed loops, and when one of the joints is prismatic or the two axes are
+    parallel, since parallel lines do not determine the position along them.
     """
     robot = measurements.robot
-    if robot.n < 2 or any(robot.prismatic[:2]):
+    if robot.n < 2 or any(robot.prismatic[:2]) or robot.chain.tree is not None:
         return None
     rows = single_joint_rows(measurements.q)
     if 0 not in rows or 1 not in rows:

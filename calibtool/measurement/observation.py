@@ -22,8 +22,13 @@ def measured_in_base(measurements: Measurements, setup: Setup) -> Readings:
 
 
 def residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> Array:
-    """Measured minus predicted, in K_0: (N, d), m and rad; 0 for a target that was not seen."""
-    return setup.kind.residuals(measured_in_base(measurements, setup), setup, T_base_tool)
+    """Measured minus predicted, in K_0: (N, d), m and rad; 0 for a target that was not seen.
+
+    Also 0 for a row in which the model cannot be, its closed loops not closed: it tells nothing of
+    the model's parameters.
+    """
+    left = setup.kind.residuals(measured_in_base(measurements, setup), setup, T_base_tool)
+    return _where_closed(left, T_base_tool)
 
 
 def weighted_residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> Array:
@@ -50,9 +55,18 @@ def linearised(
     blocks = [] if pose_columns is None else [observation_matrix(setup, T_base_tool) @ pose_columns]
     blocks += [target_columns(setup, T_base_tool)] if targets else []
     columns = np.concatenate(blocks, axis=-1) if len(blocks) > 1 else blocks[0]
+    columns = _where_closed(columns, T_base_tool)
     return _whitened(measurements, setup, columns), weighted_residuals(
         measurements, setup, T_base_tool
     )
+
+
+def _where_closed(rows: Array, T_base_tool: Array) -> Array:
+    """Rows (N, …), 0 where the model has no pose (N, 4, 4)."""
+    lost = np.isnan(T_base_tool[:, 0, 0])
+    if lost.any():
+        rows[lost] = 0.0
+    return rows
 
 
 def observation_matrix(setup: Setup, T_base_tool: Array) -> Array:

@@ -18,6 +18,7 @@ SMALLEST_NOISE, NO_NOISE = (
     1e-9,
     1e-6,
 )  # m: less is none at all, for which the weights still need a figure
+_DRAWN_AGAIN = 20  # times, configurations at which closed loops of the actual robot do not close
 ORIENTATION_NOISE = 0.1e-3  # rad, stated for 6-D instruments unless told otherwise
 
 
@@ -85,11 +86,10 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
         q = simulation.at
         robot.check_positions(q, "configurations")
     else:
-        q = sample_configurations(
-            robot, simulation.workspace, simulation.configurations, configuration_rng
-        )
+        q = _sampled(robot, simulation, truth.actual, configuration_rng)
     if not len(q):
         raise InputError("configurations: there is none to measure at")
+    _check_closed(truth.actual, q)
 
     payload, temperature = simulation.payload_kg, simulation.temperature_c
     conditions = Conditions(
@@ -111,6 +111,35 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
         conditions=replace(conditions, direction=readonly(truth.actual.directions(q))),
     )
     return measurements if known else replace(measurements, setup=register(measurements))
+
+
+def _sampled(
+    robot: Robot, simulation: Simulation, actual: ActualRobot, rng: np.random.Generator
+) -> Array:
+    """Configurations of the workspace; with closed loops those at which the actual robot can "
+    "stand."""
+    wanted, workspace = simulation.configurations, simulation.workspace
+    q: Array = sample_configurations(robot, workspace, wanted, rng)
+    if robot.chain.tree is None:
+        return q
+    for _ in range(_DRAWN_AGAIN):
+        q = q[actual.mechanism.closes(q)]
+        if len(q) == wanted:
+            return q
+        q = np.concatenate([q, sample_configurations(robot, workspace, wanted - len(q), rng)])
+    return q
+
+
+def _check_closed(actual: ActualRobot, q: Array) -> None:
+    """InputError where closed loops do not close, of the nominal robot or of the actual one."""
+    for whose, mechanism in (("nominal", actual.robot.mechanism), ("actual", actual.mechanism)):
+        lost = np.flatnonzero(~mechanism.closes(q))
+        if len(lost):
+            raise InputError(
+                f"configurations: row {lost[0] + 1}: the loops of the {whose} robot do not close "
+                "at these joint positions "
+                f"({len(lost)} of {len(q)} rows); leave them out, or measure inside the workspace"
+            )
 
 
 def observe(

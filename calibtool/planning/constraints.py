@@ -158,6 +158,12 @@ def links(robot: Robot, targets: Array, q: Array) -> tuple[Array, Array]:
     tool and to targets.
     """
     frames = robot.mechanism.frames(q)
+    if frames.cuts is not None:
+        moving = np.array(robot.chain.placed_on) >= 0
+        starts, ends = (each[:, moving] for each in frames.links(robot.chain.placed_on))
+        on_tool = transform_points(frames.tool, targets)
+        tool = np.broadcast_to(frames.tool[:, None, :3, 3], on_tool.shape)
+        return np.concatenate([starts, tool], axis=1), np.concatenate([ends, on_tool], axis=1)
     joints = frames.after[:, :, :3, 3]
     points = np.concatenate(
         [frames.tool[:, None, :3, 3], transform_points(frames.tool, targets)], axis=1

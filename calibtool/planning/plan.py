@@ -129,7 +129,7 @@ def make_plan(
     rows = knowledge.rows(drawn.q)
     q = drawn.q[select(rows, knowledge.covariance, count, criterion, reference, progress)]
     for scale in progress(_REFINED, "refinements") if refine else ():
-        near = _neighbours(robot, q, scale, rng)
+        near = robot.closing(_neighbours(robot, q, scale, rng))
         near = near[inside(robot, workspace, near)]
         near = near[constraints.kept(robot, targets, near)]
         both = np.concatenate([q, near])

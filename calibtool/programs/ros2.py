@@ -46,7 +46,7 @@ class _Reader:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self.wanted = [str(name) for name in robot.chain.model.names[1:]]
+        self.wanted = list(robot.chain.bodies.joints[: robot.n])
         self.literals: list[Literal] = []
         self.order: list[int] = []
         self.remarks: list[Remark] = []

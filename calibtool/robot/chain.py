@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -44,10 +44,43 @@ class SerialChain:
     upper: Array
     limited_by: tuple[LimitSource, ...]
 
+    tree: ClassVar[None] = None  # no loops
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.twists)
+
     @cached_property
     def mechanism(self) -> Mechanism:
         """The nominal kinematics."""
         return Mechanism.of(self.bodies, self.placements, self.twists)
+
+    def mechanism_of(
+        self, placements: Array, twists: Array, offsets: Array | None = None
+    ) -> Mechanism:
+        """The kinematics with other placements (n+1, 4, 4), twists (n, 6) and offsets (n,)."""
+        return Mechanism.of(self.bodies, placements, twists, offsets)
+
+    @property
+    def n_all(self) -> int:
+        """Number of joints, passive ones included."""
+        return len(self.twists)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """A name for each placement: those of the joints and of the tool."""
+        return (*self.bodies.joints, self.bodies.tool)
+
+    @property
+    def model_joints(self) -> dict[int, int]:
+        """The number of each joint, and of the base (−1), in `model`."""
+        return {j: j + 1 for j in range(-1, self.n)}
+
+    @property
+    def placed_on(self) -> tuple[int, ...]:
+        """The joint that carries each placement, −1 for the base."""
+        return tuple(range(-1, self.n))
 
     @property
     def model(self) -> pin.Model:
@@ -63,9 +96,7 @@ def build_chain(source: Source) -> SerialChain:
     """
     name = source.place
     kinematics = source.description.kinematics
-    full = parse_urdf(source.urdf_text, name)
-    locked = kinematics.locked_joints
-    reduced = pin.buildReducedModel(full, *locked_joints(full, locked, name)) if locked else full
+    reduced = opened(source)
     tool = reduced.frames[frame_id(reduced, kinematics.tool_frame, name)]
 
     joints = joints_to(reduced, tool.parentJoint, name)
@@ -80,11 +111,11 @@ def build_chain(source: Source) -> SerialChain:
                 "only independent joints are modelled: lock it in [kinematics], or make it "
                 "fixed in the URDF"
             )
-        twist = _unit_twist(old, called, name)
+        twist = unit_twist(old, called, name)
         placement = reduced.jointPlacements[j]
         placements.append((base.actInv(placement) if position == 0 else placement).homogeneous)
         twists.append(twist)
-        limits.append(_limits(reduced, old, prismatic=bool(np.linalg.norm(twist[3:]) < 0.5)))
+        limits.append(limits_of(reduced, old, prismatic=bool(np.linalg.norm(twist[3:]) < 0.5)))
     placements.append(tool.placement.homogeneous)
     lower, upper, limited_by = zip(*limits, strict=True)
     bodies = Bodies(
@@ -92,21 +123,29 @@ def build_chain(source: Source) -> SerialChain:
         joints=tuple(joint_name(reduced, j) for j in joints),
         tool=kinematics.tool_frame,
         inertias=tuple(reduced.inertias[j].copy() for j in joints),
-        gravity=readonly(
-            _gravity(source.description.mounting.gravity, base.rotation.T @ reduced.gravity.linear)
-        ),
+        gravity=gravity_in_base(source, base, reduced),
     )
     return SerialChain(
         bodies, readonly(placements), readonly(twists), readonly(lower), readonly(upper), limited_by
     )
 
 
-def _gravity(direction: tuple[float, float, float] | None, urdf: Array) -> Array:
+def opened(source: Source) -> pin.Model:
+    """The URDF's tree as a Pinocchio model, its locked joints fixed."""
+    full = parse_urdf(source.urdf_text, source.place)
+    locked = source.description.kinematics.locked_joints
+    if not locked:
+        return full
+    return pin.buildReducedModel(full, *locked_joints(full, locked, source.place))
+
+
+def gravity_in_base(source: Source, base: pin.SE3, model: pin.Model) -> Array:
     """Gravity (3,) in K_0, m/s²: in the direction that the description names, or as in the URDF."""
+    urdf: Array = base.rotation.T @ model.gravity.linear
+    direction = source.description.mounting.gravity
     if direction is None:
-        return urdf
-    turned: Array = np.array(direction) / np.linalg.norm(direction) * np.linalg.norm(urdf)
-    return turned
+        return readonly(urdf)
+    return readonly(np.array(direction) / np.linalg.norm(direction) * np.linalg.norm(urdf))
 
 
 def joints_to(model: pin.Model, last: int, name: str) -> list[int]:
@@ -128,7 +167,10 @@ def joints_to(model: pin.Model, last: int, name: str) -> list[int]:
     return way
 
 
-def _unit_twist(joint: pin.JointModel, called: str, name: str) -> Array:
+def unit_twist(joint: pin.JointModel, called: str, name: str) -> Array:
+    """ξ (6,) of a joint in its own frame; InputError for one without an axis, or with several
+    degrees of freedom.
+    """
     check_single(joint, called, name)
     data = joint.createData()
     joint.calc(data, np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0]))
@@ -140,9 +182,10 @@ def _unit_twist(joint: pin.JointModel, called: str, name: str) -> Array:
     return twist
 
 
-def _limits(
+def limits_of(
     model: pin.Model, joint: pin.JointModel, prismatic: bool
 ) -> tuple[float, float, LimitSource]:
+    """Limits of a joint, rad or m, and where they are from; see `SerialChain`."""
     if joint.nq == 2:
         return -np.pi, np.pi, "continuous"
     low, high = (

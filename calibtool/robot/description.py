@@ -22,6 +22,16 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+class LoopTable(_Strict):
+    """A closed loop: two frames, A and B, and the joint that joins them (`loops.FORBIDDEN`), about
+    or along z of A.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")] | None = None
+    frames: tuple[str, str]
+    joint: Literal["weld", "revolute", "prismatic", "cylindrical", "spherical", "planar"]
+
+
 class Kinematics(_Strict):
     """Source of the kinematics: one of `urdf` (a path beside robot.toml) and `example_robot_data`
     (a path inside it).
@@ -32,6 +42,12 @@ class Kinematics(_Strict):
     base_frame: str | None = None  # K_0; the URDF's root link unless named
     tool_frame: str
     locked_joints: dict[str, float] = {}  # rad or m
+    loops: list[LoopTable] = []
+    actuated: list[str] | None = (
+        None  # joints with a motor, in their order; with loops or mimic joints
+    )
+    closed_at: dict[str, float] = {}  # rad or m: a closed configuration, the assembly mode
+    length: Annotated[float, Field(gt=0, le=1e4)] | None = None  # m, characteristic, with loops
 
     @model_validator(mode="after")
     def _one_source(self) -> "Kinematics":

@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
+from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
@@ -25,7 +26,10 @@ def gravity_torque(robot: Robot, q: Array) -> Array:
     for row in robot.mechanism.configuration(q):
         move(model, data, row)
         torques += torque
-    return np.frombuffer(torques).reshape(len(q), robot.n)
+    found = np.frombuffer(torques).reshape(len(q), model.nv)
+    if isinstance(robot.mechanism, ClosedMechanism):  # virtual work
+        return robot.mechanism.by_actuators(found, q)
+    return found
 
 
 @lru_cache
@@ -35,10 +39,24 @@ def gravity_model(robot: Robot) -> pin.Model:
     if sum(inertia.mass for inertia in model.inertias) > 0:
         return model
     model = model.copy()
+    if isinstance(robot.mechanism, ClosedMechanism):
+        _add_links(model, robot.mechanism)
+        return model
     for j in range(1, robot.n + 1):
         link = robot.chain.placements[j, :3, 3]  # to the next joint, or to the tool
         model.inertias[j] = pin.Inertia(float(np.linalg.norm(link)), link / 2, np.zeros((3, 3)))
     return model
+
+
+def _add_links(model: pin.Model, mechanism: ClosedMechanism) -> None:
+    """Uniform links of 1 kg/m from every joint to what it carries."""
+    placed_on, ids = mechanism.tree.placed_on, mechanism.model_joints
+    for carrier, placement in zip(placed_on, mechanism.placements, strict=True):
+        link = placement[:3, 3]
+        if carrier >= 0 and link.any():
+            part = pin.Inertia(float(np.linalg.norm(link)), link / 2, np.zeros((3, 3)))
+            joint = int(ids[carrier]) + 1
+            model.inertias[joint] = model.inertias[joint] + part
 
 
 def link_masses(robot: Robot) -> tuple[Array, Array, Array]:
@@ -64,5 +82,5 @@ def load_carrying(robot: Robot) -> np.ndarray:
 def largest_torque(robot: Robot) -> Array:
     """Largest |τ_g| of each joint over 500 fixed configurations of the whole joint range: (n,)."""
     rng = np.random.default_rng(0)
-    q = robot.anywhere(500, rng)
+    q = robot.closing(robot.anywhere(500, rng))
     return readonly(np.abs(gravity_torque(robot, q)).max(axis=0))

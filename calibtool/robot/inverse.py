@@ -97,7 +97,7 @@ def solve_poses(
         new_pose, new_jacobian = forward_and_jacobian(proposed)
         new_error = _tool_error(target[active], new_pose, length)
         before, after = np.linalg.norm(error[active], axis=-1), np.linalg.norm(new_error, axis=-1)
-        better = (after <= before) | (not descend)
+        better = (after <= before) | (np.isfinite(after) & (not descend))  # a pose there is
         rows = active[better]
         q[rows], error[rows] = proposed[better], new_error[better]
         jacobian[rows] = scale_rows(at_point(new_jacobian[better], new_pose[better, :3, 3]), length)
@@ -108,6 +108,7 @@ def solve_poses(
         stationary[active[done]] = True
         active = active[~done]
     remaining = np.linalg.norm(error, axis=-1)
+    remaining[~np.isfinite(remaining)] = np.inf  # closed loops that do not close at the start
     return InverseResult(
         q=q,
         converged=stationary | (remaining < tolerance),
@@ -180,8 +181,10 @@ def inverse_kinematics(
         used += together
         again = solve(np.repeat(rows, together), q_start.reshape(-1, robot.n), steps)
         cost = (again.position / robot.length + again.orientation).reshape(len(rows), together)
+        cost = np.where(np.isfinite(cost), cost, np.inf)
         winner = np.arange(len(rows)) * together + cost.argmin(axis=1)
-        better = cost.min(axis=1) < best.position[rows] / robot.length + best.orientation[rows]
+        before = best.position[rows] / robot.length + best.orientation[rows]
+        better = (cost.min(axis=1) < before) | ~np.isfinite(before)
         for field in ("q", "converged", "reached", "position", "orientation", "iterations"):
             getattr(best, field)[rows[better]] = getattr(again, field)[winner[better]]
         waiting = ~best.reached[rows]

@@ -34,7 +34,7 @@ class Starts:
     @classmethod
     def of(cls, robot: Robot) -> Self:
         """Starts for a robot, always the same ones."""
-        q = drawn(robot, _COUNT, np.random.default_rng(_SEED))
+        q = robot.closing(drawn(robot, _COUNT, np.random.default_rng(_SEED)))
         features = _features(robot.mechanism.forward(q), robot.length)
         square = -0.5 * (features**2).sum(axis=1, keepdims=True)
         return cls(readonly(q), readonly(np.hstack([features, square]).T), robot.length)

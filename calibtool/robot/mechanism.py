@@ -32,14 +32,43 @@ class Bodies:
 class Frames:
     """Frames of a chain in K_0 for N configurations, from which error columns are built.
 
-    before  (N, n, 4, 4) F0_j, after M_j and before joint j moves
-    after   (N, n, 4, 4) F_j, after joint j has moved
-    tool    (N, 4, 4) T_base_tool
+    before    (N, n, 4, 4) F0_j, after M_j and before joint j moves
+    after     (N, n, 4, 4) F_j, after joint j has moved
+    tool      (N, 4, 4) T_base_tool
+    cuts      (N, 2L, 4, 4) frames A and B of every closed loop; None without loops, as all that
+              follow
+    transfer  (N, n + 2L + 1, 6, 6) what a twist of everything beyond each of `placed` does to the
+              tool; n counts all joints
+    jacobian  (N, 6, n_a) of the tool by the actuated joints, which are the first ones
     """
 
     before: Array
     after: Array
     tool: Array
+    cuts: Array | None = None
+    transfer: Array | None = None
+    jacobian: Array | None = None
+
+    @property
+    def placed(self) -> Array:
+        """The frames that placements put somewhere: before the joints, cut frames, the tool: (N, n
+        + 2L + 1, 4, 4).
+        """
+        parts = [self.before, *([] if self.cuts is None else [self.cuts]), self.tool[:, None]]
+        return np.concatenate(parts, axis=1)
+
+    def links(self, placed_on: tuple[int, ...]) -> tuple[Array, Array]:
+        """Straight pieces from the joint that carries each of `placed` (−1: the base) to it, in
+        K_0: ends (N, s, 3) each.
+        """
+        origins = np.concatenate(
+            [np.zeros((len(self.tool), 1, 3)), self.after[:, :, :3, 3]], axis=1
+        )
+        return origins[:, np.array(placed_on) + 1], self.placed[:, :, :3, 3]
+
+    def seen(self, twists: Array, joints: slice = slice(None)) -> Array:
+        """Twists (N, k, 6, …) of the placed frames (`joints` of them) as the tool takes them."""
+        return twists if self.transfer is None else self.transfer[:, joints] @ twists
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +163,12 @@ class Mechanism:
         before[:, 1:] = after[:, :-1] @ self.placements[..., 1:-1, :, :]
         return Frames(before, after, tool)
 
+    def closes(self, q: Array) -> np.ndarray:
+        """Which rows of q (N, n) the mechanism can stand at: (N,) bool; all, where there are no
+        loops.
+        """
+        return np.ones(len(q), dtype=bool)
+
     def configuration(self, q: Array) -> Array:
         """Coordinates of `model` for joint positions q (N, n) in rad or m: (N, nq)."""
         moved: Array = q + self.offsets
@@ -220,9 +255,24 @@ def _columns_of(frame: pin.SE3) -> memoryview:
     return np.lib.stride_tricks.as_strided(rotation.T, (4, 3), (24, 8), writeable=False).data
 
 
-def _poses(columns: bytearray, *shape: int) -> Array:
-    """Axes x, y, z and origin of frames, one after the other, as poses (*shape, 4, 4)."""
-    poses = np.empty((*shape, 4, 4))
-    poses[..., :3, :] = np.swapaxes(np.frombuffer(columns).reshape(*shape, 4, 3), -1, -2)
+def columns_of(frames: pin.StdVec_SE3) -> memoryview:
+    """`_columns_of` all frames of Pinocchio's data (k, 4, 3), which stand one behind the other."""
+    first = frames[0].rotation
+    start, end = (frames[k].rotation.__array_interface__["data"][0] for k in (0, len(frames) - 1))
+    if first.strides != (8, 24) or end - start != 96 * (len(frames) - 1):
+        raise RuntimeError("this Pinocchio stores poses in another way; install pin 3.4 to 4.x")
+    shape, strides = (len(frames), 4, 3), (96, 24, 8)
+    return np.lib.stride_tricks.as_strided(first.T, shape, strides, writeable=False).data
+
+
+def poses_of(columns: Array) -> Array:
+    """Axes x, y, z and origin (…, 4, 3) as poses (…, 4, 4)."""
+    poses = np.empty((*columns.shape[:-2], 4, 4))
+    poses[..., :3, :] = np.swapaxes(columns, -1, -2)
     poses[..., 3, :] = (0.0, 0.0, 0.0, 1.0)
     return poses
+
+
+def _poses(columns: bytearray, *shape: int) -> Array:
+    """Axes x, y, z and origin of frames, one after the other, as poses (*shape, 4, 4)."""
+    return poses_of(np.frombuffer(columns).reshape(*shape, 4, 3))

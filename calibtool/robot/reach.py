@@ -80,7 +80,7 @@ def excluded(robot: Robot, target: Array, tolerance: float) -> np.ndarray:
     Most of those out of reach, and every wrong tilt of an arm whose axes are parallel; joint limits
     count for slides only.
     """
-    bounds = _reach(robot)
+    bounds = None if robot.chain.tree is not None else _reach(robot)
     if bounds is None:
         return np.zeros(len(target), dtype=bool)
     return bounds.excludes(target, tolerance * robot.length, tolerance)

@@ -8,14 +8,23 @@ import numpy as np
 import pinocchio as pin
 
 from calibtool.errors import InputError, UsageError, near_names
-from calibtool.robot.chain import SerialChain, build_chain
+from calibtool.robot.chain import SerialChain
+from calibtool.robot.closed import ClosedMechanism
+from calibtool.robot.closed_chain import ClosedChain, chain_of
 from calibtool.robot.coupling import JointValues, coupling_matrix, settled_values
-from calibtool.robot.damped_least_squares import at_point, singularity_distance
+from calibtool.robot.damped_least_squares import (
+    MIN_SINGULARITY_DISTANCE,
+    at_point,
+    singularity_distance,
+)
 from calibtool.robot.description import Source, Workspace
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, readonly
 from calibtool.units import joint_and_factor, joint_values
 
+# Times the usual gain of closed loops: a tool that moves farther is near a singularity of type 2,
+# where a robot with errors may not close.
+_LARGEST_GAIN = 2.0
 LONGEST = 10.0  # m: characteristic length of a robot with slides
 
 
@@ -24,12 +33,12 @@ class Robot:
     """The nominal robot. Joint positions q are (N, n), in rad, or m for a prismatic joint.
 
     source   description and texts that it was built from
-    chain    placements and twists of its joints, from K_0 to the tool
+    chain    placements and twists of its joints, from K_0 to the tool: serial, or with closed loops
     lower, upper   (n,) joint limits, rad or m
     """
 
     source: Source
-    chain: SerialChain
+    chain: SerialChain | ClosedChain
     lower: Array  # (n,) joint limits
     upper: Array
 
@@ -43,7 +52,7 @@ class Robot:
 
         Raises InputError.
         """
-        chain = build_chain(source)
+        chain = chain_of(source)
         description = source.description
         prismatic = _prismatic(chain)
         lower, upper = chain.lower.copy(), chain.upper.copy()
@@ -62,8 +71,8 @@ class Robot:
         for unlimited in np.flatnonzero(np.isnan(lower)):
             j = int(unlimited) + 1
             raise InputError(
-                f"{source.place}: slide '{chain.model.names[j]}' has no limits in the URDF; give "
-                f"them in robot.toml: [limits] j{j}_mm = [lower, upper]"
+                f"{source.place}: slide '{chain.bodies.joints[j - 1]}' has no limits in the URDF; "
+                f"give them in robot.toml: [limits] j{j}_mm = [lower, upper]"
             )
         for name, workspace in description.workspaces.items():
             joint_values(workspace.home, prismatic, f"{source.place}: workspaces.{name}.home")
@@ -98,7 +107,7 @@ class Robot:
     @property
     def n(self) -> int:
         """Number of joints."""
-        return len(self.chain.twists)
+        return self.chain.n
 
     @cached_property
     def prismatic(self) -> list[bool]:
@@ -175,8 +184,10 @@ class Robot:
         """Characteristic length in m: half of the sum of link lengths and prismatic strokes.
 
         Weighs rad against m. With slides at most LONGEST: 1 m of a slide counts 1/length, and every
-        pose of a long crane would look singular.
+        pose of a long crane would look singular. That of closed loops stands in the description.
         """
+        if self.chain.tree is not None:
+            return self.chain.tree.length
         links = np.linalg.norm(self.chain.placements[1:, :3, 3], axis=-1).sum()
         strokes = (self.upper - self.lower)[self.prismatic].sum()
         half = float(max(links + strokes, 1e-3) / 2)
@@ -227,7 +238,11 @@ class Robot:
         return chosen, self.source.description.workspaces.get(chosen)
 
     def home(self, workspace: Workspace | None) -> Array:
-        """Joint positions (n,) at the middle of a workspace; of the range for `full`."""
+        """Joint positions (n,) at the middle of a workspace; for `full` the middle of the joint
+        range or, with closed loops, where the description closes them.
+        """
+        if workspace is None and self.chain.tree is not None:
+            return self.chain.tree.closed_at[: self.n]
         if workspace is None:
             return (self.lower + self.upper) / 2
         return np.array(joint_values(workspace.home, self.prismatic, self.name))
@@ -249,16 +264,46 @@ class Robot:
     def within_limits(self, q: Array) -> np.ndarray:
         """Per row of q (N, n): all joints inside their limits (a rounding error of 1e-9 is
         forgiven). (N,) bool
+
+        With closed loops also the passive joints; a row that does not close is not inside.
         """
         inside: np.ndarray = np.all((q >= self.lower - 1e-9) & (q <= self.upper + 1e-9), axis=-1)
+        if isinstance(self.mechanism, ClosedMechanism):
+            inside &= self.mechanism.passive_within(q)
         return inside
+
+    def closing(self, q: Array) -> Array:
+        """Those rows of q (N, n) at which the nominal robot can stand: all but where closed loops
+        do not close.
+        """
+        return q if self.chain.tree is None else q[self.mechanism.closes(q)]
 
     def singularity_distance(self, q: Array) -> Array:
         """Smooth lower bound of σ_min of the actuated Jacobian at the tool, see
         `mechanism.singularity_distance`. (N,)
+
+        With closed loops also small where the passive joints are near a singularity of their own,
+        and 0 where they do not close (`ClosedMechanism.gain`).
         """
         pose, jacobian = self.mechanism.forward_and_jacobian(q)
-        return singularity_distance(at_point(jacobian, pose[:, :3, 3]), self.length)
+        if not isinstance(self.mechanism, ClosedMechanism):
+            return singularity_distance(at_point(jacobian, pose[:, :3, 3]), self.length)
+        ok = np.isfinite(pose[:, 0, 0])
+        distance = np.zeros(len(q))
+        seen = at_point(jacobian[ok], pose[ok, :3, 3])
+        gain = self.mechanism.gain(pose[ok], jacobian[ok]) / self._usual_gain
+        steady = _LARGEST_GAIN * MIN_SINGULARITY_DISTANCE / np.maximum(gain, 1e-300)
+        distance[ok] = np.minimum(singularity_distance(seen, self.length), steady)
+        return distance
+
+    @cached_property
+    def _usual_gain(self) -> float:
+        """The median `ClosedMechanism.gain` over the closed configurations of the chain."""
+        mechanism = self.mechanism
+        assert isinstance(mechanism, ClosedMechanism)
+        q = mechanism.starts().theta[:, : self.n]
+        pose, jacobian = mechanism.forward_and_jacobian(q[:: max(1, len(q) // 500)])
+        return float(np.nanmedian(mechanism.gain(pose, jacobian)))
 
     def check_positions(self, q: Array, place: str) -> None:
         """InputError unless q is (N, n) and finite."""
@@ -274,8 +319,8 @@ class Robot:
             )
 
 
-def _prismatic(chain: SerialChain) -> list[bool]:
-    return [bool(np.linalg.norm(twist[3:]) < 0.5) for twist in chain.twists]
+def _prismatic(chain: SerialChain | ClosedChain) -> list[bool]:
+    return [bool(np.linalg.norm(twist[3:]) < 0.5) for twist in chain.twists[: chain.n]]
 
 
 def is_path(name: str) -> bool:

@@ -157,6 +157,27 @@ def mimicking(urdf_text: str) -> dict[str, str]:
     return {joint: mimic.get("joint", "") for joint, mimic in followed.items() if mimic is not None}
 
 
+def mimic_joints(urdf_text: str, name: str) -> dict[str, tuple[str, float, float]]:
+    """Joints that follow another one, with its name, factor and offset (rad or m): θ = factor ·
+    θ_other + offset.
+    """
+    found = {}
+    for joint in mimicking(urdf_text):
+        root = ElementTree.fromstring(urdf_text)
+        mimic = next(j for j in root.findall("joint") if j.get("name", "") == joint).find("mimic")
+        assert mimic is not None
+        try:
+            factor, offset = float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
+        except ValueError:
+            factor = offset = np.nan
+        if not np.isfinite([factor, offset]).all():
+            raise InputError(
+                f"{name}: joint '{joint}': multiplier and offset of <mimic> must be numbers"
+            )
+        found[joint] = (mimic.get("joint", ""), factor, offset)
+    return found
+
+
 def check_single(joint: pin.JointModel, called: str, name: str) -> None:
     """InputError unless a joint has one degree of freedom."""
     if joint.nv != 1:

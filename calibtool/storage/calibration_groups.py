@@ -247,7 +247,7 @@ def build_calibration(file: h5py.File) -> Calibration:
     virtual = texts(file["equivalent"], "virtual_joints")
     if len(virtual) != max(6 - robot.n, 0) or not set(virtual) <= set(ELEMENTARY):
         raise ValueError(f"equivalent/virtual_joints {virtual} do not complete {robot.n} joints")
-    equivalent = EquivalentRobot(robot.n, virtual)  # type: ignore[arg-type]
+    equivalent = EquivalentRobot(robot.n, virtual, robot.chain.tree is not None)  # type: ignore[arg-type]
     networks = file.get("networks", {})
     validation = file["cross_validation"].attrs if "cross_validation" in file else None
     return Calibration(
@@ -287,7 +287,7 @@ def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
     parts = []
     for family in FAMILIES:
         if f"order_{family.id}" in group.attrs:
-            shape = family.shape(robot.n, int(group.attrs[f"order_{family.id}"]))
+            shape = family.shape(family.joints(robot), int(group.attrs[f"order_{family.id}"]))
             elements = get_indices(group, f"elements_{family.id}")
             if not np.array_equal(np.unique(elements), elements) or not (
                 0 <= elements.min() <= elements.max() < np.prod(shape)

@@ -132,7 +132,7 @@ def write_errors(group: h5py.Group, errors: RobotErrors) -> None:
 
 def read_errors(group: h5py.Group, robot: Robot) -> RobotErrors:
     """The same back. KeyError or ValueError for a damaged file."""
-    shapes = {family.id: [-1] * len(family.shape(robot.n)) for family in FAMILIES}
+    shapes = {f.id: [-1] * len(f.shape(f.joints(robot))) for f in FAMILIES}
     return RobotErrors.of(
         robot, **{name: get(group, name, *shape) for name, shape in shapes.items()}
     )

@@ -11,6 +11,7 @@ from matplotlib.patheffects import withStroke
 from calibtool.evaluation.plots.style import ImageFormat, styled, to_bytes
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, transform_points
+from calibtool.robot.skeleton import skeleton
 
 # Okabe and Ito's colours, told apart by colour-blind readers; nothing is told by its colour alone.
 _LINK, _AXIS, _TARGET = "#777777", "#CC79A7", "#E69F00"
@@ -69,20 +70,14 @@ def arm_figure(robot: Robot) -> Figure:
 
 def _arm(robot: Robot, q: Array) -> _Arm:
     frames = robot.mechanism.frames(q[None])
-    before, after, tool = frames.before[0], frames.after[0], frames.tool[0]
-    twists = np.where(
-        np.array(robot.prismatic)[:, None], robot.chain.twists[:, :3], robot.chain.twists[:, 3:]
-    )
+    n = robot.n  # of closed loops the joints that have a motor
+    before, after, tool = frames.before[0, :n], frames.after[0, :n], frames.tool[0]
+    twists = robot.chain.twists[:n]
+    twists = np.where(np.array(robot.prismatic)[:, None], twists[:, :3], twists[:, 3:])
     direction = (before[:, :3, :3] @ twists[..., None])[..., 0]
     marks = after[:, :3, 3]
     targets = transform_points(tool, robot.targets)
-    links = np.concatenate(
-        [
-            np.zeros((1, 3)),
-            np.stack([before, after], axis=1).reshape(-1, 4, 4)[:, :3, 3],
-            tool[None, :3, 3],
-        ]
-    )
+    links = skeleton(frames, robot.chain.placed_on)[0]
     slides = np.array(robot.prismatic)[:, None]
     strokes = [
         np.where(slides, before[:, :3, 3] + direction * end[:, None], marks)

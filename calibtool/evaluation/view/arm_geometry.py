@@ -102,19 +102,19 @@ def simple_shape(robot: Robot) -> pin.GeometryModel:
     placements, twists = robot.chain.placements, robot.chain.twists
     width = float(np.linalg.norm(placements[:, :3, 3], axis=-1).sum()) / 60 or 0.01
     origin = np.zeros(3)
-    for j, placement in enumerate(
-        placements
-    ):  # link j goes from the origin of joint frame j to that of the next
-        _add_rod(
-            shape, f"link{j}", j, origin, placement[:3, 3], width if j < robot.n else width / 2
-        )
-    for j, twist in enumerate(twists):
+    joint = robot.chain.model_joints  # of Pinocchio, by number; 0 is the base
+    for k, (placement, carrier) in enumerate(
+        zip(placements, robot.chain.placed_on, strict=True)
+    ):  # from the origin of a joint's frame to that of what it carries
+        thick = width if k < len(twists) else width / 2
+        _add_rod(shape, f"link{k}", joint[carrier], origin, placement[:3, 3], thick)
+    for j, twist in enumerate(twists[: robot.n]):
         if robot.prismatic[j]:
             axis, zero = placements[j][:3, :3] @ twist[:3], placements[j][:3, 3]
             _add_rod(
                 shape,
                 f"rail{j + 1}",
-                j,
+                joint[robot.chain.placed_on[j]],
                 zero + axis * robot.lower[j],
                 zero + axis * robot.upper[j],
                 width / 2,
@@ -122,7 +122,7 @@ def simple_shape(robot: Robot) -> pin.GeometryModel:
             solid, along = coal.Box(3 * width, 3 * width, 4 * width), twist[:3]
         else:
             solid, along = coal.Cylinder(1.5 * width, 4 * width), twist[3:]
-        _add(shape, f"joint{j + 1}", j + 1, pin.SE3(_turn_z_to(along), origin), solid, _JOINT)
+        _add(shape, f"joint{j + 1}", joint[j], pin.SE3(_turn_z_to(along), origin), solid, _JOINT)
     return shape
 
 

@@ -51,7 +51,7 @@ def serving(
 
     def draw(_: Any = None) -> None:
         now = min(int(chosen.value), len(scene)) - 1
-        visualizer.display(np.array(scene.q[now]))
+        visualizer.display(scene.robot.mechanism.configuration(scene.q[now : now + 1])[0])
         found = scene.magnified(float(factor.value))
         flange = np.broadcast_to(scene.arm[now, -1], scene.nominal[now].shape)
         _lines(server, "/tool", np.stack([flange, scene.nominal[now]], axis=1), _NOMINAL, 2.0)

@@ -9,6 +9,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import measured_in_base
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly, transform_points
+from calibtool.robot.skeleton import skeleton
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,7 +18,7 @@ class Scene:
 
     q        (N, n) joint positions, rad or m
     arm      (N, 2n+2, 3) base, every joint before and after its motion, tool: origins on
-             the nominal robot
+             the nominal robot; with closed loops (N, s, 3), see `skeleton`
     nominal  (N, m, 3) target points on the nominal robot
     found    (N, m, 3) the same, measured or predicted; NaN where a target was not seen
     meaning  what `found` is: `measured` or `calibrated`
@@ -78,17 +79,8 @@ def scene_of(contents: Measurements | Calibration) -> Scene:
     return Scene(
         robot=robot,
         q=q,
-        arm=readonly(_arm(robot, q)),
+        arm=readonly(skeleton(robot.mechanism.frames(q), robot.chain.placed_on)),
         nominal=readonly(transform_points(nominal_pose, targets)),
         found=readonly(found),
         meaning=meaning,
     )
-
-
-def _arm(robot: Robot, q: Array) -> Array:
-    """Origins of base, joints before and after their motion, and tool (N, 2n+2, 3)."""
-    frames = robot.mechanism.frames(q)
-    joints = np.stack([frames.before, frames.after], axis=2)[..., :3, 3].reshape(
-        len(q), 2 * robot.n, 3
-    )
-    return np.concatenate([np.zeros((len(q), 1, 3)), joints, frames.tool[:, None, :3, 3]], axis=1)

@@ -178,7 +178,7 @@ def without_geometry(measurements: Measurements, setup: Setup, series: Array) ->
     mrad, explain of it.
     """
     frames = measurements.robot.mechanism.frames(measurements.q)
-    blocks = adjoint(np.concatenate([frames.before, frames.tool[:, None]], axis=1))
+    blocks = frames.seen(adjoint(frames.placed))
     P = observation_matrix(setup, frames.tool)
     seen = measurements.seen.repeat(3, axis=-1)
     columns: Array = (

@@ -1,0 +1,39 @@
+"""A mechanism as one line through its joints, for pictures."""
+
+import numpy as np
+
+from calibtool.robot.mechanism import Frames
+from calibtool.robot.se3 import Array
+
+
+def skeleton(frames: Frames, placed_on: tuple[int, ...]) -> Array:
+    """Origins on a line that runs along every link, in K_0, m: (N, s, 3).
+
+    From the base by way of every joint, before and after its motion, to the tool; with closed loops
+    there and back along the branches that do not carry the tool, to their cut frames. placed_on:
+    the joint that carries each of `Frames.placed`.
+    """
+    before, after = frames.placed[:, :, :3, 3], frames.after[:, :, :3, 3]
+    base, last = np.zeros((len(before), 3)), len(placed_on) - 1
+    carried = {
+        carrier: [k for k, own in enumerate(placed_on) if own == carrier] for carrier in placed_on
+    }
+    to_tool, carrier = {last}, placed_on[last]
+    while carrier >= 0:
+        to_tool.add(carrier)
+        carrier = placed_on[carrier]
+    points: list[Array] = [base]
+
+    def follow(carrier: int, home: Array) -> None:
+        for k in sorted(carried.get(carrier, []), key=lambda k: k in to_tool):
+            points.append(before[:, k])
+            if k < after.shape[1]:
+                points.append(after[:, k])
+                follow(k, after[:, k])
+                if k not in to_tool:
+                    points.append(before[:, k])
+            if k not in to_tool:
+                points.append(home)
+
+    follow(-1, base)
+    return np.stack(points, axis=1)
