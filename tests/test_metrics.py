@@ -1,6 +1,7 @@
 """Statistics by hand, reductions against the nominal robot, tables of signed errors."""
 
 import math
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from cases import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibtool.evaluation.metrics import STATISTICS, MethodErrors, error_rows, statistics, summary
+from calibtool.evaluation.metrics import STATISTICS, MethodErrors, Statistics, error_rows, summary
 
 
 def method(
@@ -20,7 +21,7 @@ def method(
 @given(values=st.lists(st.floats(1e-9, 1e3), min_size=1, max_size=30))
 @examples(30)
 def test_statistics_are_those_of_a_hand_calculation(values: list[float]) -> None:
-    found = statistics(np.array(values), 1e-3)
+    found = asdict(Statistics.of(np.array(values) / 1e-3))
     scaled = sorted(v * 1e3 for v in values)
     n = len(values)
     mean = math.fsum(scaled) / n
