@@ -157,9 +157,9 @@ def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "
     """The kinematics that `--controller` names, None without it; says how far they are off."""
     if given is None and dh is None:
         return None
-    from calibtool.controller.denavit_hartenberg import DH_CONVENTIONS, DhConvention
     from calibtool.controller.model import read_controller_model
     from calibtool.errors import UsageError
+    from calibtool.robot.denavit_hartenberg import DH_CONVENTIONS, DhConvention
 
     if dh is not None:
         choice(dh, DH_CONVENTIONS, "--dh")

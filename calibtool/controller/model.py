@@ -5,20 +5,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibtool.controller.chain import chain_of
-from calibtool.controller.denavit_hartenberg import (
+from calibtool.controller.universal_robots import SECTION, changes_model, frames_model
+from calibtool.errors import InputError, UsageError
+from calibtool.robot.denavit_hartenberg import (
     DhConvention,
+    DhText,
     dh_columns,
+    dh_text,
     read_dh,
     steps_of,
 )
-from calibtool.controller.universal_robots import SECTION, changes_model, frames_model
-from calibtool.errors import InputError, UsageError
 from calibtool.robot.description import ToleranceTable
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, inverse, log3
-from calibtool.tables import Table, parse_table
+from calibtool.robot.steps import chain_of
 
 # The calibrations of five real UR arms move the tool by at most 0.33 % of that sum, and 12 mrad.
 PLAUSIBLE_PART = 0.01  # of the sum of link lengths
@@ -56,18 +57,12 @@ def read_controller_model(
     """
     text = text.removeprefix("\ufeff")
     kind = _kind(text, name)
-    if (dh is not None) != (kind == "dh"):
-        if dh is not None:
-            raise UsageError(f"--dh is for a table of DH parameters, but {name} holds none")
-        raise UsageError(
-            f"{name}: DH parameters do not say their convention; give --dh standard (a and alpha "
-            "behind the joint) or --dh modified (Craig: before it)"
-        )
+    if dh is not None and kind != "dh":
+        raise UsageError(f"--dh is for a table of DH parameters, but {name} holds none")
     if kind != "urdf" and len(text) > _LARGEST:
         raise InputError(f"{name}: {len(text)} characters; the calibration of an arm is smaller")
     if kind == "dh":
-        assert dh is not None
-        return _of_dh(parse_table(text, name), name, robot, dh)
+        return _of_dh(dh_text(text, name), robot, dh)
     read = {"urdf": _of_urdf, "frames": frames_model, "changes": changes_model}[kind]
     return _plausible(read(text, name, robot), name, robot)
 
@@ -105,8 +100,16 @@ def _of_urdf(text: str, name: str, robot: Robot) -> Robot:
     )
 
 
-def _of_dh(table: Table, name: str, robot: Robot, convention: DhConvention) -> ControllerModel:
-    rows = read_dh(table)
+def _of_dh(table: DhText, robot: Robot, given: DhConvention | None) -> ControllerModel:
+    rows, name = read_dh(table), table.name
+    convention = given or rows.convention
+    if convention is None or rows.convention not in (convention, None):
+        raise UsageError(
+            f"{name}: the table is {rows.convention}, --dh says {given}"
+            if convention
+            else f"{name}: DH parameters do not say their convention; give --dh standard (a and "
+            "alpha behind the joint) or --dh modified (Craig: before it)"
+        )
     _check_joints(len(rows.joints), name, robot)
 
     def chain(convention: DhConvention) -> Robot:

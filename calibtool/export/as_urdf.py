@@ -15,6 +15,7 @@ from calibtool.export.rendering import left_out, render
 from calibtool.export.urdf_geometry import fitted_geometry, urdf_geometry
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, exp6, log3
+from calibtool.robot.tree import urdf_root
 
 _NOTHING = 5e-8  # m or rad: less is 0.0000 mm in a line
 
@@ -48,10 +49,7 @@ def calibration_as_urdf(calibration: Calibration) -> tuple[str, list[str]]:
 
 def _calibrated_tree(robot: Robot, geometry: RobotErrors) -> tuple[ET.Element, str]:
     """The URDF with new origins, and the name of the link that is K_{n+1} in it."""
-    root = ET.fromstring(
-        robot.source.urdf_text.encode(),
-        parser=ET.XMLParser(target=ET.TreeBuilder(insert_comments=True), encoding="utf-8"),
-    )
+    root = urdf_root(robot.source.urdf_text, robot.source.place, comments=True)
     joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
     links = {link.get("name", "") for link in root.findall("link")}
     tool = robot.source.description.kinematics.tool_frame
