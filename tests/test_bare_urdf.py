@@ -120,6 +120,32 @@ def test_a_base_that_moves_freely_is_locked(kind: str, read: Callable[..., Robot
     np.testing.assert_array_equal(robot.mechanism.forward(Q), fixed.mechanism.forward(Q))
 
 
+def test_names_of_public_urdfs(read: Callable[..., Robot]) -> None:
+    """What public descriptions of arms call their frames, and what is beside them."""
+    kuka = joint("a", "link_6", "iiwa_link_ee") + joint("b", "link_6", "iiwa_link_ee_kuka")
+    assert chosen(read(arm(kuka, flange="")))[0] == "iiwa_link_ee"
+    shapes = joint("a", "link_6", "fr3_link7_sc") + joint("b", "link_6", "fr3_link8")
+    assert chosen(read(arm(shapes, flange="")))[0] == "fr3_link8"
+    static = joint("m", "link_6", "palm_link") + joint("s", "palm_link", "gripper_static_link")
+    moving = finger("gripper", "palm_link")
+    assert chosen(read(arm(static + moving, flange=""))) == ("palm_link", {"gripper": 0.0})
+    fingers = finger("hand_index_flex", "hand", kind="revolute")
+    more = fingers + finger("hand_index_tip", "hand_index_flex_link", kind="revolute")
+    hand = read(arm(joint("h", "link_6", "hand") + more, flange=""))
+    assert (hand.n, chosen(hand)[0]) == (6, "hand")
+
+
+def test_what_pinocchio_refuses_beside_the_kinematics_is_read(read: Callable[..., Robot]) -> None:
+    plain = read(arm())
+    for text in (
+        arm().replace('<robot name="sample">', "<robot>"),
+        arm().replace('effort="1"', 'effort="-1"'),
+        arm().replace(' effort="1" velocity="1"', ""),
+        arm('<material name="m"><color rgba="a b"/></material>'),
+    ):
+        np.testing.assert_array_equal(read(text).mechanism.forward(Q), plain.mechanism.forward(Q))
+
+
 def two_arms() -> str:
     left = arm(joints="left", flange="left_tool0")
     other = (

@@ -53,7 +53,7 @@ _YAML = re.compile(r"^[ \t{]*[\"']?kinematics[\"']?[ \t]*:", re.MULTILINE)
 _TOML = re.compile(
     r"^[ \t]*(?:\[[ \t]*(?:kinematics|targets|limits)[ \t.\]]|(?:name|title)[ \t]*=)", re.MULTILINE
 )
-_MACRO = re.compile(r"<xacro:|\$\{|\$\(")
+_MACRO = re.compile(r"\$\{|\$\(")
 
 
 def told(data: bytes, path: Path) -> tuple[Kind, str]:
@@ -95,10 +95,11 @@ def _told_xml(text: str, place: str) -> tuple[Kind, str]:
     if root.tag.rpartition(":")[2] != "robot":
         what = _XML.get(root.tag, f"an XML file with the root <{root.tag}>")
         raise InputError(f"{place}: {what}; {ACCEPTED}")
-    macros = any(
-        str(part.tag).startswith("xacro:")
-        or any(_MACRO.search(value) for value in part.attrib.values())
-        for part in root.iter()
+    moving = [part for joint in root.iterfind("joint") for part in joint.iter()]
+    macros = any(str(part.tag).startswith("xacro:") for part in root) or any(
+        _MACRO.search(value)
+        for part in [root, *root.iterfind("link"), *moving]
+        for value in part.attrib.values()
     )
     return ("xacro" if macros else "urdf"), text
 

@@ -25,10 +25,11 @@ _TOOLS = tuple(
 _NO_TOOL = re.compile(
     r"\b(?:fingers?|fingertips?|thumb|knuckles?|jaws?|claws?|pads?|camera|cam|realsense|kinect|sensors?|depth|optical|"
     r"rgb|color|infra|ir|laser|lidar|imu|ft|force|torque|collision|visual|inertial?|com|cog|cable|hose|led|light|button|"
-    r"display|screw|aruco|marker|contact)\b"
+    r"display|screw|aruco|marker|contact|sc)\b"
 )
 _GRIPS = re.compile(
-    r"\b(?:gripper|grip|fingers?|fingertips?|thumb|knuckles?|jaws?|claws?|pincers?|tongs?|piston|cylinder|rod|suction)\b"
+    r"\b(?:gripper|grip|fingers?|fingertips?|thumb|index|middle|ring|little|pinky|phalanx|distal|proximal|knuckles?|"
+    r"jaws?|claws?|pincers?|tongs?|piston|cylinder|rod|suction)\b"
 )
 _TURNS = re.compile(r"\b(?:rotation|rotate|rot|roll|pitch|yaw|wrist)\b")
 _BASE = re.compile(r"\b(?:base|mobile|world|odom|virtual|theta|yaw|footprint)\b")
@@ -104,18 +105,29 @@ def _tool(tree: Tree, name: str) -> str:
         for link, depth in moved.items()
         if not any(joint.name in gripping for joint in ways[link])
     } or moved
-    could = [link for link in arm if not _NO_TOOL.search(_words(link))]
+    palms = {joint.parent for joint in tree.joints if joint.name in gripping}
+    could = [
+        link
+        for link in arm
+        if not _NO_TOOL.search(_words(link))
+        and not (tree.ways[link][-1].parent in palms and _GRIPS.search(_words(link)))
+    ]
     for tools in _TOOLS:
         named = [link for link in could if tools.search(_words(link))]
         found = _ends(tree, [link for link in named if _behind(ways[link][-1], ways, arm) < _MANY])
         if found:
-            return _only(found, name)
+            return _only(found, name, tools)
     deepest = [link for link in arm if arm[link] == max(arm.values())]
     found = _ends(tree, [link for link in deepest if link in could])
     return _only(found or [ways[link][-1].child for link in deepest[:1]], name)
 
 
-def _only(found: Sequence[str], name: str) -> str:
+def _only(found: Sequence[str], name: str, ends: re.Pattern[str] | None = None) -> str:
+    """The only one, or the only one whose name says no more than that it is a tool."""
+    if ends is not None and len(found) > 1:
+        said = {link: ends.search(_words(link).removesuffix(" link")) for link in found}
+        sure = [link for link, match in said.items() if match and match.end() == len(match.string)]
+        found = sure or found
     if len(found) > 1:
         raise UsageError(
             f"{name}: several links could be the tool: {', '.join(found)}; "
@@ -131,7 +143,7 @@ def _words(name: str) -> str:
 def _gripping(tree: Tree) -> set[str]:
     """Joints of a gripper or a rod: by their names, or as they follow a joint that is not before them."""
     found = set()
-    for joint in tree.joints:
+    for joint in (each for each in tree.joints if each.moves):
         words = f"{_words(joint.name)} / {_words(joint.child)}"
         if (_GRIPS.search(_words(joint.name)) and not _TURNS.search(words)) or (
             _GRIPS.search(_words(joint.child)) and joint.kind == "prismatic"

@@ -45,12 +45,14 @@ def _moving_parts(root: ElementTree.Element) -> ElementTree.Element:
         for part in link.findall("*"):
             if part.tag != "inertial":
                 link.remove(part)
+    root.set("name", root.get("name") or "robot")
     for joint in root.iterfind("joint"):
-        if joint.get("type") in ("revolute", "prismatic"):
-            limit = joint.find("limit")
-            limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
-            for key in ("effort", "velocity"):
-                limit.set(key, "0")
+        limit = joint.find("limit")
+        if limit is None and joint.get("type") in ("revolute", "prismatic"):
+            limit = ElementTree.SubElement(joint, "limit")
+        if limit is not None:
+            limit.set("effort", "0")
+            limit.set("velocity", "0")
             for key in ("lower", "upper"):
                 if limit.get(key, "").strip().lower().lstrip("+-") in ("inf", "infinity"):
                     limit.set(key, "0")
