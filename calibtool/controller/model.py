@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibtool.controller.offsets import is_offsets, offsets_model
 from calibtool.controller.universal_robots import SECTION, changes_model, frames_model
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.denavit_hartenberg import (
     DhConvention,
     DhText,
-    dh_columns,
     dh_text,
+    is_dh,
     read_dh,
     steps_of,
 )
@@ -50,10 +51,11 @@ def read_controller_model(
     """The model that the text of a file called `name` describes; robot is the nominal one.
 
     A URDF (with the base and tool frames that the robot's description names), the YAML of the UR
-    driver, a UR controller's calibration.conf, or a table of DH parameters with their convention
-    `dh`; its contents tell which. Raises InputError for a file that is none of these, or of another
-    arm: another number or kind of joints, or a tool farther from the nominal one than a factory
-    calibration moves it (1 % of the sum of link lengths, 30 mrad).
+    driver, a UR controller's calibration.conf, joint offsets as `export` writes them, or a table of
+    DH parameters with their convention `dh`; its contents tell which. Raises InputError for a file
+    that is none of these, or of another arm: another number or kind of joints, or a tool farther
+    from the nominal one than a factory calibration moves it (1 % of the sum of link lengths,
+    30 mrad).
     """
     text = text.removeprefix("\ufeff")
     kind = _kind(text, name)
@@ -63,7 +65,12 @@ def read_controller_model(
         raise InputError(f"{name}: {len(text)} characters; the calibration of an arm is smaller")
     if kind == "dh":
         return _of_dh(dh_text(text, name), robot, dh)
-    read = {"urdf": _of_urdf, "frames": frames_model, "changes": changes_model}[kind]
+    read = {
+        "urdf": _of_urdf,
+        "frames": frames_model,
+        "changes": changes_model,
+        "offsets": offsets_model,
+    }[kind]
     return _plausible(read(text, name, robot), name, robot)
 
 
@@ -71,9 +78,11 @@ def _kind(text: str, name: str) -> str:
     start = text.lstrip()
     if start.startswith("<"):
         return "urdf"
+    if is_offsets(text):
+        return "offsets"
     if _CONF.search(text):
         return "changes"
-    if dh_columns([cell.strip() for cell in re.split(r"[,;\t ]", start.split("\n", 1)[0])]):
+    if is_dh(text):
         return "dh"
     if _YAML.search(text) or name.endswith((".yaml", ".yml")):
         return "frames"

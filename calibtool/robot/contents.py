@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Literal
 
 from calibtool.errors import InputError
-from calibtool.robot.denavit_hartenberg import dh_columns, dh_text, read_dh, steps_of
+from calibtool.robot.denavit_hartenberg import dh_text, is_dh, read_dh, steps_of
 from calibtool.robot.markup import decoded_xml, is_xml, parse_xml
-from calibtool.robot.steps import chain_urdf
+from calibtool.robot.steps import chain_urdf, near_frames
 from calibtool.robot.ur_frames import FRAMES, ur_frames
 
 Kind = Literal["toml", "urdf", "xacro", "dh", "ur-yaml"]
@@ -15,7 +15,7 @@ Kind = Literal["toml", "urdf", "xacro", "dh", "ur-yaml"]
 WHAT: dict[Kind, str] = {
     "urdf": "a bare URDF",
     "xacro": "a bare xacro file",
-    "dh": "a bare table of DH parameters, without limits",
+    "dh": "a bare table of DH parameters",
     "ur-yaml": "a bare calibration of a UR arm, without limits",
 }
 ACCEPTED = (
@@ -74,7 +74,7 @@ def told(data: bytes, path: Path) -> tuple[Kind, str]:
         raise InputError(f"{place}: a binary file; {ACCEPTED}")
     if not text.strip():
         raise InputError(f"{place}: the file is empty, nothing of it can be read; {ACCEPTED}")
-    if dh_columns(re.split(r"[,;\t ]+", text.strip().split("\n", 1)[0].replace('"', "").strip())):
+    if is_dh(text):
         return "dh", text
     if _CONF.search(text):
         raise InputError(
@@ -117,7 +117,9 @@ def as_urdf_text(kind: Kind, text: str, path: Path) -> str:
                 "with standard (a and alpha behind the joint) or modified (Craig: before it)"
             )
         slides = table.prismatic or [False] * len(table.joints)
-        return chain_urdf(steps_of(table, table.convention), slides, "dh")
+        return chain_urdf(
+            near_frames(steps_of(table, table.convention)), slides, "dh", table.limits
+        )
     if kind == "ur-yaml":
         return chain_urdf(ur_frames(text, place), [False] * len(FRAMES), "ur")
     return text

@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 from collections.abc import Sequence
 from typing import Literal, NamedTuple, cast
 
@@ -30,7 +31,8 @@ class DhRow(NamedTuple):
 class DhTable(NamedTuple):
     """The joints' rows, and constant ones before and behind them.
 
-    prismatic: per joint, None where the table does not say; convention likewise.
+    prismatic: per joint, None where the table does not say; convention likewise. limits: (lower,
+    upper) in rad or m by the number of the joint, from 0.
     """
 
     joints: list[DhRow]
@@ -38,6 +40,7 @@ class DhTable(NamedTuple):
     tool: list[DhRow]
     prismatic: list[bool] | None = None
     convention: DhConvention | None = None
+    limits: dict[int, tuple[float, float]] | None = None
 
 
 class DhText(NamedTuple):
@@ -79,10 +82,20 @@ def dh_columns(header: Sequence[str]) -> list[str] | None:
     return [column for column in found if column] if all(found) else None
 
 
+def is_dh(text: str) -> bool:
+    """Whether a text starts like a table of DH parameters, after lines of comment."""
+    lines = (line for line in text.removeprefix("\ufeff").splitlines() if line.strip())
+    first = next((line for line in lines if not line.startswith("#")), "")
+    return dh_columns(re.split(r"[,;\t ]+", first.replace('"', "").strip())) is not None
+
+
 def dh_text(text: str, name: str) -> DhText:
-    """A CSV of DH parameters. InputError for a repeated column, or a row that is no row of it."""
+    """A CSV of DH parameters; lines that start with # are passed over.
+
+    InputError for a repeated column, or a row that is no row of it.
+    """
     lines = text.removeprefix("\ufeff").splitlines()
-    filled = [k for k, line in enumerate(lines) if line.strip(",;\t ")]
+    filled = [k for k, line in enumerate(lines) if line.strip(",;\t ") and not line.startswith("#")]
     first = lines[filled[0]] if filled else ""
     delimiter = next((mark for mark in "\t;," if mark in first), " ")
     rows = []
@@ -104,9 +117,9 @@ def read_dh(table: DhText) -> DhTable:
     """DH parameters from columns `a_mm alpha_deg d_mm theta_deg` (or `_m`, `_rad`).
 
     A column `joint` numbers the rows, 1 to n; a first row `base` and a last row `tool` are
-    constant. A column `type` names the kind of the joints, revolute or prismatic, a column
-    `convention` that of the table. Raises InputError for missing columns, bad cells, or rows that
-    are not in order.
+    constant. A column `type` names the kind of the joints, revolute or prismatic, `lower` and
+    `upper` their limits in deg or mm, `convention` that of the table. Raises InputError for missing
+    columns, bad cells, or rows that are not in order.
     """
     columns = dh_columns(table.header)
     if columns is None:
@@ -130,8 +143,8 @@ def read_dh(table: DhText) -> DhTable:
                 f"{table.places[first + k - 1]}: joint '{label}'; expected {k}: the joints in "
                 "order, before them a row 'base' and behind them a row 'tool' if there are any"
             )
-    kinds = _one_of(table, "type", ("revolute", "prismatic"))[first:last]
-    said = set(_one_of(table, "convention", DH_CONVENTIONS))
+    kinds = _one_of(table, "type", ("revolute", "prismatic"), first, last)
+    said = set(_one_of(table, "convention", DH_CONVENTIONS, 0, count))
     if len(said) > 1:
         raise InputError(f"{table.name}: the column 'convention' holds both of them; expected one")
     return DhTable(
@@ -140,13 +153,29 @@ def read_dh(table: DhText) -> DhTable:
         rows[last:],
         [kind == "prismatic" for kind in kinds] or None,
         cast("DhConvention | None", next(iter(said), None)),
+        _limits(table, [kind == "prismatic" for kind in kinds], first, last),
     )
 
 
-def _one_of(table: DhText, column: str, known: tuple[str, ...]) -> list[str]:
-    """The cells of a column, each of them one of the known words; InputError otherwise."""
-    cells = table.texts(column)
-    for place, cell in zip(table.places, cells, strict=False):
+def _limits(
+    table: DhText, slides: list[bool], first: int, last: int
+) -> dict[int, tuple[float, float]] | None:
+    """Limits of the joints by number from 0, rad or m, from columns `lower` and `upper`, deg or mm."""
+    if not {"lower", "upper"} <= set(table.header):
+        return None
+    joints = table._replace(rows=table.rows[first:last], places=table.places[first:last])
+    ends = zip(joints.numbers("lower"), joints.numbers("upper"), strict=True)
+    factors = [TO_SI["mm" if slide else "deg"] for slide in slides or [False] * (last - first)]
+    return {
+        j: (low * factor, high * factor)
+        for j, ((low, high), factor) in enumerate(zip(ends, factors, strict=True))
+    }
+
+
+def _one_of(table: DhText, column: str, known: tuple[str, ...], first: int, last: int) -> list[str]:
+    """Cells of a column, each of them one of the known words; InputError otherwise."""
+    cells = table.texts(column)[first:last]
+    for place, cell in zip(table.places[first:], cells, strict=False):
         if cell not in known:
             raise InputError(f"{place}: {column} '{cell}'; expected {' or '.join(known)}")
     return cells

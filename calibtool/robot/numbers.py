@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from calibtool.errors import InputError
 from calibtool.robot.denavit_hartenberg import DhText, read_dh, steps_of
-from calibtool.robot.steps import Step, chain_urdf
+from calibtool.robot.steps import Step, chain_urdf, near_frames
 from calibtool.units import joint_and_factor
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def numbers_as_urdf(description: "Description", place: str) -> str:
                 raise InputError(f"{where}: has {', '.join(row)}; the first row {header}")
         cells = [[_cell(row[column]) for column in header] for row in kinematics.dh]
         table = read_dh(DhText(place, header, cells, places))
-        steps = steps_of(table, kinematics.dh_convention)
+        steps = near_frames(steps_of(table, kinematics.dh_convention))
         slides = table.prismatic or [False] * len(table.joints)
     else:
         chain = kinematics.chain or []

@@ -3,9 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from calibtool.robot.se3 import Array
+
 if TYPE_CHECKING:
     from calibtool.robot.model import Robot
 
+_MOST = 0.75  # of its length: a chain that is not shorter keeps its frames
 _STROKE = 1e3  # m: no limit of a slide; the controller's limits are the nominal robot's
 
 
@@ -58,6 +63,39 @@ def chain_urdf(
         turning = "continuous" if known is None else "revolute"
         joint(f"joint_{j}", "prismatic" if slides else turning, f"link_{j}", last, more)
     return f'<robot name="{name}">\n<link name="base"/>\n{"".join(parts)}</robot>\n'
+
+
+def near_frames(steps: Sequence[Sequence[Step]]) -> list[list[Step]]:
+    """The same chain with the frame of each z axis at the point nearest to the frame before it.
+
+    The common normal of axes that are nearly parallel is far away, and lengths to it are no lengths
+    of links. A chain that is hardly shorter afterwards stays as it is.
+    """
+    moved, before, lengths, shift = [], 0.0, 0.0, 0.0
+    for k, product in enumerate(steps):
+        placement = _product([Step((0.0, 0.0, shift)), *product])
+        along = float(placement[:3, 2] @ placement[:3, 3]) if k < len(steps) - 1 else 0.0
+        moved.append([Step((0.0, 0.0, shift)), *product, Step((0.0, 0.0, -along))])
+        before += float(np.linalg.norm(_product(product)[:3, 3]))
+        lengths += float(np.linalg.norm(placement[:3, 3] - placement[:3, 2] * along))
+        shift = along
+    return moved if lengths < _MOST * before else [list(product) for product in steps]
+
+
+def _product(steps: Sequence[Step]) -> Array:
+    """A product of placements (4, 4)."""
+    result = np.eye(4)
+    for (x, y, z), (roll, pitch, yaw) in steps:
+        step = np.eye(4)
+        (sr, cr), (sp, cp), (sy, cy) = ((np.sin(v), np.cos(v)) for v in (roll, pitch, yaw))
+        step[:3, :3] = [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+        step[:3, 3] = x, y, z
+        result = result @ step
+    return result
 
 
 def chain_of(steps: Sequence[Sequence[Step]], prismatic: Sequence[bool], name: str) -> "Robot":
