@@ -8,21 +8,20 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
+from arms import ROBOTS
 from hypothesis import settings
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.catalogue import load_robot, robot_names
+from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 
 # The same cases every time; HYPOTHESIS_PROFILE=thorough draws twenty times as many, new ones every time.
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.register_profile("thorough", max_examples=2000, deadline=None, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
-
-ROBOTS = robot_names()
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

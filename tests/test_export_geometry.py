@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import ROBOTS
 from exported import anywhere, calibrated
 from test_export_urdf import distances, geometric, tool_poses
 
@@ -17,7 +18,7 @@ from calibtool.export.as_dh import calibration_as_dh
 from calibtool.export.as_offsets import calibration_as_offsets
 from calibtool.export.as_ur_yaml import calibration_as_ur_yaml
 from calibtool.export.as_urdf import calibration_as_urdf
-from calibtool.robot.catalogue import load_robot, robot_names
+from calibtool.robot.catalogue import load_robot
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array
 from calibtool.robot.z_axes import placements_between_z
@@ -37,7 +38,7 @@ def read(text: str, folder: Path, name: str) -> Robot:
 
 
 @pytest.mark.parametrize("twists", ["none", "axes"])
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", ROBOTS)
 def test_a_table_of_dh_parameters_reads_back_as_the_calibrated_robot(
     name: str, twists: str, tmp_path: Path
 ) -> None:

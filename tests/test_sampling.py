@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from arms import ROBOTS
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.catalogue import load_robot, robot_names
+from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.description import Workspace
 from calibtool.robot.model import Robot
@@ -73,7 +74,7 @@ def test_tool_positions_are_inside_the_box_and_fill_it(robot: Robot) -> None:
     assert (spread[reachable] > half[reachable]).all()  # more than a half of every edge
 
 
-@pytest.mark.parametrize("name", [name for name in robot_names() if load_robot(name).n >= 6])
+@pytest.mark.parametrize("name", [name for name in ROBOTS if load_robot(name).n >= 6])
 def test_tools_are_inside_the_cone_and_turned_within_the_roll(name: str) -> None:
     # With n < 6 the nearest reachable orientation is taken, which the cone does not bound.
     robot = load_robot(name)
