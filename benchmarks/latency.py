@@ -1,9 +1,10 @@
-"""How long a program that moves waits for one corrected row: the exported C as a shared library, and `calibtool serve`.
+"""How long a moving program waits for a corrected row: from the exported C, and from `serve`.
 
 Run: python benchmarks/latency.py [--rows 5000] [--robot fanuc-m1000ia] [--rate 500].
-A complete model with a network and harmonics, joint rows along smooth paths of the default workspace, one every
-1/rate s; what passes from before a row is sent until its answer is there. Other work on the machine counts: the load
-average is printed. `chrt -f 50 python benchmarks/latency.py` (root) keeps other work out.
+A complete model with a network and harmonics, joint rows along smooth paths of the default
+workspace, one every 1/rate s; what passes from before a row is sent until its answer is there.
+Other work on the machine counts: the load average is printed.
+`chrt -f 50 python benchmarks/latency.py` (root) keeps other work out.
 """
 
 import argparse

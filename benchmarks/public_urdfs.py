@@ -1,10 +1,11 @@
 """Robots as they come: every URDF of a folder, read without a robot.toml.
 
 Run: python benchmarks/public_urdfs.py FOLDER [--no-arm REGEX] [--list].
-Every .urdf file below FOLDER (URDFs with the same text count once) is read as `calibtool robots FILE` would: it is
-loaded, the tool is asked for (`--tool`), or it is refused. Files whose path matches --no-arm (hands, vehicles,
-humanoids: name them yourself) are counted apart. Each that is loaded is compared at 50 random configurations with
-Pinocchio's reading of the original file, or, where Pinocchio refuses the file, of its links and joints alone.
+Every .urdf file below FOLDER (URDFs with the same text count once) is read as `calibtool robots
+FILE` would: it is loaded, the tool is asked for (`--tool`), or it is refused. Files whose path
+matches --no-arm (hands, vehicles, humanoids: name them yourself) are counted apart. Each that is
+loaded is compared at 50 random configurations with Pinocchio's reading of the original file, or,
+where Pinocchio refuses the file, of its links and joints alone.
 `--list` prints a line per file.
 """
 
@@ -21,7 +22,7 @@ import pinocchio as pin
 
 from calibtool.errors import CalibtoolError, UsageError
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.urdf import joint_name, parse_urdf
 
 ROWS = 50

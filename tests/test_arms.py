@@ -1,4 +1,4 @@
-"""Arms that are carried as numbers: each against the reach or the table that its maker publishes."""
+"""Built-in arms of numbers: each against the reach or the table that its maker publishes."""
 
 import numpy as np
 import pytest
@@ -6,10 +6,11 @@ from test_catalogue import denavit_hartenberg
 
 from calibtool.evaluation.robot_check import check_robot
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
-# Published reach in mm, and what it is the distance of from axis 1: the origin of a joint (from 1), or 0 for the flange.
+# Published reach in mm, and the point whose distance from axis 1 it is: the origin of a joint
+# (from 1), or 0 for the flange.
 REACH = {
     "abb-irb120": (580, 5),
     "abb-irb1200": (901, 5),
@@ -50,7 +51,7 @@ def distance(robot: Robot, q: Array, of: int) -> Array:
 
 
 def farthest(robot: Robot, of: int) -> float:
-    """The largest distance within the joint limits: random search, nearer and nearer to the best."""
+    """The largest distance within the joint limits: random search, ever nearer to the best."""
     rng = np.random.default_rng(0)
     best = robot.lower + (robot.upper - robot.lower) * rng.random((3000, robot.n))
     for size in 0.5 * 0.8 ** np.arange(45):

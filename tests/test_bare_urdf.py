@@ -1,4 +1,4 @@
-"""Robots as they come: files told by content, the tool told by names, branches locked, odd numbers said."""
+"""Robots as they come: kinds of files, the tool, locked branches, implausible numbers."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,8 +11,8 @@ from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.robot_check import check_robot
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.markup import decoded_xml, parse_xml
-from calibtool.robot.model import Robot
 from calibtool.robot.plausibility import implausible
+from calibtool.robot.robot import Robot
 
 Q = np.random.default_rng(3).uniform(-1.5, 1.5, (20, 6))
 
@@ -216,9 +216,9 @@ def test_a_mimic_on_the_way_is_refused_however_the_xml_is_written(
         ("ARM.URDF", arm().encode()),
         ("robot_description.xml", arm().encode()),
         ("robot_description", arm().encode()),
-        ("latin.urdf", f'<?xml version="1.0" encoding="ISO-8859-1"?><!-- ü -->{arm()}'.encode("latin-1")),
+        ("latin.urdf", f"<?xml version='1.0' encoding='ISO-8859-1'?><!--ü-->{arm()}".encode("l1")),
         ("sixteen.urdf", f'<?xml version="1.0" encoding="UTF-16"?>{arm()}'.encode("utf-16")),
-        ("cp.urdf", f"<?xml version='1.0' encoding='windows-1252'?><!-- – -->{arm()}".encode("cp1252")),
+        ("cp.urdf", f"<?xml version='1.0' encoding='cp1252'?><!-- – -->{arm()}".encode("cp1252")),
         ("marked.urdf", arm().encode("utf-8-sig")),
         ("model.urdf", f'<?xml version="1.0"?><?xml-model href="urdf.xsd"?>{arm()}'.encode()),
         ("type.urdf", f"<!-- no <!DOCTYPE robot> here -->{arm()}".encode()),
@@ -246,7 +246,7 @@ def test_a_urdf_is_told_by_its_contents_and_read_by_its_encoding(
         ("r.txt", "an arm of six joints", "a text file of another kind"),
         ("r.bin", b"abc\0\0\1\2", "a binary file"),
         ("calibration.conf", "[mounting]\ndelta_a = [0, 0, 0, 0, 0, 0]\n", "calibration.conf"),
-        ("b.urdf", b"<?xml version='1.0' encoding='klingon'?><robot/>", "unknown encoding 'klingon'"),
+        ("b.urdf", b"<?xml version='1.0' encoding='odd'?><robot/>", "unknown encoding 'odd'"),
         ("c.urdf", b"<robot name='\xff'/>", "not a UTF-8 text file"),
     ],
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Geometries for others: tables, YAML and offsets read back as the robot that they were made from, and say what is lost."""
+"""Geometries for others: they read back as the robot that they were made from."""
 
 import re
 from dataclasses import replace
@@ -19,7 +19,7 @@ from calibtool.export.as_offsets import calibration_as_offsets
 from calibtool.export.as_ur_yaml import calibration_as_ur_yaml
 from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.robot.z_axes import placements_between_z
 
@@ -96,7 +96,7 @@ def test_frames_on_the_axes_are_the_same_chain() -> None:
 def test_the_yaml_of_a_ur_arm_has_the_poses_of_a_factory_calibrated_one(
     name: str, tmp_path: Path
 ) -> None:
-    """Errors in its six frames and joint offsets, no tool error: what a UR's factory calibration is."""
+    """Errors in its six frames and joint offsets, none of the tool."""
     calibration = geometric(name, "none")
     placements = calibration.base.errors["placements"].copy()
     placements[-1] = 0.0

@@ -8,7 +8,7 @@ import pytest
 from exported import anywhere, calibrated
 
 from calibtool.calibration import Calibration
-from calibtool.compensation.live import NOT_FINITE, STATUSES, Live
+from calibtool.compensation.row_by_row import NOT_FINITE, STATUSES, Live
 from calibtool.compensation.solve import compensate_joints
 from calibtool.compensation.stream import StreamOptions, compensate_text
 from calibtool.robot.se3 import Array

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 # a, alpha, d, theta of an arm with an offset wrist: m and deg

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs
-from calibtool.cli.load import load_calibration
+from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
     CalibrationFile,
     Force,
@@ -51,8 +51,8 @@ def export(
         typer.Option(
             "--format",
             metavar="json|c|st|onnx|urdf|ros2-urdf|dh|mdh|ur-yaml|offsets",
-            help="json (complete), c (C99 and header), st (IEC 61131-3), onnx (network); geometry alone: urdf, "
-            "ros2-urdf, dh, mdh, ur-yaml, offsets (default: the suffix of -o tells).",
+            help="json (complete), c (C99 and header), st (IEC 61131-3), onnx (network); geometry "
+            "alone: urdf, ros2-urdf, dh, mdh, ur-yaml, offsets (default: the suffix of -o tells).",
         ),
     ] = None,
     precision: Annotated[
@@ -76,13 +76,13 @@ def export(
     output: Output = "-",
     force: Force = False,
 ) -> None:
-    """Write the compensator as JSON, C, Structured Text or ONNX, or the geometry that another format can hold.
+    """Write the compensator as JSON, C, Structured Text or ONNX, or as a geometry for others.
 
-    For C, -o NAME.c also writes NAME.h; NAME, or --prefix, starts every symbol, and names the function block of NAME.st.
-    A calibration with payload or temperature is written for those of the options.
-    A geometry is fitted again to the calibrated robot: URDF, tables of DH parameters (dh, mdh: modified), the
-    calibration.yaml of a UR arm, joint offsets. What a format does not hold is listed on stderr and in the file.
-    docs/export.md describes each format.
+    For C, -o NAME.c also writes NAME.h; NAME, or --prefix, starts every symbol, and names the
+    function block of NAME.st. A calibration with payload or temperature is written for those of the
+    options. A geometry is fitted again to the calibrated robot: URDF, tables of DH parameters (dh,
+    mdh: modified), the calibration.yaml of a UR arm, joint offsets. What a format does not hold is
+    listed on stderr and in the file. docs/export.md describes each format.
 
     Example: calibtool export calibration.h5 --format c -o compensator.c
     """

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
 import typer
 
 from calibtool.cli.files import STREAM, message, shown
-from calibtool.cli.load import load_calibration, say_doubts
+from calibtool.cli.input_files import load_calibration, say_doubts
 from calibtool.cli.options import (
     CalibrationFile,
     FrameOption,
@@ -25,7 +25,7 @@ from calibtool.cli.options import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from calibtool.compensation.live import Live, RowKind
+    from calibtool.compensation.row_by_row import Live, RowKind
 
 ROWS = ("ndjson", "binary")
 LOOPBACK = "127.0.0.1"
@@ -40,14 +40,16 @@ def serve(
         typer.Option(
             min=0,
             max=65535,
-            help="Serve a socket of this machine (127.0.0.1) instead of stdin and stdout; 0: any free one.",
+            help="Serve a socket of this machine (127.0.0.1) instead of stdin and stdout; "
+            "0: any free one.",
         ),
     ] = None,
     rows: Annotated[
         str,
         typer.Option(
             metavar="ndjson|binary",
-            help="JSON objects, one per line, or rows of doubles (little endian): n in, n and the status out.",
+            help="JSON objects, one per line, or rows of doubles (little endian): n in, n and the "
+            "status out.",
         ),
     ] = "ndjson",
     method: Annotated[
@@ -72,10 +74,11 @@ def serve(
 ) -> None:
     """Correct joint positions one by one, for a program that moves: a row in, a row out, at once.
 
-    From stdin to stdout until stdin ends, or on a socket of this machine until the command is ended (Ctrl-C); every client
-    of the socket is a path of its own. An object has a key per joint (j1_deg, j2_mm …); the answer has the corrected joints,
-    a status, and the other keys. A line that cannot be answered gets {"error": ...}. docs/serving.md has the binary rows,
-    clients and latencies.
+    From stdin to stdout until stdin ends, or on a socket of this machine until the command is ended
+    (Ctrl-C); every client of the socket is a path of its own. An object has a key per joint
+    (j1_deg, j2_mm …); the answer has the corrected joints, a status, and the other keys. A line
+    that cannot be answered gets {"error": ...}. docs/serving.md has the binary rows, clients and
+    latencies.
 
     Example: calibtool serve calibration.h5 --port 5005
     """
@@ -87,9 +90,9 @@ def serve(
         raise UsageError("stdin holds the rows; give the calibration as a file, or use --port")
     from typing import cast
 
-    from calibtool.compensation.live import Live, RowKind
-    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
+    from calibtool.compensation.row_by_row import Live, RowKind
     from calibtool.compensation.solve import Method
+    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
     most, values = largest_change(largest_change_deg), joint_values_of(joint_values)

@@ -7,9 +7,9 @@ import numpy as np
 
 from calibtool.controller.standard_form import standard_rows
 from calibtool.errors import InputError
+from calibtool.robot.constant_placements import chain_of
 from calibtool.robot.denavit_hartenberg import DhRow, DhTable, steps_of
-from calibtool.robot.model import Robot
-from calibtool.robot.steps import chain_of
+from calibtool.robot.robot import Robot
 from calibtool.robot.ur_frames import FRAMES, number, ur_frames
 
 SECTION = "mounting"

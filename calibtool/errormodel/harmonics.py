@@ -1,10 +1,12 @@
-"""Harmonics of the joint motions, of which eccentric gears are the first: Σ_h a_jh sin(h q_j) + b_jh cos(h q_j)."""
+"""Harmonics of the joint motions, of which eccentric gears are the first: Σ_h a_jh sin(h q_j) +
+b_jh cos(h q_j).
+"""
 
 import numpy as np
 
 from calibtool.errormodel.family import JointFunctions, Rows, Sizes
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LOW_ORDERS = 3  # harmonics of a joint that eccentric gears have
@@ -42,7 +44,7 @@ class Harmonics(JointFunctions):
         return np.full(shape, tolerances.of.get(self.id, 0.3e-3))
 
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
-        """A gear's first orders are often large, and say nothing about how fine the rest is."""
+        """A gear's first orders are often large; they have a scale of their own."""
         return np.broadcast_to(np.arange(shape[1]) // 2 >= LOW_ORDERS, shape).astype(int)
 
     def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
@@ -67,7 +69,9 @@ class Harmonics(JointFunctions):
 
 
 def harmonic_functions(q: Array, count: int) -> Array:
-    """sin q, cos q, sin 2q, cos 2q, … up to `count`, by the addition theorems: q (N, n) → (N, n, 2 count)."""
+    """sin q, cos q, sin 2q, cos 2q, … up to `count`, by the addition theorems: q (N, n) →
+    (N, n, 2 count).
+    """
     result = np.empty((*q.shape, 2 * count))
     if not count:
         return result

@@ -1,4 +1,4 @@
-"""A calibration as a table of DH parameters, standard or modified: the geometry that joint origins can hold."""
+"""A calibration as a table of DH parameters, standard or modified."""
 
 from math import degrees
 
@@ -8,7 +8,7 @@ from calibtool.calibration import Calibration
 from calibtool.export.not_held import not_held
 from calibtool.export.urdf_geometry import urdf_geometry
 from calibtool.robot.denavit_hartenberg import DhConvention, DhRow, DhTable
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.robot.z_axes import placements_between_z
 
@@ -16,10 +16,11 @@ _PARALLEL = 1e-7  # rad: the feet of the common normal would be 1e7 lengths away
 
 
 def calibration_as_dh(calibration: Calibration, convention: DhConvention) -> tuple[str, list[str]]:
-    """A CSV that reads back as a robot from K_0 to the tool, and a line for everything that it does not hold.
+    """A CSV that reads back as a robot from K_0 to the tool, and what it does not hold.
 
-    The joint origins are those of `urdf_geometry`; a table with the rows `base` and `tool` holds any
-    of them, but for the tilt of axes that are parallel to 1e-7 rad.
+    The joint origins are those of `urdf_geometry`; a table with the rows `base` and `tool` holds
+    any of them, but for the tilt of axes that are parallel to 1e-7 rad. Each line of the list names
+    a part that is lost, with its size.
     """
     robot, geometry = calibration.robot, urdf_geometry(calibration)
     missing = list(not_held(calibration, geometry))
@@ -58,7 +59,8 @@ def dh_table(placements: Array, prismatic: list[bool], convention: DhConvention)
 def dh_csv(table: DhTable, robot: Robot, missing: list[str]) -> str:
     """The text of a table, with limits in deg or mm, and what it does not hold in its head."""
     head = [
-        f"DH parameters of {robot.name}, calibrated; {table.convention} convention; K_0 to the tool",
+        f"DH parameters of {robot.name}, calibrated; {table.convention} convention; "
+        "K_0 to the tool",
         *(f"not held: {line}" for line in missing),
     ]
     lines = [f"# {line}" for line in head]

@@ -1,4 +1,4 @@
-"""A calibration as the YAML in which the UR driver keeps the kinematics of an arm: six frames, refitted."""
+"""A calibration as the YAML in which the UR driver keeps the kinematics of an arm."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from calibtool.errors import InputError
 from calibtool.export.as_urdf import roll_pitch_yaw
 from calibtool.export.not_held import not_held
 from calibtool.export.urdf_geometry import full_basis, urdf_geometry
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.ur_frames import FRAMES
 from calibtool.robot.z_axes import placements_between_z
 
@@ -29,7 +29,7 @@ def calibration_as_ur_yaml(calibration: Calibration) -> tuple[str, list[str]]:
     *frames, tool = placements_between_z(geometry.mechanism.placements, robot.chain.twists)
     frames[-1] = frames[-1] @ tool  # a turn about the last axis and a shift along it
     lines = [
-        f"# Kinematics of {robot.name}, calibrated by calibtool: from the controller's Base to the flange.",
+        f"# Kinematics of {robot.name}, calibrated: from the controller's Base to the flange.",
         *(f"# not held: {line}" for line in missing),
         "kinematics:",
     ]

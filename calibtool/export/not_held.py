@@ -17,8 +17,9 @@ _NOTHING = 5e-8  # m or rad: less is 0.0000 mm in a line
 def not_held(
     calibration: Calibration, held: RobotErrors, basis: Array | None = None
 ) -> Iterator[str]:
-    """One line per part of a calibration that `held` leaves out, and one for all of it; mm and mrad at the tool.
+    """One line per part of a calibration that `held` leaves out, and one for all of it.
 
+    Sizes are in mm and mrad at the tool.
     basis: the directions in which the format holds placement errors, see `fitted_geometry`.
     """
     robot, q = calibration.robot, calibration.q
@@ -39,7 +40,7 @@ def not_held(
 
 
 def _parts(calibration: Calibration, more: tuple[str, ...]) -> Iterator[tuple[str, Calibration]]:
-    """The calibration with one only of the parts that joint origins, or less, cannot hold altogether."""
+    """The calibration with one only of the parts that a format cannot hold altogether."""
     base, none = calibration.base, RobotErrors.of(calibration.robot)
     for family in base.errors.present:
         if family.id not in ("placements", "offsets", "backlash") or family.id in more:

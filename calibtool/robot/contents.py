@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Literal
 
 from calibtool.errors import InputError
+from calibtool.robot.constant_placements import chain_urdf, near_frames
 from calibtool.robot.denavit_hartenberg import dh_text, is_dh, read_dh, steps_of
 from calibtool.robot.markup import decoded_xml, is_xml, parse_xml
-from calibtool.robot.steps import chain_urdf, near_frames
 from calibtool.robot.ur_frames import FRAMES, ur_frames
 
 Kind = Literal["toml", "urdf", "xacro", "dh", "ur-yaml"]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple, cast
 
 from calibtool.errors import InputError
-from calibtool.robot.steps import Step
+from calibtool.robot.constant_placements import Step
 from calibtool.units import ANGLES, LARGEST, LENGTHS, TO_SI
 
 DhConvention = Literal["standard", "modified"]
@@ -160,7 +160,7 @@ def read_dh(table: DhText) -> DhTable:
 def _limits(
     table: DhText, slides: list[bool], first: int, last: int
 ) -> dict[int, tuple[float, float]] | None:
-    """Limits of the joints by number from 0, rad or m, from columns `lower` and `upper`, deg or mm."""
+    """Limits in rad or m by the number of the joint, from columns `lower` and `upper`."""
     if not {"lower", "upper"} <= set(table.header):
         return None
     joints = table._replace(rows=table.rows[first:last], places=table.places[first:last])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from calibtool.robot.chain import NO_LIMITS
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.tree import SINGLE, Joint, urdf_tree
 
 _MOST_TURN = 20.0  # rad: three turns and more are degrees

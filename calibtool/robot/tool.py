@@ -1,4 +1,4 @@
-"""A URDF without a robot.toml: which of its links is the tool, and where the joints beside the way to it are locked."""
+"""A URDF without a robot.toml: its tool, and where the joints beside the way to it are locked."""
 
 import json
 import re
@@ -9,7 +9,7 @@ from math import isfinite
 from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.tree import SINGLE, Joint, Tree
 
-# What tools are called, the surest first. Names are compared word by word: `link_TCP` is `link tcp`.
+# What tools are called, the surest first. Names are compared by words: `link_TCP` is `link tcp`.
 _TOOLS = tuple(
     re.compile(rf"\b(?:{words})\b")
     for words in (
@@ -141,7 +141,7 @@ def _words(name: str) -> str:
 
 
 def _gripping(tree: Tree) -> set[str]:
-    """Joints of a gripper or a rod: by their names, or as they follow a joint that is not before them."""
+    """Joints of a gripper or a rod: by names, or as they follow a joint not before them."""
     found = set()
     for joint in (each for each in tree.joints if each.moves):
         words = f"{_words(joint.name)} / {_words(joint.child)}"
@@ -180,7 +180,7 @@ def _ends(tree: Tree, links: list[str]) -> list[str]:
 
 
 def _locked(joints: list[Joint]) -> dict[str, float]:
-    """Where joints are locked: at 0, at the limit nearest to it, or where the joint that they follow puts them."""
+    """Where joints are locked: at 0, the limit next to it, or where a leading joint puts them."""
     free = {joint.name: _nearest_to_zero(joint) for joint in joints}
 
     def position(joint: Joint) -> float:

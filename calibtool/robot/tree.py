@@ -41,7 +41,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Tree:
-    """Links and joints in the order of the text; every link has one joint before it, but the root."""
+    """Links and joints in the order of the text; every link but the root has a joint before it."""
 
     links: tuple[str, ...]
     joints: tuple[Joint, ...]

@@ -5,7 +5,7 @@ import math
 import yaml
 
 from calibtool.errors import InputError, near_names
-from calibtool.robot.steps import Step
+from calibtool.robot.constant_placements import Step
 from calibtool.units import LARGEST
 
 FRAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")

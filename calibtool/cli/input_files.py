@@ -1,0 +1,85 @@
+"""Measurements and calibrations from the command line's files."""
+
+import io
+from typing import TYPE_CHECKING
+
+from calibtool.cli.files import message, read_bytes, shown
+from calibtool.cli.options import choice
+
+if TYPE_CHECKING:
+    from calibtool.calibration import Calibration
+    from calibtool.calibration.frame import FrameName
+    from calibtool.measurement.measurements import Measurements
+    from calibtool.robot.robot import Robot
+
+
+def load_described(name: str, tool: str | None) -> "Robot":
+    """The robot of a ROBOT argument and of --tool, with what was assumed or is implausible."""
+    from calibtool.robot.catalogue import load_robot
+
+    robot = load_robot(name, tool)
+    say_doubts(robot)
+    return robot
+
+
+def say_doubts(robot: "Robot") -> None:
+    """What was taken for granted where nobody wrote a robot.toml, and what cannot be meant."""
+    from calibtool.robot.plausibility import implausible
+
+    assumed = robot.source.description.assumed
+    for line in [*([assumed] if assumed else []), *implausible(robot)]:
+        message(f"warning: {robot.name}: {line}")
+
+
+def load_measurements(path: str) -> "tuple[Measurements, bytes]":
+    """Measurements of a file (`-`: stdin), and its bytes for the provenance."""
+    from calibtool.storage import read_measurements
+
+    data = read_bytes(path)
+    measurements = read_measurements(io.BytesIO(data), shown(path))
+    say_doubts(measurements.robot)
+    return measurements, data
+
+
+def load_calibration(path: str, frame: str | None = None) -> "tuple[Calibration, bytes]":
+    """A calibration of a file (`-`: stdin), in the frames of --frame, and its bytes."""
+    from calibtool.storage import read_calibration
+
+    data = read_bytes(path)
+    calibration = read_calibration(io.BytesIO(data), shown(path))
+    return calibration if frame is None else in_frame(calibration, frame, shown(path)), data
+
+
+def in_frame(contents: "Calibration | Measurements", frame: str, name: str) -> "Calibration":
+    """A calibration in the frames of --frame, with a line where there is nothing to choose.
+
+    UsageError for measurements, called `name`, or an unknown frame.
+    """
+    from calibtool.calibration import Calibration
+    from calibtool.errors import UsageError
+
+    chosen = frame_name(frame)
+    if not isinstance(contents, Calibration):
+        raise UsageError(f"--frame: {name} holds measurements; the frame is a calibration's")
+    say_if_frame_is_not_free(contents, name)
+    return contents.in_frame(chosen)
+
+
+def frame_name(frame: str) -> "FrameName":
+    """The value of --frame. UsageError for an unknown one."""
+    from typing import cast
+
+    from calibtool.calibration.frame import FRAMES, FrameName
+
+    return cast(FrameName, choice(frame, FRAMES, "--frame"))
+
+
+def say_if_frame_is_not_free(calibration: "Calibration", name: str) -> None:
+    """A line where --frame has nothing to choose."""
+    if calibration.frame_is_free:
+        return
+    known = calibration.base.setup.known
+    why = "the base model is the nominal robot"
+    if known:
+        why = "instrument frame and targets are known"
+    message(f"{name}: --frame has nothing to choose: {why}")
