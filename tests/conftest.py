@@ -8,13 +8,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
+from arms import LOOPS, ROBOTS
 from hypothesis import settings
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.catalogue import load_robot, robot_names
+from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 
 # The same cases every time; HYPOTHESIS_PROFILE=thorough draws twenty times as many, new
@@ -22,9 +23,6 @@ from calibtool.robot.robot import Robot
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.register_profile("thorough", max_examples=2000, deadline=None, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
-
-LOOPS = [name for name in robot_names() if load_robot(name).chain.tree is not None]
-ROBOTS = [name for name in robot_names() if name not in LOOPS]
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -337,23 +337,24 @@ def test_a_joint_that_mimics_another_follows_it_on_the_way_and_may_be_locked_bes
     )
 
 
-def test_a_floating_joint_cannot_be_locked(tmp_path: Path) -> None:
-    finger = GRIPPER.replace("prismatic", "floating")
-    locked = TOML.replace(
-        'tool_frame = "tool0"', 'tool_frame = "tool0"\nlocked_joints = { grip = 0.01 }'
-    )
+def test_a_floating_joint_is_locked_at_0_only(tmp_path: Path) -> None:
+    urdf = URDF.replace("</robot>", GRIPPER.replace("prismatic", "floating") + "</robot>")
+
+    def locked(value: float) -> Robot:
+        lines = f'tool_frame = "tool0"\nlocked_joints = {{ grip = {value} }}'
+        return load_robot(str(crane(tmp_path, TOML.replace('tool_frame = "tool0"', lines), urdf)))
+
+    assert locked(0.0).n == 2
     with pytest.raises(
-        InputError, match=r"'grip' has 6 degrees of freedom; .*make it fixed in the URDF"
+        InputError, match=r"'grip' has 6 degrees of freedom; .*at 0 only, or made fixed in the URDF"
     ):
-        load_robot(str(crane(tmp_path, locked, URDF.replace("</robot>", finger + "</robot>"))))
+        locked(0.01)
 
 
-def test_a_bare_urdf_that_branches_asks_for_a_tool(tmp_path: Path) -> None:
-    with pytest.raises(
-        InputError, match=r"crane: the URDF branches, its last joints are .*tool_frame"
-    ) as caught:
-        source_from_urdf(URDF.replace("</robot>", GRIPPER + "</robot>"), "crane")
-    assert {"lift", "grip"} <= {word.strip(",;") for word in str(caught.value).split()}
+def test_a_bare_urdf_that_branches_has_its_gripper_locked() -> None:
+    source = source_from_urdf(URDF.replace("</robot>", GRIPPER + "</robot>"), "crane")
+    assert source.description.kinematics.locked_joints == {"grip": 0.0}
+    assert Robot.from_source(source).n == 2
 
 
 def test_a_joint_and_a_link_may_share_a_name(tmp_path: Path) -> None:

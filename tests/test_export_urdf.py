@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import ROBOTS
 from exported import anywhere, calibrated
 from scipy.optimize import least_squares
 
@@ -16,12 +17,9 @@ from calibtool.calibration import Calibration
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
-
-ROBOTS = [name for name in robot_names() if load_robot(name).chain.tree is None]
 
 
 def geometric(name: str, twists: str) -> Calibration:

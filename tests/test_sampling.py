@@ -4,11 +4,12 @@ for the same seed.
 
 import numpy as np
 import pytest
+from arms import ROBOTS
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.catalogue import load_robot, robot_names
+from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.description import Workspace
 from calibtool.robot.robot import Robot
@@ -79,11 +80,7 @@ def test_tool_positions_are_inside_the_box_and_fill_it(robot: Robot) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [
-        name
-        for name in robot_names()
-        if load_robot(name).n >= 6 and load_robot(name).workspace(None)[1]
-    ],
+    [name for name in ROBOTS if load_robot(name).n >= 6 and load_robot(name).workspace(None)[1]],
 )
 def test_tools_are_inside_the_cone_and_turned_within_the_roll(name: str) -> None:
     # With n < 6 the nearest reachable orientation is taken, which the cone does not bound.

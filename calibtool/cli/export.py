@@ -21,12 +21,25 @@ from calibtool.cli.options import (
 )
 from calibtool.errors import UsageError
 
+GEOMETRIES = ("urdf", "ros2-urdf", "dh", "mdh", "ur-yaml", "offsets")
+
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
     from calibtool.export.rendering import Precision
     from calibtool.robot.coupling import JointValues
+    from calibtool.robot.denavit_hartenberg import DhConvention
 
-FORMATS = ("json", "c", "st", "onnx", "urdf")
+FORMATS = ("json", "c", "st", "onnx", *GEOMETRIES)
+# What the name of the output says; .csv may be several.
+SUFFIXES = {
+    ".json": "json",
+    ".c": "c",
+    ".st": "st",
+    ".onnx": "onnx",
+    ".urdf": "urdf",
+    ".yaml": "ur-yaml",
+    ".yml": "ur-yaml",
+}
 # What each format calls its precisions, double first.
 PRECISIONS = {"c": ("double", "float"), "st": ("LREAL", "REAL"), "onnx": ("double", "float")}
 
@@ -34,20 +47,26 @@ PRECISIONS = {"c": ("double", "float"), "st": ("LREAL", "REAL"), "onnx": ("doubl
 def export(
     calibration: CalibrationFile,
     format: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--format",
-            metavar="json|c|st|onnx|urdf",
-            help="json (complete), c (C99 and header), st (IEC 61131-3), onnx (network), "
-            "urdf (geometry).",
+            metavar="json|c|st|onnx|urdf|ros2-urdf|dh|mdh|ur-yaml|offsets",
+            help="json (complete), c (C99 and header), st (IEC 61131-3), onnx (network); geometry "
+            "alone: urdf, ros2-urdf, dh, mdh, ur-yaml, offsets (default: the suffix of -o tells).",
         ),
-    ],
+    ] = None,
     precision: Annotated[
         str | None,
         typer.Option(
             "--precision",
             metavar="double|float",
             help="c, onnx: double or float; st: LREAL or REAL.",
+        ),
+    ] = None,
+    prefix: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="c, st: what symbols begin with (default: the output's name)."
         ),
     ] = None,
     payload_kg: PayloadKg = None,
@@ -57,25 +76,35 @@ def export(
     output: Output = "-",
     force: Force = False,
 ) -> None:
-    """Write the compensator as JSON, C, Structured Text, ONNX or URDF.
+    """Write the compensator as JSON, C, Structured Text or ONNX, or as a geometry for others.
 
-    For C, -o NAME.c also writes NAME.h; NAME starts every symbol, and names the function block of
-    NAME.st. A calibration with payload or temperature is written for those of the options.
-    What a URDF cannot hold is listed on stderr. docs/export.md describes each format.
+    For C, -o NAME.c also writes NAME.h; NAME, or --prefix, starts every symbol, and names the
+    function block of NAME.st. A calibration with payload or temperature is written for those of the
+    options. A geometry is fitted again to the calibrated robot: URDF, tables of DH parameters (dh,
+    mdh: modified), the calibration.yaml of a UR arm, joint offsets. What a format does not hold is
+    listed on stderr and in the file. docs/export.md describes each format.
 
     Example: calibtool export calibration.h5 --format c -o compensator.c
     """
-    choice(format, FORMATS, "--format")
+    format = _format(format, output)
     chosen, values = _precision(format, precision), joint_values_of(joint_values)
-    if format == "urdf":
+    if prefix is not None and format not in ("c", "st"):
+        raise UsageError(f"--prefix names symbols of c and st; leave it out for {format}")
+    if format in GEOMETRIES and format != "offsets":
         if values == "controller":
+            what = "a URDF's" if "urdf" in format else f"the {format}'s"
             raise UsageError(
-                "--joint-values: a URDF's joints are the serial chain's; leave the option out"
+                f"--joint-values: {what} joints are the serial chain's; leave the option out"
             )
         values = "serial"
     check_output(output, force, binary=format == "onnx")
-    stem = "calibtool" if output == STREAM else Path(output).stem
+    stem = prefix or ("calibtool" if output == STREAM else Path(output).stem)
     loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
+    if format not in GEOMETRIES:
+        from calibtool.export.rendering import left_out
+
+        if dropped := left_out(loaded):
+            message(f"warning: left out: {dropped}")
     if format == "c":
         _export_c(loaded, stem, chosen, values, output, force)
         return
@@ -94,16 +123,52 @@ def export(
 
         contents = calibration_as_onnx(loaded, chosen, values)
     else:
-        from calibtool.export.as_urdf import calibration_as_urdf
-        from calibtool.robot.coupling import coupling_text
-
-        contents, missing = calibration_as_urdf(loaded)
-        if loaded.robot.coupled:
-            differing = coupling_text(loaded.robot.coupling)
-            message(f"the joints of the URDF are the serial chain's: {differing}")
-        for line in missing:
-            message(f"not in the URDF: {line}")
+        contents = _geometry(loaded, format, values)
     write_output(output, contents, force)
+
+
+def _format(given: str | None, output: str) -> str:
+    """--format, or what the suffix of the output says."""
+    if given is not None:
+        return choice(given, FORMATS, "--format")
+    found = SUFFIXES.get(Path(output).suffix.lower())
+    if found is None:
+        raise UsageError(
+            f"the name of the output, '{output}', does not tell the format; give --format "
+            f"{', '.join(FORMATS)}"
+        )
+    return found
+
+
+def _geometry(calibration: "Calibration", format: str, values: "JointValues") -> str:
+    """The text of a geometry, with a line on stderr for everything that it does not hold."""
+    from calibtool.robot.coupling import coupling_text
+
+    robot = calibration.robot
+    what = "URDF" if "urdf" in format else format
+    if format in ("urdf", "ros2-urdf"):
+        from calibtool.export.as_urdf import calibration_as_urdf
+
+        contents, missing = calibration_as_urdf(calibration, comments=format == "urdf")
+    elif format in ("dh", "mdh"):
+        from calibtool.export.as_dh import calibration_as_dh
+
+        convention: DhConvention = "standard" if format == "dh" else "modified"
+        contents, missing = calibration_as_dh(calibration, convention)
+    elif format == "ur-yaml":
+        from calibtool.export.as_ur_yaml import calibration_as_ur_yaml
+
+        contents, missing = calibration_as_ur_yaml(calibration)
+    else:
+        from calibtool.export.as_offsets import calibration_as_offsets
+
+        contents, missing = calibration_as_offsets(calibration, values)
+    if robot.coupled and format != "offsets":
+        differing = coupling_text(robot.coupling)
+        message(f"the joints of the {what} are the serial chain's: {differing}")
+    for line in missing:
+        message(f"not in the {what}: {line}")
+    return contents
 
 
 def _export_c(

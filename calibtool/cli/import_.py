@@ -15,7 +15,16 @@ from calibtool.cli.files import (
     write_outputs,
     write_stdout,
 )
-from calibtool.cli.options import Force, JointValuesOption, Output, Seed, choice, joint_values_of
+from calibtool.cli.input_files import load_described
+from calibtool.cli.options import (
+    Force,
+    JointValuesOption,
+    Output,
+    Seed,
+    ToolOption,
+    choice,
+    joint_values_of,
+)
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import UsageError
@@ -107,6 +116,7 @@ def import_(
             "rotation-vector.",
         ),
     ] = None,
+    tool: ToolOption = None,
     joint_values: JointValuesOption = None,
     rows: Annotated[
         str | None,
@@ -162,7 +172,6 @@ def import_(
     from calibtool.measurement.importing.joint_files import JOINS
     from calibtool.measurement.importing.sources import FORMATS
     from calibtool.measurement.importing.spatial_analyzer import LAYOUTS
-    from calibtool.robot.catalogue import load_robot
     from calibtool.storage import to_bytes
 
     def chosen(value: str | None, allowed: tuple[str, ...], option: str) -> Any:
@@ -188,7 +197,7 @@ def import_(
         imported = read_table(
             inputs["table"],
             shown(table),
-            load_robot(robot),
+            load_described(robot, tool),
             column_map,
             frame=chosen(frame, ("base", "unknown"), "--frame"),
             robot_targets=robot_targets,

@@ -60,4 +60,7 @@ def _summary(contents: "Measurements | Calibration", json: bool) -> dict[str, ob
         summary = measurements_summary(contents)
         found = check_measurements(contents)
         summary["findings"] = [f.as_json() if json else {f.severity: f.message} for f in found]
+    assumed = contents.robot.source.description.assumed
+    if assumed is not None:
+        summary["assumed"] = assumed
     return {**summary, "provenance": contents.provenance}

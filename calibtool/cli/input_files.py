@@ -10,6 +10,25 @@ if TYPE_CHECKING:
     from calibtool.calibration import Calibration
     from calibtool.calibration.frame import FrameName
     from calibtool.measurement.measurements import Measurements
+    from calibtool.robot.robot import Robot
+
+
+def load_described(name: str, tool: str | None) -> "Robot":
+    """The robot of a ROBOT argument and of --tool, with what was assumed or is implausible."""
+    from calibtool.robot.catalogue import load_robot
+
+    robot = load_robot(name, tool)
+    say_doubts(robot)
+    return robot
+
+
+def say_doubts(robot: "Robot") -> None:
+    """What was taken for granted where nobody wrote a robot.toml, and what cannot be meant."""
+    from calibtool.robot.plausibility import implausible
+
+    assumed = robot.source.description.assumed
+    for line in [*([assumed] if assumed else []), *implausible(robot)]:
+        message(f"warning: {robot.name}: {line}")
 
 
 def load_measurements(path: str) -> "tuple[Measurements, bytes]":
@@ -17,7 +36,9 @@ def load_measurements(path: str) -> "tuple[Measurements, bytes]":
     from calibtool.storage import read_measurements
 
     data = read_bytes(path)
-    return read_measurements(io.BytesIO(data), shown(path)), data
+    measurements = read_measurements(io.BytesIO(data), shown(path))
+    say_doubts(measurements.robot)
+    return measurements, data
 
 
 def load_calibration(path: str, frame: str | None = None) -> "tuple[Calibration, bytes]":

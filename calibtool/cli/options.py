@@ -79,6 +79,15 @@ Before = Annotated[
     ),
 ]
 
+ToolOption = Annotated[
+    str | None,
+    typer.Option(
+        "--tool",
+        metavar="FRAME",
+        help="The tool frame of a bare URDF, where its names do not tell it.",
+    ),
+]
+
 JointValuesOption = Annotated[
     str | None,
     typer.Option(

@@ -6,8 +6,16 @@ import typer
 
 from calibtool.cli.files import check_output, message, shown, write_output
 from calibtool.cli.identify import report_target
-from calibtool.cli.input_files import load_calibration
-from calibtool.cli.options import Force, JointValuesOption, Json, Seed, choice, joint_values_of
+from calibtool.cli.input_files import load_calibration, load_described
+from calibtool.cli.options import (
+    Force,
+    JointValuesOption,
+    Json,
+    Seed,
+    ToolOption,
+    choice,
+    joint_values_of,
+)
 from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import counted, working
 
@@ -133,6 +141,7 @@ def plan(
     cycles: Annotated[
         int | None, typer.Option(min=1, help="Cycles of --iso9283 (default 30).")
     ] = None,
+    tool: ToolOption = None,
     joint_values: JointValuesOption = None,
     json: Json = False,
     force: Force = False,
@@ -158,10 +167,9 @@ def plan(
     from calibtool.planning.iso9283_poses import plan_test
     from calibtool.planning.plan import make_plan
     from calibtool.planning.selection import Criterion
-    from calibtool.robot.catalogue import load_robot
     from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 
-    model, values = load_robot(robot), joint_values_of(joint_values)
+    model, values = load_described(robot, tool), joint_values_of(joint_values)
     name, space = model.workspace(workspace)
     distance = (
         MIN_SINGULARITY_DISTANCE if min_singularity_distance is None else min_singularity_distance

@@ -162,8 +162,8 @@ def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "
     if given is None and dh is None:
         return None
     from calibtool.controller.controller_model import read_controller_model
-    from calibtool.controller.denavit_hartenberg import DH_CONVENTIONS, DhConvention
     from calibtool.errors import UsageError
+    from calibtool.robot.denavit_hartenberg import DH_CONVENTIONS, DhConvention
 
     if dh is not None:
         choice(dh, DH_CONVENTIONS, "--dh")

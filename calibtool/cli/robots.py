@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibtool.cli.files import check_output, message, write_output, write_stdout
-from calibtool.cli.options import Force, Json
+from calibtool.cli.input_files import say_doubts
+from calibtool.cli.options import Force, Json, ToolOption
 from calibtool.cli.printing import lines, print_json
 from calibtool.errors import UsageError
 
@@ -27,6 +28,7 @@ def robots(
         str | None,
         typer.Option(metavar="FILE", help="Draw the arm at its home; FILE ends in .png or .svg."),
     ] = None,
+    tool: ToolOption = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
@@ -39,11 +41,9 @@ def robots(
     Example: calibtool robots fanuc-m1000ia
     """
     if name is None:
-        if check or picture is not None:
-            raise UsageError(
-                f"{'--check' if check else '--picture'} needs a robot: a NAME, or the path "
-                "of a description"
-            )
+        if check or picture is not None or tool is not None:
+            option = "--check" if check else "--picture" if picture is not None else "--tool"
+            raise UsageError(f"{option} needs a robot: a NAME, or the path of a description")
         _list(json)
         return
     if picture is not None:
@@ -53,13 +53,14 @@ def robots(
         image_format(picture)
     from calibtool.robot.catalogue import load_robot
 
-    robot = load_robot(name)
+    robot = load_robot(name, tool)
     if check:
         _check(robot, name, json)
     else:
         from calibtool.summary import robot_summary
 
         _show(robot_summary(robot), json)
+        say_doubts(robot)
     if picture is not None:
         from calibtool.evaluation.plots import draw_arm, image_format
 

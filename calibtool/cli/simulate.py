@@ -6,8 +6,15 @@ from typing import Annotated
 import typer
 
 from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output
-from calibtool.cli.input_files import load_measurements
-from calibtool.cli.options import Force, JointValuesOption, Output, Seed, joint_values_of
+from calibtool.cli.input_files import load_described, load_measurements
+from calibtool.cli.options import (
+    Force,
+    JointValuesOption,
+    Output,
+    Seed,
+    ToolOption,
+    joint_values_of,
+)
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import InputError, UsageError
@@ -97,6 +104,7 @@ def simulate(
             help="The joints of --at are corrected ones: what went into compensate.",
         ),
     ] = None,
+    tool: ToolOption = None,
     joint_values: JointValuesOption = None,
     force: Force = False,
 ) -> None:
@@ -135,14 +143,13 @@ def simulate(
     from calibtool.measurement.importing.commanded_targets import commanded_poses
     from calibtool.measurement.simulate import Simulation
     from calibtool.measurement.simulate import simulate as run
-    from calibtool.robot.catalogue import load_robot
     from calibtool.storage import to_bytes
     from calibtool.tables import parse_table
 
     values = joint_values_of(joint_values)
     if values is not None and at is None:
         raise UsageError("--joint-values is for the joints of --at")
-    model = load_robot(robot)
+    model = load_described(robot, tool)
     kinds = ERROR_KINDS if errors == "all" else tuple(kind.strip() for kind in errors.split(","))
     unknown = [kind for kind in kinds if kind not in ERROR_KINDS]
     if unknown:

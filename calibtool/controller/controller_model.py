@@ -5,20 +5,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibtool.controller.constant_placements import chain_of
-from calibtool.controller.denavit_hartenberg import (
+from calibtool.controller.joint_offsets import is_offsets, offsets_model
+from calibtool.controller.universal_robots import SECTION, changes_model, frames_model
+from calibtool.errors import InputError, UsageError
+from calibtool.robot.constant_placements import chain_of
+from calibtool.robot.denavit_hartenberg import (
     DhConvention,
-    dh_columns,
+    DhText,
+    dh_text,
+    is_dh,
     read_dh,
     steps_of,
 )
-from calibtool.controller.universal_robots import SECTION, changes_model, frames_model
-from calibtool.errors import InputError, UsageError
 from calibtool.robot.description import ToleranceTable
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse, log3
-from calibtool.tables import Table, parse_table
 
 # The calibrations of five real UR arms move the tool by at most 0.33 % of that sum, and 12 mrad.
 PLAUSIBLE_PART = 0.01  # of the sum of link lengths
@@ -49,26 +51,26 @@ def read_controller_model(
     """The model that the text of a file called `name` describes; robot is the nominal one.
 
     A URDF (with the base and tool frames that the robot's description names), the YAML of the UR
-    driver, a UR controller's calibration.conf, or a table of DH parameters with their convention
-    `dh`; its contents tell which. Raises InputError for a file that is none of these, or of another
-    arm: another number or kind of joints, or a tool farther from the nominal one than a factory
-    calibration moves it (1 % of the sum of link lengths, 30 mrad).
+    driver, a UR controller's calibration.conf, joint offsets as `export` writes them, or a table of
+    DH parameters with their convention `dh`; its contents tell which. Raises InputError for a file
+    that is none of these, or of another arm: another number or kind of joints, or a tool farther
+    from the nominal one than a factory calibration moves it (1 % of the sum of link lengths,
+    30 mrad).
     """
     text = text.removeprefix("\ufeff")
     kind = _kind(text, name)
-    if (dh is not None) != (kind == "dh"):
-        if dh is not None:
-            raise UsageError(f"--dh is for a table of DH parameters, but {name} holds none")
-        raise UsageError(
-            f"{name}: DH parameters do not state their convention; give --dh standard (a and alpha "
-            "behind the joint) or --dh modified (Craig: before it)"
-        )
+    if dh is not None and kind != "dh":
+        raise UsageError(f"--dh is for a table of DH parameters, but {name} holds none")
     if kind != "urdf" and len(text) > _LARGEST:
         raise InputError(f"{name}: {len(text)} characters; the calibration of an arm is smaller")
     if kind == "dh":
-        assert dh is not None
-        return _of_dh(parse_table(text, name), name, robot, dh)
-    read = {"urdf": _of_urdf, "frames": frames_model, "changes": changes_model}[kind]
+        return _of_dh(dh_text(text, name), robot, dh)
+    read = {
+        "urdf": _of_urdf,
+        "frames": frames_model,
+        "changes": changes_model,
+        "offsets": offsets_model,
+    }[kind]
     return _plausible(read(text, name, robot), name, robot)
 
 
@@ -76,9 +78,11 @@ def _kind(text: str, name: str) -> str:
     start = text.lstrip()
     if start.startswith("<"):
         return "urdf"
+    if is_offsets(text):
+        return "offsets"
     if _CONF.search(text):
         return "changes"
-    if dh_columns([cell.strip() for cell in re.split(r"[,;\t ]", start.split("\n", 1)[0])]):
+    if is_dh(text):
         return "dh"
     if _YAML.search(text) or name.endswith((".yaml", ".yml")):
         return "frames"
@@ -105,8 +109,16 @@ def _of_urdf(text: str, name: str, robot: Robot) -> Robot:
     )
 
 
-def _of_dh(table: Table, name: str, robot: Robot, convention: DhConvention) -> ControllerModel:
-    rows = read_dh(table)
+def _of_dh(table: DhText, robot: Robot, given: DhConvention | None) -> ControllerModel:
+    rows, name = read_dh(table), table.name
+    convention = given or rows.convention
+    if convention is None or rows.convention not in (convention, None):
+        raise UsageError(
+            f"{name}: the table is {rows.convention}, --dh says {given}"
+            if convention
+            else f"{name}: DH parameters do not say their convention; give --dh standard (a and "
+            "alpha behind the joint) or --dh modified (Craig: before it)"
+        )
     _check_joints(len(rows.joints), name, robot)
 
     def chain(convention: DhConvention) -> Robot:

@@ -12,11 +12,12 @@ from calibtool.identification.design_rank import Observability, observability
 from calibtool.measurement.measurements import Setup, determines_orientation
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import robot_names
+from calibtool.robot.chain import NO_LIMITS
 from calibtool.robot.closed_chain import ClosedChain
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.plausibility import implausible
 from calibtool.robot.robot import Robot, is_path
 from calibtool.robot.se3 import Array, readonly
-from calibtool.robot.urdf import end_links
 
 _REACH_SAMPLES = 5000
 _DESIGN_SAMPLES = 100
@@ -162,7 +163,7 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
         virtual_joints=equivalent.virtual_joints,
         virtual_reason=_virtual_reason(robot),
         designs=designs,
-        warnings=_warnings(robot, given_as, sources, workspaces, designs),
+        warnings=_warnings(robot, given_as, workspaces, designs),
         loops=_loops(robot, len(anywhere) / _REACH_SAMPLES),
     )
 
@@ -222,9 +223,8 @@ def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
 
 def _limit_sources(robot: Robot) -> list[str]:
     written = {name.split("_")[0] for name in robot.source.description.limits}
-    names = {"missing": "assumed"}
     return [
-        "robot.toml" if f"j{j + 1}" in written else names.get(source, source)
+        "robot.toml" if f"j{j + 1}" in written else "assumed" if source in NO_LIMITS else source
         for j, source in enumerate(robot.chain.limited_by)
     ]
 
@@ -245,16 +245,11 @@ def _virtual_reason(robot: Robot) -> str:
 def _warnings(
     robot: Robot,
     given_as: str,
-    sources: list[str],
     workspaces: list[WorkspaceCheck],
     designs: list[tuple[str, Observability]],
 ) -> list[str]:
-    found = []
-    missing = [f"j{j + 1}" for j, source in enumerate(sources) if source == "assumed"]
-    if missing:
-        found.append(
-            f"no limits for {', '.join(missing)}: ±180 deg stand in; give them in [limits]"
-        )
+    assumed = robot.source.description.assumed
+    found = [*([assumed] if assumed else []), *implausible(robot)]
     count = len(robot.targets)
     if not determines_orientation(robot.targets):
         what = "lie on one line" if count >= 3 else f"are {count}" if count > 1 else "are one point"
@@ -284,17 +279,6 @@ def _warnings(
         for each in workspaces
         if each.singularity_distance < MIN_SINGULARITY_DISTANCE
     ]
-    if given_as.endswith(".urdf"):
-        tool = robot.source.description.kinematics.tool_frame
-        ends = end_links(
-            robot.source.urdf_text, robot.chain.bodies.joints[robot.n - 1], robot.source.place
-        )
-        others = [f"'{link}'" for link in ends if link != tool]
-        could = f"; {', '.join(others)} could be it too" if others else ""
-        found.append(
-            f"a bare URDF: '{tool}' is taken for the tool{could}, the targets are assumed; "
-            "write a robot.toml"
-        )
     for where, design in designs:
         if design.unobservable:
             found.append(

@@ -23,19 +23,20 @@ _CONVERGED = 1e-9  # of the tolerances
 _ROUNDING = 1e-8  # of the largest singular value: smaller ones are exact redundancies
 
 
-def urdf_geometry(calibration: Calibration) -> RobotErrors:
+def urdf_geometry(calibration: Calibration, basis: Array | None = None) -> RobotErrors:
     """Placement errors δζ that bring Π M_j exp6(δζ_j) exp6(ξ_j q_j) near the calibrated robot.
 
     Fitted over the configurations of the calibration and over a sample of where they lie, which
     count the same. There are no errors where those found are not better than none on other samples,
-    by two standard errors of the mean weighted pose error.
+    by two standard errors of the mean weighted pose error. basis: see `fitted_geometry`.
     """
     robot, known = calibration.robot, calibration.q
     sample, judged = np.split(_sample(calibration, 2 * _SAMPLE), 2)
     as_many = known[np.linspace(0, len(known) - 1, _SAMPLE).round().astype(int)]
     q = np.concatenate([sample, as_many])
     q, judged = q[calibration.closes(q)], judged[calibration.closes(judged)]
-    fitted, drawing = fitted_geometry(robot, calibration.forward, q), RobotErrors.of(robot)
+    fitted = fitted_geometry(robot, calibration.forward, q, basis)
+    drawing = RobotErrors.of(robot)
     target = calibration.forward(judged)
     before, after = (
         np.linalg.norm(_pose_error(robot, target, geometry.frames(judged)), axis=-1)
@@ -45,29 +46,48 @@ def urdf_geometry(calibration: Calibration) -> RobotErrors:
     return fitted if gain.mean() > 2.0 * gain.std() / np.sqrt(len(gain)) else drawing
 
 
-def fitted_geometry(robot: Robot, forward: Forward, q: Array) -> RobotErrors:
+def full_basis(robot: Robot) -> Array:
+    """Every placement error, each by its tolerance: (6n+6, 6n+6), m and rad."""
+    tolerances = Tolerances.of_robot(robot)
+    return np.diag(np.tile(np.repeat([tolerances.length, tolerances.angle], 3), robot.n + 1))
+
+
+def joint_basis(robot: Robot) -> Array:
+    """Joint offsets δq alone, each by its tolerance: (6n+6, n).
+
+    They are placement errors, too: M exp6(ξ δq) exp6(ξ q) = M exp6(ξ (q + δq)).
+    """
+    tolerances, basis = Tolerances.of_robot(robot), np.zeros((6 * robot.n + 6, robot.n))
+    for j, twist in enumerate(robot.chain.twists):
+        size = tolerances.length if robot.prismatic[j] else tolerances.angle
+        basis[6 * j : 6 * j + 6, j] = twist * size
+    return basis
+
+
+def fitted_geometry(
+    robot: Robot, forward: Forward, q: Array, basis: Array | None = None
+) -> RobotErrors:
     """δζ of the least weighted pose error to the poses `forward(q)`, q (N, n) in rad or m.
 
     Gauss–Newton from the drawing. Placements that the poses do not tell apart share their part by
     minimum norm over the tolerances of the robot's description; the error that no placement takes
-    up counts as noise, so that poses which a URDF can hold are met exactly.
+    up counts as noise, so that poses which a URDF can hold are met exactly. basis: the directions
+    (6n+6, k) in which δζ may go, orthogonal, each as long as its tolerance; all unless given.
     """
     target, geometry = forward(q), RobotErrors.of(robot)
-    tolerances = Tolerances.of_robot(robot)
-    scale = np.tile(
-        np.repeat([tolerances.length, tolerances.angle], 3), len(robot.chain.placements)
-    )
+    basis = full_basis(robot) if basis is None else basis
+    coordinates = basis.T / np.sum(basis**2, axis=0)[:, None]
     for _ in range(_STEPS):
         frames = geometry.frames(q)
         error = _pose_error(robot, target, frames).ravel()
         columns = _weighted(robot, placement_columns(frames), frames)
         lost = np.isnan(frames.tool[:, 0, 0])  # closed loops that do not close
         columns[lost], error[np.repeat(lost, 6)] = 0.0, 0.0
-        u, s, vt = np.linalg.svd(columns.reshape(len(error), -1) * scale, full_matrices=False)
+        u, s, vt = np.linalg.svd(columns.reshape(len(error), -1) @ basis, full_matrices=False)
         noise = max(float(np.mean(error**2)), (_ROUNDING * s[0]) ** 2)
-        prior = vt @ (geometry["placements"].ravel() / scale)
+        prior = vt @ (coordinates @ geometry["placements"].ravel())
         step = vt.T @ ((s * (error @ u) - noise * prior) / (s**2 + noise))
-        geometry = geometry.moved(placements=(step * scale).reshape(-1, 6))
+        geometry = geometry.moved(placements=(basis @ step).reshape(-1, 6))
         if np.abs(step).max() < _CONVERGED:
             break
     return geometry

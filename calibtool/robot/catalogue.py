@@ -14,13 +14,16 @@ def robot_names() -> list[str]:
     return sorted(path.parent.name for path in shipped("robots").glob("*/robot.toml"))
 
 
-def load_robot(name: str) -> Robot:
-    """A robot by its name in the catalogue, or by the path of a folder, a robot.toml or a URDF.
+def load_robot(name: str, tool: str | None = None) -> Robot:
+    """A robot by its name in the catalogue, or by the path of a folder or of a description.
 
-    Raises UsageError for an unknown name or path, InputError for a description that is wrong.
+    tool: the tool frame of a description that does not name it. Raises UsageError for an unknown
+    name or path, InputError for a description that is wrong.
     """
     names = robot_names()
     if name in names:
+        if tool is not None:
+            raise UsageError(f"--tool: the robot {name} of the catalogue has its tool")
         return _built_in(name)
     if not is_path(name):
         raise UsageError(
@@ -29,7 +32,7 @@ def load_robot(name: str) -> Robot:
         )
     if not Path(name).exists():
         raise UsageError(f"{name}: no such file or folder")
-    return Robot.from_source(read_source(Path(name)))
+    return Robot.from_source(read_source(Path(name), tool))
 
 
 @lru_cache

@@ -11,17 +11,25 @@ from calibtool.errors import InputError
 from calibtool.robot.description import Source
 from calibtool.robot.mechanism import Bodies, Mechanism
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.tree import Joint, urdf_tree
 from calibtool.robot.urdf import (
     base_placement,
     check_single,
     frame_id,
     joint_name,
     locked_joints,
-    mimicking,
+    mimic_joints,
     parse_urdf,
 )
 
-LimitSource = Literal["urdf", "continuous", "missing"]
+LimitSource = Literal["urdf", "continuous", "missing", "swapped", "zero", "unbounded"]
+# What limits that are none are said to be: "slide 'lift' has no limits", "no limits at j2".
+NO_LIMITS = {
+    "missing": "has no limits",
+    "swapped": "has a lower limit above the upper one",
+    "zero": "has a lower limit equal to the upper one",
+    "unbounded": "has limits beyond every joint's range",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +42,7 @@ class SerialChain:
     twists       (n, 6) ξ_j, unit twist of joint j in its own frame
     lower, upper (n,) joint limits in rad or m; ±π for a continuous or unlimited angle, NaN for an
                  unlimited slide
-    limited_by   (n,) source of the limits: the URDF, a continuous joint, or none
+    limited_by   (n,) source of the limits: the URDF, a continuous joint, or what is wrong with them
     """
 
     bodies: Bodies
@@ -101,13 +109,14 @@ def build_chain(source: Source) -> SerialChain:
 
     joints = joints_to(reduced, tool.parentJoint, name)
     base = base_placement(reduced, kinematics.base_frame, name)
-    followed = mimicking(source.urdf_text)
+    followed = mimic_joints(source.urdf_text, name)
+    limited = urdf_tree(source.urdf_text, name).named
     placements, twists, limits = [], [], []
     for position, j in enumerate(joints):
         old, called = reduced.joints[j], joint_name(reduced, j)
         if called in followed:
             raise InputError(
-                f"{name}: joint '{called}' between base and tool mimics '{followed[called]}'; "
+                f"{name}: joint '{called}' between base and tool mimics '{followed[called][0]}'; "
                 "only independent joints are modelled: lock it in [kinematics], or make it "
                 "fixed in the URDF"
             )
@@ -115,7 +124,7 @@ def build_chain(source: Source) -> SerialChain:
         placement = reduced.jointPlacements[j]
         placements.append((base.actInv(placement) if position == 0 else placement).homogeneous)
         twists.append(twist)
-        limits.append(limits_of(reduced, old, prismatic=bool(np.linalg.norm(twist[3:]) < 0.5)))
+        limits.append(limits_of(limited[called], prismatic=bool(np.linalg.norm(twist[3:]) < 0.5)))
     placements.append(tool.placement.homogeneous)
     lower, upper, limited_by = zip(*limits, strict=True)
     bodies = Bodies(
@@ -182,16 +191,15 @@ def unit_twist(joint: pin.JointModel, called: str, name: str) -> Array:
     return twist
 
 
-def limits_of(
-    model: pin.Model, joint: pin.JointModel, prismatic: bool
-) -> tuple[float, float, LimitSource]:
-    """Limits of a joint, rad or m, and where they are from; see `SerialChain`."""
-    if joint.nq == 2:
+def limits_of(joint: Joint, prismatic: bool) -> tuple[float, float, LimitSource]:
+    """Lower and upper limit, rad or m, and where they come from; see `SerialChain`."""
+    if joint.kind == "continuous":
         return -np.pi, np.pi, "continuous"
-    low, high = (
-        float(model.lowerPositionLimit[joint.idx_q]),
-        float(model.upperPositionLimit[joint.idx_q]),
-    )
-    if np.isfinite([low, high]).all() and high > low:
+    low, high = joint.lower, joint.upper
+    if joint.bounded:
         return low, high, "urdf"
-    return (np.nan, np.nan, "missing") if prismatic else (-np.pi, np.pi, "missing")
+    ends = np.array([low, high])
+    source: LimitSource = "missing"
+    if np.isfinite(ends).all() and np.abs(ends).max() > 0:
+        source = "swapped" if low > high else "zero" if low == high else "unbounded"
+    return (np.nan, np.nan, source) if prismatic else (-np.pi, np.pi, source)

@@ -26,6 +26,7 @@ from calibtool.robot.loops import FORBIDDEN, Follower, Loop, Tree
 from calibtool.robot.mechanism import Bodies
 from calibtool.robot.reduction import Sample, check_freedom, mobility, reduced
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.tree import urdf_tree
 from calibtool.robot.urdf import base_placement, frame_id, joint_name, mimic_joints
 
 _SAMPLES = 6
@@ -240,8 +241,9 @@ def _read(source: Source) -> _Read:
     )
     twists = np.array([unit_twist(model.joints[j], names[j], place) for j in order])
     slides = np.linalg.norm(twists[:, 3:], axis=1) < 0.5
+    described = urdf_tree(source.urdf_text, place).named
     limits = [
-        limits_of(model, model.joints[j], prismatic=bool(slide))
+        limits_of(described[names[j]], prismatic=bool(slide))
         for j, slide in zip(order, slides, strict=True)
     ]
     lower, upper = (np.array([limit[k] for limit in limits], dtype=float) for k in (0, 1))

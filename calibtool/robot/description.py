@@ -7,9 +7,14 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from calibtool.errors import InputError, near_names
+from calibtool.errors import InputError, UsageError, near_names
+from calibtool.robot.denavit_hartenberg import DhConvention
+from calibtool.robot.markup import decoded_xml
+from calibtool.robot.tool import chosen, quoted
+from calibtool.robot.tree import urdf_tree
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]  # mm, a kilometre
+Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 VirtualJoint = Literal["x", "y", "z", "rx", "ry", "rz"]
 ExternalName = Annotated[str, Field(pattern=r"^e[1-6]$")]
@@ -32,15 +37,26 @@ class LoopTable(_Strict):
     joint: Literal["weld", "revolute", "prismatic", "cylindrical", "spherical", "planar"]
 
 
+class Placement(_Strict):
+    """A frame in the one before it, and the joint that moves it: about its axis, or along it."""
+
+    xyz_mm: Point = (0.0, 0.0, 0.0)
+    rpy_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)  # about the fixed axes x, y, z
+    axis: tuple[Angle, Angle, Angle] = (0.0, 0.0, 1.0)
+    type: Literal["revolute", "prismatic", "fixed"] = "revolute"
+
+
 class Kinematics(_Strict):
-    """Source of the kinematics: one of `urdf` (a path beside robot.toml) and `example_robot_data`
-    (a path inside it).
-    """
+    """Source of the kinematics: one of `urdf` (a path beside robot.toml), `example_robot_data` (a
+    path inside it), and numbers: `chain`, or `dh`, rows of a table in a convention."""
 
     urdf: str | None = None
     example_robot_data: str | None = None
+    chain: list[Placement] | None = None
+    dh: list[dict[str, float | str]] | None = None
+    dh_convention: DhConvention | None = None
     base_frame: str | None = None  # K_0; the URDF's root link unless named
-    tool_frame: str
+    tool_frame: str  # of numbers: tool0 unless named
     locked_joints: dict[str, float] = {}  # rad or m
     loops: list[LoopTable] = []
     actuated: list[str] | None = (
@@ -49,10 +65,22 @@ class Kinematics(_Strict):
     closed_at: dict[str, float] = {}  # rad or m: a closed configuration, the assembly mode
     length: Annotated[float, Field(gt=0, le=1e4)] | None = None  # m, characteristic, with loops
 
+    @model_validator(mode="before")
+    @classmethod
+    def _tool_of_numbers(cls, data: object) -> object:
+        if isinstance(data, dict) and ("chain" in data or "dh" in data):
+            return {"tool_frame": "tool0", **data}
+        return data
+
     @model_validator(mode="after")
     def _one_source(self) -> "Kinematics":
-        if (self.urdf is None) == (self.example_robot_data is None):
-            raise ValueError("give exactly one of 'urdf' and 'example_robot_data'")
+        sources = ("urdf", "example_robot_data", "chain", "dh")
+        if sum(getattr(self, source) is not None for source in sources) != 1:
+            raise ValueError(
+                "give exactly one of 'urdf' and 'example_robot_data', or numbers, 'chain' or 'dh'"
+            )
+        if (self.dh is None) != (self.dh_convention is None):
+            raise ValueError("'dh' and 'dh_convention' (standard or modified) belong together")
         return self
 
 
@@ -157,6 +185,7 @@ class Description(_Strict):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     title: str
     notes: list[str] = []
+    assumed: str | None = None  # where nobody wrote a robot.toml: what was taken to be so
     kinematics: Kinematics
     limits: dict[str, tuple[float, float]] = {}  # by column name: j1_deg = [-180, 180]
     targets: Targets
@@ -197,38 +226,55 @@ def parse_source(toml_text: str, urdf_text: str, place: str) -> Source:
     return Source(_parse_description(toml_text, place), toml_text, urdf_text, place)
 
 
-def read_source(path: Path) -> Source:
-    """Read `path`: a directory with a robot.toml, a robot.toml, or a bare URDF."""
+def read_source(path: Path, tool: str | None = None) -> Source:
+    """Read `path`: a folder with a robot.toml, a robot.toml, a URDF, or what `contents.told` knows.
+
+    tool: the tool frame of a description that does not name it; UsageError for one that does.
+    """
+    from calibtool.robot.contents import WHAT, as_urdf_text, told
+    from calibtool.robot.numeric_kinematics import numbers_as_urdf
+
     if path.is_dir():
         path = path / "robot.toml"
-    text = _read_text(path)
-    if path.suffix == ".urdf":
-        return source_from_urdf(text, path.stem)
+    kind, text = told(_read_bytes(path), path)
+    if kind != "toml":
+        return source_from_urdf(as_urdf_text(kind, text, path), path.stem, tool, WHAT[kind])
     description = _parse_description(text, str(path))
     kinematics = description.kinematics
+    if tool is not None:
+        raise UsageError(f"--tool: {path} names its tool_frame, '{kinematics.tool_frame}'")
+    if kinematics.chain is not None or kinematics.dh is not None:
+        return Source(description, text, numbers_as_urdf(description, str(path)), str(path))
     if kinematics.urdf is not None:
         urdf_path = inside(path.parent, kinematics.urdf, f"{path}: kinematics.urdf")
     else:
         name = str(kinematics.example_robot_data)
         urdf_path = inside(example_robot_data(), name, f"{path}: kinematics.example_robot_data")
-    return Source(description, text, _read_text(urdf_path), str(path))
+    urdf_text = decoded_xml(_read_bytes(urdf_path), str(urdf_path))
+    return Source(description, text, urdf_text, str(path))
 
 
-def source_from_urdf(urdf_text: str, name: str) -> Source:
-    """A description for a bare URDF: last link as tool, three targets 0.1 m round it."""
-    from calibtool.robot.urdf import last_frame  # Pinocchio is only needed here
+def source_from_urdf(
+    urdf_text: str, name: str, tool: str | None = None, what: str = "a bare URDF"
+) -> Source:
+    """A description for a bare URDF: see `tool.chosen`; three targets on a circle of 0.1 m.
 
-    safe = (
-        "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in name).lstrip(
-            "._-"
-        )
-        or "robot"
-    )
+    what: what it was made from, in the line of what was assumed.
+
+    UsageError where several links could be the tool and `tool` does not say which.
+    """
+    from calibtool.robot.urdf import parse_urdf  # Pinocchio is only needed here
+
+    parse_urdf(urdf_text, name)
+    found = chosen(urdf_tree(urdf_text, name), name, tool)
+    allowed = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in name)
+    safe = allowed.lstrip("._-") or "robot"
+    said = found.toml.replace("\n", ", ")
+    assumed = f"{what}, taken as [kinematics] {said}; the targets are stand-ins"
     toml_text = (
-        f'name = "{safe}"\ntitle = "{safe}, from a bare URDF"\n'
-        'notes = ["Made from a bare URDF: the tool is the last link, the targets are assumed."]\n'
-        "\n"
-        f'[kinematics]\nurdf = "robot.urdf"\ntool_frame = "{last_frame(urdf_text, name)}"\n\n'
+        f'name = "{safe}"\ntitle = "{safe}, from {what}"\n'
+        f"assumed = {quoted(assumed)}\n\n"
+        f'[kinematics]\nurdf = "robot.urdf"\n{found.toml}\n\n'
         "[targets]\npoints_mm = [[100.0, 0.0, 0.0], [-50.0, 86.6, 0.0], [-50.0, -86.6, 0.0]]\n"
     )
     return parse_source(toml_text, urdf_text, name)
@@ -326,10 +372,8 @@ def inside(folder: Path, name: str, place: str) -> Path:
     return path
 
 
-def _read_text(path: Path) -> str:
+def _read_bytes(path: Path) -> bytes:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not a UTF-8 text file") from None

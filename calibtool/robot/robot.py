@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from calibtool.errors import InputError, UsageError, near_names
-from calibtool.robot.chain import SerialChain
+from calibtool.robot.chain import NO_LIMITS, SerialChain
 from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.closed_chain import ClosedChain, chain_of
 from calibtool.robot.coupling import JointValues, coupling_matrix, settled_values
@@ -20,6 +20,7 @@ from calibtool.robot.damped_least_squares import (
 from calibtool.robot.description import Source, Workspace
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.tree import UNBOUNDED
 from calibtool.units import joint_and_factor, joint_values
 
 # Times the usual gain of closed loops: a tool that moves farther is near a singularity of type 2,
@@ -68,11 +69,16 @@ class Robot:
                     f"{place}.{name}: the lower limit {low:g} is not below the upper limit {high:g}"
                 )
             lower[index], upper[index] = low * factor, high * factor
+            if prismatic[index] and max(-lower[index], upper[index]) > UNBOUNDED:
+                raise InputError(
+                    f"{place}.{name}: {low:g} to {high:g} is beyond a kilometre; give the stroke"
+                )
         for unlimited in np.flatnonzero(np.isnan(lower)):
             j = int(unlimited) + 1
             raise InputError(
-                f"{source.place}: slide '{chain.bodies.joints[j - 1]}' has no limits in the URDF; "
-                f"give them in robot.toml: [limits] j{j}_mm = [lower, upper]"
+                f"{source.place}: slide '{chain.bodies.joints[j - 1]}' "
+                f"{NO_LIMITS[chain.limited_by[j - 1]]} in the URDF; give them in robot.toml: "
+                f"[limits] j{j}_mm = [lower, upper]"
             )
         for name, workspace in description.workspaces.items():
             joint_values(workspace.home, prismatic, f"{source.place}: workspaces.{name}.home")
@@ -328,6 +334,6 @@ def is_path(name: str) -> bool:
     return (
         "/" in name
         or "\\" in name
-        or Path(name).suffix in (".toml", ".urdf")
-        or Path(name).is_dir()
+        or Path(name).suffix.lower() in (".toml", ".urdf", ".xacro", ".xml", ".csv", ".yaml")
+        or Path(name).exists()
     )

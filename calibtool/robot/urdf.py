@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.se3 import Array
+from calibtool.robot.tree import urdf_root, urdf_tree
 
 T = TypeVar("T")
 
@@ -30,15 +31,35 @@ def parse_urdf(urdf_text: str, name: str) -> pin.Model:
 
     InputError for what is no arm.
     """
-    if re.search(r"<!(?:DOCTYPE|ENTITY)", urdf_text, re.IGNORECASE):
-        raise InputError(
-            f"{name}: the URDF holds a document type or entities (<!DOCTYPE …>); expected plain XML"
-        )
-    model = read_urdf(urdf_text, name, pin.buildModelFromUrdf)
+    moving = ElementTree.tostring(_moving_parts(urdf_root(urdf_text, name)), "unicode")
+    model = read_urdf(moving, name, pin.buildModelFromUrdf)
     if model.njoints < 2:
         raise InputError(f"{name}: the URDF has no movable joint")
     _tell_joints_from_links(model)
     return model
+
+
+def _moving_parts(root: ElementTree.Element) -> ElementTree.Element:
+    """A URDF without shapes and extensions, with the parts of limits that Pinocchio asks for."""
+    for part in list(root):
+        if part.tag not in ("link", "joint"):
+            root.remove(part)
+    for link in root.iterfind("link"):
+        for part in link.findall("*"):
+            if part.tag != "inertial":
+                link.remove(part)
+    root.set("name", root.get("name") or "robot")
+    for joint in root.iterfind("joint"):
+        limit = joint.find("limit")
+        if limit is None and joint.get("type") in ("revolute", "prismatic"):
+            limit = ElementTree.SubElement(joint, "limit")
+        if limit is not None:
+            limit.set("effort", "0")
+            limit.set("velocity", "0")
+            for key in ("lower", "upper"):
+                if limit.get(key, "").strip().lower().lstrip("+-") in ("inf", "infinity"):
+                    limit.set(key, "0")
+    return root
 
 
 def read_urdf(urdf_text: str, name: str, read: Callable[[str], T]) -> T:
@@ -110,8 +131,14 @@ def locked_joints(model: pin.Model, locked: dict[str, float], name: str) -> tupl
                 f"{name}: locked joint '{joint}' is not in the URDF; {near_names(joint, names[1:])}"
             )
         j = names.index(joint, 1)
-        check_single(model.joints[j], joint, name)
         ids.append(j)
+        if model.joints[j].nv != 1:
+            if value:
+                raise InputError(
+                    f"{name}: locked joint '{joint}' has {model.joints[j].nv} degrees of freedom; "
+                    "it can be locked at 0 only, or made fixed in the URDF"
+                )
+            continue
         if model.joints[j].nq == 1:
             q[model.joints[j].idx_q] = value
         else:  # continuous: (cos, sin)
@@ -144,37 +171,18 @@ def base_placement(model: pin.Model, base_frame: str | None, name: str) -> pin.S
     return frame.placement
 
 
-def mimicking(urdf_text: str) -> dict[str, str]:
-    """Joints that follow another one, with the one they follow.
-
-    Pinocchio reads them as joints of their own.
-    """
-    try:
-        root = ElementTree.fromstring(urdf_text)
-    except ElementTree.ParseError:  # Pinocchio's parser forgives more; it has read this text
-        return {}
-    followed = {joint.get("name", ""): joint.find("mimic") for joint in root.findall("joint")}
-    return {joint: mimic.get("joint", "") for joint, mimic in followed.items() if mimic is not None}
-
-
 def mimic_joints(urdf_text: str, name: str) -> dict[str, tuple[str, float, float]]:
-    """Joints that follow another one, with its name, factor and offset (rad or m): θ = factor ·
-    θ_other + offset.
+    """Joints that follow another one, with its name, factor and offset (rad or m).
+
+    θ = factor · θ_other + offset. Pinocchio reads them as joints of their own.
     """
-    found = {}
-    for joint in mimicking(urdf_text):
-        root = ElementTree.fromstring(urdf_text)
-        mimic = next(j for j in root.findall("joint") if j.get("name", "") == joint).find("mimic")
-        assert mimic is not None
-        try:
-            factor, offset = float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
-        except ValueError:
-            factor = offset = np.nan
+    joints = urdf_tree(urdf_text, name).joints
+    found = {joint.name: joint.follows for joint in joints if joint.follows is not None}
+    for joint, (_, factor, offset) in found.items():
         if not np.isfinite([factor, offset]).all():
             raise InputError(
                 f"{name}: joint '{joint}': multiplier and offset of <mimic> must be numbers"
             )
-        found[joint] = (mimic.get("joint", ""), factor, offset)
     return found
 
 
@@ -185,31 +193,3 @@ def check_single(joint: pin.JointModel, called: str, name: str) -> None:
             f"{name}: joint '{called}' has {joint.nv} degrees of freedom; only single ones are "
             "modelled: make it fixed in the URDF, or several single joints"
         )
-
-
-def last_frame(urdf_text: str, name: str) -> str:
-    """The link farthest from the root, the natural tool of a bare URDF. InputError where joints
-    branch: which one?
-    """
-    model = parse_urdf(urdf_text, name)
-    parents = list(model.parents)[1:]
-    tips = [joint_name(model, j) for j in range(1, model.njoints) if j not in parents]
-    if len(tips) > 1:
-        raise InputError(
-            f"{name}: the URDF branches, its last joints are {', '.join(tips)}; write a robot.toml "
-            "that names tool_frame and locks the joints beside it in locked_joints"
-        )
-    bodies = [f for f in model.frames if f.type == pin.FrameType.BODY]
-    return str(max(enumerate(bodies), key=lambda item: (item[1].parentJoint, item[0]))[1].name)
-
-
-def end_links(urdf_text: str, joint: str, name: str) -> list[str]:
-    """Links that move with a joint and carry no other link: what could be the tool."""
-    model = parse_urdf(urdf_text, name)
-    last = next(j for j in range(1, model.njoints) if joint_name(model, j) == joint)
-    carrying = {frame.parentFrame for frame in model.frames}
-    return [
-        str(frame.name)
-        for index, frame in enumerate(model.frames)
-        if frame.type == pin.FrameType.BODY and frame.parentJoint == last and index not in carrying
-    ]

@@ -186,3 +186,48 @@ def test_the_same_calibration_gives_the_same_text(files: Files) -> None:
         run("export", files.network, "--format", "c", "-o", f"{folder}/comp.c")
     for name in ("comp.c", "comp.h"):
         assert Path("a", name).read_bytes() == Path("b", name).read_bytes()
+
+
+def test_the_suffix_tells_the_format(files: Files) -> None:
+    for name, start in (("a.json", "{"), ("b.c", "/*"), ("c.st", "(*"), ("d.urdf", "<?xml")):
+        run("export", files.local_poe, "-o", name)
+        assert Path(name).read_text().startswith(start)
+    assert "does not tell the format; give --format json, c" in refused(
+        2, "export", files.local_poe, "-o", "table.csv"
+    )
+    assert "does not tell the format" in refused(2, "export", files.local_poe)
+
+
+def test_a_prefix_names_the_symbols(files: Files) -> None:
+    run("export", files.local_poe, "-o", "2nd-cell.c", "--prefix", "cell_2")
+    assert "int cell_2_correct(" in Path("2nd-cell.h").read_text()
+    run("export", files.local_poe, "-o", "x.st", "--prefix", "Cell2")
+    assert "FUNCTION_BLOCK Cell2" in Path("x.st").read_text()
+    assert "--prefix names symbols of c and st" in refused(
+        2, "export", files.local_poe, "-o", "x.json", "--prefix", "a"
+    )
+
+
+def test_geometries_are_robots_again_and_list_what_they_leave_out(files: Files) -> None:
+    for format in ("dh", "mdh"):
+        said = run("export", files.local_poe, "--format", format, "-o", f"{format}.csv").stderr
+        assert all(line.startswith(f"not in the {format}: ") for line in said.splitlines())
+        assert answer("robots", f"{format}.csv")["joints"] == "RRR"
+    run("export", files.local_poe, "--format", "offsets", "-o", "offsets.csv")
+    assert "joint,offset,correction,unit,values" in Path("offsets.csv").read_text()
+    assert "six revolute joints" in refused(3, "export", files.local_poe, "-o", "x.yaml")
+    assert "the dh's joints are the serial chain's" in refused(
+        2, "export", files.local_poe, "--format", "dh", "--joint-values", "controller"
+    )
+
+
+def test_backlash_that_is_left_out_is_said(files: Files) -> None:
+    simulated = ["--errors", "geometric,backlash", "--backlash-mrad", "2", "-n", "150"]
+    run("simulate", "planar-3r", *simulated, "-o", "m.h5")
+    run("identify", "m.h5", "--backlash", "-o", "c.h5")
+    for name in ("c.json", "c.c", "c.st"):
+        said = run("export", "c.h5", "-o", name).stderr
+        assert said.startswith("warning: left out: backlash (")
+        assert said.count("\n") == 1
+        held = Path(name).with_suffix(".h") if name == "c.c" else Path(name)
+        assert "backlash" in held.read_text()

@@ -27,7 +27,8 @@ CONTRACT = {
     "train": "--base --loss --optimizer --hidden --validation --seed --json -o --output --force",
     "evaluate": "--on --require --json -o --output --force",
     "compensate": "--method -o --output --force",
-    "export": "--format --precision -o --output --force",
+    "export": "--format --precision --prefix -o --output --force",
+    "serve": "--port --rows --method",
     "plot": "--on --width-mm --require -o --output --force",
     "report": "--on --require -o --output --force",
     "view": "--html --magnify --meshes --port --force",
@@ -200,7 +201,7 @@ PREPARED: dict[
 }
 
 
-@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "demo"])
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name not in ("demo", "serve")])
 def test_example_runs(command: str, files: Files) -> None:
     prepare, outputs = PREPARED[command]
     prepare(files)

@@ -47,8 +47,43 @@ def test_a_copy_of_a_built_in_robot_is_distinguished_from_it() -> None:
 
 
 def test_a_bare_urdf() -> None:
-    warnings = answer("robots", "--check", urdf())["warnings"]
-    assert any("'tip' is taken for the tool" in warning for warning in warnings)
+    warnings = answer("robots", "--check", urdf(more=FINGER))["warnings"]
+    taken = (
+        'a bare URDF, taken as [kinematics] tool_frame = "tip", locked_joints = { "grip" = 0.0 }'
+    )
+    assert warnings[0].startswith(taken)
+
+
+def test_what_was_assumed_is_said_again_wherever_the_robot_is_used() -> None:
+    """And what cannot be meant: limits in degrees."""
+    wide = LIMIT.replace('"1"', '"90"', 1)
+    path = urdf(limit=wide, more=FINGER)
+    made = run("simulate", path, "-n", "40", "-o", "m.h5")
+    fitted = run("identify", "m.h5", "-o", "c.h5")
+    planned = run("plan", path, "-n", "10", "-o", "plan.csv")
+    judged = run("report", "c.h5", "--on", "m.h5", "-o", "page.html")
+    for said in (made, fitted, planned, judged):
+        assert 'warning: mine: a bare URDF, taken as [kinematics] tool_frame = "tip"' in said.stderr
+        assert "warning: mine: the limits of j1 look like degrees" in said.stderr
+    for file in ("m.h5", "c.h5"):
+        assert answer("info", file)["assumed"].startswith("a bare URDF, taken as [kinematics]")
+    assert "a bare URDF, taken as [kinematics]" in Path("page.html").read_text()
+
+
+def test_an_ambiguous_tool_is_asked_for_and_answered_on_the_spot() -> None:
+    other = """<link name="left"/><link name="right"/>
+    <joint name="l" type="fixed"><parent link="tip"/><child link="left"/></joint>
+    <joint name="r" type="fixed"><parent link="tip"/><child link="right"/></joint>"""
+    path = urdf(more=other)
+    for command in (["robots", "--check", path], ["simulate", path, "-o", "m.h5"], ["plan", path]):
+        said = refused(2, *command)
+        assert said.startswith("mine: several links could be the tool: left, right; say which")
+        run(*command, "--tool", "right", *(["-n", "8"] if "plan" in command else []))
+    assert answer("info", "m.h5")["assumed"].startswith(
+        'a bare URDF, taken as [kinematics] tool_frame = "right"'
+    )
+    assert "--tool needs a robot" in refused(2, "robots", "--tool", "right")
+    assert "has its tool" in refused(2, "simulate", "ur5", "--tool", "tool0", "-o", "n.h5")
 
 
 def test_what_is_wrong_ends_with_place_and_remedy() -> None:
@@ -66,12 +101,14 @@ def test_what_is_wrong_ends_with_place_and_remedy() -> None:
     message = refused(3, "robots", "--check", "mine.urdf")
     assert "every configuration is singular" in message
     assert "lock one of them" in message
-    message = refused(3, "robots", "--check", urdf(one="floating"))
-    assert "'one' has 6 degrees of freedom" in message
+    urdf()
+    floating = (
+        Path("mine.urdf").read_text().replace('"two" type="revolute"', '"two" type="floating"')
+    )
+    Path("mine.urdf").write_text(floating)
+    message = refused(3, "robots", "--check", "mine.urdf", "--tool", "tip")
+    assert "'two' has 6 degrees of freedom" in message
     assert "make it fixed" in message
-    message = refused(3, "robots", "--check", urdf(more=FINGER))
-    assert "the URDF branches" in message
-    assert "tool_frame" in message
 
 
 def test_a_picture() -> None:

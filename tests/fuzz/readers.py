@@ -19,7 +19,6 @@ from mutations import BINARY, TEXT, mutated, mutated_archive
 from calibtool.calibration import Calibration, identify, train
 from calibtool.compensation.stream import StreamOptions, StreamReport, compensate_stream
 from calibtool.controller import read_controller_model
-from calibtool.controller.denavit_hartenberg import DhConvention
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError
 from calibtool.evaluation.study import Definition, Study, StudyTable, parse_definition
@@ -39,6 +38,7 @@ from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
 from calibtool.programs.frames import read_frames
 from calibtool.programs.numbers import rewritten
 from calibtool.robot.catalogue import load_robot
+from calibtool.robot.denavit_hartenberg import DhConvention
 from calibtool.robot.description import parse_source, source_from_urdf
 from calibtool.robot.robot import Robot
 from calibtool.storage import read_any, read_study, to_bytes

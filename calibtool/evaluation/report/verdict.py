@@ -99,6 +99,9 @@ def remarks(subject: Subject) -> list[str]:
     evaluation = subject.evaluation
     assert evaluation is not None
     result = [words(evaluation.kind, evaluation.before).remark]
+    assumed = subject.calibrations[0][1].robot.source.description.assumed
+    if assumed is not None:
+        result.append(f"The robot is {assumed}.")
     if evaluation.proof is not None:
         expected = pose_statistics(evaluation.proof.expected)["position_mm"]
         assert expected is not None

@@ -14,6 +14,7 @@ from calibtool.robot.chain import joints_to
 from calibtool.robot.description import Source, example_robot_data, inside
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.tree import urdf_root
 from calibtool.robot.urdf import base_placement, frame_id, locked_joints, parse_urdf, read_urdf
 
 MESHES = (".stl", ".dae", ".obj", ".ply")  # what Pinocchio and trimesh both read
@@ -36,10 +37,7 @@ def described_shape(robot: Robot, folders: Sequence[Path]) -> pin.GeometryModel:
     Meshes are read from `folders` and below them alone, whatever the URDF says; InputError names
     one that is not there or cannot be read.
     """
-    try:
-        root = ElementTree.fromstring(robot.source.urdf_text)
-    except ElementTree.ParseError:  # Pinocchio's parser forgives more; it has read this text
-        return pin.GeometryModel()
+    root = urdf_root(robot.source.urdf_text, robot.name)
     for mesh in root.iterfind("link/visual/geometry/mesh"):
         mesh.set("filename", str(_mesh(mesh.get("filename", ""), folders, robot.name)))
     for part in root.iter():  # only visual geometry is wanted, and no image is read

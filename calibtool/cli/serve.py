@@ -1,0 +1,166 @@
+"""calibtool serve: a compensator for a program that moves."""
+
+import contextlib
+import sys
+from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
+
+import typer
+
+from calibtool.cli.files import STREAM, message, shown
+from calibtool.cli.input_files import load_calibration, say_doubts
+from calibtool.cli.options import (
+    CalibrationFile,
+    FrameOption,
+    JointValuesOption,
+    LargestChange,
+    Outside,
+    PayloadKg,
+    TemperatureC,
+    choice,
+    joint_values_of,
+    largest_change,
+    under,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from calibtool.compensation.row_by_row import Live, RowKind
+
+ROWS = ("ndjson", "binary")
+LOOPBACK = "127.0.0.1"
+_LONGEST = 100_000  # bytes of a line
+_WARM = 20  # corrections before the first row: what is loaded late is loaded then
+
+
+def serve(
+    calibration: CalibrationFile,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=65535,
+            help="Serve a socket of this machine (127.0.0.1) instead of stdin and stdout; "
+            "0: any free one.",
+        ),
+    ] = None,
+    rows: Annotated[
+        str,
+        typer.Option(
+            metavar="ndjson|binary",
+            help="JSON objects, one per line, or rows of doubles (little endian): n in, n and the "
+            "status out.",
+        ),
+    ] = "ndjson",
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method", metavar="one-step|exact", help="The one step of Eq. 24, or solve exactly."
+        ),
+    ] = "one-step",
+    outside: Outside = "mark",
+    backlash: Annotated[
+        bool,
+        typer.Option(
+            "--backlash/--no-backlash",
+            help="Take up backlash; --no-backlash: the rows are no path.",
+        ),
+    ] = True,
+    largest_change_deg: LargestChange = None,
+    joint_values: JointValuesOption = None,
+    payload_kg: PayloadKg = None,
+    temperature_c: TemperatureC = None,
+    frame: FrameOption = None,
+) -> None:
+    """Correct joint positions one by one, for a program that moves: a row in, a row out, at once.
+
+    From stdin to stdout until stdin ends, or on a socket of this machine until the command is ended
+    (Ctrl-C); every client of the socket is a path of its own. An object has a key per joint
+    (j1_deg, j2_mm …); the answer has the corrected joints, a status, and the other keys. A line
+    that cannot be answered gets {"error": ...}. docs/serving.md has the binary rows, clients and
+    latencies.
+
+    Example: calibtool serve calibration.h5 --port 5005
+    """
+    choice(rows, ROWS, "--rows")
+    choice(method, ("one-step", "exact"), "--method")
+    if calibration == STREAM and port is None:
+        from calibtool.errors import UsageError
+
+        raise UsageError("stdin holds the rows; give the calibration as a file, or use --port")
+    from typing import cast
+
+    from calibtool.compensation.row_by_row import Live, RowKind
+    from calibtool.compensation.solve import Method
+    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
+
+    choice(outside, OUTSIDE_POLICIES, "--outside")
+    most, values = largest_change(largest_change_deg), joint_values_of(joint_values)
+    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
+    whose = loaded.robot.joint_values(shown(calibration), values)
+    say_doubts(loaded.robot)
+
+    def live() -> Live:
+        return Live(
+            loaded, whose, cast(Method, method), cast(OutsidePolicy, outside), backlash, most
+        )
+
+    warmed = live()
+    for _ in range(_WARM):
+        warmed.corrected(loaded.robot.serial_as(whose, loaded.q[:1])[0])
+    kind = cast(RowKind, rows)
+    if port is None:
+        answer_rows(live(), kind, _binary_stdin(), _stdout_writer())
+        return
+    _serve_socket(port, kind, live)
+
+
+def answer_rows(
+    live: "Live", kind: "RowKind", stream: BinaryIO, write: "Callable[[bytes], None]"
+) -> None:
+    """Answer rows until the stream ends; a part of a row at the end is not answered."""
+    size, answer = live.answering(kind)
+    while True:
+        row = stream.read(size) if size else stream.readline(_LONGEST)
+        if len(row) < (size or 1):
+            return
+        if size or row.strip():
+            write(answer(row))
+
+
+def _serve_socket(port: int, kind: "RowKind", live: "Callable[[], Live]") -> None:
+    import socket
+    import socketserver
+
+    class Client(socketserver.StreamRequestHandler):
+        disable_nagle_algorithm = True
+
+        def handle(self) -> None:
+            with contextlib.suppress(ConnectionError):  # a client that went away
+                answer_rows(live(), kind, self.rfile, self.wfile.write)  # type: ignore[arg-type]
+
+    class Server(socketserver.ThreadingTCPServer):
+        daemon_threads = True
+        allow_reuse_address = True
+
+    from calibtool.errors import UsageError
+
+    try:
+        server = Server((LOOPBACK, port), Client)
+    except OSError as error:
+        raise UsageError(
+            f"port {port}: {error.strerror or error}; choose another one, or 0 for a free one"
+        ) from None
+    with server, contextlib.suppress(socket.error):
+        message(f"serving {LOOPBACK}:{server.server_address[1]} until ended", important=True)
+        server.serve_forever()
+
+
+def _binary_stdin() -> Any:
+    return sys.stdin.buffer
+
+
+def _stdout_writer() -> "Callable[[bytes], None]":
+    from calibtool.cli.files import write_stdout
+
+    return write_stdout

@@ -1,0 +1,57 @@
+"""What a format leaves out of a calibration, part by part, with its size at the tool."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from calibtool.calibration import Calibration
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.export.rendering import left_out
+from calibtool.export.urdf_geometry import fitted_geometry
+from calibtool.robot.se3 import Array, log3
+
+_NOTHING = 5e-8  # m or rad: less is 0.0000 mm in a line
+
+
+def not_held(
+    calibration: Calibration, held: RobotErrors, basis: Array | None = None
+) -> Iterator[str]:
+    """One line per part of a calibration that `held` leaves out, and one for all of it.
+
+    Sizes are in mm and mrad at the tool.
+    basis: the directions in which the format holds placement errors, see `fitted_geometry`.
+    """
+    robot, q = calibration.robot, calibration.q
+    whole, tool = calibration.forward(q), held.forward(q)
+    if max(_sizes(whole, tool).max(axis=0)) > _NOTHING:
+        for name, part in _parts(calibration, () if basis is None else ("placements", "offsets")):
+            alone = fitted_geometry(robot, part.forward, q, basis).forward(q)
+            position, orientation = _sizes(part.forward(q), alone).max(axis=0)
+            if max(position, orientation) > _NOTHING:
+                yield f"{name}: up to {position * 1e3:.4f} mm, {orientation * 1e3:.4f} mrad alone"
+        mean, most = _sizes(whole, tool).mean(axis=0) * 1e3, _sizes(whole, tool).max(axis=0) * 1e3
+        yield (
+            f"all together: {mean[0]:.4f} mm, {mean[1]:.4f} mrad in the mean, "
+            f"up to {most[0]:.4f} mm, {most[1]:.4f} mrad"
+        )
+    if left_out(calibration):
+        yield left_out(calibration)
+
+
+def _parts(calibration: Calibration, more: tuple[str, ...]) -> Iterator[tuple[str, Calibration]]:
+    """The calibration with one only of the parts that a format cannot hold altogether."""
+    base, none = calibration.base, RobotErrors.of(calibration.robot)
+    for family in base.errors.present:
+        if family.id not in ("placements", "offsets", "backlash") or family.id in more:
+            alone = none.having(**{family.id: base.errors[family.id]})
+            yield family.words, replace(calibration, base=replace(base, errors=alone), networks=())
+    if calibration.networks:
+        yield "network", replace(calibration, base=replace(base, errors=none))
+
+
+def _sizes(a: Array, b: Array) -> Array:
+    """Distance of the tool points (m) and angle between the orientations (rad) of poses: (N, 2)."""
+    turn = log3(a[:, :3, :3] @ np.swapaxes(b[:, :3, :3], -1, -2))
+    position = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=-1)
+    return np.stack([position, np.linalg.norm(turn, axis=-1)], axis=-1)

@@ -1,0 +1,143 @@
+"""What a file of a robot is, told by its contents; and every kind but robot.toml as a URDF."""
+
+import re
+from pathlib import Path
+from typing import Literal
+
+from calibtool.errors import InputError
+from calibtool.robot.constant_placements import chain_urdf, near_frames
+from calibtool.robot.denavit_hartenberg import dh_text, is_dh, read_dh, steps_of
+from calibtool.robot.markup import decoded_xml, is_xml, parse_xml
+from calibtool.robot.ur_frames import FRAMES, ur_frames
+
+Kind = Literal["toml", "urdf", "xacro", "dh", "ur-yaml"]
+# What nobody wrote a robot.toml for, in the line of what was assumed.
+WHAT: dict[Kind, str] = {
+    "urdf": "a bare URDF",
+    "xacro": "a bare xacro file",
+    "dh": "a bare table of DH parameters",
+    "ur-yaml": "a bare calibration of a UR arm, without limits",
+}
+ACCEPTED = (
+    "a robot is a robot.toml, a URDF, a xacro file, a table of DH parameters or the "
+    "calibration.yaml of a UR arm"
+)
+_BYTES = (
+    (b"\x89HDF\r\n", "an HDF5 file, such as measurements or a calibration"),
+    (b"PK\x03\x04", "a ZIP archive"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"\x89PNG", "a PNG image"),
+    (b"\xff\xd8\xff", "a JPEG image"),
+    (b"%PDF", "a PDF"),
+    (b"solid ", "an STL mesh"),
+    (b"ISO-10303-21", "a STEP file"),
+    (b"glTF", "a glTF mesh"),
+    (b"PXR-USDC", "a USD file"),
+    (b"#usda", "a USD file"),
+    (b"#VRML", "a VRML file, as Webots' PROTO files are"),
+    (b"ply\n", "a PLY mesh"),
+)
+_XML = {
+    "mujoco": "an MJCF of MuJoCo; convert it to a URDF",
+    "sdf": "an SDF of Gazebo; convert it to a URDF (sdf2urdf, or gz sdf)",
+    "COLLADA": "a COLLADA mesh",
+    "html": "an HTML page",
+    "svg": "an SVG image",
+    "package": "the manifest of a ROS package",
+    "launch": "a launch file of ROS",
+    "Robot": "a robot of OpenRAVE; convert it to a URDF",
+    "model": "the manifest of a Gazebo model",
+}
+_CONF = re.compile(r"^[ \t]*(?:\[mounting\]|delta_(?:theta|alpha|a|d)[ \t]*=)", re.MULTILINE)
+_YAML = re.compile(r"^[ \t{]*[\"']?kinematics[\"']?[ \t]*:", re.MULTILINE)
+_TOML = re.compile(
+    r"^[ \t]*(?:\[[ \t]*(?:kinematics|targets|limits)[ \t.\]]|(?:name|title)[ \t]*=)", re.MULTILINE
+)
+_MACRO = re.compile(r"\$\{|\$\(")
+
+
+def told(data: bytes, path: Path) -> tuple[Kind, str]:
+    """What the bytes of a file are, and its text. InputError, saying what it is, for no robot."""
+    place = str(path)
+    if is_xml(data):
+        return _told_xml(decoded_xml(data, place), place)
+    for mark, what in _BYTES:
+        if data.startswith(mark):
+            raise InputError(f"{place}: {what}; {ACCEPTED}")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{place}: not a UTF-8 text file; {ACCEPTED}") from None
+    if path.suffix == ".toml":
+        return "toml", text
+    if "\0" in text:
+        raise InputError(f"{place}: a binary file; {ACCEPTED}")
+    if not text.strip():
+        raise InputError(f"{place}: the file is empty, nothing of it can be read; {ACCEPTED}")
+    if is_dh(text):
+        return "dh", text
+    if _CONF.search(text):
+        raise InputError(
+            f"{place}: a UR controller's calibration.conf, changes of the DH parameters of an arm "
+            "that it does not name; give it with compensate --controller, or the "
+            "calibration.yaml of the driver here"
+        )
+    if _YAML.search(text):
+        return "ur-yaml", text
+    if _TOML.search(text):
+        return "toml", text
+    what = "a JSON file" if text.lstrip()[0] in "{[" else "a text file of another kind"
+    raise InputError(f"{place}: {what}; {ACCEPTED}")
+
+
+def _told_xml(text: str, place: str) -> tuple[Kind, str]:
+    root = parse_xml(text, place, "URDF")
+    if root.tag.rpartition(":")[2] != "robot":
+        what = _XML.get(root.tag, f"an XML file with the root <{root.tag}>")
+        raise InputError(f"{place}: {what}; {ACCEPTED}")
+    moving = [part for joint in root.iterfind("joint") for part in joint.iter()]
+    macros = any(str(part.tag).startswith("xacro:") for part in root) or any(
+        _MACRO.search(value)
+        for part in [root, *root.iterfind("link"), *moving]
+        for value in part.attrib.values()
+    )
+    return ("xacro" if macros else "urdf"), text
+
+
+def as_urdf_text(kind: Kind, text: str, path: Path) -> str:
+    """The URDF of a description that is no robot.toml, called by its path in messages."""
+    place = path.stem if kind == "urdf" else str(path)
+    if kind == "xacro":
+        return _expanded(path)
+    if kind == "dh":
+        table = read_dh(dh_text(text, place))
+        if table.convention is None:
+            raise InputError(
+                f"{place}: DH parameters do not say their convention; add a column 'convention' "
+                "with standard (a and alpha behind the joint) or modified (Craig: before it)"
+            )
+        slides = table.prismatic or [False] * len(table.joints)
+        return chain_urdf(
+            near_frames(steps_of(table, table.convention)), slides, "dh", table.limits
+        )
+    if kind == "ur-yaml":
+        return chain_urdf(ur_frames(text, place), [False] * len(FRAMES), "ur")
+    return text
+
+
+def _expanded(path: Path) -> str:
+    """The URDF that a xacro file makes, by xacrodoc (extra `xacro`)."""
+    try:
+        from xacrodoc import XacroDoc
+    except ImportError:
+        raise InputError(
+            f"{path}: a xacro file, from which a URDF is made; run: xacro {path.name} > robot.urdf "
+            "(in ROS), or pip install 'calibtool[xacro]'"
+        ) from None
+    try:
+        return str(XacroDoc.from_file(str(path)).to_urdf_string())
+    except Exception as error:  # whatever the expressions of a file do
+        said = str(error).strip().splitlines()
+        raise InputError(
+            f"{path}: xacro cannot expand it: {said[0] if said else type(error).__name__}"
+        ) from None

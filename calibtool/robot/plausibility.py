@@ -1,0 +1,82 @@
+"""What a description says that cannot be meant: units, limits that are none, frames far away."""
+
+import numpy as np
+
+from calibtool.robot.chain import NO_LIMITS
+from calibtool.robot.robot import Robot
+from calibtool.robot.tree import SINGLE, Joint, urdf_tree
+
+_MOST_TURN = 20.0  # rad: three turns and more are degrees
+_LONGEST = 50.0  # m, of one link or slide: longer ones are millimetres
+_SHORTEST = 1e-3  # m, of all links together
+_FARTHEST = 1e3  # m, of the base: 1e-13 of a micrometre is lost with every one beyond
+
+
+def implausible(robot: Robot) -> list[str]:
+    """One line per finding, with joint and remedy; nothing for a robot as they are built."""
+    return [*_limits(robot), *_lengths(robot), *_locked(robot)]
+
+
+def _limits(robot: Robot) -> list[str]:
+    given = {name.split("_")[0] for name in robot.source.description.limits}
+    found = []
+    for source, what in NO_LIMITS.items():
+        where = [
+            f"j{j + 1}"
+            for j, each in enumerate(robot.chain.limited_by)
+            if each == source and f"j{j + 1}" not in given
+        ]
+        if where:
+            joints = ", ".join(where)
+            said = f"no limits for {joints}" if source == "missing" else f"{joints} {what}"
+            found.append(f"{said}: ±180 deg stand in; give them in [limits]")
+    turning = ~np.array(robot.prismatic)
+    widest = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
+    wide = [f"j{j + 1}" for j in np.flatnonzero(turning & (widest > _MOST_TURN))]
+    if wide:
+        turns = widest[turning].max() / (2 * np.pi)
+        found.append(
+            f"the limits of {', '.join(wide)} look like degrees: up to {turns:.0f} turns; a URDF "
+            "has them in rad"
+        )
+    return found
+
+
+def _lengths(robot: Robot) -> list[str]:
+    found = []
+    base, *links = np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1).tolist()
+    strokes = (robot.upper - robot.lower)[robot.prismatic]
+    longest = max([*links, *strokes.tolist()])
+    if longest > _LONGEST:
+        found.append(
+            f"the lengths look like mm: a link or slide of {longest:.6g} m; a URDF has them in m"
+        )
+    elif base > _FARTHEST:
+        found.append(
+            f"joint 1 stands {base:.6g} m from the base frame: digits of every pose are lost; "
+            "name a base_frame near the arm"
+        )
+    if robot.n > 1 and sum(links) + strokes.sum() < _SHORTEST:
+        found.append(
+            f"the links are {(sum(links) + strokes.sum()) * 1e3:.3g} mm long together: check the "
+            "unit of the lengths, m in a URDF"
+        )
+    return found
+
+
+def _locked(robot: Robot) -> list[str]:
+    joints = urdf_tree(robot.source.urdf_text, robot.source.place).named
+    locked = robot.source.description.kinematics.locked_joints
+    outside = [
+        f"{name} at {value:g} (limits {joints[name].lower:g} to {joints[name].upper:g})"
+        for name, value in locked.items()
+        if name in joints and _beyond(joints[name], value)
+    ]
+    return [f"locked beyond their limits: {', '.join(outside)}; rad or m"] if outside else []
+
+
+def _beyond(joint: Joint, value: float) -> bool:
+    """Whether a position is outside of limits that are some."""
+    if joint.kind not in SINGLE or joint.kind == "continuous" or not joint.lower < joint.upper:
+        return False
+    return not joint.lower - 1e-9 <= value <= joint.upper + 1e-9

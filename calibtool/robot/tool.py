@@ -1,0 +1,199 @@
+"""A URDF without a robot.toml: its tool, and where the joints beside the way to it are locked."""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+from calibtool.errors import InputError, UsageError, near_names
+from calibtool.robot.tree import SINGLE, Joint, Tree
+
+# What tools are called, the surest first. Names are compared by words: `link_TCP` is `link tcp`.
+_TOOLS = tuple(
+    re.compile(rf"\b(?:{words})\b")
+    for words in (
+        r"tool 0",
+        r"tcp|tool cent(?:er|re)(?: point)?",
+        r"flange",
+        r"ee|eef|eff|endeff|endeffector|end effector",
+        r"tool",
+        r"grasp|grasping|tool mount|mount|attachment",
+    )
+)
+# Links that are no tool: what grips, sees, or stands for a shape.
+_NO_TOOL = re.compile(
+    r"\b(?:fingers?|fingertips?|thumb|knuckles?|jaws?|claws?|pads?|camera|cam|realsense|kinect|sensors?|depth|optical|"
+    r"rgb|color|infra|ir|laser|lidar|imu|ft|force|torque|collision|visual|inertial?|com|cog|cable|hose|led|light|button|"
+    r"display|screw|aruco|marker|contact|sc)\b"
+)
+_GRIPS = re.compile(
+    r"\b(?:gripper|grip|fingers?|fingertips?|thumb|index|middle|ring|little|pinky|phalanx|distal|proximal|knuckles?|"
+    r"jaws?|claws?|pincers?|tongs?|piston|cylinder|rod|suction)\b"
+)
+_TURNS = re.compile(r"\b(?:rotation|rotate|rot|roll|pitch|yaw|wrist)\b")
+_BASE = re.compile(r"\b(?:base|mobile|world|odom|virtual|theta|yaw|footprint)\b")
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_ARM = 4  # joints that must stand behind a slide without limits: else it is no base, but asked for
+_MANY = 2  # arm joints behind a link: it is no tool
+
+
+@dataclass(frozen=True)
+class Choice:
+    """tool_frame and locked_joints (rad or m) of a URDF that nobody described."""
+
+    tool: str
+    locked: dict[str, float]
+
+    @property
+    def toml(self) -> str:
+        """The lines of [kinematics] that say the same."""
+        joints = ", ".join(f"{quoted(joint)} = {value!r}" for joint, value in self.locked.items())
+        return f"tool_frame = {quoted(self.tool)}" + (
+            f"\nlocked_joints = {{ {joints} }}" if joints else ""
+        )
+
+
+def quoted(text: str) -> str:
+    """A text as TOML writes it."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def chosen(tree: Tree, name: str, tool: str | None = None) -> Choice:
+    """The tool of a URDF, `tool` or the one that its names and joints tell, and the joints to lock.
+
+    A tool is found by its name, and by the number of joints before it where no link has one; a
+    finger, a camera or a collision shape is none. Locked are joints that are not on the way to it,
+    and those of a base that moves freely: floating, planar, slides without limits. UsageError,
+    listing them, where several links could be the tool.
+    """
+    if tool is None:
+        tool = _tool(tree, name)
+    elif tool not in tree.links:
+        raise UsageError(f"--tool: '{tool}' is no link of {name}; {near_names(tool, tree.links)}")
+    arm = _arm(tree.ways[tool])
+    beside = [joint for joint in tree.joints if joint.moves and joint not in arm]
+    return Choice(tool, _locked(beside))
+
+
+def _arm(way: Sequence[Joint]) -> Sequence[Joint]:
+    """The way without the joints of a base that moves freely below it, and without its turn."""
+    moving = [joint for joint in way if joint.moves]
+    start = 0
+    for k, joint in enumerate(moving):
+        slides = joint.kind == "prismatic" and not joint.bounded and len(moving) - k > _ARM
+        turns = joint.kind in ("continuous", "revolute") and not joint.bounded
+        if joint.kind not in SINGLE or slides:
+            start = k + 1
+        elif not (turns and k < 3 and _BASE.search(_words(f"{joint.name} {joint.child}"))):
+            break
+        elif start:
+            start = k + 1
+    return moving[start:]
+
+
+def _tool(tree: Tree, name: str) -> str:
+    ways = {
+        link: [joint for joint in way if joint.kind in SINGLE] for link, way in tree.ways.items()
+    }
+    moved = {link: len(way) for link, way in ways.items() if way}
+    if not moved:
+        raise InputError(f"{name}: no joint of one degree of freedom; the URDF is no arm")
+    gripping = _gripping(tree)
+    arm = {
+        link: depth
+        for link, depth in moved.items()
+        if not any(joint.name in gripping for joint in ways[link])
+    } or moved
+    palms = {joint.parent for joint in tree.joints if joint.name in gripping}
+    could = [
+        link
+        for link in arm
+        if not _NO_TOOL.search(_words(link))
+        and not (tree.ways[link][-1].parent in palms and _GRIPS.search(_words(link)))
+    ]
+    for tools in _TOOLS:
+        named = [link for link in could if tools.search(_words(link))]
+        found = _ends(tree, [link for link in named if _behind(ways[link][-1], ways, arm) < _MANY])
+        if found:
+            return _only(found, name, tools)
+    deepest = [link for link in arm if arm[link] == max(arm.values())]
+    found = _ends(tree, [link for link in deepest if link in could])
+    return _only(found or [ways[link][-1].child for link in deepest[:1]], name)
+
+
+def _only(found: Sequence[str], name: str, ends: re.Pattern[str] | None = None) -> str:
+    """The only one, or the only one whose name says no more than that it is a tool."""
+    if ends is not None and len(found) > 1:
+        said = {link: ends.search(_words(link).removesuffix(" link")) for link in found}
+        sure = [link for link, match in said.items() if match and match.end() == len(match.string)]
+        found = sure or found
+    if len(found) > 1:
+        raise UsageError(
+            f"{name}: several links could be the tool: {', '.join(found)}; "
+            "say which with --tool, or write a robot.toml with its tool_frame"
+        )
+    return found[0]
+
+
+def _words(name: str) -> str:
+    return " ".join(_WORD.findall(name)).lower()
+
+
+def _gripping(tree: Tree) -> set[str]:
+    """Joints of a gripper or a rod: by names, or as they follow a joint not before them."""
+    found = set()
+    for joint in (each for each in tree.joints if each.moves):
+        words = f"{_words(joint.name)} / {_words(joint.child)}"
+        if (_GRIPS.search(_words(joint.name)) and not _TURNS.search(words)) or (
+            _GRIPS.search(_words(joint.child)) and joint.kind == "prismatic"
+        ):
+            found.add(joint.name)
+        if joint.follows is None:
+            continue
+        leader = tree.named.get(joint.follows[0])
+        if leader is not None and leader not in tree.ways[joint.parent]:
+            found.add(joint.name)
+            if leader.parent == joint.parent and not _moves_more(tree, leader):
+                found.add(leader.name)
+    return found
+
+
+def _moves_more(tree: Tree, joint: Joint) -> bool:
+    """Whether joints that follow none stand behind a joint."""
+    return any(
+        other.moves and other.follows is None and joint in tree.ways[other.parent]
+        for other in tree.joints
+    )
+
+
+def _behind(joint: Joint, ways: dict[str, list[Joint]], arm: dict[str, int]) -> int:
+    """The most joints of the arm that stand behind a joint."""
+    way = next(way for way in ways.values() if joint in way)
+    return max(arm[link] for link in arm if joint in ways[link]) - way.index(joint) - 1
+
+
+def _ends(tree: Tree, links: list[str]) -> list[str]:
+    """Those that carry none of the others."""
+    carriers = {joint.parent for link in links for joint in tree.ways[link]}
+    return [link for link in links if link not in carriers]
+
+
+def _locked(joints: list[Joint]) -> dict[str, float]:
+    """Where joints are locked: at 0, the limit next to it, or where a leading joint puts them."""
+    free = {joint.name: _nearest_to_zero(joint) for joint in joints}
+
+    def position(joint: Joint) -> float:
+        if joint.follows is None or joint.follows[0] not in free:
+            return free[joint.name]
+        leader, multiplier, offset = joint.follows
+        value = free[leader] * multiplier + offset
+        return value + 0.0 if isfinite(value) else free[joint.name]
+
+    return {joint.name: position(joint) for joint in joints}
+
+
+def _nearest_to_zero(joint: Joint) -> float:
+    if joint.kind not in SINGLE or joint.kind == "continuous" or not joint.lower <= joint.upper:
+        return 0.0
+    return min(max(0.0, joint.lower), joint.upper) + 0.0
