@@ -117,8 +117,7 @@ def build_chain(source: Source) -> SerialChain:
         if called in followed:
             raise InputError(
                 f"{name}: joint '{called}' between base and tool mimics '{followed[called][0]}'; "
-                "only independent joints are modelled: lock it in [kinematics], or make it "
-                "fixed in the URDF"
+                "write a robot.toml, with which it follows, or lock it there"
             )
         twist = unit_twist(old, called, name)
         placement = reduced.jointPlacements[j]

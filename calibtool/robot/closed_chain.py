@@ -131,9 +131,11 @@ class _Read:
 
 def chain_of(source: Source) -> SerialChain | ClosedChain:
     """The chain of a description: a closed one where it has loops, or mimic joints between base and
-    tool.
+    tool. A bare URDF with such joints is refused: it does not say whether a motor follows.
     """
-    if source.description.kinematics.loops or _mimics_before_tool(source):
+    description = source.description
+    follows = description.assumed is None and _mimics_before_tool(source)
+    if description.kinematics.loops or follows:
         return build_closed_chain(source)
     return build_chain(source)
 
