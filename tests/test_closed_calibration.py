@@ -43,7 +43,7 @@ def knowing(measurements: Measurements) -> Calibration:
 
 
 def task_errors(robot: Robot, pose: Array, commanded: Array) -> Array:
-    """Displacement (m) and rotation (rad) in the task components, along the commanded tool: (N, k)."""
+    """Shift (m) and rotation (rad) in the task components, along the commanded tool: (N, k)."""
     turn = log3(pose[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], 1, 2))
     error = np.concatenate([pose[:, :3, 3] - commanded[:, :3, 3], turn], axis=-1)
     return Task.of(equivalent_robot(robot)).of_error(error, commanded)
@@ -218,7 +218,7 @@ def test_an_evaluation_has_all_rows_in_numbers() -> None:
 
 
 def test_gravity_torques_are_what_the_weights_gain(rng: np.random.Generator) -> None:
-    """Virtual work: τ_k is the derivative of the potential energy by the actuator, by differences."""
+    """Virtual work: the derivative of the potential energy by an actuator, by differences."""
     import pinocchio as pin
 
     from calibtool.robot.gravity_torque import gravity_model, gravity_torque
