@@ -1,6 +1,4 @@
-"""Errors as an instrument observes them: target points or a sensor, compared
-with those of poses.
-"""
+"""Errors as an instrument observes them: target points or a sensor."""
 
 from calibtool.evaluation.metrics import MethodErrors
 from calibtool.measurement.measurements import Measurements, Setup, determines_orientation
@@ -12,9 +10,7 @@ from calibtool.robot.se3 import Array, log3, transform_points
 def errors_against(
     name: str, measurements: Measurements, setup: Setup, pose: Array
 ) -> MethodErrors:
-    """Measured minus predicted observations for T_base_tool `pose` (N, 4, 4) in
-    a set-up, in K_0.
-    """
+    """Measured minus predicted observations for T_base_tool `pose` (N, 4, 4), in K_0."""
     points, rotations = measured_in_base(measurements, setup)
     if rotations is None:
         return point_errors(name, points, pose, setup)

@@ -1,6 +1,4 @@
-"""A serial chain as a Pinocchio model, nominal or with errors: poses, Jacobians and frames of many
-rows.
-"""
+"""A serial chain as a Pinocchio model, nominal or with errors."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace

@@ -204,7 +204,7 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
 
 def _commanded_or_read(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding | None:
     """How far from the commanded (0) to the read (1) positions the robot really was, as
-    the points say it.
+    the points show it.
     """
     commanded, read = auxiliary.q_commanded, auxiliary.q_read
     if commanded is None or read is None:

@@ -15,6 +15,7 @@ from calibtool.measurement.checks.finding import Finding, Numbers, listed
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import residuals
 from calibtool.measurement.registration import register
+from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.se3 import Array, readonly, transform_points
 
 _SUSPICIOUS, _AT_LEAST = (
@@ -152,7 +153,7 @@ def _mistakes(measurements: Measurements) -> Iterator[_Mistake]:
 
 def _single_mistake(measurements: Measurements) -> list[Finding]:
     """The mistake without which the robot explains the points, or that none of those tried does."""
-    rows = np.unique(np.linspace(0, len(measurements) - 1, _MOST_ROWS).astype(int))
+    rows = spread_rows(len(measurements), _MOST_ROWS)
     some = measurements.rows(rows)
     before = nominal_fit(some, free=True).rms
     tried = [(nominal_fit(mistake.repaired, free=True).rms, mistake) for mistake in _mistakes(some)]

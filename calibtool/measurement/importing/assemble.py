@@ -28,9 +28,10 @@ from calibtool.measurement.importing.readings import (
     read_rotations,
 )
 from calibtool.measurement.importing.row_selection import choose_rows, line_ranges
-from calibtool.measurement.importing.sources import Source, read_source
+from calibtool.measurement.importing.sources import SourceTable, read_source
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
+from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
@@ -54,7 +55,7 @@ class JointFile(NamedTuple):
 class Understood:
     """How the files were read: for people, before anything is written (`preview.preview`)."""
 
-    source: Source
+    source: SourceTable
     columns: ColumnMap
     joints_name: str
     noise_stated: bool
@@ -97,10 +98,8 @@ class Imported(NamedTuple):
         Raises NoSolutionError for too few rows; a warning about the table goes along,
         it may tell why.
         """
-        count = len(self.measurements)
         used = self.measurements
-        if count > REGISTRATION_ROWS:
-            used = used.rows(np.linspace(0, count - 1, REGISTRATION_ROWS).astype(int))
+        used = used.rows(spread_rows(len(used), REGISTRATION_ROWS))
         try:
             return self.with_setup(register(used))
         except NoSolutionError as error:
@@ -155,10 +154,10 @@ def read_table(
     overrides the map's.
     robot_targets: the targets are those of the robot's description, in their order. format, sheet,
     layout: see `sources.read_source`. stated: units and convention where the header is silent.
-    joints: their own file. joint_values: whose they are where the header does not say it
+    joints: their own file. joint_values: whose they are where the header does not state it
     (`Robot.joint_values`); overrides the map's. commanded: targets whose corrected joints the arm
     was driven to. Raises InputError for a bad cell, column or target set, UsageError for options
-    that do not fit the file, and for joint values of which nothing says whose they are, where it
+    that do not fit the file, and for joint values of which nothing states whose they are, where it
     matters.
     """
     how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
@@ -181,10 +180,10 @@ def read_table(
     mapped = columns is not None and columns.joints is not None
     complete = complete_map(source, joint_table, robot, columns, stated)
     assert complete.joints is not None
-    said = complete.joints.values
+    stated_values = complete.joints.values
     if mapped and joint_values is not None:
-        said = joint_values
-    values = robot.joint_values(joint_table.name, said, joint_values)
+        stated_values = joint_values
+    values = robot.joint_values(joint_table.name, stated_values, joint_values)
     complete = complete.with_joint_values(values)
     assert complete.joints is not None
     table = source.table
@@ -264,7 +263,7 @@ def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str
     ]
 
 
-def _ignored(source: Source, joints: Table, columns: ColumnMap) -> dict[str, list[str]]:
+def _ignored(source: SourceTable, joints: Table, columns: ColumnMap) -> dict[str, list[str]]:
     """Columns of each file that nothing is read from."""
     of_joints = {
         column for part in (columns.joints, columns.joints_read) if part for column in part.columns

@@ -1,4 +1,4 @@
-"""What the names of a header stand for: the parts of a column map that no file gives."""
+"""Meaning of the names of a header: the parts of a column map that no file gives."""
 
 import re
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from calibtool.measurement.importing.column_map import (
     TimeUnit,
     check_convention,
 )
-from calibtool.measurement.importing.sources import Source
+from calibtool.measurement.importing.sources import SourceTable
 from calibtool.robot.robot import Robot
 from calibtool.tables import Table, joint_columns_of, pose_columns_of, stated_values, unit_of
 
@@ -33,7 +33,7 @@ _ANGLES = (("rx", "ry", "rz"), ("a", "b", "c"), ("roll", "pitch", "yaw"))
 
 @dataclass(frozen=True)
 class Stated:
-    """What the user says where a header is silent: all None where nothing is said.
+    """Units and conventions that the user states where a header does not; None where not stated.
 
     unit         of lengths: mm, m or in
     angle_unit   deg or rad
@@ -47,7 +47,7 @@ class Stated:
 
 
 def complete_map(
-    source: Source, joints: Table, robot: Robot, given: ColumnMap | None, stated: Stated
+    source: SourceTable, joints: Table, robot: Robot, given: ColumnMap | None, stated: Stated
 ) -> ColumnMap:
     """The map with every part that it leaves out taken from the names of the headers
     (docs/file-formats.md).
@@ -107,7 +107,7 @@ def _payload(table: Table) -> PayloadColumn | None:
     return PayloadColumn(column="payload_kg", unit="kg") if "payload_kg" in table.header else None
 
 
-def _joints(table: Table, robot: Robot, source: Source, stated: Stated) -> JointColumns:
+def _joints(table: Table, robot: Robot, source: SourceTable, stated: Stated) -> JointColumns:
     columns = joint_columns_of(table, robot)
     if columns is not None:
         found = {
@@ -162,7 +162,7 @@ def _joints_read(table: Table, robot: Robot) -> JointColumns | None:
     )
 
 
-def _measured(source: Source, stated: Stated) -> dict[str, object]:
+def _measured(source: SourceTable, stated: Stated) -> dict[str, object]:
     """Targets or pose by name: `t1_x_mm …`, `t1_nominal_x_mm …` with `t1_error_x_mm …`, `x_mm
     y_mm z_mm`, a pose.
     """
@@ -170,7 +170,7 @@ def _measured(source: Source, stated: Stated) -> dict[str, object]:
     if source.points is not None:
         if stated.unit is None:
             raise InputError(
-                f"{table.name}: a list of points does not say its unit; give --unit mm, m or in"
+                f"{table.name}: a list of points does not state its unit; give --unit mm, m or in"
             )
         return {
             "targets": [TargetColumns(measured=c, unit=stated.unit) for c in source.points.columns]

@@ -20,7 +20,7 @@ FORMATS: tuple[str, ...] = get_args(Format)
 
 
 @dataclass(frozen=True)
-class Source:
+class SourceTable:
     """What was read, how it was understood; `points` where it is a list of points instead of a
     table with a header.
     """
@@ -39,7 +39,7 @@ def read_source(
     decimal: str | None = None,
     sheet: str | None = None,
     layout: str | None = None,
-) -> Source:
+) -> SourceTable:
     """The table in a file's contents.
 
     Without `format` the contents tell: a workbook starts as a zip file, a list of points has
@@ -53,19 +53,19 @@ def read_source(
     if format == "excel":
         if isinstance(data, str):
             raise UsageError(f"{name}: a workbook is bytes, not text")
-        return Source(parse_workbook(data, name, sheet, decimal), format)
+        return SourceTable(parse_workbook(data, name, sheet, decimal), format)
     text = data if isinstance(data, str) else _decoded(data, name)
     if format is None:
         format = "spatial-analyzer" if looks_like_points(text) else "table"
     if format == "spatial-analyzer":
         points = parse_points(text, name, layout)
-        return Source(points.table, format, points)
+        return SourceTable(points.table, format, points)
     if layout is not None:
         raise UsageError(
             f"--layout {layout}: {name} is no list of points; give --format "
             "spatial-analyzer if it is"
         )
-    return Source(parse_table(text, name, delimiter, decimal), format)
+    return SourceTable(parse_table(text, name, delimiter, decimal), format)
 
 
 def _decoded(data: bytes, name: str) -> str:
