@@ -45,7 +45,10 @@ class Placements(Family):
 
     def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
         count = self.joints(robot)  # with closed loops the tool is behind passive joints and frames
-        own = tuple((count if j == robot.n else j, *sizes) for j, *sizes in tolerances.joints)
+        own = tuple(
+            (count if joint == robot.n else joint, length, angle)
+            for joint, length, angle in tolerances.joints
+        )
         return replace(tolerances, joints=own).elements(count)
 
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
