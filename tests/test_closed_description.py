@@ -257,6 +257,21 @@ def test_what_is_wrong_is_one_line(name: str, pairs: list, message: str) -> None
     assert "\n" not in str(caught.value)
 
 
+def test_tolerances_of_joints_are_those_of_the_motors_and_the_tool() -> None:
+    two = "j2 = { length_mm = 3, angle_mrad = 4 }, j7 = { length_mm = 5, angle_mrad = 6 }"
+    table = f"[tolerances]\njoints = {{ {two} }}\n"
+    robot = changed("hexapod", ("[targets]", f"{table}[targets]"))
+    from calibtool.errormodel.families import BY_ID
+    from calibtool.errormodel.tolerances import Tolerances
+
+    shape = robot.chain.placements[:, 0, :1].shape[0], 6
+    found = BY_ID["placements"].tolerance(robot, Tolerances.of_robot(robot), shape)
+    assert found.shape == shape
+    np.testing.assert_allclose(found[1], [3e-3] * 3 + [4e-3] * 3)
+    np.testing.assert_allclose(found[-1], [5e-3] * 3 + [6e-3] * 3)
+    np.testing.assert_allclose(np.delete(found, [1, shape[0] - 1], axis=0), 1e-3)
+
+
 # --- robots --check ---
 
 

@@ -80,7 +80,7 @@ class Task:
 
     @property
     def is_part(self) -> bool:
-        """Whether the whole pose error has more components than the task."""
+        """Whether the whole pose error has more components than the task, and counts."""
         return self.components is not None and self.weights is None and not self.alone
 
     def of_jacobian(self, jacobian: Array, commanded: Array) -> Array:

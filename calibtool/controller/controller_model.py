@@ -56,7 +56,13 @@ def read_controller_model(
     that is none of these, or of another arm: another number or kind of joints, or a tool farther
     from the nominal one than a factory calibration moves it (1 % of the sum of link lengths,
     30 mrad).
+    UsageError for a robot with closed loops.
     """
+    if robot.chain.tree is not None:
+        raise UsageError(
+            f"{name}: {robot.name} has closed loops; a controller's own model is that of a serial "
+            "arm: use --controller nominal"
+        )
     text = text.removeprefix("\ufeff")
     kind = _kind(text, name)
     if dh is not None and kind != "dh":

@@ -1,5 +1,7 @@
 """Errors δζ of the initial relative poses: M_j exp6(δζ_j) (Eqs. 8, 10)."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from calibtool.errormodel.family import COMPONENTS, Context, Family, Rows, Sizes, names_of_twists
@@ -42,7 +44,12 @@ class Placements(Family):
         return names_of_twists(shape[0], symbol)
 
     def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
-        return tolerances.elements(self.joints(robot))
+        count = self.joints(robot)  # with closed loops the tool is behind passive joints and frames
+        own = tuple(
+            (count if joint == robot.n else joint, length, angle)
+            for joint, length, angle in tolerances.joints
+        )
+        return replace(tolerances, joints=own).elements(count)
 
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
         return np.broadcast_to(np.arange(6) // 3, shape)

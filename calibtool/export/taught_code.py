@@ -1,4 +1,4 @@
-"""Closed loops as C99 and Structured Text: a taught network's corrections, and how near it is."""
+"""Closed loops as C99 and Structured Text: a taught network, and how near it comes."""
 
 from collections.abc import Callable
 from typing import Any

@@ -211,4 +211,5 @@ def posture(robot: Robot, q: Array, q_controller: Array) -> Posture:
 
 def has_postures(robot: Robot) -> bool:
     """Whether configuration data of six-joint arms can be read for this robot."""
-    return len(robot.arm) == 6 and not any(robot.prismatic[joint] for joint in robot.arm)
+    serial = robot.chain.tree is None
+    return serial and len(robot.arm) == 6 and not any(robot.prismatic[j] for j in robot.arm)

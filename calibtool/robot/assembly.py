@@ -1,0 +1,123 @@
+"""The closed configuration that a description chooses, and others near it."""
+
+import numpy as np
+
+from calibtool.errors import InputError
+from calibtool.robot.closed import ClosedMechanism
+from calibtool.robot.closure import Closure
+from calibtool.robot.loops import Tree
+from calibtool.robot.reduction import Sample, check_freedom
+from calibtool.robot.se3 import Array
+
+_SAMPLES = 6
+_APART = 0.05  # rad, or lengths: how far samples are from the closed configuration
+# A closed_at that is farther from a closed configuration (rad, or lengths) is a mistake.
+_OPEN = 0.05
+_STEPS = 60
+
+
+def closed_configuration(
+    mechanism: ClosedMechanism, tree: Tree, names: tuple[str, ...], place: str
+) -> Array:
+    """The closed configuration next to the given one, actuated joints as given; InputError if it is
+    not next to it.
+    """
+    start = tree.closed_at.copy()
+    for follower in tree.followers:
+        start[follower.joint] = follower.factor * start[follower.leader] + follower.offset
+    free = np.arange(tree.joints) >= tree.n
+    theta, left = _nearest_closed(mechanism, tree, start, free)
+    scale = tree.joint_scale
+    if not left < 1e-10:
+        anywhere, still = _nearest_closed(mechanism, tree, start, np.ones(tree.joints, dtype=bool))
+        if still < 1e-10:
+            check_freedom(tree, closed_samples(mechanism, tree, anywhere), names, place)
+        raise InputError(
+            f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, and does not "
+            "come together while the "
+            "actuators stay there; correct link lengths and frames, or give positions at which the "
+            "mechanism is closed"
+        )
+    moved = np.abs((theta - start) / scale)
+    if moved.max(initial=0.0) > _OPEN:
+        values = ", ".join(
+            f"{names[j]} = {theta[j]:.6g}" for j in np.flatnonzero(free & (moved > 1e-6))[:8]
+        )
+        raise InputError(
+            f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, which "
+            "chooses the assembly mode; a "
+            f"closed configuration from there is {values}: write it there if that is the one"
+        )
+    return theta
+
+
+def _nearest_closed(
+    mechanism: ClosedMechanism, tree: Tree, theta: Array, free: np.ndarray
+) -> tuple[Array, float]:
+    """Least-squares steps of the free joints (J,) to r = 0 from θ (J,), and the largest |r| left,
+    in rad.
+    """
+    theta = theta.copy()
+    scale = np.where(free, tree.joint_scale, 0.0)
+    left = np.inf
+    for _ in range(_STEPS):
+        at = _equations(mechanism, theta)
+        r = at.residual[0] * tree.row_scale
+        left = float(np.abs(r).max(initial=0.0))
+        if left < 1e-14:
+            break
+        step = -np.linalg.lstsq(at.columns[0] * tree.row_scale[:, None] * scale, r, rcond=1e-9)[0]
+        size = float(np.abs(step).max(initial=0.0))
+        theta += step * scale * min(1.0, 0.2 / max(size, 1e-300))
+        if size < 1e-13:
+            break
+    return theta, left
+
+
+def _equations(mechanism: ClosedMechanism, theta: Array) -> Closure:
+    """Equations of one row, θ (J,)."""
+    row = np.zeros(1, dtype=int)
+    return mechanism.equations(theta[None], row)(row, theta[None, mechanism.tree.passive])[2]
+
+
+def _worst_loop(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> str:
+    """The loop that is farthest from closed at θ (J,), and by how much, in words."""
+    at = _equations(mechanism, theta)
+    r = at.residual[0]
+    sizes = [float(np.abs((r * tree.row_scale)[rows]).max()) for rows in tree.row_blocks]
+    if not sizes:
+        return "a mimic joint is not where it should be"
+    k = int(np.argmax(sizes))
+    rows, kept = r[tree.row_blocks[k]], np.array(tree.loops[k].rows)
+    apart = np.linalg.norm(rows[kept < 3]) * 1e3
+    turned = np.rad2deg(np.linalg.norm(rows[kept >= 3]))
+    text = f"loop '{tree.loops[k].name}' does not close: its frames are {apart:.3g} mm apart"
+    return text + (f" and {turned:.3g} deg turned" if turned > 1e-3 else "")
+
+
+def closed_samples(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> list[Sample]:
+    """Derivatives at closed configurations near θ (J,), which are found by moving along what C
+    leaves free.
+    """
+    rng, row = np.random.default_rng(0), np.zeros(1, dtype=int)
+    everything, scale = np.ones(tree.joints, dtype=bool), tree.joint_scale
+    samples = []
+    for k in range(_SAMPLES):
+        at = theta
+        if k:
+            C = _equations(mechanism, theta).columns[0] * tree.row_scale[:, None] * scale
+            sizes, vt = np.linalg.svd(C)[1:]
+            rank = int((sizes > 1e-7 * sizes.max(initial=1e-300)).sum())
+            null = vt[rank:]
+            move = rng.uniform(-1.0, 1.0, len(null)) @ null
+            move *= _APART / max(float(np.abs(move).max(initial=0.0)), 1e-300)
+            at, left = _nearest_closed(mechanism, tree, theta + move * scale, everything)
+            if not left < 1e-9:
+                continue
+        passive = at[None, tree.passive]
+        ends, jacobian, equations = mechanism.equations(at[None], row)(row, passive)
+        at_tool = (jacobian[0] * tree.tool_support[:, None] * scale[:, None]).T
+        at_tool[:3] -= np.cross(ends[0, -1, 3], at_tool[3:].T).T
+        at_tool[:3] /= tree.length
+        samples.append(Sample(equations.columns[0] * tree.row_scale[:, None] * scale, at_tool))
+    return samples

@@ -1,0 +1,184 @@
+"""Exports of calibrations with closed loops: read, compiled and run without calibtool."""
+
+import ctypes
+import json
+import shutil
+import subprocess
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from closed_json_reader import calibrated_pose, corrected, nominal_pose
+from structured_text import FunctionBlock
+
+from calibtool.calibration import Calibration, identify, train
+from calibtool.compensation.exact import exact
+from calibtool.equivalent.training import TrainingOptions
+from calibtool.errors import InputError, NoSolutionError
+from calibtool.export.as_json import calibration_as_json
+from calibtool.export.as_urdf import calibration_as_urdf
+from calibtool.export.c_code import calibration_as_c
+from calibtool.export.structured_text import calibration_as_structured_text
+from calibtool.export.taught import Taught
+from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.simulate import Simulation, simulate
+from calibtool.robot.catalogue import load_robot
+from calibtool.robot.description import parse_source
+from calibtool.robot.robot import Robot
+from calibtool.robot.se3 import Array
+
+NAMES = ["delta", "prs3"]
+
+
+@cache
+def calibration_of(name: str) -> Calibration:
+    robot = load_robot(name)
+    workspace = robot.workspace(None)[1]
+    return identify(simulate(robot, Simulation(seed=2, configurations=40, workspace=workspace)))
+
+
+def rows(calibration: Calibration, count: int = 12) -> Array:
+    robot = calibration.robot
+    q = sample_configurations(robot, robot.workspace(None)[1], 3 * count, np.random.default_rng(9))
+    middle = (robot.lower + robot.upper) / 2
+    return (middle + 0.8 * (q - middle))[:count]
+
+
+def left(calibration: Calibration, q: Array, driven: Array) -> Array:
+    """Distances (m) of the calibrated tool points at driven joints from the nominal ones."""
+    nominal = calibration.robot.mechanism.forward(q)
+    return np.linalg.norm((calibration.forward(driven) - nominal)[:, :3, 3], axis=-1)
+
+
+# --- C and Structured Text ---
+
+
+def test_the_c_code_corrects_as_near_as_its_header_says(tmp_path: Path) -> None:
+    gcc = shutil.which("gcc")
+    if gcc is None:
+        pytest.skip("gcc is not installed, so the generated C code cannot be compiled")
+    calibration = calibration_of("delta")
+    taught = Taught.of(calibration)
+    header, source = calibration_as_c(calibration, "delta")
+    (tmp_path / "delta.h").write_text(header)
+    (tmp_path / "delta.c").write_text(source)
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O2", "-shared", "-fPIC"]
+    library = tmp_path / "delta.so"
+    subprocess.run([gcc, *flags, str(tmp_path / "delta.c"), "-o", str(library), "-lm"], check=True)
+    correct = ctypes.CDLL(str(library)).delta_correct
+    correct.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
+    q = rows(calibration)
+    driven, states = q.copy(), []
+    for row in driven:
+        states.append(correct(row.ctypes.data, row.ctypes.data))
+    assert set(states) == {0}
+    after = left(calibration, q, driven)
+    assert f"after this one {taught.left[0]:.3g} mm, {taught.left[1]:.3g} mrad" in header
+    assert after.max() <= 1.5e-3 * taught.left[0]
+    assert after.max() < 0.05 * left(calibration, q, q).max()
+    for wrong, state in ((np.full(3, np.nan), 2), (calibration.robot.upper + 0.1, 1)):
+        answer = np.zeros(3)
+        assert correct(wrong.ctypes.data, answer.ctypes.data) == state
+        np.testing.assert_array_equal(answer, wrong)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_structured_text_computes_the_network(name: str) -> None:
+    calibration = calibration_of(name)
+    block = FunctionBlock(calibration_as_structured_text(calibration, "robot"))
+    network, q = Taught.of(calibration).network, rows(calibration)
+    for row, change in zip(q, network(q), strict=True):
+        answer, status = block(row)
+        assert status == 0
+        np.testing.assert_allclose(answer, row + change, rtol=0, atol=1e-12)
+    answer, status = block(calibration.robot.upper + 1.0)
+    assert status == 1
+    np.testing.assert_array_equal(answer, calibration.robot.upper + 1.0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_a_taught_network_leaves_is_small_beside_what_it_corrects(name: str) -> None:
+    taught = Taught.of(calibration_of(name))
+    for before, after, exactly in zip(taught.before, taught.left, taught.exact, strict=True):
+        assert after <= 0.1 * max(before, 1e-6)
+        assert exactly <= after + 1e-9
+
+
+def test_a_network_that_cannot_learn_the_corrections_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import calibtool.export.taught as module
+
+    monkeypatch.setattr(module, "HIDDEN", 1)
+    with pytest.raises(NoSolutionError, match=r"delta: a network of 1 nodes leaves .* use json"):
+        calibration_as_c(calibration_of("delta"), "delta")
+
+
+# --- JSON ---
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_stranger_reads_the_json_file_and_corrects_as_calibtool_does(name: str) -> None:
+    calibration = calibration_of(name)
+    contents = json.loads(calibration_as_json(calibration))
+    q = rows(calibration, 1)
+    expected = exact(calibration, q).q
+    for row, nominal, pose, answer in zip(
+        q,
+        calibration.robot.mechanism.forward(q),
+        calibration.forward(q),
+        expected,
+        strict=True,
+    ):
+        np.testing.assert_allclose(nominal_pose(contents, row), nominal, atol=1e-10)
+        np.testing.assert_allclose(calibrated_pose(contents, row), pose, atol=1e-10)
+        np.testing.assert_allclose(corrected(contents, row), answer, atol=1e-8)
+
+
+def test_joint_functions_and_a_network_are_in_the_json_file() -> None:
+    robot = load_robot("delta")
+    measurements = simulate(robot, Simulation(seed=2, configurations=40))
+    options = TrainingOptions(restarts=1)
+    calibration = train(measurements, calibration_of("delta"), options)
+    rng = np.random.default_rng(0)
+    errors = calibration.base.errors.having(
+        harmonics=1e-3 * rng.normal(size=(3, 4)), gravity=np.full(3, 1e-4)
+    )
+    calibration = replace(calibration, base=replace(calibration.base, errors=errors))
+    network = train(measurements, "nominal", options).networks
+    calibration = replace(calibration, networks=network)
+    contents = json.loads(calibration_as_json(calibration))
+    assert contents["network"] is not None
+    for row in rows(calibration, 1):
+        expected = calibration.forward(row[None])[0]
+        np.testing.assert_allclose(calibrated_pose(contents, row), expected, atol=1e-9)
+
+
+# --- URDF ---
+
+
+@pytest.mark.parametrize("name", [*NAMES, "fivebar"])
+def test_the_calibrated_urdf_with_the_loops_is_the_calibrated_robot(name: str) -> None:
+    calibration = calibration_of(name)
+    text, missing = calibration_as_urdf(calibration)
+    source = calibration.robot.source
+    robot = Robot.from_source(parse_source(source.toml_text, text, "calibrated"))
+    q = calibration.q
+    apart = np.linalg.norm(
+        (robot.mechanism.forward(q) - calibration.forward(q))[:, :3, 3], axis=-1
+    ).max()
+    nominal = left(calibration, q, q).max()
+    assert apart < 0.05 * nominal
+    assert (apart < 1e-7) == (not missing)
+
+
+def test_a_frame_of_a_loop_without_a_fixed_joint_is_refused() -> None:
+    calibration = calibration_of("delta")
+    robot = calibration.robot
+    fixed = '"rod12_end_fix" type="fixed"'
+    urdf = robot.source.urdf_text.replace(fixed, fixed.replace('"fixed"', '"floating"'))
+    other = replace(robot, source=replace(robot.source, urdf_text=urdf))
+    with pytest.raises(InputError, match="frame 'rod12_end' of a loop has no fixed joint"):
+        calibration_as_urdf(replace(calibration, robot=other))
