@@ -185,8 +185,12 @@ def report_calibration(
     calibration: "Calibration", schema: str, json: bool, extra: dict[str, object] | None = None
 ) -> None:
     """What came out: JSON on stdout, or a few lines on stderr."""
+    from calibtool.identification.sufficiency import few_rows
     from calibtool.summary import calibration_lines, calibration_summary
 
+    few = few_rows(calibration.base, calibration.configurations)
+    if few is not None:
+        message(f"warning: {few}")
     if json:
         print_json({**calibration_summary(calibration), **(extra or {}), "schema": schema})
         return

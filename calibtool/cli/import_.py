@@ -12,13 +12,14 @@ from calibtool.cli.files import (
     read_text,
     same_file,
     shown,
+    write_output,
     write_outputs,
     write_stdout,
 )
 from calibtool.cli.options import Force, JointValuesOption, Output, Seed, choice, joint_values_of
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
-from calibtool.errors import UsageError
+from calibtool.errors import InputError, UsageError
 
 
 def import_(
@@ -72,6 +73,13 @@ def import_(
         float,
         typer.Option(min=0, help="Time stamps further apart than this do not belong together."),
     ] = 0.1,
+    clock_offset: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Added to the stamps of TABLE, for --join time with a moving arm.",
+        ),
+    ] = None,
     format: Annotated[
         str | None,
         typer.Option(
@@ -104,6 +112,12 @@ def import_(
             help="Of three angles: intrinsic-xyz, extrinsic-zyx, … (any axes), zyx, rotation-vector.",
         ),
     ] = None,
+    encoding: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Of text files: utf-8, utf-16, cp1252 … (default: found)."
+        ),
+    ] = None,
     joint_values: JointValuesOption = None,
     rows: Annotated[
         str | None,
@@ -119,6 +133,19 @@ def import_(
         ),
     ] = None,
     seed: Seed = 0,
+    accept_misfit: Annotated[
+        bool,
+        typer.Option(
+            "--accept-misfit", help="Take in points that the robot, or any mistake tried, misses."
+        ),
+    ] = False,
+    map_template: Annotated[
+        bool,
+        typer.Option(
+            "--map-template",
+            help="Write a column map made from the header instead, to be completed by hand.",
+        ),
+    ] = False,
     dry_run: Annotated[
         bool,
         typer.Option(
@@ -139,7 +166,7 @@ def import_(
     Example: calibtool import tracker.csv --robot ur10 --columns map.toml -o measurements.h5
     """
     if not dry_run:
-        check_output(output, force, binary=True)
+        check_output(output, force, binary=not map_template)
         if rest is not None:
             check_output(rest, force, binary=True)
             if same_file(rest, output):
@@ -155,6 +182,7 @@ def import_(
         parse_column_map,
         preview,
         read_table,
+        template_of,
     )
     from calibtool.measurement.importing.joining import JOINS
     from calibtool.measurement.importing.sources import FORMATS
@@ -174,13 +202,30 @@ def import_(
     join_by = chosen(join, JOINS, "--join")
     if joints is not None:
         inputs["joints"] = read_bytes(joints)
-        joint_file = JointFile(inputs["joints"], shown(joints), join_by, join_tolerance_s)
+        joint_file = JointFile(inputs["joints"], shown(joints), join_by, join_tolerance_s, encoding)
     elif join != "index" and not (join == "name" and commanded is not None):
         raise UsageError(f"--join {join}: there is no second file; give --joints FILE")
     commanded_file = None
     if commanded is not None:
         inputs["commanded"] = read_bytes(commanded)
         commanded_file = CommandedFile(inputs["commanded"], shown(commanded), join_by)
+    stated = Stated(
+        chosen(unit, ("mm", "m", "in"), "--unit"),
+        chosen(angle_unit, ("deg", "rad"), "--angle-unit"),
+        convention,
+    )
+    how: dict[str, Any] = {
+        "format": chosen(format, FORMATS, "--format"),
+        "sheet": sheet,
+        "layout": chosen(layout, LAYOUTS, "--layout"),
+        "encoding": encoding,
+    }
+    if map_template:
+        text = template_of(
+            inputs["table"], shown(table), load_robot(robot), stated, joint_file, **how
+        )
+        write_output(output, text, force)
+        return
     with working(f"reading {shown(table)}"):
         imported = read_table(
             inputs["table"],
@@ -189,18 +234,16 @@ def import_(
             column_map,
             frame=chosen(frame, ("base", "unknown"), "--frame"),
             robot_targets=robot_targets,
-            format=chosen(format, FORMATS, "--format"),
-            sheet=sheet,
-            layout=chosen(layout, LAYOUTS, "--layout"),
-            stated=Stated(
-                chosen(unit, ("mm", "m", "in"), "--unit"),
-                chosen(angle_unit, ("deg", "rad"), "--angle-unit"),
-                convention,
-            ),
+            stated=stated,
             joints=joint_file,
             joint_values=joint_values_of(joint_values),
             commanded=commanded_file,
+            **how,
         )
+    if clock_offset is not None:
+        imported = imported.with_clock_offset(clock_offset)
+    for note in imported.understood.said:
+        message(f"note: {note}")
     for warning in imported.warnings:
         message(f"warning: {warning}")
     taken, left = imported.split(rows, sample, seed)
@@ -212,11 +255,17 @@ def import_(
     origin = provenance(seed if sample is not None else None, **inputs)
     with working(f"registering and checking {len(taken.measurements)} configurations"):
         measurements = taken.registered().measurements
-        findings = check_measurements(measurements, taken.companions)
+        findings = check_measurements(measurements, taken.companions, taken.stream)
     for finding in findings:
+        if finding.name == "nominal_robot" and not accept_misfit:
+            raise InputError(
+                f"{shown(table)}: {finding.message}; --accept-misfit takes the file in all the same"
+            )
         message(str(finding))
-    outputs: dict[str, bytes | str] = {output: to_bytes(replace(measurements, provenance=origin))}
+    said = (*taken.warnings, *(f.message for f in findings if f.severity == "warning"))
+    measurements = replace(measurements, provenance=origin, findings=said)
+    outputs: dict[str, bytes | str] = {output: to_bytes(measurements)}
     if rest is not None and left is not None:
         held_out = left.with_setup(measurements.setup).measurements
-        outputs[rest] = to_bytes(replace(held_out, provenance=origin))
+        outputs[rest] = to_bytes(replace(held_out, provenance=origin, findings=said))
     write_outputs(outputs, force)

@@ -13,11 +13,17 @@ if TYPE_CHECKING:
 
 
 def load_measurements(path: str) -> "tuple[Measurements, bytes]":
-    """Measurements of a file (`-`: stdin), and its bytes for the provenance."""
+    """Measurements of a file (`-`: stdin), and its bytes for the provenance.
+
+    What was wrong with them when they were made is said again.
+    """
     from calibtool.storage import read_measurements
 
     data = read_bytes(path)
-    return read_measurements(io.BytesIO(data), shown(path)), data
+    measurements = read_measurements(io.BytesIO(data), shown(path))
+    for finding in measurements.findings:
+        message(f"warning: {shown(path)}: {finding}")
+    return measurements, data
 
 
 def load_calibration(path: str, frame: str | None = None) -> "tuple[Calibration, bytes]":

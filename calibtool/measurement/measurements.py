@@ -75,6 +75,7 @@ class Measurements:
                  they are not those two; None: they are
     truth        the actual robot and set-up of a simulation; None for real measurements
     conditions   of every row: directions of motion, payload, temperature, as far as they are known
+    findings     what was found to be wrong with them when they were made, one line each
     provenance   command line, seed, input checksums, versions: text by name
     commanded    (N, 4, 4) T_base_tool that was asked for in K_0, where q are joints corrected for it; None where q itself
                  is the command
@@ -90,6 +91,7 @@ class Measurements:
     truth: Truth | None = None
     conditions: Conditions = field(default_factory=Conditions)
     deviations: Array | None = None
+    findings: tuple[str, ...] = ()
     provenance: dict[str, str] = field(default_factory=dict)
     commanded: Array | None = None
 

@@ -18,7 +18,7 @@ from calibtool.storage.parts import (
     write_errors,
     write_setup,
 )
-from calibtool.storage.texts import put_string
+from calibtool.storage.texts import put_string, put_text, texts
 
 
 def write_measurements(file: h5py.File, measurements: Measurements) -> None:
@@ -69,6 +69,8 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
             "configuration",
             "coordinate",
         )
+    if measurements.findings:
+        put_text(group, "findings", measurements.findings, "what was wrong when they were made")
     write_setup(file.create_group("registration"), measurements.setup)
     if measurements.truth is not None:
         actual = measurements.truth.actual
@@ -100,6 +102,7 @@ def build_measurements(file: h5py.File) -> Measurements:
         noise_orientation=read_number(group, "noise_orientation_rad"),
         truth=truth,
         conditions=read_conditions(group, robot.n),
+        findings=texts(group, "findings") if "findings" in group else (),
         deviations=get(group, "deviations", -1, -1) if "deviations" in group else None,
         provenance=read_provenance(file),
         commanded=get(group, "commanded_poses", -1, 4, 4) if "commanded_poses" in group else None,

@@ -1,20 +1,27 @@
 """Checks at the door: what is wrong with measurements, before anything is estimated from them."""
 
+from calibtool.measurement.checks.clocks import clock_finding
 from calibtool.measurement.checks.conditions import condition_findings
 from calibtool.measurement.checks.design import design_findings
 from calibtool.measurement.checks.finding import Finding
-from calibtool.measurement.checks.nominal import nominal_findings, nominal_fit, orientation_finding
+from calibtool.measurement.checks.fit import nominal_fit
+from calibtool.measurement.checks.nominal import nominal_findings, orientation_finding
 from calibtool.measurement.checks.shape import shape_findings
 from calibtool.measurement.companions import Companions
 from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.streams import JointStream
 
 __all__ = ["Finding", "check_measurements", "design_findings"]
 
 
 def check_measurements(
-    measurements: Measurements, companions: Companions | None = None
+    measurements: Measurements,
+    companions: Companions | None = None,
+    stream: JointStream | None = None,
 ) -> list[Finding]:
     """Every finding about measurements and what was recorded beside them (companions), warnings first.
+
+    stream: where the joints came from, if they were taken from a stream at the stamps of the points.
 
     Nothing is changed and nothing raised: a check whose data are missing says nothing. Row numbers count from 1.
     """
@@ -24,6 +31,8 @@ def check_measurements(
     if not mistakes and (orientation := orientation_finding(measurements, fit)) is not None:
         found.append(orientation)
     found += condition_findings(measurements, fit, companions or Companions())
+    if (clocks := clock_finding(measurements, stream)) is not None:
+        found.append(clocks)
     repeats = any(
         finding.name == "repeatability" for finding in found
     )  # it counts the repeated rows too

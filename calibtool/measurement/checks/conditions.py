@@ -3,19 +3,19 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import stdtr
 
 from calibtool.measurement.checks.design import repeated_groups
 from calibtool.measurement.checks.finding import Finding, Numbers, severity
-from calibtool.measurement.checks.nominal import Fit, nominal_fit
+from calibtool.measurement.checks.fit import Fit, nominal_fit
+from calibtool.measurement.checks.unexplained import Unexplained
 from calibtool.measurement.companions import Companions
-from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.measurement.observation import observation_matrix
-from calibtool.robot.se3 import Array, adjoint, readonly, transform_points
+from calibtool.measurement.measurements import Measurements
+from calibtool.robot.se3 import Array, readonly, transform_points
 
 _LOUD = 3.0  # repeated configurations may scatter by so many times the stated noise
 _RARE = 1e-3  # probability below which a trend is not chance
-_TOLERANCE = 1e-3  # m, and rad: geometric errors that a trend must not be mistaken for
+_MOST_ROWS = 1000  # enough for a trend
 _CLEAR = 5.0  # standard errors at which a drift or the better joint positions are named
 
 
@@ -28,8 +28,12 @@ def condition_findings(
     """
     found = [_drift(measurements, companions)]
     if np.isfinite(fit.rms):
+        found.append(_repeatability(measurements, fit))
+        if len(measurements) > _MOST_ROWS:
+            rows = np.linspace(0, len(measurements) - 1, _MOST_ROWS).astype(int)
+            measurements, companions = measurements.rows(rows), companions.rows(rows)
+            fit = replace(fit, left=fit.left[rows])
         found += [
-            _repeatability(measurements, fit),
             _temperature(measurements, fit, companions),
             _commanded_or_read(measurements, companions),
         ]
@@ -112,8 +116,10 @@ def _drift(measurements: Measurements, companions: Companions) -> Finding | None
 def _temperature(measurements: Measurements, fit: Fit, companions: Companions) -> Finding | None:
     """Trend of the residual with temperature: drift along x, y, z of K_0, and growth away from the base.
 
-    What a geometric error of the robot could explain is taken out first. The most significant of the four counts, its
-    p-value times four; the order of the rows is tried as well, because most things that drift do so with time.
+    Errors of the robot, of any family and its tolerance, may explain a part: that is in the standard errors (`Unexplained`).
+    The most significant of the four counts, its p-value times four: an arm that stays the same is called drifting once in a
+    thousand sets, whatever the order of the rows. The order of the rows is tried as well, because most things that drift do
+    so with time.
     """
     if companions.temperature_c is None or np.ptp(companions.temperature_c) < 0.1:
         return None
@@ -124,7 +130,11 @@ def _temperature(measurements: Measurements, fit: Fit, companions: Companions) -
     order_sizes = _trends(measurements, fit, outward, np.arange(float(len(measurements))))[1]
     strongest, span = int(np.argmax(sizes)), float(np.ptp(companions.temperature_c))
     slopes[3] *= float(np.linalg.norm(outward, axis=-1).mean())
-    p, change = min(1.0, 8 * float(ndtr(-sizes[strongest]))), abs(float(slopes[strongest])) * span
+    freedom = max(measurements.equations - 1, 1)
+    p, change = (
+        min(1.0, 8 * float(stdtr(freedom, -sizes[strongest]))),
+        abs(float(slopes[strongest])) * span,
+    )
     numbers: Numbers = {
         "range_k": span,
         "drift_mm_per_k": [float(slope) * 1e3 for slope in slopes[:3]],
@@ -152,40 +162,15 @@ def _trends(
     measurements: Measurements, fit: Fit, outward: Array, values: Array
 ) -> tuple[Array, Array]:
     """Slopes (4,) of the residual over values (N,) along x, y, z and outward (N, m, 3); their sizes in standard errors."""
-    left = without_geometry(measurements, fit.setup, fit.left)
+    unexplained = Unexplained.of(measurements, fit.setup)
     slopes, sizes = np.empty(4), np.empty(4)
     directions = [*np.broadcast_to(np.eye(3)[:, None, None], (3, *outward.shape)), outward]
     for k, direction in enumerate(directions):
-        trend = ((values - values.mean())[:, None, None] * direction).reshape(left.shape)
+        trend = ((values - values.mean())[:, None, None] * direction).reshape(fit.left.shape)
         trend *= measurements.seen.repeat(3, axis=-1)
-        slopes[k], error = _slope(without_geometry(measurements, fit.setup, trend), left)
+        slopes[k], error = unexplained.slope(trend, fit.left)
         sizes[k] = abs(slopes[k]) / max(error, 1e-300)
     return slopes, sizes
-
-
-def without_geometry(measurements: Measurements, setup: Setup, series: Array) -> Array:
-    """A series (N, d) without what placement errors of the links (Eq. 10), of tolerance 1 mm and 1 mrad, explain of it."""
-    frames = measurements.robot.mechanism.frames(measurements.q)
-    blocks = adjoint(np.concatenate([frames.before, frames.tool[:, None]], axis=1))
-    P = observation_matrix(setup, frames.tool)
-    seen = measurements.seen.repeat(3, axis=-1)
-    columns: Array = (
-        (P[:, None] @ blocks * seen[:, None, :, None]).transpose(0, 2, 1, 3).reshape(seen.size, -1)
-    )
-    size = _TOLERANCE / measurements.noise_position
-    normal_matrix = columns.T @ columns * size**2 + np.eye(columns.shape[1])
-    errors = np.linalg.solve(normal_matrix, columns.T @ series.ravel() * size**2)
-    return series - (columns @ errors).reshape(series.shape)
-
-
-def _slope(x: Array, y: Array) -> tuple[float, float]:
-    """Slope of y over x, both (N, d), and its standard error, which allows for rows that are like the row before."""
-    power = max(float((x**2).sum()), 1e-300)
-    slope = float((x * y).sum()) / power
-    scores = (x * (y - slope * x)).sum(axis=-1)
-    total = max(float(scores @ scores), 1e-300)
-    alike = float(np.clip(scores[1:] @ scores[:-1] / total, 0.0, 0.95))
-    return slope, float(np.sqrt(total * (1 + alike) / (1 - alike))) / power
 
 
 def _commanded_or_read(measurements: Measurements, companions: Companions) -> Finding | None:
@@ -205,10 +190,8 @@ def _commanded_or_read(measurements: Measurements, companions: Companions) -> Fi
     power = float((apart**2).sum())
     if power < 1e-30:
         return None
-    apart, whole = (
-        without_geometry(measurements, fits[0].setup, series) for series in (apart, fits[0].left)
-    )
-    share, error = _slope(apart, whole)
+    unexplained = Unexplained.of(measurements.points_alone(), fits[0].setup)
+    share, error = unexplained.slope(apart, fits[0].left)
     used_read = np.abs(measurements.q - read).max() < np.abs(measurements.q - commanded).max()
     better_read = share > 0.5
     clear = abs(share - 0.5) > _CLEAR * error

@@ -1,19 +1,19 @@
 """What the nominal robot makes of the measurements, and which single mistake in the data would explain a bad fit."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import combinations, permutations
+from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from calibtool.errors import NoSolutionError
 from calibtool.measurement.checks.finding import Finding, Numbers, listed
+from calibtool.measurement.checks.fit import Fit, nominal_fit
+from calibtool.measurement.checks.groups import groups_of_rows
+from calibtool.measurement.checks.mistakes import mistakes
+from calibtool.measurement.checks.zeros import zero_of_one_joint, zeros_of_all_joints
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.measurement.observation import residuals
-from calibtool.measurement.registration import register
-from calibtool.robot.se3 import Array, readonly, transform_points
+from calibtool.robot.se3 import readonly, transform_points
 
 _SUSPICIOUS, _AT_LEAST = (
     1.5e-2,
@@ -23,30 +23,9 @@ _GROSS = 3e-2  # the same, when nothing that was tried explains it
 _BETTER = 3.0  # how much better the data must be explained before a mistake is named
 _FAR = 4.0  # times the median: rows tried without
 _ALIKE = 1.5  # explanations nearer to each other than this are named together
+_OF_SPREAD = 0.1  # of the spread of the points: what an explanation must leave less than
+_FEWER = 10.0  # the same for explanations with more unknowns
 _MOST_ROWS = 150  # enough to tell one explanation from another
-_UNIT = 180.0 / np.pi
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A set-up, what it leaves of the points (N, 3m) in K_0, and the rms distance per target, m (infinite: no fit)."""
-
-    setup: Setup
-    left: Array
-    rms: float
-
-
-def nominal_fit(measurements: Measurements, *, free: bool) -> Fit:
-    """The nominal robot registered to the points (orientations left aside); free: given parts of the set-up too."""
-    points = measurements.points_alone()
-    setup = replace(points.setup, frame_known=False, targets_known=False) if free else points.setup
-    points = replace(points, setup=setup)
-    try:
-        setup = register(points)
-    except NoSolutionError:
-        return Fit(setup, np.full((len(points), 3 * points.points.shape[1]), np.nan), np.inf)
-    left = residuals(points, setup, points.robot.mechanism.forward(points.q))
-    return Fit(setup, left, float(np.sqrt((left**2).sum() / points.seen.sum())))
 
 
 def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Finding], np.ndarray]:
@@ -61,7 +40,7 @@ def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Find
     limit = max(_SUSPICIOUS * measurements.robot.length, _AT_LEAST)
     if stated.rms < limit:
         order = _other_order(measurements, stated.setup)
-        return ([] if order is None else [order]), none
+        return [*_small_zero(measurements), *([] if order is None else [order])], none
     given = measurements.setup.frame_known or measurements.setup.targets_known
     free = nominal_fit(measurements, free=True) if given else stated
     if free.rms >= limit:
@@ -90,64 +69,28 @@ def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
     )
 
 
-@dataclass(frozen=True)
-class _Mistake:
-    """One thing that may be wrong, in words, and the measurements without it."""
-
-    name: str
-    text: str
-    repaired: Measurements
-
-
-def _mistakes(measurements: Measurements) -> Iterator[_Mistake]:
-    """Single mistakes that people make with a table, the likelier first."""
-    robot, q = measurements.robot, measurements.q
-    turning = [j for j in range(robot.n) if not robot.prismatic[j]]
-
-    def with_q(name: str, text: str, values: Array) -> _Mistake:
-        return _Mistake(name, text, replace(measurements, q=readonly(values)))
-
-    for factor, text in (
-        (1 / _UNIT, "in degrees, given as rad"),
-        (_UNIT, "in rad, given as degrees"),
-    ):
-        for joints in [turning, *([j] for j in turning)]:
-            scale = np.ones(robot.n)
-            scale[joints] = factor
-            who = "all angles are" if joints is turning else f"joint {joints[0] + 1} is"
-            yield with_q("angle_unit", f"{who} {text}", q * scale)
-    mirrored = measurements.points * [1.0, -1.0, 1.0]
-    repaired = replace(measurements, points=readonly(mirrored))
-    yield _Mistake(
-        "left_handed_axes",
-        "the instrument's axes are left-handed (mirror one coordinate)",
-        repaired,
-    )
-    for j in range(robot.n):
-        sign = np.ones(robot.n)
-        sign[j] = -1.0
-        yield with_q("joint_sign", f"joint {j + 1} is counted the other way round", q * sign)
-    for a, b in combinations(range(robot.n), 2):
-        order = np.arange(robot.n)
-        order[[a, b]] = b, a
-        yield with_q(
-            "joint_order", f"the columns of joints {a + 1} and {b + 1} are swapped", q[:, order]
-        )
-    if len(turning) >= 3 and turning[1:3] == [1, 2]:
-        coupled = q.copy()
-        coupled[:, 2] += q[:, 1]
-        yield with_q(
-            "joint_coupling", "joint 3 is counted from the horizontal (add joint 2)", coupled
-        )
-
-
 def _single_mistake(measurements: Measurements) -> list[Finding]:
     """The mistake without which the robot explains the points, or that none of those tried does."""
     rows = np.unique(np.linspace(0, len(measurements) - 1, _MOST_ROWS).astype(int))
     some = measurements.rows(rows)
     before = nominal_fit(some, free=True).rms
-    tried = [(nominal_fit(mistake.repaired, free=True).rms, mistake) for mistake in _mistakes(some)]
-    best = min(rms for rms, _ in tried)
+    explained = max(_SUSPICIOUS * measurements.robot.length, _AT_LEAST)
+    tried = []
+    for mistake in mistakes(measurements, rows):
+        rms = nominal_fit(mistake.repaired, free=True).rms
+        if rms < min(explained, _OF_SPREAD * _spread(mistake.repaired)):
+            tried.append((rms, mistake))
+    best = min((rms for rms, _ in tried), default=np.inf)
+    groups = groups_of_rows(measurements, explained)
+    if groups is not None and groups.rms * _FEWER < min(best, before):
+        return [groups.finding(before)]
+    zero = (
+        None
+        if best * _BETTER < before and best < explained / _FEWER
+        else zero_of_one_joint(some, grid=True)
+    )
+    if zero is not None and zero.rms * _BETTER < min(best, before):
+        return [zero.finding(before)]
     if best * _BETTER < before:
         alike = [mistake for rms, mistake in tried if rms <= _ALIKE * best]
         message = (
@@ -160,6 +103,9 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
         return [Finding(alike[0].name, "warning", message, numbers)]
     if (rows_off := _rows_off(measurements)) is not None:
         return [rows_off]
+    zeros = zeros_of_all_joints(some)
+    if zeros is not None and zeros.rms * _BETTER < before and zeros.rms < explained:
+        return [zeros.finding(before)]
     if not _GROSS * measurements.robot.length < before < np.inf:
         return []
     message = (
@@ -167,6 +113,21 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
         "columns with their units and signs, and that rows of joints and of points belong together"
     )
     return [Finding("nominal_robot", "warning", message, {"rms_mm": before * 1e3})]
+
+
+def _spread(measurements: Measurements) -> float:
+    """How far the points are from their mean, m rms: an arm that hardly moves fits points that hardly do."""
+    points = measurements.points[measurements.seen]
+    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=-1).mean()))
+
+
+def _small_zero(measurements: Measurements) -> list[Finding]:
+    """One joint's zero position that is a little elsewhere, in data that fit the robot otherwise."""
+    zero = zero_of_one_joint(measurements, grid=False)
+    if zero is None:
+        return []
+    before = nominal_fit(measurements, free=True).rms
+    return [zero.finding(before)] if zero.rms * _BETTER < before else []
 
 
 def _rows_off(measurements: Measurements) -> Finding | None:

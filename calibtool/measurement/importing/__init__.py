@@ -6,6 +6,7 @@ from calibtool.measurement.importing.assemble import (
     Understood,
     import_table,
     read_table,
+    template_of,
 )
 from calibtool.measurement.importing.column_map import ColumnMap, parse_column_map
 from calibtool.measurement.importing.commanded import CommandedFile
@@ -26,4 +27,5 @@ __all__ = [
     "preview",
     "read_table",
     "select_rows",
+    "template_of",
 ]

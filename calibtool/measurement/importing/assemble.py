@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calibtool.errormodel.conditions import Conditions, directions
-from calibtool.errors import InputError, NoSolutionError
+from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.measurement.companions import Companions
 from calibtool.measurement.importing.column_map import ColumnMap, Frame
 from calibtool.measurement.importing.commanded import (
@@ -15,9 +15,12 @@ from calibtool.measurement.importing.commanded import (
     join_commanded,
     of_kept_rows,
 )
-from calibtool.measurement.importing.header import Stated, complete_map
-from calibtool.measurement.importing.joining import JOIN_TOLERANCE, Join, join_rows
+from calibtool.measurement.importing.header import Stated, complete_map, time_column
+from calibtool.measurement.importing.joining import JOIN_TOLERANCE, Join, join_rows, stamps
 from calibtool.measurement.importing.known import known_setup
+from calibtool.measurement.importing.labels import label_pair
+from calibtool.measurement.importing.long_form import one_row_each
+from calibtool.measurement.importing.names import named
 from calibtool.measurement.importing.readings import (
     read_companions,
     read_joints,
@@ -27,13 +30,16 @@ from calibtool.measurement.importing.readings import (
 )
 from calibtool.measurement.importing.rows import choose_rows, line_ranges
 from calibtool.measurement.importing.sources import Source, read_source
+from calibtool.measurement.importing.template import map_template
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
+from calibtool.measurement.streams import JointStream
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 from calibtool.tables import Table
 
+COMPENSATED = ("status", "left_mm", "left_mrad")  # what `compensate` adds to its rows
 REGISTRATION_ROWS = (
     20_000  # evenly spaced ones of a longer table; the set-up has at most some twenty unknowns
 )
@@ -46,6 +52,7 @@ class JointFile(NamedTuple):
     name: str
     join: Join = "index"
     tolerance_s: float = JOIN_TOLERANCE
+    encoding: str | None = None
 
 
 @dataclass(frozen=True)
@@ -58,15 +65,26 @@ class Understood:
     noise_stated: bool
     ignored: dict[str, list[str]]  # columns that nothing is read from, by file
     lines: np.ndarray  # (N,) in the measured table
+    notes: tuple[str, ...] = ()  # what had to be found out
+
+    @property
+    def said(self) -> list[str]:
+        """What people should know of how the files were read, one line each."""
+        unused = {name: columns for name, columns in self.ignored.items() if columns}
+        return [
+            *self.notes,
+            *(f"{name}: not used: {', '.join(columns)}" for name, columns in unused.items()),
+        ]
 
 
 class Imported(NamedTuple):
-    """Measurements, warnings, what stands beside the measurements, and how the files were understood."""
+    """Measurements, warnings, what stands beside the measurements, how the files were understood; joints as a stream."""
 
     measurements: Measurements
     warnings: list[str]
     companions: Companions
     understood: Understood
+    stream: JointStream | None = None
 
     def split(
         self, rows: str | None, sample: int | None, seed: int
@@ -81,6 +99,23 @@ class Imported(NamedTuple):
             measurements=self.measurements.rows(index),
             companions=self.companions.rows(index),
             understood=replace(self.understood, lines=self.understood.lines[index]),
+            stream=None if self.stream is None else self.stream.rows(index),
+        )
+
+    def with_clock_offset(self, offset: float) -> "Imported":
+        """The same with the joints taken from their stream at the stamps plus an offset, s.
+
+        Raises UsageError where there is no stream.
+        """
+        if self.stream is None:
+            raise UsageError("a clock offset needs joints as a stream: --joints FILE --join time")
+        stream = replace(self.stream, offset=offset)
+        q = readonly(stream.at(offset)[0])
+        conditions = replace(self.measurements.conditions, direction=readonly(stream.directions()))
+        return self._replace(
+            measurements=replace(self.measurements, q=q, conditions=conditions),
+            companions=replace(self.companions, q_commanded=q),
+            stream=stream,
         )
 
     def with_setup(self, setup: Setup) -> "Imported":
@@ -136,6 +171,7 @@ def read_table(
     format: str | None = None,
     sheet: str | None = None,
     layout: str | None = None,
+    encoding: str | None = None,
     stated: Stated = Stated(),
     joints: JointFile | None = None,
     joint_values: JointValues | None = None,
@@ -152,22 +188,38 @@ def read_table(
     the file, and for joint values of which nothing says whose they are, where it matters.
     """
     how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
-    source = read_source(data, name, format, sheet=sheet, layout=layout, **how)
+    source = read_source(data, name, format, sheet=sheet, layout=layout, encoding=encoding, **how)
+    notes = source.notes
     warnings: list[str] = []
     by = columns.join if columns else None
     targets: Table | None = None
     if commanded is not None:
         table, targets, warnings = join_commanded(source.table, commanded, by)
         source = replace(source, table=table)
+    of_joints = (
+        None if joints is None else read_source(joints.data, joints.name, encoding=joints.encoding)
+    )
+    if source.points is None and not (columns and (columns.targets or columns.pose)):
+        urdf = list(robot.chain.model.names)[1:]
+        table, note = one_row_each(
+            source.table, None if of_joints is None else of_joints.table, urdf
+        )
+        source, notes = replace(source, table=table), (*notes, *([note] if note else []))
     joint_table = source.table
-    if joints is not None:
-        joint_table = read_source(joints.data, joints.name).table
+    if joints is not None and of_joints is not None:
+        joint_table, notes = of_joints.table, notes + of_joints.notes
+        log = joint_table
         table, joint_table, unmatched = join_rows(
-            source.table, joint_table, joints.join, by, joints.tolerance_s
+            source.table, log, joints.join, by, joints.tolerance_s
         )
         if targets is not None:
             targets = of_kept_rows(targets, source.table, table)
         source, warnings = replace(source, table=table), warnings + unmatched
+    kept, left_out = _driven(joint_table)
+    if left_out:
+        joint_table, warnings = joint_table.take(kept), [*warnings, left_out]
+        source = replace(source, table=source.table.take(kept) if joints else joint_table)
+        targets = targets and targets.take(kept)
     mapped = columns is not None and columns.joints is not None
     complete = complete_map(source, joint_table, robot, columns, stated)
     assert complete.joints is not None
@@ -205,6 +257,12 @@ def read_table(
         ),
         commanded=None if targets is None else commanded_poses(targets, robot, joint_values),
     )
+    stream = None
+    if joints is not None and joints.join == "time":
+        wanted, known = stamps(table, log, by)
+        stream = JointStream.of(known, read_joints(log, robot, complete.joints), wanted)
+        if len(stream.times) < 2 or stream.gaps().max() > 2 * joints.tolerance_s:
+            stream = None  # joints at rest, one row each
     warnings += _lacking(table, complete, seen) + _outside(joint_table, robot, measurements)
     understood = Understood(
         source=replace(source, table=replace(table, rows=[], lines=[])),
@@ -217,10 +275,28 @@ def read_table(
         ),
         joints_name=joint_table.name,
         noise_stated=columns is not None and "noise" in columns.model_fields_set,
-        ignored=_ignored(source, joint_table, complete),
+        ignored=_ignored(source, joint_table, complete, joints),
         lines=np.array(table.lines),
+        notes=notes,
     )
-    return Imported(measurements, warnings, companions, understood)
+    imported = Imported(measurements, warnings, companions, understood, stream)
+    return imported if stream is None else imported.with_clock_offset(0.0)
+
+
+def template_of(
+    data: bytes | str,
+    name: str,
+    robot: Robot,
+    stated: Stated = Stated(),
+    joints: JointFile | None = None,
+    **how: str | None,
+) -> str:
+    """A column map in TOML from the headers of a file and of the joints' own one, see `read_table`."""
+    source = read_source(data, name, **how)
+    table = source.table
+    if joints is not None:
+        table = read_source(joints.data, joints.name, encoding=joints.encoding).table
+    return map_template(source, table, robot, stated)
 
 
 def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
@@ -231,6 +307,20 @@ def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
         for i, target in enumerate(columns.targets)
         if not seen[:, i].all()
     ]
+
+
+def _driven(joints: Table) -> tuple[list[int], str | None]:
+    """Rows that got joints from `compensate`, and a warning about those that did not."""
+    if "status" not in joints.header:
+        return list(range(len(joints))), None
+    states = joints.texts("status")
+    kept = [row for row, status in enumerate(states) if status != "unreachable"]
+    if len(kept) == len(states):
+        return kept, None
+    lines = line_ranges([joints.lines[row] for row in range(len(states)) if row not in set(kept)])
+    return kept, (
+        f"{joints.name}: {len(states) - len(kept)} rows have the status unreachable and no joints; left out: line {lines}"
+    )
 
 
 def _whole(values: Array | None) -> bool:
@@ -252,28 +342,26 @@ def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str
     ]
 
 
-def _ignored(source: Source, joints: Table, columns: ColumnMap) -> dict[str, list[str]]:
-    """Columns of each file that nothing is read from."""
+def _ignored(
+    source: Source, joints: Table, columns: ColumnMap, joined: JointFile | None
+) -> dict[str, list[str]]:
+    """Columns of each file that nothing is read from, not even to find a row by."""
+    beside = set(COMPENSATED)
+    if joined is not None and joined.join != "index" and columns.join is not None:
+        beside |= {columns.join.measured, columns.join.joints}
+    elif joined is not None and joined.join == "name":
+        beside |= set(label_pair(source.table, joints) or ())
+    elif joined is not None and joined.join == "time":
+        found = (time_column(named(table)) for table in (source.table, joints))
+        beside |= {column.column for column in found if column}
     of_joints = {
         column for part in (columns.joints, columns.joints_read) if part for column in part.columns
     }
-    of_table = {column for target in columns.targets for column in target.columns}
-    of_table |= {column for reference in columns.references for column in reference.measured}
-    of_table |= {
-        part.column for part in (columns.time, columns.temperature, columns.payload) if part
-    }
-    if columns.pose is not None:
-        of_table |= {*columns.pose.position, *columns.pose.orientation}
-    keys = (
-        {columns.join.measured, columns.join.joints}
-        if columns.join
-        else {"name", "time_s", "time_ms", "time_iso"}
-    )
+    of_table = columns.columns - of_joints
     used = {source.table.name: of_table}
     used[joints.name] = used.get(joints.name, set()) | of_joints
     headers = {source.table.name: source.table.header, joints.name: joints.header}
-    separate = joints.name != source.table.name
     return {
-        name: [c for c in header if c and c not in used[name] and not (separate and c in keys)]
+        name: [c for c in header if c and c not in used[name] | beside]
         for name, header in headers.items()
     }

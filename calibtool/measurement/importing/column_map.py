@@ -149,6 +149,17 @@ class ColumnMap(_Strict):
     instrument: Instrument = Instrument()
     noise: Noise = Noise()
 
+    @property
+    def columns(self) -> set[str]:
+        """Every column that the map speaks for."""
+        parts: list[list[str]] = [target.columns for target in self.targets]
+        parts += [reference.measured for reference in self.references]
+        parts += [part.columns for part in (self.joints, self.joints_read) if part]
+        parts += [[part.column] for part in (self.time, self.temperature, self.payload) if part]
+        if self.pose is not None:
+            parts.append([*self.pose.position, *self.pose.orientation])
+        return {column for part in parts for column in part}
+
     def with_joint_values(self, values: JointValues) -> "ColumnMap":
         """The same with whose joint values they are; those read back too, unless they say it."""
         joints, read = self.joints, self.joints_read

@@ -18,7 +18,7 @@ def preview(imported: Imported) -> str:
     The last lines say how well the nominal robot fits once the unknown parts of the set-up are registered: a wrong unit,
     order of joints or Euler convention shows there.
     """
-    measurements, _, _, understood = imported
+    measurements, understood = imported.measurements, imported.understood
     robot, columns, table = measurements.robot, understood.columns, understood.source.table
     facts = [
         ("robot", f"{robot.name}, {robot.n} joints"),
