@@ -19,7 +19,7 @@ from calibtool.cli.files import (
 from calibtool.cli.options import Force, JointValuesOption, Output, Seed, choice, joint_values_of
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
-from calibtool.errors import InputError, UsageError
+from calibtool.errors import InputError, NoSolutionError, UsageError
 
 
 def import_(
@@ -254,7 +254,12 @@ def import_(
         return
     origin = provenance(seed if sample is not None else None, **inputs)
     with working(f"registering and checking {len(taken.measurements)} configurations"):
-        measurements = taken.registered().measurements
+        try:
+            measurements = taken.registered().measurements
+        except NoSolutionError as error:
+            found = check_measurements(taken.measurements)
+            why = [f.message for f in found if f.severity == "warning"]
+            raise NoSolutionError("; ".join([str(error), *why[:1]])) from None
         findings = check_measurements(measurements, taken.companions, taken.stream)
     for finding in findings:
         if finding.name == "nominal_robot" and not accept_misfit:

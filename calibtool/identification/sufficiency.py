@@ -31,8 +31,9 @@ def few_rows(identification: Identification, configurations: int) -> str | None:
         return None
     return (
         f"{configurations} configurations give {configurations * shown} equations for {directions} "
-        "directions of the errors: most of the result is the tolerances, and a correction may miss by as much as the arm does now; measure at least "
-        f"{-(-directions // shown)}, and twice as many for a useful result"
+        "directions of the errors: most of the result is the tolerances, and a correction may miss by "
+        f"as much as the arm does now; measure at least {-(-directions // shown)}, and twice as many "
+        "for a useful result"
     )
 
 

@@ -89,7 +89,8 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
         if best * _BETTER < before and best < explained / _FEWER
         else zero_of_one_joint(some, grid=True)
     )
-    if zero is not None and zero.rms * _BETTER < min(best, before):
+    explained = min(explained, _OF_SPREAD * _spread(some))
+    if zero is not None and zero.rms * _BETTER < min(best, before) and zero.rms < explained:
         return [zero.finding(before)]
     if best * _BETTER < before:
         alike = [mistake for rms, mistake in tried if rms <= _ALIKE * best]

@@ -15,6 +15,7 @@ from calibtool.robot.se3 import Array, readonly
 _GRID = np.deg2rad([30.0, 60.0, 90.0, 120.0, 150.0, 180.0, -150.0, -120.0, -90.0, -60.0, -30.0])
 _SMALLEST = np.deg2rad(0.3)  # and 3 mm: less is no mistake
 _ROUND, _ALIKE = np.deg2rad(15.0), 1.5
+_FEW_ROWS = 30  # on which offsets all round are tried
 _ITERATIONS = 30
 
 
@@ -56,11 +57,13 @@ def zero_of_one_joint(measurements: Measurements, *, grid: bool) -> Zeros | None
     None where no offset is large enough to be a mistake, or the outer joints alone could show it.
     """
     robot, best = measurements.robot, None
+    rows = np.unique(np.linspace(0, len(measurements) - 1, _FEW_ROWS).astype(int))
+    few = measurements.rows(rows)
     for j in range(robot.n):
         start = 0.0
         if grid and not robot.prismatic[j]:
             start = min(
-                (nominal_fit(_moved(measurements, j, offset), free=True).rms, offset)
+                (nominal_fit(_moved(few, j, offset), free=True).rms, offset)
                 for offset in (0.0, *_GRID)
             )[1]
         found = _fitted(measurements, [j], start)

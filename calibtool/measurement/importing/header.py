@@ -230,7 +230,8 @@ def _measured(names: Named, source: Source, stated: Stated) -> dict[str, object]
         return {"pose": pose}
     position = _position(names, stated)
     if position is not None:
-        return {"targets": [TargetColumns(measured=position[0], unit=position[1])]}
+        own = _originals(names, position[0])
+        return {"targets": [TargetColumns(measured=own, unit=position[1])]}
     raise InputError(
         f"{table.name}: no measured points: expected t1_x_mm t1_y_mm t1_z_mm …, x_mm y_mm z_mm or a pose, "
         "or map the columns with --columns MAP.toml"

@@ -28,7 +28,7 @@ _WORDS = {
         "placement": "placement,aufnahme,gauge",
         "board": "board,tafel",
         "status": "status",
-        **{name: name for name in ("roll", "pitch", "yaw", *"abcwproe")},
+        **{name: name for name in ("roll", "pitch", "yaw", *"abcwproet")},
     }.items()
     for spelling in spellings.split(",")
 }

@@ -66,7 +66,7 @@ def _who_axis(name: str) -> tuple[str, str] | None:
     name = re.sub(r"(?<=[a-z])(?=[XYZ]$)", " ", name)  # posX
     lower = re.sub(r"[\s_.\-/:]+", " ", name.lower()).strip()
     match = _AXIS_LAST.fullmatch(lower) or _AXIS_FIRST.fullmatch(lower)
-    if match is None:
+    if match is None or re.search(r"[\[\](){}<>]", lower):  # a unit that nobody knows
         return None
     who = match["who"].strip()
     return (

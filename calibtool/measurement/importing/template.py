@@ -20,7 +20,7 @@ def map_template(source: Source, joints: Table, robot: Robot, stated: Stated) ->
     found = parts_found(source, joints, robot, stated)
     assumed = Stated(stated.unit or "mm", stated.angle_unit or "deg", stated.convention)
     guess = parts_found(source, joints, robot, assumed)
-    notes = []
+    notes: list[str] = []
     for name in ("joints", "measured"):
         error, part = getattr(found, name), getattr(guess, name)
         if isinstance(error, InputError) and not isinstance(part, InputError):
