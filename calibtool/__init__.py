@@ -1,12 +1,13 @@
-"""calibtool: make a serial robot accurate in software, from its description and a set of measurements.
+"""calibtool: make a serial robot accurate in software, from its description and a set
+of measurements.
 
 The rooms, in the order in which data flows through them: `robot`, `errormodel`, `measurement`,
 `identification`, `planning`, `equivalent`, `calibration`, `compensation`, `controller`, `programs`,
-`export`, `evaluation`; `storage` and `tables` are the doors; `cli` is one of its users. What
-scripts need of them stands here (docs/library.md) and is imported when it is asked for.
+`export`, `evaluation`; `storage` and `tables` read and write files; `cli` is the command line on
+top. What scripts need of them stands here (docs/library.md) and is imported when it is asked for.
 
-Conventions, everywhere: metres and radians; twists are (v, ω), linear part first; `T_a_b` is the pose of frame b in
-frame a; joint positions `q` have one coordinate per joint.
+Conventions, everywhere: metres and radians; twists are (v, ω), linear part first; `T_a_b` is the
+pose of frame b in frame a; joint positions `q` have one coordinate per joint.
 """
 
 __version__ = "0.1.0"
@@ -14,13 +15,13 @@ __version__ = "0.1.0"
 _PLACES = {
     "robot.catalogue": ("load_robot", "robot_names"),
     "robot.shipped": ("shipped",),
-    "robot.model": ("Robot",),
+    "robot.robot": ("Robot",),
     "errormodel.actual": ("ErrorScales",),
     "measurement.simulate": ("Simulation", "simulate"),
     "measurement.measurements": ("Measurements",),
     "measurement.importing": ("Stated", "import_table", "parse_column_map", "read_table"),
     "measurement.checks": ("check_measurements",),
-    "planning.knowledge": ("Knowledge",),
+    "planning.information": ("Knowledge",),
     "planning.constraints": ("Constraints",),
     "planning.plan": ("Plan", "make_plan"),
     "calibration": ("Calibration", "identify", "train"),

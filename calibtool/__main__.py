@@ -1,4 +1,6 @@
-"""The entry point: says at once what is being done, then loads the command line, which takes longer."""
+"""The entry point: says at once what is being done, then loads the command line,
+which takes longer.
+"""
 
 import sys  # and nothing else before main: Ctrl-C meets Python's own handler until then
 
@@ -34,7 +36,9 @@ def first_line(arguments: list[str]) -> str | None:
 
 
 def _without_traceback(kind: type[BaseException], error: BaseException, trace: object) -> None:
-    """Ctrl-C before the command line is loaded: Python ends by the signal, and has nothing to say."""
+    """Ctrl-C before the command line is loaded: Python ends by the signal,
+    and has nothing to say.
+    """
     if not issubclass(kind, KeyboardInterrupt):
         sys.__excepthook__(kind, error, trace)  # type: ignore[arg-type]
 

@@ -7,7 +7,10 @@ T = TypeVar("T")
 
 
 class Progress(Protocol):
-    """A callback of long loops: gives back the items it gets; `what` says what they are. `tqdm.tqdm` is one."""
+    """A callback of long loops: gives back the items it gets; `what` says what they are.
+
+    `tqdm.tqdm` is one.
+    """
 
     def __call__(self, items: Iterable[T], what: str, /) -> Iterable[T]: ...
 

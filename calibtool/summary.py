@@ -1,4 +1,6 @@
-"""What a robot or a file holds, as plain dictionaries: the JSON of `robots` and `info`, and their text."""
+"""What a robot or a file holds, as plain dictionaries: the JSON of `robots` and
+`info`, and their text.
+"""
 
 import numpy as np
 
@@ -7,12 +9,12 @@ from calibtool.calibration.frame_report import frame_report
 from calibtool.calibration.learning_curve import LearningCurve
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.training import TrainingReport
-from calibtool.identification.model import Identification, Posterior
+from calibtool.identification.identification import Identification, Posterior
 from calibtool.identification.report import parameter_rows, strongest_correlations
 from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.robot.coupling import coupling_text
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log6
 
 
@@ -28,7 +30,9 @@ def robot_entry(robot: Robot) -> dict[str, object]:
 
 
 def robot_summary(robot: Robot) -> dict[str, object]:
-    """Joints with limits and axes, targets, workspaces, virtual joints and notes; units in the keys."""
+    """Joints with limits and axes, targets, workspaces, virtual joints and notes;
+    units in the keys.
+    """
     description = robot.source.description
     home = robot.mechanism.forward(robot.home(robot.workspace(None)[1])[None])[0]
     joints = []
@@ -112,7 +116,7 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         base_summary["flagged"] = {
             "configurations": [int(row) + 1 for row in flagged.rows],
             "residual_mm": [float(f"{v * 1e3:.6g}") for v in flagged.position],
-            "standard_deviations": [float(f"{v:.6g}") for v in flagged.size],
+            "standard_deviations": [float(f"{v:.6g}") for v in flagged.deviation],
             "cluster": flagged.cluster,
             "dropped": flagged.dropped,
         }
@@ -152,14 +156,20 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
 
 
 def calibration_lines(calibration: Calibration) -> list[str]:
-    """A few lines for people: what was determined, how well it fits, what is suspicious, whether the network helps."""
+    """A few lines for people: what was determined, how well it fits, what is suspicious, whether
+    the network helps.
+    """
     base, training = calibration.base, calibration.training
     noise = f"stated noise {calibration.noise_position * 1e3:.3g} mm"
     fit = f"residual {base.residual_rms[0] * 1e3:.3g} mm rms per coordinate, {noise}"
     if base.residual_rms[1] is not None:
-        fit += f"; {base.residual_rms[1] * 1e3:.3g} mrad, stated {calibration.noise_orientation * 1e3:.3g}"
+        fit += (
+            f"; {base.residual_rms[1] * 1e3:.3g} mrad, stated "
+            f"{calibration.noise_orientation * 1e3:.3g}"
+        )
     result = [
-        f"{base.model}: {calibration.robot.name}, {calibration.configurations} configurations, {fit}"
+        f"{base.model}: {calibration.robot.name}, {calibration.configurations} "
+        f"configurations, {fit}"
     ]
     if base.posterior is not None:
         result += _complete_lines(calibration)
@@ -189,8 +199,9 @@ def calibration_lines(calibration: Calibration) -> list[str]:
             result.append(f"network: not used, it does not lower the {judged} loss ({gain:+.1f} %)")
         else:
             result.append(
-                f"network: {training.hidden} hidden nodes, {training.loss} loss, {training.optimiser}, iteration "
-                f"{training.history.chosen}, {judged} loss {-gain:+.1f} %"
+                f"network: {training.hidden} hidden nodes, {training.loss} loss, "
+                f"{training.optimiser}, iteration {training.history.chosen}, {judged} loss "
+                f"{-gain:+.1f} %"
             )
     return result
 
@@ -200,13 +211,15 @@ def _rank_lines(base: Identification) -> list[str]:
     if base.parameters:
         kept = base.singular_values[: base.rank]
         result.append(
-            f"rank {base.rank} of {base.parameters} parameters ({base.observable_rank} could be determined), "
-            f"singular values {kept[-1]:.3g} to {kept[0]:.3g}, {base.iterations} iterations"
+            f"rank {base.rank} of {base.parameters} parameters ({base.observable_rank} could "
+            f"be determined), singular values {kept[-1]:.3g} to {kept[0]:.3g}, "
+            f"{base.iterations} iterations"
         )
     if base.unobservable:
         missing = base.observable_rank - base.rank
         result.append(
-            f"warning: {missing} directions are not observable from these configurations, such as {base.unobservable[0]}"
+            f"warning: {missing} directions are not observable from these configurations, such as "
+            f"{base.unobservable[0]}"
         )
     return result
 
@@ -224,18 +237,21 @@ def _complete_lines(calibration: Calibration) -> list[str]:
     functions = ", ".join(told) or "geometry alone"
     estimated = posterior.noise_factor * calibration.noise_position * 1e3
     result = [
-        f"{posterior.effective:.1f} of {base.observable_rank} directions determined ({parameters.count} parameters), "
-        f"{functions}, estimated noise {estimated:.3g} mm, {base.iterations} iterations"
+        f"{posterior.effective:.1f} of {base.observable_rank} directions determined "
+        f"({parameters.count} parameters), {functions}, estimated noise {estimated:.3g} mm, "
+        f"{base.iterations} iterations"
     ]
     if not 0.5 <= posterior.noise_factor <= 2.0:
         result.append(
-            f"warning: the residuals say {estimated:.3g} mm of noise, stated are {calibration.noise_position * 1e3:.3g} mm: "
-            "either the statement is wrong or the robot does what the model cannot describe"
+            f"warning: the residuals say {estimated:.3g} mm of noise, stated are "
+            f"{calibration.noise_position * 1e3:.3g} mm: either the statement is wrong or the "
+            "robot does what the model cannot describe"
         )
     if base.unobservable:
         names = ", ".join(base.unobservable[:6]) + (" …" if len(base.unobservable) > 6 else "")
         result.append(
-            f"{len(base.unobservable)} parameters stay at their tolerance (not observable here): {names}"
+            f"{len(base.unobservable)} parameters stay at their tolerance (not observable "
+            f"here): {names}"
         )
     return result
 
@@ -250,9 +266,10 @@ def _flagged_lines(calibration: Calibration) -> list[str]:
     )
     count = len(flagged.rows)
     result = [f"warning: {count} {'row does' if count == 1 else 'rows do'} not fit ({done})"]
-    order = np.argsort(-flagged.size)[:5]
+    order = np.argsort(-flagged.deviation)[:5]
     result += [
-        f"  configuration {flagged.rows[k] + 1}: {flagged.position[k] * 1e3:.3g} mm, {flagged.size[k]:.1f} times the noise"
+        f"  configuration {flagged.rows[k] + 1}: {flagged.position[k] * 1e3:.3g} mm, "
+        f"{flagged.deviation[k]:.1f} times the noise"
         for k in order
     ]
     if flagged.cluster:

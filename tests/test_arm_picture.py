@@ -1,11 +1,13 @@
-"""The picture of an arm: every joint named in every view, inside the picture, the same bytes every time."""
+"""The picture of an arm: every joint named in every view, inside the picture, the same
+bytes every time.
+"""
 
 import numpy as np
 import pytest
 from matplotlib.text import Text
 
 from calibtool.evaluation.plots import draw_arm
-from calibtool.evaluation.plots.arm import arm_figure
+from calibtool.evaluation.plots.arm_picture import arm_figure
 from calibtool.robot.catalogue import load_robot
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from calibtool.calibration import Calibration, check_same_robot, fitting_setup, identify, train
-from calibtool.calibration.model import CrossValidation
+from calibtool.calibration.calibration import CrossValidation
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError
 from calibtool.measurement.measurements import Measurements, Setup
@@ -15,7 +15,7 @@ from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 
@@ -38,7 +38,8 @@ def test_the_calibrated_pose_is_the_base_model_s_moved_by_the_network(name: str)
     assert calibration.network is not None
     robot, n = calibration.robot, calibration.robot.n
     for k in range(len(q)):
-        # The spatial Jacobian of actuated joints by differences, and Ad(T) columns of virtual ones, written out.
+        # The spatial Jacobian of actuated joints by differences, and Ad(T) columns of virtual
+        # ones, written out.
         pose = robot.mechanism.forward(q[k : k + 1])[0]
         columns = []
         for j in range(n):
@@ -144,7 +145,7 @@ def test_a_robot_is_the_same_by_its_kinematics_and_not_by_its_name(fanuc: Robot)
         check_same_robot(fanuc, longer, "a", "b")
 
 
-# --- set-ups ---------------------------------------------------------------------------------------------------------
+# --- set-ups --------------------------------------------------------------------------------------
 
 
 def test_an_unknown_setup_is_that_of_the_calibration(fanuc: Robot) -> None:
@@ -155,7 +156,8 @@ def test_an_unknown_setup_is_that_of_the_calibration(fanuc: Robot) -> None:
     setup = fitting_setup(calibration, again)
     poses = setup.T_instrument_base @ calibration.forward(again.q)
     predicted = np.einsum("kab,mb->kma", poses[:, :3, :3], setup.targets) + poses[:, None, :3, 3]
-    # δξ and δq are not all representable; the set-up must not add anything of its own size (metres).
+    # δξ and δq are not all representable; the set-up must not add anything of its
+    # own size (metres).
     assert np.abs(predicted - again.points).max() < 2e-3
 
 

@@ -1,4 +1,6 @@
-"""Checks at the door: each finds the damage that was done, with its numbers, and clean measurements raise no warning."""
+"""Checks at the door: each finds the damage that was done, with its numbers, and clean
+measurements raise no warning.
+"""
 
 from dataclasses import replace
 
@@ -6,16 +8,16 @@ import numpy as np
 import pytest
 
 from calibtool.errormodel.actual import ErrorScales
+from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.checks import Finding, check_measurements, design_findings
-from calibtool.measurement.companions import Companions
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import measured_in_base
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.planning.travel import short_order
+from calibtool.planning.visiting_order import short_order
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
 SIX = ("fanuc-m1000ia", "ur5")
@@ -66,7 +68,8 @@ def test_clean_measurements_raise_no_warning(robot: Robot, unregistered: bool) -
         assert warned(check_measurements(simulate(robot, simulation))) == []
 
 
-# --- targets --------------------------------------------------------------------------------------------------------
+# --- targets
+# ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("unregistered", [False, True])
@@ -152,7 +155,8 @@ def test_a_frame_that_is_not_where_it_was_said(fanuc: Robot) -> None:
     assert named(found, "given_setup").numbers["rms_mm"] == pytest.approx(500, rel=0.02)
 
 
-# --- what the nominal robot would explain ---------------------------------------------------------------------------
+# --- what the nominal robot would explain
+# ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SIX)
@@ -286,7 +290,9 @@ def test_an_instrument_that_was_moved_in_between(
 
 
 def test_rows_of_a_steady_arm_in_order_of_travel_do_not_drift() -> None:
-    """The stated error rate is 0.1 %: of 24 sets of a moving thermometer none is a drift (2 % chance of one)."""
+    """The stated error rate is 0.1 %: of 24 sets of a moving thermometer none is a drift (2 %
+    chance of one).
+    """
     for name in ("ur10", "fanuc-m1000ia"):
         robot = load_robot(name)
         home = robot.home(robot.workspace(None)[1])
@@ -299,8 +305,8 @@ def test_rows_of_a_steady_arm_in_order_of_travel_do_not_drift() -> None:
                 steady = simulate(
                     robot, Simulation(seed=seed, at=q, scales=scales, unregistered=True)
                 )
-                companions = Companions(temperature_c=21.4 + 0.4 * np.linspace(0, 1, 30))
-                named(check_measurements(steady, companions), "temperature_trend", "note")
+                auxiliary = AuxiliaryReadings(temperature_c=21.4 + 0.4 * np.linspace(0, 1, 30))
+                named(check_measurements(steady, auxiliary), "temperature_trend", "note")
 
 
 def test_a_row_with_another_rows_joints(fanuc: Robot) -> None:
@@ -328,7 +334,8 @@ def test_orientations_in_another_convention(fanuc: Robot) -> None:
     named(check_measurements(inverted), "orientation_convention")
 
 
-# --- design ---------------------------------------------------------------------------------------------------------
+# --- design
+# ------------------------------------------------------------------------------------------------
 
 
 def test_a_joint_that_never_moves(fanuc: Robot) -> None:
@@ -372,7 +379,8 @@ def test_repeated_configurations_give_the_repeatability(fanuc: Robot) -> None:
     assert named(design_findings(fanuc, q), "repeated_configurations", "note").numbers["rows"] == 80
 
 
-# --- companions -----------------------------------------------------------------------------------------------------
+# --- auxiliary
+# ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.3e-3])
@@ -382,9 +390,9 @@ def test_drift_of_the_base_against_the_instrument(fanuc: Robot, drift: float) ->
     fixed = rng.uniform(-1, 1, (2, 3)) + rng.normal(size=(40, 2, 3)) * 0.03e-3
     fixed += np.linspace(0, 1, 40)[:, None, None] * [0.0, 0.0, drift]
     fixed[::3] = np.nan  # not measured every time
-    companions = Companions(time_s=np.arange(40) * 90.0, reference_points=fixed)
+    auxiliary = AuxiliaryReadings(time_s=np.arange(40) * 90.0, reference_points=fixed)
     found = named(
-        check_measurements(clean, companions), "reference_drift", "warning" if drift else "note"
+        check_measurements(clean, auxiliary), "reference_drift", "warning" if drift else "note"
     )
     if drift:
         assert found.numbers["moved_mm"] == pytest.approx(0.27, abs=0.06)
@@ -398,7 +406,7 @@ def test_trend_with_temperature(fanuc: Robot, growth: float) -> None:
     temperature = 20 + 15 * np.linspace(0, 1, 100)
     points = clean.points * (1 + growth * (temperature - 20))[:, None, None]
     found = check_measurements(
-        replace(clean, points=readonly(points)), Companions(temperature_c=temperature)
+        replace(clean, points=readonly(points)), AuxiliaryReadings(temperature_c=temperature)
     )
     trend = named(found, "temperature_trend", "warning" if growth else "note")
     assert (trend.numbers["p_value"] < 1e-3) == bool(growth)  # type: ignore[operator]
@@ -409,7 +417,7 @@ def test_commanded_or_read_positions(fanuc: Robot) -> None:
     read = measured(fanuc, 60).q
     commanded = read + rng.normal(size=read.shape) * 0.5e-3
     robot_was_at_read = simulate(fanuc, Simulation(at=read))
-    both = Companions(q_commanded=commanded, q_read=read)
+    both = AuxiliaryReadings(q_commanded=commanded, q_read=read)
     found = named(check_measurements(robot_was_at_read, both), "commanded_or_read", "note")
     share, error = found.numbers["share_of_read"], found.numbers["share_standard_error"]
     assert abs(share - 1) < 4 * error < 1  # type: ignore[operator]
@@ -419,7 +427,7 @@ def test_commanded_or_read_positions(fanuc: Robot) -> None:
         "the file holds the commanded ones"
         in named(check_measurements(file_of_commanded, both), "commanded_or_read").message
     )
-    same = Companions(q_commanded=read, q_read=read)
+    same = AuxiliaryReadings(q_commanded=read, q_read=read)
     assert "commanded_or_read" not in names(check_measurements(robot_was_at_read, same))
 
 
@@ -439,18 +447,20 @@ def test_reference_points_seen_a_few_times_say_nothing_of_drift(fanuc: Robot) ->
     fixed = np.full((40, 1, 3), np.nan)
     fixed[::8] = np.linspace(0, 1, 5)[:, None, None]
     assert "reference_drift" not in names(
-        check_measurements(measured(fanuc), Companions(reference_points=fixed))
+        check_measurements(measured(fanuc), AuxiliaryReadings(reference_points=fixed))
     )
 
 
 def test_a_drift_in_time_is_not_taken_for_the_temperature(fanuc: Robot) -> None:
-    """Points that drift with the rows while a thermometer follows roughly: the order of the rows explains more."""
+    """Points that drift with the rows while a thermometer follows roughly: the order of the rows
+    explains more.
+    """
     clean, rng = measured(fanuc, 100), np.random.default_rng(5)
     time = np.linspace(0, 1, 100)
     points = clean.points + time[:, None, None] * [0.0, 0.0, 1e-3]
     temperature = 20 + 5 * time + rng.normal(size=100)
     found = check_measurements(
-        replace(clean, points=readonly(points)), Companions(temperature_c=temperature)
+        replace(clean, points=readonly(points)), AuxiliaryReadings(temperature_c=temperature)
     )
     assert "something drifts with time" in named(found, "temperature_trend").message
 
@@ -460,7 +470,9 @@ def test_read_positions_are_compared_with_the_file_s_where_no_commanded_ones_are
 ) -> None:
     rng = np.random.default_rng(4)
     measurements = measured(fanuc, 60)
-    others = Companions(q_read=measurements.q + rng.normal(size=measurements.q.shape) * 0.5e-3)
+    others = AuxiliaryReadings(
+        q_read=measurements.q + rng.normal(size=measurements.q.shape) * 0.5e-3
+    )
     share = named(check_measurements(measurements, others), "commanded_or_read", "note").numbers[
         "share_of_read"
     ]

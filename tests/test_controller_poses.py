@@ -19,7 +19,7 @@ from calibtool.programs.controller_poses import worse_than_untouched
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
 from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly, transform_points
 
 
@@ -160,7 +160,9 @@ def test_joint_targets_are_corrected_alike_whatever_the_controller_s_model() -> 
 
 
 def test_a_start_beside_a_pose_chooses_the_branch_and_stays() -> None:
-    """The controller solves the written pose near `qnear`, and the actual tool is where it was asked to be."""
+    """The controller solves the written pose near `qnear`, and the actual tool is where it
+    was asked to be.
+    """
     made, q = arm(3), commands(2)
     poses = nominal().forward(q)
     lines = []
@@ -243,7 +245,7 @@ def test_robots_that_say_nothing_of_it_are_taken_as_drawn() -> None:
 
 
 @pytest.mark.parametrize("name", ["ur3", "ur5", "ur10"])
-def test_every_carried_ur_says_it(name: str) -> None:
+def test_every_built_in_ur_states_it(name: str) -> None:
     known = load_robot(name).source.description.controller
     assert known is not None
     assert known.factory_calibration == "always"

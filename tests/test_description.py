@@ -1,4 +1,6 @@
-"""robot.toml: what is wrong in it is said in one line, with its place, before anything is computed."""
+"""robot.toml: what is wrong in it is said in one line, with its place,
+before anything is computed.
+"""
 
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
@@ -16,7 +18,7 @@ from calibtool.robot.description import (
     read_source,
     source_from_urdf,
 )
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 LINKS = """
   <link name="base_link"/>

@@ -1,4 +1,6 @@
-"""The documentation is true: links lead somewhere, the index is complete, the reference is fresh, the examples run."""
+"""The documentation is true: links lead somewhere, the index is complete, the reference is fresh,
+the examples run.
+"""
 
 import contextlib
 import importlib.util

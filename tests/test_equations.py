@@ -1,4 +1,6 @@
-"""Normal equations: the products that skip the columns of harmonics, and what a row left out would leave over."""
+"""Normal equations: the products that skip the columns of harmonics, and what a row left out
+would leave over.
+"""
 
 from dataclasses import replace
 
@@ -6,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibtool.errormodel.actual import ErrorScales
-from calibtool.identification.equations import held_out_sizes, normal_equations, row_sizes
+from calibtool.identification.equations import held_out_squares, normal_equations, row_squares
 from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import observation_matrix, residuals, target_columns, weights
@@ -52,7 +54,7 @@ def test_they_are_the_products_of_the_columns(name: str, unregistered: bool) -> 
     assert np.abs(found.gradient - gradient).max() < 1e-12 * np.abs(gradient).max()
     assert found.squares == pytest.approx(row_weight @ (r**2).sum(axis=-1))
     assert found.equations == pytest.approx(row_weight.sum() * r.shape[1])
-    assert np.allclose(found.row_sizes, row_sizes(measurements, state))
+    assert np.allclose(found.row_squares, row_squares(measurements, state))
 
 
 def test_rows_weigh_as_they_are_told_and_missing_targets_not_at_all() -> None:
@@ -87,5 +89,5 @@ def test_a_row_left_out_is_predicted_as_a_fit_of_the_others_would() -> None:
         expected, rel=1e-6
     )
     state = start.moved(parameters, np.linalg.solve(H + prior, g))
-    sizes = held_out_sizes(measurements, parameters, state, np.linalg.inv(H + prior), 1.0)
+    sizes = held_out_squares(measurements, parameters, state, np.linalg.inv(H + prior), 1.0)
     assert sizes[k] == pytest.approx(expected, rel=1e-2)

@@ -1,4 +1,6 @@
-"""A message is one line of printable characters, whatever words of a file are in it, and nothing of it is lost."""
+"""A message is one line of printable characters, whatever words of a file are in it, and
+nothing of it is lost.
+"""
 
 import pytest
 from hypothesis import given

@@ -1,6 +1,8 @@
-"""Exported corrections compute what `one_step` computes: a reader of the JSON file alone, and the compiled C code.
+"""Exported corrections compute what `one_step` computes: a reader of the JSON file alone, and the
+compiled C code.
 
-After a wanted change of the templates: CALIBTOOL_UPDATE_GOLDEN=1 pytest tests/test_export.py, and read the diff.
+After a wanted change of the templates: CALIBTOOL_UPDATE_GOLDEN=1 pytest tests/test_export.py,
+and read the diff.
 """
 
 import ctypes
@@ -26,7 +28,7 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network
-from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.export.as_json import calibration_as_json
@@ -51,7 +53,7 @@ SINGLE_CASES = [case for case in CASES if case[1] == "everything" or case[0] in 
 CORRECTING = [case for case in CASES if case[1:] != ("nominal", False)]
 GOLDEN = Path(__file__).parent / "golden"
 
-# --- JSON -----------------------------------------------------------------------------------------------------------
+# --- JSON -----------------------------------------------------------------------------------------
 
 
 def joints_from_json(c: dict, q: Array) -> Array:
@@ -106,7 +108,7 @@ def test_json_holds_every_number_exactly_and_is_deterministic() -> None:
     assert text == calibration_as_json(calibration)
 
 
-# --- C --------------------------------------------------------------------------------------------------------------
+# --- C --------------------------------------------------------------------------------------------
 
 
 LOOP = """
@@ -210,7 +212,10 @@ def test_compiled_c_corrects_nothing_where_nothing_was_identified(compiled: Call
 
 @pytest.mark.parametrize("case", CORRECTING, ids=str)
 def test_compiled_c_makes_no_row_worse(case: tuple[str, str, bool], compiled: Callable) -> None:
-    """Judged by the calibrated model itself. A joint moves by no more than the bound, rows left alone say so."""
+    """Judged by the calibrated model itself.
+
+    A joint moves by no more than the bound, rows left alone say so.
+    """
     calibration = calibrated(*case)
     q = anywhere(calibration, 10_000)
     found, codes = run(compiled(calibration), q)
@@ -292,7 +297,10 @@ def library(
 def test_whatever_comes_in_no_large_number_comes_out(
     library: tuple[Calibration, str, Any], data: st.DataObject
 ) -> None:
-    """Not a number, infinite or beyond 1e6: the same bits come back. Anything else moves by the bound at most."""
+    """Not a number, infinite or beyond 1e6: the same bits come back.
+
+    Anything else moves by the bound at most.
+    """
     calibration, precision, code = library
     n, kind = calibration.robot.n, np.float64 if precision == "double" else np.float32
     extremes = st.sampled_from(
@@ -349,7 +357,9 @@ def test_generated_code_is_the_golden_file() -> None:
 
 
 def round_numbers() -> Calibration:
-    """A made-up calibration of numbers that no processor rounds: not trained, no rotation in its placements' errors."""
+    """A made-up calibration of numbers that no processor rounds: not trained, no rotation in its
+    placements' errors.
+    """
     calibration = calibrated("planar-3r", "local-poe", False)
     chain = calibration.robot.chain
     shifts = np.array([[1.0, 0, 0], [0, 2.0, 0], [0, 0, -1.0], [0, 0, 3.0]]) / 1024
@@ -406,7 +416,7 @@ def test_all_symbols_of_c_code_begin_with_the_prefix(compiled: Callable, tmp_pat
     }
 
 
-# --- coupled joint values --------------------------------------------------------------------------------------------
+# --- coupled joint values -------------------------------------------------------------------------
 
 
 def test_json_holds_the_coupling_and_says_what_it_is() -> None:

@@ -1,4 +1,6 @@
-"""Encodings, lines round the header, one point per line, dates: one table in many forms is one table."""
+"""Encodings, lines round the header, one point per line, dates: one table in many forms is one
+table.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""Headers of controllers and instruments: what they call a column is understood, or refused, and never guessed."""
+"""Headers of controllers and instruments: what they call a column is understood, or refused, and
+never guessed.
+"""
 
 import numpy as np
 import pytest
@@ -172,7 +174,9 @@ def test_what_can_be_read_in_two_ways_is_refused(
 
 
 def test_targets_by_their_names_and_what_is_no_measured_point() -> None:
-    header = f"{J};Ball A X [mm];Ball A Y [mm];Ball A Z [mm];Ball B X [mm];Ball B Y [mm];Ball B Z [mm]"
+    header = (
+        f"{J};Ball A X [mm];Ball A Y [mm];Ball A Z [mm];Ball B X [mm];Ball B Y [mm];Ball B Z [mm]"
+    )
     more = ";Soll X [mm];Soll Y [mm];Soll Z [mm];dX [mm];dY [mm];dZ [mm];TCP X;TCP Y;TCP Z"
     other = [v + 40 for v in P]
     found = read(header + more, [*Q, *P, *other, *[0.0] * 9])
@@ -186,5 +190,5 @@ def test_joints_asked_for_and_read_back() -> None:
     header = f"{list_of('J{} cmd [deg]')};{list_of('J{} act [deg]')};x_mm;y_mm;z_mm"
     found = read(header, [*Q, *[v + 0.1 for v in Q], *P])
     assert np.allclose(np.rad2deg(found.measurements.q[0]), Q)
-    assert found.companions.q_read is not None
-    assert np.allclose(np.rad2deg(found.companions.q_read[0]), np.add(Q, 0.1))
+    assert found.auxiliary.q_read is not None
+    assert np.allclose(np.rad2deg(found.auxiliary.q_read[0]), np.add(Q, 0.1))

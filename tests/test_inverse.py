@@ -7,9 +7,9 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import at_point, scale_rows
+from calibtool.robot.damped_least_squares import at_point, scale_rows
 from calibtool.robot.inverse import InverseResult, inverse_kinematics, solve_poses
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, translation
 
 
@@ -18,7 +18,9 @@ def forward(robot: Robot, q: Array) -> Array:
 
 
 def weighted_error(robot: Robot, q: Array, target: Array) -> Array:
-    """|(translation of the tool point / length, angle of rotation)|, written with traces and norms: (N,)."""
+    """|(translation of the tool point / length, angle of rotation)|, written with traces
+    and norms: (N,).
+    """
     pose = forward(robot, q)
     distance = np.linalg.norm(pose[:, :3, 3] - target[:, :3, 3], axis=-1) / robot.length
     relative = target[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2)

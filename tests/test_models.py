@@ -8,8 +8,8 @@ from poe import poe_frames, random_positions
 from calibtool.calibration import Calibration
 from calibtool.errormodel.actual import ErrorScales, random_actual
 from calibtool.errormodel.placements import placement_columns
-from calibtool.robot.gravity import gravity_model, gravity_torque
-from calibtool.robot.model import Robot
+from calibtool.robot.gravity_torque import gravity_model, gravity_torque
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
 
 

@@ -10,16 +10,16 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
-from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.solve import compensate_joints, compensate_poses
 from calibtool.errormodel.actual import ErrorScales
-from calibtool.errormodel.conditions import Conditions, directions
+from calibtool.errormodel.operating_conditions import Conditions, directions
 from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.acceptance import broken_limits, parse_limit
 from calibtool.evaluation.compare import Evaluation, evaluate
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.verdict import headline, remarks, verdicts
-from calibtool.evaluation.words import words
+from calibtool.evaluation.wording import words
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.simulate import Simulation, simulate

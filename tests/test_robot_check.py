@@ -1,4 +1,6 @@
-"""The check of a description: true figures, and a warning for everything that will be in the way."""
+"""The check of a description: true figures, and a warning for everything
+that will be in the way.
+"""
 
 import numpy as np
 import pytest
@@ -21,7 +23,7 @@ def planar(tmp_path, old: str = "", new: str = "", urdf: tuple[str, str] = ("", 
 
 
 @pytest.mark.parametrize("name", ["planar-3r", "so100", "fanuc-m1000ia"])
-def test_carried_robots_have_sensible_homes_and_everything_identifiable(name: str) -> None:
+def test_built_in_robots_have_sensible_homes_and_everything_identifiable(name: str) -> None:
     found = check_robot(load_robot(name), name)
     assert all(each.singularity_distance > 0.1 for each in found.workspaces)
     assert all(design.rank == design.possible for _, design in found.designs)
@@ -54,7 +56,7 @@ def test_missing_limits_of_an_angle_are_a_warning(tmp_path) -> None:
     urdf = (PLANAR / "robot.urdf").read_text()
     limit = urdf[urdf.index("<limit") : urdf.index("/>", urdf.index("<limit")) + 2]
     found = planar(tmp_path, urdf=(limit, '<limit effort="0" velocity="0"/>'))
-    assert "stand-in" in found.limit_sources
+    assert "assumed" in found.limit_sources
     assert any(warning.startswith("no limits for j") for warning in found.warnings)
 
 
@@ -103,7 +105,10 @@ def test_a_workspace_out_of_reach_is_wrong(tmp_path) -> None:
 
 def test_a_bare_urdf_says_what_was_taken_for_the_tool(tmp_path) -> None:
     path = tmp_path / "crane.urdf"
-    more = '<link name="hook"/><joint name="pin" type="fixed"><parent link="slide"/><child link="hook"/></joint>'
+    more = (
+        '<link name="hook"/><joint name="pin" type="fixed"><parent link="slide"/><child '
+        'link="hook"/></joint>'
+    )
     path.write_text(URDF.replace("</robot>", more + "</robot>"))
     found = check_robot(load_robot(str(path)), str(path))
     warning = next(warning for warning in found.warnings if warning.startswith("a bare URDF"))

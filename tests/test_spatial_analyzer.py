@@ -1,4 +1,6 @@
-"""SpatialAnalyzer's lists of points: every layout gives the same rows, and what is wrong is named by its line."""
+"""SpatialAnalyzer's lists of points: every layout gives the same rows, and what is wrong is
+named by its line.
+"""
 
 import numpy as np
 import pytest
@@ -107,7 +109,9 @@ def test_names_that_do_not_fit_together_are_refused() -> None:
 
 
 def test_more_targets_than_configurations_are_a_misunderstanding() -> None:
-    """p_1 … p_20 of one target, or one group per target, are not one configuration of twenty targets."""
+    """p_1 … p_20 of one target, or one group per target, are not one configuration
+    of twenty targets.
+    """
     one = "\n".join(f"A,Main,p_{k},{k},0,0" for k in range(20))
     with pytest.raises(InputError, match=r"read as 1 configurations of 20 targets; .*--layout"):
         parse_points(one, "p.txt")

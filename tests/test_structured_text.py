@@ -1,4 +1,6 @@
-"""Structured Text computes what `one_step` computes: run as Python, and parsed by blark where that is installed."""
+"""Structured Text computes what `one_step` computes: run as Python, and parsed by blark where
+that is installed.
+"""
 
 import os
 import re

@@ -1,4 +1,6 @@
-"""Training: repeatable, never worse than no network, the best of its restarts, and about the error that users see."""
+"""Training: repeatable, never worse than no network, the best of its restarts, and about the
+error that users see.
+"""
 
 from dataclasses import replace
 
@@ -17,7 +19,7 @@ from calibtool.errormodel.actual import ErrorScales
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 Array = np.ndarray
 
@@ -36,7 +38,7 @@ Trained = tuple[tuple[Array, Array, Array], Network | None, TrainingReport]
 
 def trained(data: int = 0, **changes: object) -> Trained:
     """Data, network and report of a training on learnable data."""
-    options = replace(TrainingOptions(), **changes)  # type: ignore[arg-type]
+    options = replace(TrainingOptions(), **changes)
     q, G, y = learnable(data)
     rng = np.random.default_rng(options.seed)
     networks, report = train_networks(q, G, y, options, rng)
@@ -202,7 +204,9 @@ def test_the_number_of_hidden_nodes_is_that_asked_for() -> None:
 def test_the_loss_of_a_calibration_is_the_weighted_error_of_its_predicted_targets(
     fanuc_measurements: Measurements, fanuc_network: Calibration
 ) -> None:
-    """From measurements to loss without any of the matrices: targets by the calibrated poses, over the stated noise."""
+    """From measurements to loss without any of the matrices: targets by the calibrated poses, over
+    the stated noise.
+    """
     report = fanuc_network.training
     assert report is not None
     held = report.validation_rows

@@ -1,19 +1,21 @@
-"""The common part of corrections in the frames of the fit, and what remains apart from it."""
+"""Common part of the corrections in the frames of the fit, and the errors that
+remain without it.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.frame import FrameName
-from calibtool.calibration.model import Calibration
 from calibtool.robot.se3 import Array, log3
 
 
 @dataclass(frozen=True, eq=False)
 class FrameReport:
-    """The common part in numbers, and the rest at the N configurations used.
+    """The common part of corrections, and the remaining errors at the N configurations used.
 
-    name         the chosen frames
+    name         chosen frames, `fitted` or `taught`
     base, tool   (6,) displacement (m) and rotation vector (rad) of the base and of the tool frame
     position     (N,) distances of the tool point from the nominal robot's in the taught frames, m
     orientation  (N,) rotation angles likewise, rad
@@ -37,7 +39,7 @@ class FrameReport:
         return result
 
     def lines(self) -> list[str]:
-        """The same for people."""
+        """The same as lines of text."""
         if self.name == "taught":
             says = "taught: commanded poses move as little as a rigid base and tool allow"
         else:
@@ -51,7 +53,7 @@ class FrameReport:
 
     @property
     def common(self) -> str:
-        """Sizes of the common part in words."""
+        """The common part as text."""
         sizes = []
         for name, part in (("base", self.base), ("tool", self.tool)):
             shift, turn = np.linalg.norm(part.reshape(2, 3), axis=-1)
@@ -60,7 +62,7 @@ class FrameReport:
 
 
 def frame_report(calibration: Calibration) -> FrameReport | None:
-    """Common part and rest of the base model; None where no frame was free to choose."""
+    """Common part and remaining errors of the base model; None where no frame is free."""
     if not calibration.frame_is_free:
         return None
     taught = replace(calibration, networks=()).in_frame("taught")

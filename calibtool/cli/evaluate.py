@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
-from calibtool.cli.load import load_calibration, load_measurements
+from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
     Before,
@@ -18,8 +18,8 @@ from calibtool.cli.options import (
     Require,
     choice,
 )
+from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import working
-from calibtool.cli.show import print_json, print_table
 
 _POSES = 8  # columns of a table for people
 
@@ -55,14 +55,14 @@ def evaluate(
 ) -> None:
     """Compare calibrations with the nominal robot.
 
-    Simulated measurements: the actual robot is driven to the corrected joints and measured without noise. Real ones:
-    measured minus predicted target points, which is what to expect after correction. Where configurations were measured
-    repeatedly, ISO 9283's pose accuracy AP and repeatability RP follow from the measured points. Tables for people go to
-    stderr.
+    Simulated measurements: the actual robot is driven to the corrected joints and measured without
+    noise. Real ones: measured minus predicted target points, which is what to expect after
+    correction. Where configurations were measured repeatedly, ISO 9283's pose accuracy AP and
+    repeatability RP follow from the measured points. Tables for people go to stderr.
 
-    Proof on the arm: measurements imported with --commanded were taken at corrected joints. Then measured points are
-    compared with commanded ones: after the correction and, with --before, before it. Exit code 3 where the arm was driven
-    to other joints than the calibration asks for.
+    Proof on the arm: measurements imported with --commanded were taken at corrected joints. Then
+    measured points are compared with commanded ones: after the correction and, with --before,
+    before it. Exit code 3 where the arm was driven to other joints than the calibration asks for.
 
     Example: calibtool evaluate paper.h5 local-poe.h5 --on fresh.h5 --json
     """
@@ -76,8 +76,8 @@ def evaluate(
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
-    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
+    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.errors import AcceptanceError
     from calibtool.evaluation.acceptance import broken_limits, parse_limit
     from calibtool.evaluation.compare import evaluate as run
@@ -109,13 +109,14 @@ def evaluate(
     for errors, marked in zip(evaluation.methods, evaluation.marked, strict=True):
         if marked:
             message(
-                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations are corrected in part, "
-                "or not at all (status of compensate)"
+                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations "
+                "are corrected in part, or not at all (status of compensate)"
             )
     for errors, far in zip(evaluation.methods, evaluation.outside, strict=True):
         if far:
             message(
-                f"warning: {errors.name}: {far} of {evaluation.configurations} configurations are unlike the training's"
+                f"warning: {errors.name}: {far} of {evaluation.configurations} configurations are "
+                "unlike the training's"
             )
     broken = broken_limits(evaluation.methods[1:], limits, evaluation.pose_tests[1:])
     if broken:
@@ -124,7 +125,7 @@ def evaluate(
 
 def show_evaluation(report: dict[str, object]) -> None:
     """The table for people."""
-    from calibtool.evaluation.words import words
+    from calibtool.evaluation.wording import words
 
     said = words(report["kind"], report.get("before"))  # type: ignore[arg-type]
     methods = report["methods"]
@@ -154,9 +155,10 @@ def show_evaluation(report: dict[str, object]) -> None:
     if isinstance(beyond, dict):
         position, orientation = beyond["position_mm"], beyond["orientation_mrad"]
         message(
-            f"{beyond['configurations']} poses are out of the joints' reach: at best {position['mean']:.3f} mm and "
-            f"{orientation['mean']:.3f} mrad stay (at most {position['max']:.3f}, {orientation['max']:.3f}); "
-            "−% is of the part that the joints can correct"
+            f"{beyond['configurations']} poses are out of the joints' reach: at best "
+            f"{position['mean']:.3f} mm and {orientation['mean']:.3f} mrad stay (at most "
+            f"{position['max']:.3f}, {orientation['max']:.3f}); −% is of the part that the "
+            "joints can correct"
         )
     test = report.get("iso9283")
     if isinstance(test, dict):

@@ -1,4 +1,6 @@
-"""Files at the command line: `-` for the standard streams, whole or not at all, nothing overwritten unasked."""
+"""Files at the command line: `-` for the standard streams, whole or not at all, nothing
+overwritten unasked.
+"""
 
 import contextlib
 import io
@@ -9,8 +11,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
+from calibtool.cli.atomic_output import Part, staged
 from calibtool.cli.interrupts import held
-from calibtool.cli.staging import Part, staged
 from calibtool.cli.verbosity import detail, is_quiet
 from calibtool.errors import InputError, UsageError, printable
 
@@ -18,7 +20,8 @@ STREAM = "-"
 
 
 def message(text: str, important: bool = False) -> None:
-    """One line for people, on stderr; with --quiet only warnings and what is important, such as errors.
+    """One line for people, on stderr; with --quiet only warnings and what is
+    important, such as errors.
 
     A stderr that takes nothing any more is no reason to fail.
     """
@@ -31,7 +34,10 @@ def message(text: str, important: bool = False) -> None:
 
 
 def read_bytes(path: str) -> bytes:
-    """The contents of a file, or of stdin for `-`. UsageError if there is no such file, InputError if it is unreadable."""
+    """The contents of a file, or of stdin for `-`.
+
+    UsageError if there is no such file, InputError if it is unreadable.
+    """
     if path == STREAM:
         if sys.stdin.isatty():
             raise UsageError("stdin is a terminal; give a file, or pipe one in")
@@ -56,7 +62,9 @@ def read_text(path: str) -> str:
 
 @contextlib.contextmanager
 def input_stream(path: str) -> Iterator[io.BufferedReader]:
-    """A file, or stdin for `-`, to be read as its bytes arrive; `peek` looks at the first without taking them."""
+    """A file, or stdin for `-`, to be read as its bytes arrive; `peek` looks at the first
+    without taking them.
+    """
     if path == STREAM:
         if sys.stdin.isatty():
             raise UsageError("stdin is a terminal; give a file, or pipe one in")
@@ -74,7 +82,9 @@ def input_stream(path: str) -> Iterator[io.BufferedReader]:
 
 
 def text_lines(stream: io.BufferedReader, name: str) -> Iterator[str]:
-    """Lines of UTF-8 text as they arrive: memory does not grow with the file, called `name` in messages."""
+    """Lines of UTF-8 text as they arrive: memory does not grow with the file, called
+    `name` in messages.
+    """
     text = io.TextIOWrapper(stream, encoding="utf-8")
     count = 0
     try:
@@ -107,7 +117,9 @@ def one_stdin(*paths: str | None) -> None:
 
 
 def check_output(path: str, force: bool, *, binary: bool = False) -> None:
-    """Refuse an output before the work starts: an existing file without --force, a missing folder, binary on a terminal."""
+    """Refuse an output before the work starts: an existing file without --force, a missing folder,
+    binary on a terminal.
+    """
     if path == STREAM:
         if sys.stdout is None:
             raise UsageError("stdout: cannot be written: it is closed")
@@ -158,7 +170,9 @@ def write_output(path: str, contents: bytes | str, force: bool, *, text: bool = 
 def output_stream(
     path: str, force: bool, *, checked: bool = False
 ) -> Iterator[Callable[[bytes], None]]:
-    """Write piece by piece: a file appears whole when the block ends and not at all when it fails; stdout as it goes."""
+    """Write piece by piece: a file appears whole when the block ends and not at all when it fails;
+    stdout as it goes.
+    """
     if not checked:
         check_output(path, force)
     if path == STREAM:
@@ -177,7 +191,8 @@ def output_stream(
 
 
 def write_outputs(outputs: dict[str, bytes | str], force: bool) -> None:
-    """Several files that belong together: all of them are on the disk before the first one takes its place.
+    """Several files that belong together: all of them are on the disk before the first one
+    takes its place.
 
     When one cannot take it, those before are put back as they were.
     """
@@ -252,7 +267,10 @@ def _encoded(contents: bytes | str) -> bytes:
 
 
 def write_stdout(data: bytes) -> None:
-    """Everything to stdout. UsageError if it is closed or full; a reader that went away ends the command quietly."""
+    """Everything to stdout.
+
+    UsageError if it is closed or full; a reader that went away ends the command quietly.
+    """
     try:
         stream, rest = _binary(sys.stdout), memoryview(data)
         while rest:  # unbuffered, one call may take only a part

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.base import (
+from calibtool.cli.base_model_options import (
     AngleTolerance,
     Backlash,
     DropFlagged,
@@ -16,16 +16,16 @@ from calibtool.cli.base import (
     base_options,
 )
 from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
-from calibtool.cli.load import (
+from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
     load_measurements,
     say_if_frame_is_not_free,
 )
 from calibtool.cli.options import Force, FrameOption, Json, MeasurementsFile, choice
+from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
-from calibtool.cli.show import print_json, print_table
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -76,10 +76,11 @@ def identify(
 ) -> None:
     """Identify the errors of the geometry and of the joint motions.
 
-    complete: every error with a tolerance, harmonics and gravity where the evidence asks for them, ± for each parameter.
-    local-poe: initial relative poses only (Eq. 11), with rank, singular values and what cannot be observed.
-    Where instrument and targets are unknown, base and tool frame are free: --frame chooses, stderr
-    says what they have in common with the drawing's and what remains.
+    complete: every error with a tolerance, harmonics and gravity where the evidence asks for
+    them, ± for each parameter. local-poe: initial relative poses only (Eq. 11), with rank,
+    singular values and what cannot be observed. Where instrument and targets are unknown, base
+    and tool frame are free: --frame chooses, stderr says what they have in common with the
+    drawing's and what remains.
 
     Example: calibtool identify measurements.h5 --model complete -o complete.h5
     """
@@ -142,7 +143,9 @@ def identify(
 
 
 def show_parameters(calibration: "Calibration", every: bool) -> None:
-    """The parameter table for people: the clearest errors, or every parameter, and the strongest correlations."""
+    """The parameter table for people: the clearest errors, or every parameter, and the
+    strongest correlations.
+    """
     from calibtool.identification.report import parameter_rows, strongest_correlations
 
     rows = parameter_rows(calibration.base)
@@ -173,7 +176,9 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
 
 
 def report_target(output: str | None, json: bool) -> str | None:
-    """Where the file goes: with --json stdout is taken, and no file is written unless one is named."""
+    """Where the file goes: with --json stdout is taken, and no file is
+    written unless one is named.
+    """
     if json and output == "-":
         from calibtool.errors import UsageError
 

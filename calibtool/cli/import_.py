@@ -59,14 +59,16 @@ def import_(
         str | None,
         typer.Option(
             metavar="TARGETS",
-            help="Measured while the arm was driven to corrected joints: what went into compensate.",
+            help="Measured while the arm was driven to corrected joints: what went into "
+            "compensate.",
         ),
     ] = None,
     join: Annotated[
         str,
         typer.Option(
             metavar="index|name|time",
-            help="How rows of --joints find theirs: row order, name, time stamp; --commanded: row order or name.",
+            help="How rows of --joints find theirs: row order, name, time stamp; --commanded: row "
+            "order or name.",
         ),
     ] = "index",
     join_tolerance_s: Annotated[
@@ -109,7 +111,8 @@ def import_(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Of three angles: intrinsic-xyz, extrinsic-zyx, … (any axes), zyx, rotation-vector.",
+            help="Of three angles: intrinsic-xyz, extrinsic-zyx, … (any axes), zyx, "
+            "rotation-vector.",
         ),
     ] = None,
     encoding: Annotated[
@@ -156,7 +159,8 @@ def import_(
 ) -> None:
     """Bring in what an instrument wrote.
 
-    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and unknown targets are estimated,
+    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and
+    unknown targets are estimated,
     from the rows that are taken.
 
     After a correction: the joints, in TABLE or --joints, are those that the arm was driven to, and
@@ -184,7 +188,7 @@ def import_(
         read_table,
         template_of,
     )
-    from calibtool.measurement.importing.joining import JOINS
+    from calibtool.measurement.importing.joint_files import JOINS
     from calibtool.measurement.importing.sources import FORMATS
     from calibtool.measurement.importing.spatial_analyzer import LAYOUTS
     from calibtool.robot.catalogue import load_robot
@@ -260,7 +264,7 @@ def import_(
             found = check_measurements(taken.measurements)
             why = [f.message for f in found if f.severity == "warning"]
             raise NoSolutionError("; ".join([str(error), *why[:1]])) from None
-        findings = check_measurements(measurements, taken.companions, taken.stream)
+        findings = check_measurements(measurements, taken.auxiliary, taken.stream)
     for finding in findings:
         if finding.name == "nominal_robot" and not accept_misfit:
             raise InputError(

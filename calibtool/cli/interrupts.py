@@ -1,7 +1,9 @@
-"""Being ended, by Ctrl-C or politely by somebody else: at once, without a word, and without leaving half of anything.
+"""Being ended, by Ctrl-C or politely by somebody else: at once, without a word, and without leaving
+half of anything.
 
-The handler cleans up and leaves by itself. An exception would have to find its way out through modules that are being
-imported and callbacks of compiled libraries, which swallow it or turn it into another one.
+The handler cleans up and leaves by itself. An exception would have to find its way out through
+modules that are being imported and callbacks of compiled libraries, which swallow it or turn it
+into another one.
 """
 
 import contextlib
@@ -20,9 +22,11 @@ _held: list[
 
 @contextlib.contextmanager
 def leaving_at_once() -> Iterator[None]:
-    """In this block, SIGINT, SIGTERM and SIGHUP end the process with 128 + their number (130, 143, 129).
+    """In this block, SIGINT, SIGTERM and SIGHUP end the process with 128 + their number
+    (130, 143, 129).
 
-    A signal that is ignored stays ignored (`nohup`, background jobs of a shell). Does nothing outside the main thread.
+    A signal that is ignored stays ignored (`nohup`, background jobs of a shell). Does nothing
+    outside the main thread.
     """
     before = {}
     with contextlib.suppress(ValueError):  # not the main thread
@@ -38,7 +42,9 @@ def leaving_at_once() -> Iterator[None]:
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
-    """In this block Ctrl-C is an exception again, for commands that have something to say when they are stopped."""
+    """In this block Ctrl-C is an exception again, for commands that have something to say when
+    they are stopped.
+    """
     before = None
     with contextlib.suppress(ValueError):  # not the main thread
         before = signal.signal(signal.SIGINT, _raise)

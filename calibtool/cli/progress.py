@@ -1,4 +1,6 @@
-"""Progress on a terminal: a line on stderr while something longer runs, gone without a trace when it ends."""
+"""Progress on a terminal: a line on stderr while something longer runs, gone without a
+trace when it ends.
+"""
 
 import contextlib
 import sys
@@ -18,9 +20,11 @@ _live: "Progress | None" = (
 
 
 def counted(items: Iterable[T], what: str, step: int = 1, total: int | None = None) -> Iterator[T]:
-    """The items, with their number on stderr while they come if that is a terminal; `step` of `what` for each item.
+    """The items, with their number on stderr while they come if that is a terminal; `step` of
+    `what` for each item.
 
-    It is what the library's functions take as `progress`; their items have a length, which is the total.
+    It is what the library's functions take as `progress`; their items have a length,
+    which is the total.
     """
     if total is None and isinstance(items, Sized):
         total = len(items) * step
@@ -45,7 +49,9 @@ def working(what: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _line(what: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
-    """A line on the terminal, and a function that shows how far it is; neither where nobody looks on."""
+    """A line on the terminal, and a function that shows how far it is; neither where
+    nobody looks on.
+    """
     global _live
     if is_quiet() or (
         _live is None and not sys.stderr.isatty()

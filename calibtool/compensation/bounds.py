@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.compensation.weighed import Weights
-from calibtool.robot.model import Robot
+from calibtool.compensation.weighted_error import Weights
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 

@@ -9,7 +9,7 @@ from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.judge import Judged, judged
 from calibtool.compensation.one_step import REACHED, Linearised, default_bounds
 from calibtool.compensation.step import DAMPED_BELOW, bounded_step, damped_step, times
-from calibtool.compensation.weighed import Task, weighted_error, weighted_jacobian
+from calibtool.compensation.weighted_error import Task, weighted_error, weighted_jacobian
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.se3 import Array
 

@@ -15,7 +15,7 @@ from calibtool.compensation.status import (
     UNCORRECTED,
 )
 from calibtool.compensation.step import DAMPED_BELOW
-from calibtool.compensation.weighed import Task, weighted_error
+from calibtool.compensation.weighted_error import Task, weighted_error
 from calibtool.robot.se3 import Array
 
 _OVERSHOOT = (

@@ -1,10 +1,10 @@
-"""Along rows in order: where a correction changes faster than the command lets expect."""
+"""Rows in order: where a correction changes faster than the command."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LARGEST_RATIO = 0.15  # of the change of a correction to the commanded step, from row to row
@@ -28,7 +28,7 @@ class Jump:
 
 
 class CorrectionPath:
-    """Remembers the last row of joints, over batches of rows in order."""
+    """State of the last row of joints over batches of rows in order."""
 
     def __init__(self, robot: Robot) -> None:
         self._span = np.where(robot.prismatic, robot.length, 1.0)

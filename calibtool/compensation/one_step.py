@@ -9,7 +9,7 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.judge import Judged, Proposal, judged
 from calibtool.compensation.step import DAMPED_BELOW, bounded_step, times
-from calibtool.compensation.weighed import Task, Weights, weighted_error, weighted_jacobian
+from calibtool.compensation.weighted_error import Task, Weights, weighted_error, weighted_jacobian
 from calibtool.errors import UsageError
 from calibtool.robot.se3 import Array, exp6
 

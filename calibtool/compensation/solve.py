@@ -23,7 +23,7 @@ class Compensation:
 
     q            (N, n) corrected joint positions, rad or m; NaN in unreachable rows
     status       (N,) of `compensation.status`: `ok`, or what stays and why
-    position     (N,) what the calibrated model leaves at the tool point, m
+    position     (N,) remaining error of the tool point under the calibrated model, m
     orientation  (N,) the same as a rotation angle, rad
     commanded    (N, n) joint positions of the nominal robot at the command, rad or m
     """

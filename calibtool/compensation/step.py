@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibtool.robot.damped import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
 DAMPED_BELOW = MIN_SINGULARITY_DISTANCE  # 1 mrad of pose error moves no joint by more than 77 mrad

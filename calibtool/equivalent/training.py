@@ -1,4 +1,4 @@
-"""Train the network of the equivalent robot on what a base model leaves over (METHOD §6)."""
+"""Train the network of the equivalent robot on the residuals of a base model."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -32,11 +32,14 @@ Regularisation = Literal["bayes", "early-stopping"]
 class TrainingOptions:
     """How a network is trained.
 
-    loss            `task`: error of the target points (Eq. 20); `joint`: joint motions, all alike (Eq. 21)
+    loss            `task`: error of the target points (Eq. 20); `joint`: joint motions,
+                    all alike (Eq. 21)
     optimiser       `lm`: Levenberg and Marquardt; `gd`: gradient descent (Eq. 22)
-    regularisation  `bayes`: all rows train, every restart is a member of an ensemble that is averaged;
-                    `early-stopping` (the paper): a validation part stops the training and chooses the best restart
-    regressor       learned model: `tanh`, the network of the paper, or `random-features`, a Gaussian process's spectrum
+    regularisation  `bayes`: all rows train, every restart is a member of an ensemble that is
+                    averaged; `early-stopping` (the paper): a validation part stops the training and
+                    chooses the best restart
+    regressor       learned model: `tanh`, the network of the paper, or `random-features`, a
+                    Gaussian process's spectrum
     hidden          nodes or features, √(6n) or 60 unless given
     validation      part of the configurations for early stopping
     restarts        networks trained
@@ -68,13 +71,14 @@ class TrainingOptions:
 
 @dataclass(frozen=True, eq=False)
 class TrainingReport:
-    """How networks came about.
+    """Report of a training.
 
     history        of the best restart
     training_rows, validation_rows   indices of the configurations
     restart_losses (restarts,) validation loss of each (training loss without validation rows)
     loss_without   the same loss without a network
-    effective      effective number of weights γ, mean of the members (bayes), otherwise all of them
+    effective      effective number of weights γ, mean of the networks (bayes),
+                   otherwise all of them
     loss, optimiser, regularisation, hidden   the options as used
     """
 
@@ -98,7 +102,9 @@ class TrainingReport:
 def split_rows(
     count: int, validation: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (k,) and (count − k,) of the training and validation rows of `count` configurations, both sorted."""
+    """Indices (k,) and (count − k,) of the training and validation rows of `count`
+    configurations, both sorted.
+    """
     order = rng.permutation(count)
     held = round(count * validation)
     return np.sort(order[held:]), np.sort(order[:held])
@@ -112,9 +118,10 @@ def train_networks(
     rng: np.random.Generator,
     progress: Progress = silent,
 ) -> tuple[tuple[Regressor, ...], TrainingReport]:
-    """Fit N to y ≈ G N: members of an ensemble (bayes), or one network, or none where it does not help (early stopping).
+    """Fit N to y ≈ G N. Returns an ensemble (bayes), one network, or none where it does not help.
 
-    q (K, n) in rad or m; G (K, d, p) = Σ^(−1/2) P J_ρ; y (K, d) weighted residuals of the base model.
+    q (K, n) in rad or m; G (K, d, p) = Σ^(−1/2) P J_ρ; y (K, d) weighted residuals of the base
+    model.
     """
     bayes = options.regularisation == "bayes"
     training_rows, validation_rows = split_rows(len(q), 0.0 if bayes else options.validation, rng)
@@ -168,7 +175,7 @@ def train_networks(
 
 
 def _output_scale(G: Array, y: Array) -> Array:
-    """Typical size of each joint motion error: RMS of a damped solution, which a near-singular row cannot spoil. (p,)"""
+    """Typical magnitude (p,) of each joint motion error: RMS of a damped solution."""
     transposed = np.swapaxes(G, -1, -2)
     gram = transposed @ G
     size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None] / gram.shape[-1]

@@ -1,1 +1,3 @@
-"""Errors of a robot by family: one file each, which says how it moves the robot, is identified, stored, told and drawn."""
+"""Errors of a robot by family, one file each: effect on the robot, identification, storage,
+simulation and text.
+"""

@@ -1,6 +1,7 @@
-"""The families of errors that a robot can have, in the order of their parameters. A new one is one more line here.
+"""The families of errors that a robot can have, in the order of their parameters.
 
-A family nearer to the end changes placements nearer to the base: growth, then bending, then placement errors.
+A new one is one more line here. A family nearer to the end changes placements nearer to the base:
+growth, then bending, then placement errors.
 """
 
 from calibtool.errormodel.backlash import Backlash

@@ -1,10 +1,12 @@
-"""Harmonics of the joint motions, of which eccentric gears are the first: Σ_h a_jh sin(h q_j) + b_jh cos(h q_j)."""
+"""Harmonics of the joint motions, of which eccentric gears are the first: Σ_h a_jh sin(h q_j) +
+b_jh cos(h q_j).
+"""
 
 import numpy as np
 
 from calibtool.errormodel.family import JointFunctions, Rows, Sizes
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LOW_ORDERS = 3  # harmonics of a joint that eccentric gears have
@@ -67,7 +69,9 @@ class Harmonics(JointFunctions):
 
 
 def harmonic_functions(q: Array, count: int) -> Array:
-    """sin q, cos q, sin 2q, cos 2q, … up to `count`, by the addition theorems: q (N, n) → (N, n, 2 count)."""
+    """sin q, cos q, sin 2q, cos 2q, … up to `count`, by the addition theorems: q (N, n) →
+    (N, n, 2 count).
+    """
     result = np.empty((*q.shape, 2 * count))
     if not count:
         return result

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from itertools import zip_longest
 
 from calibtool.errors import UsageError
-from calibtool.evaluation.iso9283 import PoseTest
 from calibtool.evaluation.metrics import STATISTICS, MethodErrors, statistics
+from calibtool.evaluation.pose_test import PoseTest
 from calibtool.robot.se3 import Array
 
 _QUANTITIES = ("position", "orientation", "ap", "rp")

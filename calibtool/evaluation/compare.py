@@ -1,4 +1,4 @@
-"""Methods side by side on measurements: really driven to corrected joints where the truth is known, predicted otherwise."""
+"""Evaluation of methods on measurements, side by side with the nominal robot."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
@@ -9,14 +9,14 @@ from calibtool.calibration import Calibration, check_same_robot, fitting_setup, 
 from calibtool.calibration.guard import coverage
 from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.exact import exact
-from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.compensation.solve import Method
 from calibtool.compensation.status import DOUBTFUL
+from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import NoSolutionError, UsageError, check_choice
-from calibtool.evaluation.iso9283 import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
 from calibtool.evaluation.observed import errors_against, point_errors
+from calibtool.evaluation.pose_test import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.proof import Before, Proof, prove
 from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.registration import register
@@ -33,19 +33,23 @@ Kind = Literal["compensated", "predicted", "measured"]
 class Evaluation:
     """The first method is the nominal robot.
 
-    kind           `compensated`: the actual robot was driven to the corrected joints and observed without noise;
-                   `predicted`: what is left between measured and predicted target points, what to expect of a correction;
-                   `measured`: commanded against measured points, the arm driven to the commands (nominal) and to the
-                   corrected joints (the one calibration), see `proof`
-    marked         (methods,) how many rows were corrected in part, or not at all (`status.DOUBTFUL`)
+    kind           `compensated`: the actual robot was driven to the corrected joints and observed
+                   without noise; `predicted`: difference between measured and predicted target
+                   points, what to expect of a correction; `measured`: commanded against measured
+                   points, the arm driven to the commands (nominal) and to the corrected joints (the
+                   one calibration), see `proof`
+    marked         (methods,) how many rows were corrected in part, or not at all
+                   (`status.DOUBTFUL`)
     outside        (methods,) how many rows are unlike the configurations of the training
-    uncorrectable  what stays whatever the method, a row for every pose that the actual robot cannot take (n < 6, or out of
-                   reach of an arm that is shorter than drawn): nearest pose against commanded one; None where every pose
-                   can be taken, or that is not known
-    correctable    the methods' errors against the nearest pose that the actual robot can take; `methods` where
-                   `uncorrectable` is None
-    pose_test      ISO 9283, from the measured points, where configurations were measured repeatedly; else None
-    proof          of kind `measured`: what was expected, and whether `before` was measured; else None
+    uncorrectable  what stays whatever the method, a row for every pose that the actual robot cannot
+                   take (n < 6, or out of reach of an arm that is shorter than drawn): nearest pose
+                   against commanded one; None where every pose can be taken, or that is not known
+    correctable    the methods' errors against the nearest pose that the actual robot can take;
+                   `methods` where `uncorrectable` is None
+    pose_test      ISO 9283, from the measured points, where configurations were measured
+                   repeatedly; else None
+    proof          of kind `measured`: what was expected, and whether `before` was
+                   measured; else None
     """
 
     robot: str
@@ -61,7 +65,9 @@ class Evaluation:
 
     @property
     def before(self) -> Before | None:
-        """How the numbers before a correction came about, of kind `measured`; else None."""
+        """How the errors before the correction were obtained, for kind
+        `measured`; otherwise None.
+        """
         return None if self.proof is None else self.proof.before_is
 
     @property
@@ -71,7 +77,7 @@ class Evaluation:
         return [None if test is None else test.alone(k) for k in range(len(self.methods))]
 
     def as_json(self) -> dict[str, object]:
-        """The object that `evaluate --json` prints (a contract of DESIGN).
+        """The object that `evaluate --json` prints: its keys are what scripts use.
 
         Statistics are those of the whole errors, reductions those of the correctable part.
         """
@@ -109,16 +115,20 @@ def evaluate(
     outside: OutsidePolicy = "mark",
     before: Measurements | None = None,
 ) -> Evaluation:
-    """Errors of the nominal robot and of every one of `calibrations`, named, at the configurations of `measurements`.
+    """Errors of the nominal robot and of every one of `calibrations`, named, at the configurations
+    of `measurements`.
 
-    outside: what to do at configurations unlike those of the training: count them, predict them by the base model alone,
-    or refuse.
-    refit_setup: fit unknown instrument frame and targets again on these rows, for every method alike (a moved tracker);
-    otherwise the set-up that belongs to the training is used and nothing is fitted here.
-    before: where the measurements were taken at corrected joints (`Measurements.commanded`), the same commands measured
-    without correction; for kind `measured` alone, which takes one calibration and no method.
-    Raises InputError when a calibration is for another robot, UsageError for an unknown method or policy, NoSolutionError
-    where `refuse` refuses, InputError also where the driven joints are not those of the calibration.
+    outside: what to do at configurations unlike those of the training: count them, predict them by
+    the base model alone, or refuse.
+    refit_setup: fit unknown instrument frame and targets again on these rows, for every method
+    alike (a moved tracker); otherwise the set-up that belongs to the training is used and nothing
+    is fitted here.
+    before: where the measurements were taken at corrected joints (`Measurements.commanded`), the
+    same commands measured without correction; for kind `measured` alone, which takes one
+    calibration and no method.
+    Raises InputError when a calibration is for another robot, UsageError for an unknown method or
+    policy, NoSolutionError where `refuse` refuses, InputError also where the driven joints are not
+    those of the calibration.
     """
     check_choice(method, get_args(Method), "method")
     check_choice(outside, OUTSIDE_POLICIES, "outside")
@@ -166,7 +176,9 @@ def evaluate(
 
 
 def judged_rows(measurements: Measurements) -> Measurements:
-    """The rows that `evaluate` judges: whole observations, or all where a simulation can be driven again."""
+    """The rows that `evaluate` judges: whole observations, or all where a simulation can
+    be driven again.
+    """
     if measurements.truth is not None and measurements.commanded is None:
         return measurements
     return measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
@@ -178,7 +190,7 @@ def _proved(
     before: Measurements | None,
     refit_setup: bool,
 ) -> Evaluation:
-    """Kind `measured`: before and after one correction."""
+    """Kind `measured`: errors before and after one correction."""
     if after.commanded is None:
         raise UsageError(
             "before a correction and after it: the measurements after it must say what was "
@@ -214,7 +226,9 @@ def _pose_test(
     refit: bool,
     outside: OutsidePolicy,
 ) -> PoseTest | None:
-    """ISO 9283 where configurations were repeated: from the measured points, which a noiseless drive does not have."""
+    """ISO 9283 where configurations were repeated: from the measured points, which a noiseless
+    drive does not have.
+    """
     measurements = measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
     poses = repeated_poses(
         measurements.q, measurements.robot.mechanism.forward(measurements.q)[:, :3, 3]
@@ -257,7 +271,8 @@ def _compensated(
         actual = truth.actual.forward(driven, measurements.conditions)
         errors = _pose_errors(name, actual, commanded)
         return errors, errors if nearest is None else _pose_errors(name, actual, nearest), marked
-    # Commanded poses live in the registered frame: compare target points there, as an instrument would.
+    # Commanded poses live in the registered frame: compare target points there, as an
+    # instrument would.
     observed = observe(truth.actual, truth.setup, driven, measurements.conditions)
     seen = transform_points(inverse(setup.T_instrument_base), observed)
     errors = point_errors(name, seen, commanded, setup)
@@ -265,17 +280,19 @@ def _compensated(
 
 
 def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErrors | None]:
-    """Nearest poses to the commanded ones that the actual robot can take, and how far they stay; None if all can be taken.
+    """Nearest poses to the commanded ones that the actual robot can take, and how far they stay;
+    None if all can be taken.
 
-    Inside the joint limits, and nearest by the weighted pose error; for n < 6 by what `exact` makes up for, as if it knew
-    the truth. Only where truth and set-up are known: an estimated instrument frame moves the commanded poses with the
-    method.
+    Inside the joint limits, and nearest by the weighted pose error; for n < 6 by what `exact` makes
+    up for, as if it knew the truth. Only where truth and set-up are known: an estimated instrument
+    frame moves the commanded poses with the method.
     """
     truth, robot, q = measurements.truth, measurements.robot, measurements.q
     if truth is None or not measurements.setup.known:
         return None, None
     commanded = robot.mechanism.forward(q)
-    # Motion errors of the joints do not change which poses can be taken, only where the joints have to go.
+    # Motion errors of the joints do not change which poses can be taken, only where the
+    # joints have to go.
     actual = truth.actual.mechanism
     if robot.n < 6:
         moved = log6(inverse(robot.chain.placements) @ actual.placements)  # thermal growth included

@@ -1,4 +1,4 @@
-"""Pose errors of one method, summarised."""
+"""Pose errors of one method and their statistics."""
 
 from dataclasses import dataclass
 
@@ -13,8 +13,10 @@ STATISTICS = ("mean", "std", "rms", "p95", "max")
 class MethodErrors:
     """Signed pose errors of a method, one row per configuration.
 
-    position     (N, m, 3) actual minus commanded (or measured minus predicted) displacements in K_0, m; m points
-    orientation  (N, 3) the same as rotation vectors in K_0, rad; None where the instrument does not see it
+    position     (N, m, 3) actual minus commanded (or measured minus predicted) displacements in
+                 K_0, m; m points
+    orientation  (N, 3) the same as rotation vectors in K_0, rad; None where the
+                 instrument does not see it
     """
 
     name: str
@@ -23,13 +25,13 @@ class MethodErrors:
 
     @property
     def position_size(self) -> Array:
-        """Position error of each configuration: length, RMS over its points. (N,) m"""
+        """Position error of each configuration: RMS length over its points, (N,) m."""
         squared: Array = (self.position**2).sum(axis=-1).mean(axis=-1)
         return np.sqrt(squared)
 
     @property
     def orientation_size(self) -> Array | None:
-        """Orientation error of each configuration: rotation angle. (N,) rad"""
+        """Orientation error of each configuration: rotation angle, (N,) rad."""
         return None if self.orientation is None else np.linalg.norm(self.orientation, axis=-1)
 
 
@@ -48,9 +50,11 @@ def statistics(values: Array, unit: float) -> dict[str, float]:
 def summary(
     method: MethodErrors, nominal: MethodErrors, whole: MethodErrors | None = None
 ) -> dict[str, object]:
-    """One entry of `methods` in the JSON of `evaluate`: statistics, and reductions against the nominal robot.
+    """One entry of `methods` in the JSON of `evaluate`: statistics, and reductions against
+    the nominal robot.
 
-    whole: the errors for the statistics, where `method` and `nominal` are only the part that the joints can correct.
+    whole: the errors for the statistics, where `method` and `nominal` are only the part that the
+    joints can correct.
     """
     return {
         "name": method.name,
@@ -60,7 +64,9 @@ def summary(
 
 
 def pose_statistics(method: MethodErrors) -> dict[str, dict[str, float] | None]:
-    """`position_mm` and `orientation_mrad` (None where it is not seen)."""
+    """Objects `position_mm` and `orientation_mrad`; the latter is None where it
+    was not measured.
+    """
     turned = method.orientation_size
     return {
         "position_mm": statistics(method.position_size, 1e-3),
@@ -85,7 +91,9 @@ def _reduction(before: float, after: float) -> float:
 
 
 def error_rows(methods: list[MethodErrors]) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of a table of signed errors: one row per method and configuration, targets side by side."""
+    """Header and rows of a table of signed errors: one row per method and configuration,
+    targets side by side.
+    """
     points = methods[0].position.shape[1]
     parts = [""] if points == 1 else [f"t{i + 1}_" for i in range(points)]
     header = ["method", "configuration", *(f"{part}d{axis}_mm" for part in parts for axis in "xyz")]

@@ -1,1 +1,3 @@
-"""Calibrations in forms that other programs read: as_json, c_code, structured_text, as_onnx, as_urdf."""
+"""Calibrations in forms that other programs read: as_json, c_code, structured_text,
+as_onnx, as_urdf.
+"""

@@ -1,7 +1,8 @@
-"""The complete model: δζ, δξ, δq and joint-motion functions by maximum a posteriori Gauss–Newton (METHOD §7).
+"""The complete model: δζ, δξ, δq and joint-motion functions by maximum a posteriori Gauss–Newton.
 
-Tolerances are the prior, so nothing is eliminated and no rank is decided: what the data do not determine stays at its
-prior, and the posterior says so. Noise level, number of harmonics and, on request, the tolerances come from the evidence.
+Tolerances are the prior, so that nothing is eliminated and no rank is decided: parameters that the
+data do not determine stay at their prior, and their posterior deviation shows it. Noise level,
+number of harmonics and, on request, the tolerances are estimated from the evidence.
 """
 
 from collections.abc import Mapping
@@ -19,20 +20,20 @@ from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import InputError, NoSolutionError, check_choice, check_number
 from calibtool.identification.equations import (
     NormalEquations,
-    held_out_sizes,
+    held_out_squares,
     normal_equations,
-    row_sizes,
+    row_squares,
 )
 from calibtool.identification.evidence import Solution, inverse, most_probable, posterior_step
-from calibtool.identification.model import Flagged, Identification, Posterior, split_rms
+from calibtool.identification.identification import Flagged, Identification, Posterior, split_rms
 from calibtool.identification.parameters import Parameters, State
 from calibtool.identification.robust import LossFunction, find_flagged, row_weights
 from calibtool.identification.sufficiency import check_rows
 from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
+from calibtool.robot.inverse_starts import drawn
 from calibtool.robot.se3 import Array, readonly
-from calibtool.robot.starts import drawn
 
 MANY_HARMONICS = (*BY_ID["harmonics"].orders, 6, 9, 12, 16, 20, 24, 28, 32)
 _UNEXPLAINED = 1.2  # times the stated noise: more than this left over, and more harmonics are tried
@@ -52,14 +53,16 @@ _ROUGHLY = 0.1  # and this small a one not the choice of a model
 
 @dataclass(frozen=True)
 class CompleteOptions:
-    """How the complete model is identified.
+    """Options of the identification of the complete model.
 
-    tolerances       prior standard deviations, those of the robot's description unless given
-    orders           of families that evidence is not to choose, by id: {"harmonics": 2, "gravity": 0}; the others are chosen
-                     from `Family.orders`, harmonics from MANY_HARMONICS if those are too few
-    estimate_priors  re-estimate the scale of every family of tolerances from the evidence; joint motions only downwards,
-                     because many harmonics can cancel where a joint was measured and grow large where it was not
-    loss_function    `squared`, or down-weight rows that do not fit: `huber`, `cauchy`
+    tolerances       prior standard deviations, by default those of the robot's description
+    orders           of families that evidence is not to choose, by id: {"harmonics": 2, "gravity":
+                     0}; the others are chosen from `Family.orders`, harmonics also from
+                     MANY_HARMONICS if those are too few
+    estimate_priors  re-estimate the scale of every family of tolerances from the evidence; those of
+                     joint motions are only reduced, because many harmonics can cancel where a joint
+                     was measured and grow large where it was not
+    loss_function    `squared`, or reduce the weight of rows that do not fit: `huber`, `cauchy`
     drop_flagged     leave flagged rows out of a second fit
     """
 
@@ -78,13 +81,16 @@ class CompleteOptions:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A converged iteration: state, Fisher information H (p, p) of the stated noise, squared sizes of rows (N,)."""
+    """A converged iteration.
+
+    State, Fisher information H (p, p) for the stated noise, squared residuals of rows (N,).
+    """
 
     parameters: Parameters
     state: State
     prior_std: Array
     information: Array
-    row_sizes: Array
+    row_squares: Array
     noise_factor: float
     effective: float
     iterations: int
@@ -101,19 +107,20 @@ class _Fit:
 def identify_complete(
     measurements: Measurements, options: CompleteOptions | None = None
 ) -> Identification:
-    """Identify every error that a tolerance is given for, from any number of configurations.
+    """Identify every error that has a tolerance, from any number of configurations.
 
-    Joint-motion functions are chosen by the Savage–Dickey density ratio: one fit with all of them tells how likely each
-    smaller model is. Raises NoSolutionError when the iteration does not settle, InputError when backlash is asked for and
-    the measurements do not know the directions of motion.
+    Joint-motion functions are chosen by the Savage–Dickey density ratio: one fit with all of them
+    gives the probability of each smaller model. Raises NoSolutionError when the iteration does not
+    converge, InputError when backlash is requested and the directions of motion are not known.
     """
     check_rows(measurements)
     options = CompleteOptions() if options is None else options
     for family, order in options.orders.items():
         if order and not BY_ID[family].known(_rows(measurements)):
             raise InputError(
-                f"complete: {family} cannot be identified, because the measurements do not say what it depends on "
-                f"({BY_ID[family].needs}); import or simulate them again, or leave it out"
+                f"complete: {family} cannot be identified, because the measurements do not say "
+                f"what it depends on ({BY_ID[family].needs}); import or simulate them again, "
+                "or leave it out"
             )
     robot, setup = measurements.robot, measurements.setup
     few = BY_ID["harmonics"].orders
@@ -127,7 +134,7 @@ def identify_complete(
         without = _fit(measurements, smaller, options, _reduced(fit, smaller), fit)
         if not _predicts_better(measurements, fit, without):
             fit = without
-    flagged = find_flagged(measurements, fit.state, fit.row_sizes)
+    flagged = find_flagged(measurements, fit.state, fit.row_squares)
     if options.drop_flagged and len(flagged.rows):
         kept = np.setdiff1d(np.arange(len(measurements)), flagged.rows)
         again = identify_complete(measurements.rows(kept), replace(options, drop_flagged=False))
@@ -142,9 +149,9 @@ def _most_probable_fit(
     state: State,
     start: "_Fit | None",
 ) -> _Fit:
-    """The fit of everything that the options leave open, reduced to its most probable part.
+    """Fit of all families that the options leave open, reduced to the most probable model.
 
-    With few harmonics it names causes, and a doubtful one is left out; with many it is there to predict.
+    With few harmonics a doubtful one is dropped; many harmonics are kept for prediction.
     """
     rows = _rows(measurements)
     choices = {family.id: family.orders if family.known(rows) else (0,) for family in FAMILIES}
@@ -165,7 +172,9 @@ def _most_probable_fit(
 
 
 def _may_leave_structure(fit: _Fit, equations: int) -> bool:
-    """Whether the noise may exceed the stated one for want of harmonics: within its own two standard errors."""
+    """Whether the noise may exceed the stated one for want of harmonics: within its own two
+    standard errors.
+    """
     freedom = max(equations - fit.effective, 1.0)
     most = fit.noise_factor * (1.0 + 2.0 / np.sqrt(2.0 * freedom))
     return fit.parameters.orders.get("harmonics") == LOW_ORDERS or bool(most > _UNEXPLAINED)
@@ -174,15 +183,15 @@ def _may_leave_structure(fit: _Fit, equations: int) -> bool:
 def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) -> bool:
     """Whether held-out configurations are predicted better, by enough to be worth more parameters.
 
-    The evidence alone takes joints that repeat badly for fine structure, or for backlash where the order of the rows is not
-    that of the motion: its noise has no such thing.
+    The evidence alone takes joints that repeat badly for fine structure, or for backlash where the
+    order of the rows is not that of the motion: its noise has no such thing.
     """
     rows = np.unique(
         np.linspace(0, len(measurements) - 1, min(len(measurements), _JUDGED)).astype(int)
     )
     part = measurements.rows(rows)
     before, after = (
-        held_out_sizes(part, fit.parameters, fit.state, fit.covariance, fit.noise_factor)
+        held_out_squares(part, fit.parameters, fit.state, fit.covariance, fit.noise_factor)
         for fit in (smaller, larger)
     )
     return bool(after.mean() < _WORTHWHILE * before.mean())
@@ -196,7 +205,8 @@ def _fit(
     start: "_Fit | None" = None,
     converged: float = _CONVERGED,
 ) -> _Fit:
-    """Gauss–Newton to the maximum a posteriori; noise and tolerances are re-estimated at every step.
+    """Gauss–Newton to the maximum a posteriori; noise and tolerances are
+    re-estimated at every step.
 
     `start` is the fit of a larger or smaller model, whose noise and tolerances are taken over.
     """
@@ -231,7 +241,7 @@ def _fit(
         )
         prior_std, noise_factor = solution.prior_std, solution.noise_factor
         if options.loss_function != "squared":
-            row_weight = row_weights(equations.row_sizes, d, options.loss_function)
+            row_weight = row_weights(equations.row_squares, d, options.loss_function)
         return solution.step, bool(
             solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01
         )
@@ -247,15 +257,16 @@ def _fit(
     assert solution is not None
     if not settled and not solution.farthest < 1.0:
         raise NoSolutionError(
-            f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order and target order"
+            f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order "
+            "and target order"
         )
-    sizes = row_sizes(measurements, state)
+    squares = row_squares(measurements, state)
     return _Fit(
         parameters,
         state,
         prior_std,
         equations.information,
-        sizes,
+        squares,
         noise_factor,
         solution.effective,
         iterations,
@@ -263,7 +274,9 @@ def _fit(
 
 
 def _reduced(fit: _Fit, smaller: Parameters) -> State:
-    """The most probable state without the parameters that `smaller` does not have, by the fit's own quadratic model."""
+    """The most probable state without the parameters that `smaller` does not have, by the fit's own
+    quadratic model.
+    """
     larger, covariance = fit.parameters, fit.covariance
     dropped = larger.missing_in(smaller)
     step = -covariance[:, dropped] @ np.linalg.solve(
@@ -282,14 +295,14 @@ def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> 
     prior_scaled = fit.prior_std[:, None] * fit.information * fit.prior_std / fit.noise_factor**2
     eigenvalues = np.clip(np.linalg.eigvalsh(prior_scaled), 0.0, None)[::-1]
     count = measurements.equations
-    squares = float(fit.row_sizes.sum()) / fit.noise_factor**2 + float(
+    squares = float(fit.row_squares.sum()) / fit.noise_factor**2 + float(
         ((fit.theta / fit.prior_std) ** 2).sum()
     )
     log_evidence = -0.5 * (squares + float(np.log1p(eigenvalues).sum())) - count * np.log(
         fit.noise_factor
     )
     tool = fit.state.frames(measurements.q, measurements.conditions).tool
-    left = residuals(measurements, fit.state.setup, tool)
+    residual = residuals(measurements, fit.state.setup, tool)
     at_prior = np.sqrt(np.diag(covariance)) > 0.99 * fit.prior_std
     names = np.array(parameters.names)
     return Identification(
@@ -300,7 +313,7 @@ def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> 
         rank=int((eigenvalues > 1.0).sum()),
         observable_rank=_observable_rank(measurements, fit),
         unobservable=tuple(str(name) for name in names[at_prior]),
-        residual_rms=split_rms(left, measurements),
+        residual_rms=split_rms(residual, measurements),
         iterations=fit.iterations,
         posterior=Posterior(
             parameters=parameters,
@@ -315,7 +328,9 @@ def _identification(measurements: Measurements, fit: _Fit, flagged: Flagged) -> 
 
 
 def _observable_rank(measurements: Measurements, fit: _Fit) -> int:
-    """Directions of the parameters that measurements of this kind could determine: seen anywhere, moving to either side."""
+    """Directions of the parameters that measurements of this kind could determine: seen anywhere,
+    moving to either side.
+    """
     robot, parameters = measurements.robot, fit.parameters
     count, rng = max(30, parameters.count // 3), np.random.default_rng(0)
     anywhere = replace(

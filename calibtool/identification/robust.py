@@ -1,10 +1,12 @@
-"""Rows that do not fit: weights of robust loss functions, flags, and whether the flagged rows are one region (METHOD §7)."""
+"""Rows that do not fit: weights of robust loss functions, flags, and whether flagged rows form a
+region.
+"""
 
 from typing import Literal
 
 import numpy as np
 
-from calibtool.identification.model import Flagged
+from calibtool.identification.identification import Flagged
 from calibtool.identification.parameters import State
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
@@ -18,35 +20,40 @@ _FALSE_ALARM = 0.01  # chance that any row of a clean set is flagged
 _CLUSTER_SIGNIFICANCE = 0.01
 
 
-def row_weights(sizes: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
-    """Weight of each row's squared residuals (N,), 1 for rows that fit; sizes (N,) squared, of d (N,) coordinates."""
-    relative: Array = np.sqrt(sizes / d) / _robust_scale(sizes, d)
+def row_weights(squares: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
+    """Weights (N,) of the squared residuals of each row; 1 for rows that fit.
+
+    squares (N,): squared residuals of d (N,) coordinates.
+    """
+    relative: Array = np.sqrt(squares / d) / _robust_scale(squares, d)
     if loss_function == "huber":
         return np.minimum(1.0, _HUBER / np.maximum(relative, 1e-12))
     if loss_function == "cauchy":
         return 1.0 / (1.0 + (relative / _CAUCHY) ** 2)
-    return np.ones(len(sizes))
+    return np.ones(len(squares))
 
 
-def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flagged:
-    """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set; nothing is changed."""
+def find_flagged(measurements: Measurements, state: State, squares: Array) -> Flagged:
+    """Rows whose residual noise does not explain, at a false alarm rate of 1 %
+    for the whole set.
+    """
     from scipy.special import (
         chdtri,
     )  # scipy.stats takes as long to import as everything else together
 
     d = (weights(measurements) > 0).sum(axis=-1)
-    scale = _robust_scale(sizes, d)
-    limit = chdtri(d, _FALSE_ALARM / len(sizes))
-    rows = np.flatnonzero(sizes / scale**2 > limit)
-    left = residuals(
+    scale = _robust_scale(squares, d)
+    limit = chdtri(d, _FALSE_ALARM / len(squares))
+    rows = np.flatnonzero(squares / scale**2 > limit)
+    residual = residuals(
         measurements, state.setup, state.frames(measurements.q, measurements.conditions).tool
     )
-    points = left[rows, : 3 * len(state.setup.targets)].reshape(
+    points = residual[rows, : 3 * len(state.setup.targets)].reshape(
         len(rows), len(state.setup.targets), 3
     )
     return Flagged(
         rows=rows,
-        size=np.sqrt(sizes[rows] / d[rows]) / scale,
+        deviation=np.sqrt(squares[rows] / d[rows]) / scale,
         position=np.sqrt(
             (points**2).sum(axis=-1).sum(axis=-1) / measurements.seen[rows].sum(axis=-1)
         ),
@@ -54,15 +61,17 @@ def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flag
     )
 
 
-def _robust_scale(sizes: Array, d: np.ndarray) -> float:
-    """Noise over the stated one, from the median row: half of the rows may be bad."""
+def _robust_scale(squares: Array, d: np.ndarray) -> float:
+    """Noise over the stated one, from the median row: valid with up to half of the rows bad."""
     from scipy.special import chdtri
 
-    return float(np.sqrt(max(np.median(sizes / chdtri(d, 0.5)), 1e-30)))
+    return float(np.sqrt(max(np.median(squares / chdtri(d, 0.5)), 1e-30)))
 
 
 def at_least(take: int, count: int, inside: int, flagged: int) -> float:
-    """Chance that `take` or more of `flagged` rows, drawn from `count`, are among `inside` special ones (hypergeometric)."""
+    """Chance that `take` or more of `flagged` rows, drawn from `count`, are among `inside` special
+    ones (hypergeometric).
+    """
     k = np.arange(max(take, flagged - (count - inside)), min(inside, flagged) + 1)
     log = (
         _log_choose(inside, k)
@@ -80,7 +89,9 @@ def _log_choose(n: int, k: np.ndarray | int) -> Array:
 
 
 def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
-    """The joint and its interval in which flagged rows crowd, if chance would hardly do that (hypergeometric test)."""
+    """The joint and its interval in which flagged rows crowd, if chance would hardly do that
+    (hypergeometric test).
+    """
     count, flagged = len(measurements), len(rows)
     if flagged < 3:
         return None
@@ -104,6 +115,7 @@ def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
         return None
     unit, factor = ("mm", 1e3) if measurements.robot.prismatic[j] else ("deg", 180.0 / np.pi)
     return (
-        f"{take} of {flagged} flagged rows have joint {j + 1} between {low * factor:.4g} and {high * factor:.4g} {unit}, "
-        f"where {inside} of all {count} rows are: look at joint {j + 1} there before calling them outliers"
+        f"{take} of {flagged} flagged rows have joint {j + 1} between {low * factor:.4g} and "
+        f"{high * factor:.4g} {unit}, where {inside} of all {count} rows are: look at joint "
+        f"{j + 1} there before calling them outliers"
     )

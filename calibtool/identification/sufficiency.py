@@ -1,14 +1,18 @@
-"""Whether measurements are enough for the model: refused where they cannot be, a warning where they hardly are."""
+"""Whether measurements are enough for the model: refused where they cannot be, a warning where
+they hardly are.
+"""
 
 from calibtool.errors import NoSolutionError
-from calibtool.identification.model import Identification
+from calibtool.identification.identification import Identification
 from calibtool.measurement.measurements import Measurements
 
 _RIGID = 6  # things that a configuration shows of a rigid tool
 
 
 def check_rows(measurements: Measurements) -> None:
-    """NoSolutionError where the rows give fewer equations than the set-up and one zero per joint have unknowns."""
+    """NoSolutionError where the rows give fewer equations than the set-up and one zero per joint
+    have unknowns.
+    """
     setup, robot = measurements.setup, measurements.robot
     unknowns = 6 * (not setup.frame_known) + robot.n
     unknowns += len(setup.target_names) * (not setup.targets_known)
@@ -16,13 +20,17 @@ def check_rows(measurements: Measurements) -> None:
     if len(measurements) * shown < unknowns:
         needed = -(-unknowns // shown)
         raise NoSolutionError(
-            f"{len(measurements)} configurations give {len(measurements) * shown} equations for {unknowns} unknowns of the "
-            f"set-up and of one zero per joint; measure at least {needed}, and {_useful(robot.n)} for a useful result"
+            f"{len(measurements)} configurations give {len(measurements) * shown} equations for "
+            f"{unknowns} unknowns of the "
+            f"set-up and of one zero per joint; measure at least {needed}, and {_useful(robot.n)} "
+            "for a useful result"
         )
 
 
 def few_rows(identification: Identification, configurations: int) -> str | None:
-    """A warning where the configurations give fewer equations than there are directions to determine, None otherwise."""
+    """A warning where the configurations give fewer equations than there are directions to
+    determine, None otherwise.
+    """
     if identification.posterior is None:
         return None
     shown = _shown(len(identification.setup.target_names))
@@ -31,8 +39,10 @@ def few_rows(identification: Identification, configurations: int) -> str | None:
         return None
     return (
         f"{configurations} configurations give {configurations * shown} equations for {directions} "
-        "directions of the errors: most of the result is the tolerances, and a correction may miss by "
-        f"as much as the arm does now; measure at least {-(-directions // shown)}, and twice as many "
+        "directions of the errors: most of the result is the tolerances, and a correction may miss "
+        "by "
+        f"as much as the arm does now; measure at least {-(-directions // shown)}, and twice as "
+        "many "
         "for a useful result"
     )
 

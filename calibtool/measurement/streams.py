@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibtool.errormodel.conditions import directions
+from calibtool.errormodel.operating_conditions import directions
 from calibtool.robot.se3 import Array, readonly
 
 
@@ -25,14 +25,18 @@ class JointStream:
 
     @classmethod
     def of(cls, times: Array, q: Array, stamps: Array) -> "JointStream":
-        """A stream from rows in any order, those without a stamp left out, of equal stamps the first kept."""
+        """A stream from rows in any order, those without a stamp left out, of equal stamps the
+        first kept.
+        """
         order = np.argsort(times, kind="stable")
         order = order[np.isfinite(times[order])]
         _, first = np.unique(times[order], return_index=True)
         return cls(readonly(times[order][first]), readonly(q[order][first]), readonly(stamps))
 
     def at(self, offset: float) -> tuple[Array, Array]:
-        """Joint positions and their rates (N, n) at the stamps plus an offset, linear between the rows of the stream."""
+        """Joint positions and their rates (N, n) at the stamps plus an offset, linear between the
+        rows of the stream.
+        """
         after, part = self._between(offset)
         step = self.q[after] - self.q[after - 1]
         return self.q[after - 1] + part * step, step / np.diff(self.times)[after - 1, None]
@@ -43,7 +47,9 @@ class JointStream:
         return found
 
     def gaps(self) -> Array:
-        """How far apart the rows of the stream are round each stamp, s: (N,); infinite outside of the stream."""
+        """How far apart the rows of the stream are round each stamp, s: (N,); infinite outside of
+        the stream.
+        """
         after, _ = self._between(self.offset)
         instants = self.stamps + self.offset
         inside = (instants >= self.times[0]) & (instants <= self.times[-1])
@@ -55,7 +61,9 @@ class JointStream:
         return replace(self, stamps=readonly(self.stamps[index]))
 
     def _between(self, offset: float) -> tuple[np.ndarray, Array]:
-        """The row of the stream after each stamp, and which part of the way to it is gone: (N,), (N, 1)."""
+        """The row of the stream after each stamp, and which part of the way to it is gone: (N,),
+        (N, 1).
+        """
         instants = self.stamps + offset
         after = np.searchsorted(self.times, instants).clip(1, len(self.times) - 1)
         part = (instants - self.times[after - 1]) / np.diff(self.times)[after - 1]

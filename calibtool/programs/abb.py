@@ -27,6 +27,7 @@ from calibtool.programs.motions import (
     frame_of,
 )
 from calibtool.programs.motions import Statement as Step
+from calibtool.programs.numbers import Lines, Remark, comments_blanked
 from calibtool.programs.rapid import Argument, Statement, arguments
 from calibtool.programs.rapid_changes import HANDLER, TYPES, Changes, by_name
 from calibtool.programs.rapid_data import Text
@@ -40,8 +41,7 @@ from calibtool.programs.rapid_motions import (
 )
 from calibtool.programs.rapid_names import Data, Names, Procedure, placed
 from calibtool.programs.rapid_values import Values
-from calibtool.programs.targets import Lines, Remark, comments_blanked
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 NAME = "abb-rapid"
 SUFFIXES = (".mod", ".modx", ".prg", ".sys", ".sysx")
@@ -103,7 +103,9 @@ class _Module:
     # --- data ----------------------------------------------------------------------------------
 
     def declare(self, places: dict[str, tuple[int, int]], sources: Sequence[Source]) -> None:
-        """What data hold when the program begins. places: where variables are declared, text and line."""
+        """What data hold when the program begins. places: where variables are
+        declared, text and line.
+        """
         values, declared = self.values, self.values.declared
         for statement, scopes in placed(self.code, values.text.number):
             values.scopes = scopes
@@ -286,7 +288,9 @@ class _Module:
             yield from self.changes.arguments(self.values, "%…%", given, line)
 
     def _changed(self, name: str, given: Sequence[Argument], line: int) -> Iterator[Step]:
-        """What an instruction of the controller may change: arguments of all that are not known to read them."""
+        """What an instruction of the controller may change: arguments of all that are not
+        known to read them.
+        """
         values = self.values
         if not is_motion(values, name, given):
             yield from self.changes.arguments(values, name, given, line)

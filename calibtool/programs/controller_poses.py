@@ -1,4 +1,4 @@
-"""Poses for a controller that computes with a model of its own (METHOD §13)."""
+"""Poses for a controller that computes with a model of its own."""
 
 from collections.abc import Sequence
 

@@ -8,17 +8,18 @@ import numpy as np
 
 from calibtool.programs import abb, fanuc, kuka, ros2, ur
 from calibtool.programs.motions import Program, Source
-from calibtool.programs.targets import BYTE_ORDER_MARK
+from calibtool.programs.numbers import BYTE_ORDER_MARK
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 
 class Language(Protocol):
     """What the module of a language offers beside `program`.
 
-    coupling(robot), where there is one: C (n, n) of q_serial = C · q_controller for programs of this language, which
-    then states joint values as the controller shows them unless something else is said.
+    coupling(robot), where there is one: C (n, n) of q_serial = C · q_controller for programs
+    of this language, which then states joint values as the controller shows them unless
+    something else is said.
     """
 
     NAME: str
@@ -54,8 +55,9 @@ def reader(name: str) -> Callable[[str, Robot], Program]:
 def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Array:
     """What stands between a program's joint values and the serial chain, (n, n).
 
-    `controller`: what the language says of the robot, otherwise the robot's own coupling. `serial`: the program's values
-    are the chain's. None: `controller` for languages that say something, `serial` for the others.
+    `controller`: what the language says of the robot, otherwise the robot's own coupling. `serial`:
+    the program's values are the chain's. None: `controller` for languages that say something,
+    `serial` for the others.
     """
     module = _MODULES[name]
     own = getattr(module, "coupling", None)
@@ -65,7 +67,9 @@ def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Ar
 
 
 def detected(text: str, name: str) -> str | None:
-    """The format of a program: by what it holds, with the end of its name where that is not clear; None if nothing tells."""
+    """The format of a program: by what it holds, with the end of its name where that is not clear;
+    None if nothing tells.
+    """
     text = text.removeprefix(BYTE_ORDER_MARK)
     suffix = PurePath(name).suffix.lower()
     named = [module.NAME for module in _MODULES.values() if suffix in module.SUFFIXES]

@@ -30,8 +30,8 @@ from calibtool.programs.motions import (
     Value,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.targets import Remark
-from calibtool.robot.model import Robot
+from calibtool.programs.numbers import Remark
+from calibtool.robot.robot import Robot
 
 NAME = "kuka-krl"
 SUFFIXES = (".src", ".dat", ".sub")
@@ -217,7 +217,9 @@ class _Reader(Motions):
         self.started.append(Started(routine, place, line, words, number, steps))
 
     def _calls(self, statement: Statement, line: int) -> Iterator[Step]:
-        """Calls of routines in a statement, with what their parameters hold; BAS sets base and tool."""
+        """Calls of routines in a statement, with what their parameters hold; BAS
+        sets base and tool.
+        """
         for match in CALLED.finditer(self.code, statement.start, statement.end):
             procedure = self.names.routine(match[1], self.text.module)
             if match[1].upper() == "BAS":

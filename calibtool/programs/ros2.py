@@ -4,10 +4,10 @@ import re
 from collections.abc import Sequence
 
 from calibtool.errors import InputError, near_names
-from calibtool.programs.lists import closing, split
+from calibtool.programs.bracketed_lists import closing, split
 from calibtool.programs.motions import JOINT, Aim, Literal, Move, Program, Routine, Source
-from calibtool.programs.targets import Lines, Number, Remark, is_not_finite, number_at
-from calibtool.robot.model import Robot
+from calibtool.programs.numbers import Lines, Number, Remark, is_not_finite, number_at
+from calibtool.robot.robot import Robot
 
 NAME = "ros2-trajectory"
 SUFFIXES = (".yaml", ".yml", ".json")
@@ -22,7 +22,9 @@ def matches(text: str) -> bool:
 
 
 def program(sources: Sequence[Source], robot: Robot) -> Program:
-    """Every `positions` list in order, its joints by name; joints that are not the robot's stay as they are."""
+    """Every `positions` list in order, its joints by name; joints that are not the robot's
+    stay as they are.
+    """
     reader = _Reader(robot)
     for number, source in enumerate(sources):
         reader.read(number, source)
@@ -87,7 +89,7 @@ class _Reader:
     def _add(self, found: list[Number] | str, line: int, name: str, source: int) -> None:
         if isinstance(found, str):
             self.literals.append(
-                Literal(JOINT, (), line, name, source=source, left=found, bad=True)
+                Literal(JOINT, (), line, name, source=source, not_corrected=found, bad=True)
             )
         else:
             self.order.append(len(self.literals))
@@ -116,7 +118,9 @@ class _Reader:
 
 
 def _elements(code: str, start: int) -> list[tuple[int, int]]:
-    """Spans of the elements of the list after a key: `[a, b]` over any number of lines, or one `- a` per line."""
+    """Spans of the elements of the list after a key: `[a, b]` over any number of lines, or
+    one `- a` per line.
+    """
     flow = re.compile(r"\s*\[").match(code, start)
     if flow:
         end = closing(code, flow.end() - 1)

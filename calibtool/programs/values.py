@@ -57,7 +57,8 @@ class Evaluation:
     literals  positions by their numbers; frames: those that are used as frames or tools
     given    frames and tools by name, which win over those that the program declares
     owners   of each literal the variables that it is assigned to
-    spoiled  literals that are no constants, because a component of such a variable, or of a copy, is assigned, and why
+    spoiled  literals that are no constants, because a component of such a variable, or of a copy,
+             is assigned, and why
     """
 
     literals: Sequence[Literal]
@@ -106,7 +107,9 @@ class Evaluation:
         return result
 
     def _known(self, frame: Frame) -> Frame:
-        """A frame with the pose that is given for it, if one is and the program has not set it since."""
+        """A frame with the pose that is given for it, if one is and the program has
+        not set it since.
+        """
         given = self.given.frames if frame.kind == FRAME else self.given.tools
         if frame.values is not None and (frame.line or frame.name not in given):
             return frame

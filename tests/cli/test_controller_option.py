@@ -9,7 +9,10 @@ from commandline import Files, refused, run, write_table
 import calibtool as ct
 
 SHARED = Path(__file__).parent.parent / "controllers"
-POSES = "def a():\n  set_tcp(p[0, 0, 0, 0, 0, 0])\n  movel(p[-0.482478, -0.221476, 0.362441, 2.2, -2.1, 0.1])\nend\n"
+POSES = (
+    "def a():\n  set_tcp(p[0, 0, 0, 0, 0, 0])\n"
+    "  movel(p[-0.482478, -0.221476, 0.362441, 2.2, -2.1, 0.1])\nend\n"
+)
 JOINTS = "movej([0.1, -1.4, 1.7, -1.9, -1.6, 0.2])\n"
 
 

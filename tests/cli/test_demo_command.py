@@ -38,7 +38,7 @@ def test_it_ends_with_what_there_is_to_look_at(demo_run: Demo) -> None:
 
 def test_the_report_is_that_of_the_evaluation(demo_run: Demo) -> None:
     page = (demo_run[0] / "report.html").read_text(encoding="utf-8")
-    found = json.loads(re.search(r'id="evaluation"[^>]*>(.*?)</script>', page, re.DOTALL)[1])  # type: ignore[index]
+    found = json.loads(re.search(r'id="evaluation"[^>]*>(.*?)</script>', page, re.DOTALL)[1])
     files = [demo_run[0] / f"{name}.h5" for name in FITTED]
     assert found == answer("evaluate", *files, "--on", demo_run[0] / "fresh.h5")
     assert len(page.encode()) < 5e6

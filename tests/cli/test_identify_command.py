@@ -56,7 +56,9 @@ def test_json_and_the_file_cannot_share_stdout(files: Files) -> None:
     ("name", "revolute", "prismatic"), [("planar-3r", 3, 0), ("scara", 3, 1), ("ur10", 6, 0)]
 )
 def test_number_of_identifiable_parameters(name: str, revolute: int, prismatic: int) -> None:
-    """A serial arm has 4 parameters per revolute joint, 2 per prismatic one and 6 of the tool, whatever its model."""
+    """A serial arm has 4 parameters per revolute joint, 2 per prismatic one and 6 of the tool,
+    whatever its model.
+    """
     run("simulate", name, "-n", 25, "-o", "m.h5")
     base = answer("identify", "m.h5", *LOCAL)["base"]
     assert base["rank"] == base["observable_rank"] == 4 * revolute + 2 * prismatic + 6
@@ -108,7 +110,9 @@ def test_provenance(files: Files) -> None:
 
 
 def test_files_describe_themselves(files: Files) -> None:
-    """Every number carries units, a name, its frame and dimension labels; every group of the format is there."""
+    """Every number carries units, a name, its frame and dimension labels; every group of the
+    format is there.
+    """
     for path, kind in ((files.measurements, "measurements"), (files.network, "calibration")):
         missing = []
         with h5py.File(path, "r") as file:
@@ -132,7 +136,9 @@ def test_files_describe_themselves(files: Files) -> None:
 
 
 def test_refit_moves_a_calibration_and_says_whether_it_still_helps(files: Files) -> None:
-    """The same arm measured again, and another one: the calibration of the first is right for itself alone."""
+    """The same arm measured again, and another one: the calibration of the first is right
+    for itself alone.
+    """
     run("identify", files.six_measurements, "-o", "old.h5")
     refit = ["--refit", "base,tool", "--from", "old.h5"]
     verdict = answer("identify", files.six_fresh, *refit, "-o", "new.h5")["transfer"]

@@ -1,4 +1,6 @@
-"""Files as people have them (tests/imports): each is understood, or its mistake is named with the right value."""
+"""Files as people have them (tests/imports): each is understood, or its mistake is named with the
+right value.
+"""
 
 import shutil
 from pathlib import Path

@@ -43,7 +43,8 @@ def test_provenance(files: Files) -> None:
     assert provenance["seed"] == "0"
     assert (
         provenance["command"]
-        == f"calibtool train {files.measurements} --restarts 1 --base local-poe --regularisation early-stopping"
+        == f"calibtool train {files.measurements} --restarts 1 --base local-poe --regularisation "
+        "early-stopping"
     )
     assert (
         provenance["sha256_measurements"]

@@ -86,7 +86,7 @@ def test_headers_that_say_it_need_no_option(files: Files, values: str) -> None:
     assert list(rows_of(text)[0])[:6] == header(values)
     Path("corrected.csv").write_text(text, encoding="utf-8")
     run("simulate", "fanuc-m1000ia", "--at", "corrected.csv", "-o", "again.h5")
-    q = load_robot("fanuc-m1000ia").serial_from(values, np.deg2rad(written(text, values)))  # type: ignore[arg-type]
+    q = load_robot("fanuc-m1000ia").serial_from(values, np.deg2rad(written(text, values)))
     np.testing.assert_allclose(stored("again.h5", "measurements/joint_positions"), q, atol=1e-12)
     other = {"serial": "controller", "controller": "serial"}[values]
     for command in (

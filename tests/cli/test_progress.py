@@ -1,4 +1,6 @@
-"""What stderr says while something runs: a first line and progress on a terminal only, more with -v, less with -q."""
+"""What stderr says while something runs: a first line and progress on a terminal only, more with
+-v, less with -q.
+"""
 
 import os
 import pty

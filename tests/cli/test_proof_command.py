@@ -131,7 +131,7 @@ def changed(source: str, name: str, change: object) -> str:
     """The rows of a table after a change."""
     with Path(source).open() as stream:
         header, *rows = list(csv.reader(stream))
-    return write_table(name, header, change(rows))  # type: ignore[operator]
+    return write_table(name, header, change(rows))
 
 
 @pytest.mark.parametrize("option", ["--joints", "--commanded"])

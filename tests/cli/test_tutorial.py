@@ -1,4 +1,6 @@
-"""Every command of docs/tutorial.md, through a real shell, from an empty directory with the data that come along."""
+"""Every command of docs/tutorial.md, through a real shell, from an empty directory with the data
+that come along.
+"""
 
 import re
 from pathlib import Path

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells under headers; the first cell of a row is its header. folded: shown on request."""
+    """Rows of cells under headers; the first cell of a row is its header.
+    folded: shown on request.
+    """
 
     caption: str
     header: Sequence[str]
@@ -25,14 +27,15 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it, lines first; nothing but a line where there is nothing to say."""
+    """A heading and what stands under it, lines first; nothing but a line where there
+    is nothing to say.
+    """
 
     id: str
     title: str
     lines: Sequence[str] = ()
     drawings: Sequence[Drawing] = ()
     tables: Sequence[Table] = ()
-    vectors: bool = False  # the workspace in three dimensions stands here
 
 
 @dataclass(frozen=True)

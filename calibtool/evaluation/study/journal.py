@@ -1,4 +1,4 @@
-"""Finished runs on disk while a study runs: one line each, synced, so that an interruption costs only what was running."""
+"""Journal of finished runs on disk, one synced line each, from which a study is resumed."""
 
 import fcntl
 import json
@@ -8,7 +8,7 @@ from types import TracebackType
 
 from calibtool.errors import UsageError
 from calibtool.evaluation.study.definition import Study
-from calibtool.evaluation.study.table import Row, checked_row
+from calibtool.evaluation.study.study_table import Row, checked_row
 
 SCHEMA = "calibtool/study-journal"
 _START = json.dumps({"schema": SCHEMA})[:-1].encode()
@@ -20,8 +20,8 @@ class Journal:
 
     finished   rows by the index of their run
 
-    Opening reads what is there. Raises UsageError when the file belongs to another study (unless it may be discarded), is
-    in use, or cannot be written.
+    Opening reads what is there. Raises UsageError when the file belongs to another study (unless it
+    may be discarded), is in use, or cannot be written.
     """
 
     def __init__(self, path: Path | None, study: Study, *, discard: bool = False) -> None:
@@ -106,8 +106,8 @@ class Journal:
             raise UsageError(f"{path}:1: damaged; {_REMEDY}") from None
         if key != self.study.key:
             raise UsageError(
-                f"{path}: holds the finished runs of another study ({key}, this one is {self.study.key}); finish that one, "
-                f"or {_REMEDY}"
+                f"{path}: holds the finished runs of another study ({key}, this one is "
+                f"{self.study.key}); finish that one, or {_REMEDY}"
             )
         for number, line in enumerate(lines[1:], start=2):
             try:

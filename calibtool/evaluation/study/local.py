@@ -1,4 +1,6 @@
-"""Runs in processes of this machine: a killed process is noticed, replaced, and its run repeated once."""
+"""Runs in processes of this machine: a killed process is noticed, replaced, and its
+run repeated once.
+"""
 
 import contextlib
 import multiprocessing
@@ -12,7 +14,7 @@ from multiprocessing.context import SpawnProcess
 from calibtool.errors import CalibtoolError
 from calibtool.evaluation.study.definition import Study
 from calibtool.evaluation.study.runs import lost, perform
-from calibtool.evaluation.study.table import Row
+from calibtool.evaluation.study.study_table import Row
 
 _TRIES = 2
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -23,8 +25,9 @@ def in_processes(
 ) -> Generator[tuple[int, list[Row]], None, None]:
     """(index, rows) of every run, in the order in which they finish, from `workers` processes.
 
-    A run whose process is killed twice gets rows that say so. Raises CalibtoolError when processes cannot even start.
-    The processes end with the iterator, and by themselves when this process is killed.
+    A run whose process is killed twice gets rows that say so. Raises CalibtoolError when
+    processes cannot even start. The processes end with the iterator, and by themselves when this
+    process is killed.
     """
     waiting = deque(indices)
     tries = dict.fromkeys(indices, 0)
@@ -103,7 +106,9 @@ class _Worker:
 
 @contextlib.contextmanager
 def _one_blas_thread() -> Iterator[None]:
-    """What is started inside gets one BLAS thread: workers that have several each wait for one another."""
+    """What is started inside gets one BLAS thread: workers that have several each wait
+    for one another.
+    """
     before = {name: os.environ.get(name) for name in _BLAS_THREADS}
     os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
     try:

@@ -1,4 +1,6 @@
-"""One run of a study: draw a robot, measure it, calibrate it by every method, judge them side by side."""
+"""One run of a study: draw a robot, measure it, calibrate it by every method, judge
+them side by side.
+"""
 
 import threading
 from collections.abc import Callable
@@ -12,13 +14,14 @@ from calibtool.errors import CalibtoolError
 from calibtool.evaluation.compare import Evaluation, evaluate
 from calibtool.evaluation.metrics import STATISTICS
 from calibtool.evaluation.study.definition import NOMINAL, RobotText, Study
-from calibtool.evaluation.study.table import OK, REDUCTIONS, Cell, Row, failed, rounded
+from calibtool.evaluation.study.study_table import OK, REDUCTIONS, Cell, Row, failed, rounded
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
-# A worker of a cluster may have several threads, and a robot's kinematics keep their work space in the robot.
+# A worker of a cluster may have several threads, and a robot's kinematics keep their work
+# space in the robot.
 _ONE_AT_A_TIME = threading.Lock()
 
 _CALIBRATE: dict[str, Callable[[Measurements, int], Calibration]] = {
@@ -33,9 +36,11 @@ _CALIBRATE: dict[str, Callable[[Measurements, int], Calibration]] = {
 
 
 def perform(study: Study, index: int) -> list[Row]:
-    """The rows of run `index`, one per method; a method that fails leaves a row with the reason as its status.
+    """The rows of run `index`, one per method; a method that fails leaves a row with the
+    reason as its status.
 
-    The rows depend on the study and the index alone. CalibtoolError when the study comes from another calibtool.
+    The rows depend on the study and the index alone. CalibtoolError when the study comes from
+    another calibtool.
     """
     study.check_version(__version__)
     with _ONE_AT_A_TIME:

@@ -1,13 +1,13 @@
 """Checks at the door: what is wrong with measurements, before anything is estimated from them."""
 
+from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.checks.clocks import clock_finding
-from calibtool.measurement.checks.conditions import condition_findings
 from calibtool.measurement.checks.design import design_findings
 from calibtool.measurement.checks.finding import Finding
-from calibtool.measurement.checks.fit import nominal_fit
-from calibtool.measurement.checks.nominal import nominal_findings, orientation_finding
-from calibtool.measurement.checks.shape import shape_findings
-from calibtool.measurement.companions import Companions
+from calibtool.measurement.checks.measuring_process import condition_findings
+from calibtool.measurement.checks.nominal_findings import nominal_findings, orientation_finding
+from calibtool.measurement.checks.nominal_fit import nominal_fit
+from calibtool.measurement.checks.target_distances import shape_findings
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.streams import JointStream
 
@@ -16,21 +16,24 @@ __all__ = ["Finding", "check_measurements", "design_findings"]
 
 def check_measurements(
     measurements: Measurements,
-    companions: Companions | None = None,
+    auxiliary: AuxiliaryReadings | None = None,
     stream: JointStream | None = None,
 ) -> list[Finding]:
-    """Every finding about measurements and what was recorded beside them (companions), warnings first.
+    """Every finding about measurements and what was recorded beside them (auxiliary), warnings
+    first.
 
-    stream: where the joints came from, if they were taken from a stream at the stamps of the points.
+    stream: where the joints came from, if they were taken from a stream at the stamps of the
+    points.
 
-    Nothing is changed and nothing raised: a check whose data are missing says nothing. Row numbers count from 1.
+    Nothing is changed and nothing raised: a check whose data are missing says nothing. Row
+    numbers count from 1.
     """
     fit = nominal_fit(measurements, free=False)
     mistakes, wrong_rows = nominal_findings(measurements, fit)
     found = [*mistakes, *shape_findings(measurements, wrong_rows)]
     if not mistakes and (orientation := orientation_finding(measurements, fit)) is not None:
         found.append(orientation)
-    found += condition_findings(measurements, fit, companions or Companions())
+    found += condition_findings(measurements, fit, auxiliary or AuxiliaryReadings())
     if (clocks := clock_finding(measurements, stream)) is not None:
         found.append(clocks)
     repeats = any(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibtool.measurement.checks.finding import Finding, severity
-from calibtool.measurement.checks.fit import nominal_fit
+from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.checks.unexplained import Unexplained
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import observation_matrix
@@ -21,7 +21,9 @@ _SMALL = 0.1e-3  # s: less is of no account
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What to add to the stamps of the measurements, s, its standard error, and the rms without and with it, m."""
+    """What to add to the stamps of the measurements, s, its standard error, and the rms without
+    and with it, m.
+    """
 
     offset: float
     error: float
@@ -30,7 +32,8 @@ class ClockOffset:
 
 
 def clock_offset(measurements: Measurements, stream: JointStream) -> ClockOffset | None:
-    """The offset of up to ±0.5 s with which the joints explain the points best; None where the arm stands still.
+    """The offset of up to ±0.5 s with which the joints explain the points best; None where the
+    arm stands still.
 
     What geometric errors of the robot could explain does not count for it.
     """
@@ -52,7 +55,7 @@ def clock_offset(measurements: Measurements, stream: JointStream) -> ClockOffset
         T, jacobian = moved.robot.mechanism.forward_and_jacobian(moved.q)
         columns = observation_matrix(fit.setup, T) @ (jacobian @ rates[..., None])
         moving = columns[..., 0] * moved.seen.repeat(3, axis=-1)
-        step, error = Unexplained.of(moved, fit.setup).slope(moving, fit.left)
+        step, error = Unexplained.of(moved, fit.setup).slope(moving, fit.residual)
         offset += float(np.clip(step, -0.05, 0.05))
         if abs(step) < 1e-7:
             break
@@ -82,8 +85,10 @@ def clock_finding(measurements: Measurements, stream: JointStream | None) -> Fin
             "clock_offset", "note", f"the clocks agree to {found.error * 1e3:.2g} ms", numbers
         )
     message = (
-        f"the joints are those of another instant: with {found.offset:+.4g} s added to the stamps of the points the nominal "
-        f"robot explains them to {found.after * 1e3:.3g} mm rms, now to {found.before * 1e3:.3g} mm; import with "
+        f"the joints are those of another instant: with {found.offset:+.4g} s added to the stamps "
+        "of the points the nominal "
+        f"robot explains them to {found.after * 1e3:.3g} mm rms, now to {found.before * 1e3:.3g} "
+        "mm; import with "
         f"--clock-offset {found.offset:.4f}"
     )
     return Finding("clock_offset", severity(True), message, numbers)

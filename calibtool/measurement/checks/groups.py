@@ -1,11 +1,13 @@
-"""Rows that fit in a few groups, each for itself: the instrument, the targets or the thing touched were moved in between."""
+"""Rows that fit in a few groups, each for itself: the instrument, the targets or the thing touched
+were moved in between.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from calibtool.measurement.checks.finding import Finding
-from calibtool.measurement.checks.fit import nominal_fit
+from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.measurements import Measurements
 
 _MOST = 8  # groups
@@ -27,8 +29,10 @@ class Groups:
             for (start, end), size in zip(self.borders, self.sizes, strict=True)
         ]
         message = (
-            f"the nominal robot explains the points to {before * 1e3:.3g} mm rms, but rows {', '.join(told)} each for "
-            "themselves: the instrument or what it measures was moved in between; name the groups in a column station"
+            f"the nominal robot explains the points to {before * 1e3:.3g} mm rms, but rows "
+            f"{', '.join(told)} each for "
+            "themselves: the instrument or what it measures was moved in between; name the groups "
+            "in a column station"
         )
         numbers: dict[str, float | int | list[float]] = {
             "first_rows": [start + 1 for start, _ in self.borders],
@@ -39,7 +43,9 @@ class Groups:
 
 
 def groups_of_rows(measurements: Measurements, explained: float) -> Groups | None:
-    """Two to eight groups of consecutive rows that the nominal robot explains to `explained` m; None for none."""
+    """Two to eight groups of consecutive rows that the nominal robot explains to `explained` m;
+    None for none.
+    """
     points = measurements.points_alone()
     unknowns = 6 + 3 * len(points.setup.targets)
     least = -(-(unknowns + 6) // (3 * len(points.setup.targets)))

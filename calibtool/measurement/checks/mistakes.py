@@ -1,4 +1,6 @@
-"""Single mistakes that people make with a table, each with the measurements as they would be without it."""
+"""Single mistakes that people make with a table, each with the measurements as they would be
+without it.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -31,7 +33,9 @@ class Mistake:
 
 
 def mistakes(every: Measurements, rows: np.ndarray) -> Iterator[Mistake]:
-    """Single mistakes that people make with a table, the likelier first, repaired in some of the rows (k,)."""
+    """Single mistakes that people make with a table, the likelier first, repaired in some of the
+    rows (k,).
+    """
     measurements = every.rows(rows)
     robot, q = measurements.robot, measurements.q
     turning = [j for j in range(robot.n) if not robot.prismatic[j]]
@@ -84,11 +88,11 @@ def mistakes(every: Measurements, rows: np.ndarray) -> Iterator[Mistake]:
             "joint_order", f"the columns of joints {a + 1} and {b + 1} are swapped", q[:, order]
         )
     if len(turning) >= 3 and turning[1:3] == [1, 2]:
-        coupled = q.copy()
-        coupled[:, 2] += q[:, 1]
-        yield with_q(
-            "joint_coupling", "joint 3 is counted from the horizontal (add joint 2)", coupled
-        )
+        for sign, text in ((1.0, "the horizontal (add"), (-1.0, "link 2 (subtract")):
+            coupled = q.copy()
+            coupled[:, 2] += sign * q[:, 1]
+            text = f"joint 3 is counted from {text} joint 2)"
+            yield with_q("joint_coupling", text, coupled)
 
 
 def _inverse_poses(measurements: Measurements) -> Measurements:

@@ -1,4 +1,6 @@
-"""How much of a series some cause explains, beside what errors of the robot could (generalised least squares)."""
+"""How much of a series some cause explains, beside what errors of the robot could (generalised
+least squares).
+"""
 
 from dataclasses import dataclass
 
@@ -16,7 +18,8 @@ _ORDERS = {"harmonics": 2}  # of families that have several
 
 @dataclass(frozen=True, eq=False)
 class Unexplained:
-    """The covariance of residuals (N, d) of an arm with errors of every family, each of its tolerance, and noise.
+    """The covariance of residuals (N, d) of an arm with errors of every family, each of its
+    tolerance, and noise.
 
     A   (N d, p) what an error of one tolerance does, over the stated noise
     K   (p, p) (AᵀA + I)⁻¹
@@ -44,7 +47,9 @@ class Unexplained:
         return cls(A, np.linalg.inv(A.T @ A + np.eye(A.shape[1])))
 
     def slope(self, x: Array, y: Array) -> tuple[float, float]:
-        """Slope of y over x, both (N, d), and its standard error, the scale of the covariance estimated."""
+        """Slope of y over x, both (N, d), and its standard error, the scale of the covariance
+        estimated.
+        """
         x, y = x.ravel(), y.ravel()
         weighted = self._weighted(x)
         power = max(float(x @ weighted), 1e-300)

@@ -1,11 +1,13 @@
-"""Zero positions of joints: one that is elsewhere, or all of them, where these explain the points."""
+"""Zero positions of joints: one that is elsewhere, or all of them, where these explain the
+points.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibtool.measurement.checks.finding import Finding
-from calibtool.measurement.checks.fit import nominal_fit
+from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import linearised, weighted_residuals
@@ -52,7 +54,8 @@ class Zeros:
 
 
 def zero_of_one_joint(measurements: Measurements, *, grid: bool) -> Zeros | None:
-    """The joint whose own offset explains the points best; with `grid`, offsets all round are tried.
+    """The joint whose own offset explains the points best; with `grid`, offsets all round are
+    tried.
 
     None where no offset is large enough to be a mistake, or the outer joints alone could show it.
     """
@@ -83,7 +86,9 @@ def zeros_of_all_joints(measurements: Measurements) -> Zeros | None:
 
 
 def _rounded(found: Zeros, j: int) -> Zeros:
-    """A multiple of 15 deg where it explains the points as well: the rest is the arm's own errors."""
+    """A multiple of 15 deg where it explains the points as well: the rest is the arm's own
+    errors.
+    """
     if found.measurements.robot.prismatic[j]:
         return found
     whole = np.zeros_like(found.offsets)
@@ -101,7 +106,9 @@ def _moved(measurements: Measurements, j: int, offset: float) -> Measurements:
 
 
 def _fitted(measurements: Measurements, joints: list[int], start: float) -> Zeros:
-    """Gauss and Newton's iteration over the offsets of some joints, the instrument's frame and the targets."""
+    """Gauss and Newton's iteration over the offsets of some joints, the instrument's frame and the
+    targets.
+    """
     points = measurements.points_alone()
     setup = replace(points.setup, frame_known=False, targets_known=False)
     offsets = np.zeros(measurements.robot.n)

@@ -1,41 +1,43 @@
-"""Instrument tables → measurements and their companions; unknown parts of the set-up are registered afterwards."""
+"""Instrument tables → measurements and their auxiliary; unknown parts of the set-up are registered
+afterwards.
+"""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from calibtool.errormodel.conditions import Conditions, directions
+from calibtool.errormodel.operating_conditions import Conditions, directions
 from calibtool.errors import InputError, NoSolutionError, UsageError
-from calibtool.measurement.companions import Companions
+from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.importing.column_map import ColumnMap, Frame
-from calibtool.measurement.importing.commanded import (
+from calibtool.measurement.importing.commanded_targets import (
     CommandedFile,
     commanded_poses,
     join_commanded,
     of_kept_rows,
 )
 from calibtool.measurement.importing.header import Stated, complete_map, time_column
-from calibtool.measurement.importing.joining import JOIN_TOLERANCE, Join, join_rows, stamps
-from calibtool.measurement.importing.known import known_setup
+from calibtool.measurement.importing.joint_files import JOIN_TOLERANCE, Join, join_rows, stamps
+from calibtool.measurement.importing.known_setup import known_setup
 from calibtool.measurement.importing.labels import label_pair
 from calibtool.measurement.importing.long_form import one_row_each
 from calibtool.measurement.importing.names import named
 from calibtool.measurement.importing.readings import (
-    read_companions,
+    read_auxiliary,
     read_joints,
     read_payload,
     read_points,
     read_rotations,
 )
-from calibtool.measurement.importing.rows import choose_rows, line_ranges
+from calibtool.measurement.importing.row_selection import choose_rows, line_ranges
 from calibtool.measurement.importing.sources import Source, read_source
 from calibtool.measurement.importing.template import map_template
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
 from calibtool.measurement.streams import JointStream
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 from calibtool.tables import Table
 
@@ -78,11 +80,13 @@ class Understood:
 
 
 class Imported(NamedTuple):
-    """Measurements, warnings, what stands beside the measurements, how the files were understood; joints as a stream."""
+    """Measurements, warnings, what stands beside the measurements, how the files were understood;
+    joints as a stream.
+    """
 
     measurements: Measurements
     warnings: list[str]
-    companions: Companions
+    auxiliary: AuxiliaryReadings
     understood: Understood
     stream: JointStream | None = None
 
@@ -97,7 +101,7 @@ class Imported(NamedTuple):
         """Some of the rows: their indices (k,)."""
         return self._replace(
             measurements=self.measurements.rows(index),
-            companions=self.companions.rows(index),
+            auxiliary=self.auxiliary.rows(index),
             understood=replace(self.understood, lines=self.understood.lines[index]),
             stream=None if self.stream is None else self.stream.rows(index),
         )
@@ -114,7 +118,7 @@ class Imported(NamedTuple):
         conditions = replace(self.measurements.conditions, direction=readonly(stream.directions()))
         return self._replace(
             measurements=replace(self.measurements, q=q, conditions=conditions),
-            companions=replace(self.companions, q_commanded=q),
+            auxiliary=replace(self.auxiliary, q_commanded=q),
             stream=stream,
         )
 
@@ -125,7 +129,8 @@ class Imported(NamedTuple):
     def registered(self) -> "Imported":
         """The same with the unknown parts of the set-up fitted to these rows (nominal robot).
 
-        Raises NoSolutionError for too few rows; a warning about the table goes along, it may tell why.
+        Raises NoSolutionError for too few rows; a warning about the table goes along, it may tell
+        why.
         """
         count = len(self.measurements)
         used = self.measurements
@@ -148,7 +153,9 @@ def import_table(
     robot_targets: bool = False,
     joint_values: JointValues | None = None,
 ) -> Imported:
-    """Measurements from a table, registered to all of its rows: `read_table(…).registered()`, which see."""
+    """Measurements from a table, registered to all of its rows: `read_table(…).registered()`,
+    which see.
+    """
     return read_table(
         data,
         name,
@@ -177,12 +184,17 @@ def read_table(
     joint_values: JointValues | None = None,
     commanded: CommandedFile | None = None,
 ) -> Imported:
-    """Measurements and companions from the contents of a file; nothing of the set-up is estimated yet.
+    """Measurements and auxiliary from the contents of a file; nothing of the set-up is estimated
+    yet.
 
-    columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame: overrides the map's.
-    robot_targets: the targets are those of the robot's description, in their order. format, sheet, layout: see
-    `sources.read_source`. stated: units and convention where the header is silent. joints: their own file. joint_values:
-    whose they are where the header does not say it (`Robot.joint_values`); overrides the map's. commanded: targets
+    columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame:
+    overrides the map's.
+    robot_targets: the targets are those of the robot's description, in their order. format,
+    sheet, layout: see
+    `sources.read_source`. stated: units and convention where the header is silent. joints: their
+    own file. joint_values:
+    whose they are where the header does not say it (`Robot.joint_values`); overrides the map's.
+    commanded: targets
     whose corrected joints the arm was driven to.
     Raises InputError for a bad cell, column or target set, UsageError for options that do not fit
     the file, and for joint values of which nothing says whose they are, where it matters.
@@ -237,7 +249,7 @@ def read_table(
         place = table.place(int(np.argmin(seen.any(axis=-1))))
         raise InputError(f"{place}: no target was measured in this row")
     rotations = None if complete.pose is None else readonly(read_rotations(table, complete.pose))
-    companions = read_companions(table, joint_table, robot, complete, q)
+    auxiliary = read_auxiliary(table, joint_table, robot, complete, q)
     measurements = Measurements(
         robot=robot,
         q=readonly(q),
@@ -253,7 +265,7 @@ def read_table(
             payload_kg=None
             if complete.payload is None
             else readonly(read_payload(table, complete.payload)),
-            temperature_c=companions.temperature_c if _whole(companions.temperature_c) else None,
+            temperature_c=auxiliary.temperature_c if _whole(auxiliary.temperature_c) else None,
         ),
         commanded=None if targets is None else commanded_poses(targets, robot, joint_values),
     )
@@ -279,7 +291,7 @@ def read_table(
         lines=np.array(table.lines),
         notes=notes,
     )
-    imported = Imported(measurements, warnings, companions, understood, stream)
+    imported = Imported(measurements, warnings, auxiliary, understood, stream)
     return imported if stream is None else imported.with_clock_offset(0.0)
 
 
@@ -291,7 +303,9 @@ def template_of(
     joints: JointFile | None = None,
     **how: str | None,
 ) -> str:
-    """A column map in TOML from the headers of a file and of the joints' own one, see `read_table`."""
+    """A column map in TOML from the headers of a file and of the joints' own one, see
+    `read_table`.
+    """
     source = read_source(data, name, **how)
     table = source.table
     if joints is not None:
@@ -302,8 +316,10 @@ def template_of(
 def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
     """A warning per target that is missing somewhere, with every line."""
     return [
-        f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in {int((~seen[:, i]).sum())} of {len(seen)} "
-        f"rows; their other targets count: line {line_ranges([table.lines[k] for k in _rows(~seen[:, i])])}"
+        f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in "
+        f"{int((~seen[:, i]).sum())} of {len(seen)} "
+        "rows; their other targets count: line "
+        f"{line_ranges([table.lines[k] for k in _rows(~seen[:, i])])}"
         for i, target in enumerate(columns.targets)
         if not seen[:, i].all()
     ]
@@ -319,7 +335,8 @@ def _driven(joints: Table) -> tuple[list[int], str | None]:
         return kept, None
     lines = line_ranges([joints.lines[row] for row in range(len(states)) if row not in set(kept)])
     return kept, (
-        f"{joints.name}: {len(states) - len(kept)} rows have the status unreachable and no joints; left out: line {lines}"
+        f"{joints.name}: {len(states) - len(kept)} rows have the status unreachable and no joints; "
+        f"left out: line {lines}"
     )
 
 
@@ -338,7 +355,8 @@ def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str
         return []
     first = table.place(int(np.argmax(outside)))
     return [
-        f"{first}: {int(outside.sum())} of {len(outside)} rows are outside the joint limits of {robot.name}; kept"
+        f"{first}: {int(outside.sum())} of {len(outside)} rows are outside the joint limits of "
+        f"{robot.name}; kept"
     ]
 
 

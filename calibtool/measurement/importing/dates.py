@@ -19,9 +19,11 @@ def is_date(text: str) -> bool:
 
 
 def seconds(texts: Sequence[str]) -> tuple[Array, int | None]:
-    """Seconds since 1970 of every text (N,), NaN where empty; and the first that is no date with a time, None for none.
+    """Seconds since 1970 of every text (N,), NaN where empty; and the first that is no date with
+    a time, None for none.
 
-    With slashes the day stands first where any number there is above 12, and the month where one is in the second place; a
+    With slashes the day stands first where any number there is above 12, and the month where one
+    is in the second place; a
     list that leaves it open has none of them read.
     """
     values = np.full(len(texts), np.nan)

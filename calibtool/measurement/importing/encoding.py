@@ -1,4 +1,6 @@
-"""Bytes of a text file → text: UTF-8 and UTF-16 by their marks, otherwise what spreadsheets write."""
+"""Bytes of a text file → text: UTF-8 and UTF-16 by their marks, otherwise what spreadsheets
+write.
+"""
 
 import codecs
 import re
@@ -44,7 +46,8 @@ def decoded(data: bytes, name: str, encoding: str | None = None) -> tuple[str, s
     except UnicodeDecodeError as error:
         if b"\0" in data:
             raise InputError(
-                f"{name}: not a text file (byte {error.start + 1}); save it as UTF-8 or export it as CSV"
+                f"{name}: not a text file (byte {error.start + 1}); save it as UTF-8 or export it "
+                "as CSV"
             ) from None
     found = [(candidate, data.decode(candidate, "replace")) for candidate in _EIGHT_BIT]
     best = max(found, key=lambda item: len(_SIGN.findall(item[1])) - 10 * item[1].count("\ufffd"))
@@ -56,7 +59,8 @@ def _strict(data: bytes, name: str, encoding: str) -> str:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{name}: not a {encoding.upper()} text file (byte {error.start + 1}); save it as UTF-8 or export it as CSV"
+            f"{name}: not a {encoding.upper()} text file (byte {error.start + 1}); save it as "
+            "UTF-8 or export it as CSV"
         ) from None
 
 

@@ -26,7 +26,7 @@ from calibtool.measurement.importing.column_map import (
 from calibtool.measurement.importing.dates import is_date
 from calibtool.measurement.importing.names import Named, named
 from calibtool.measurement.importing.sources import Source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.tables import Table, joint_columns_of, pose_columns_of, stated_values, unit_of
 
 _LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")
@@ -48,7 +48,8 @@ class Stated:
 
     unit         of lengths: mm, m or in
     angle_unit   deg or rad
-    convention   of three angles: `intrinsic-…`, `extrinsic-…`, `zyx`, `rotation-vector` (docs/file-formats.md)
+    convention   of three angles: `intrinsic-…`, `extrinsic-…`, `zyx`, `rotation-vector`
+    (docs/file-formats.md)
     """
 
     unit: LengthUnit | None = None
@@ -57,7 +58,9 @@ class Stated:
 
 
 class Found(NamedTuple):
-    """What the names of headers say; an error instead of a part that they do not say, or not clearly."""
+    """What the names of headers say; an error instead of a part that they do not say, or not
+    clearly.
+    """
 
     joints: JointColumns | InputError
     measured: ColumnMap | InputError
@@ -73,7 +76,8 @@ def parts_found(
 ) -> Found:
     """The parts of a map that the headers' names give, those in `given` left aside.
 
-    source: the measured values; joints: the table that holds the joint values, the same one unless they have their own.
+    source: the measured values; joints: the table that holds the joint values, the same one
+    unless they have their own.
     """
     given = given or ColumnMap()
     names = list(robot.chain.model.names)[1:]
@@ -105,9 +109,11 @@ def parts_found(
 def complete_map(
     source: Source, joints: Table, robot: Robot, given: ColumnMap | None, stated: Stated
 ) -> ColumnMap:
-    """The map with every part that it leaves out taken from the names of the headers (docs/file-formats.md).
+    """The map with every part that it leaves out taken from the names of the headers
+    (docs/file-formats.md).
 
-    source, joints: see `parts_found`. Raises InputError where names or units are missing, or contradict what is stated.
+    source, joints: see `parts_found`. Raises InputError where names or units are missing, or
+    contradict what is stated.
     """
     table, given = source.table, given or ColumnMap()
     found = parts_found(source, joints, robot, stated, given)
@@ -132,7 +138,8 @@ def complete_map(
     found_convention = complete.pose.convention if complete.pose else "no orientation"
     if stated.convention not in (None, found_convention):
         raise InputError(
-            f"{table.name}: --convention {stated.convention}, but the columns hold {found_convention}; name three angles "
+            f"{table.name}: --convention {stated.convention}, but the columns hold "
+            f"{found_convention}; name three angles "
             "rx_deg ry_deg rz_deg, or map them with --columns MAP.toml"
         )
     return complete
@@ -171,7 +178,8 @@ def _joints(names: Named, robot: Robot, source: Source, stated: Stated) -> Joint
         return JointColumns.model_validate(found)
     if source.points is not None and table.name == source.table.name:
         raise InputError(
-            f"{table.name}: a list of points holds no joint values; give their file with --joints FILE"
+            f"{table.name}: a list of points holds no joint values; give their file with --joints "
+            "FILE"
         )
     bare = [f"j{i + 1}" for i in range(robot.n)]
     if not names.has(bare):
@@ -202,7 +210,8 @@ def _joints_read(names: Named, robot: Robot) -> JointColumns | None:
     missing = [i for i in range(1, robot.n + 1) if i not in found]
     if missing or len(found) > robot.n:
         raise InputError(
-            f"{names.table.name}: read joint values of {len(found)} joints, {robot.name} has {robot.n}; "
+            f"{names.table.name}: read joint values of {len(found)} joints, {robot.name} has "
+            f"{robot.n}; "
             f"expected j1_read_{'mm' if robot.prismatic[0] else 'deg'} … j{robot.n}_read_…"
         )
     columns = [found[i] for i in range(1, robot.n + 1)]
@@ -212,7 +221,9 @@ def _joints_read(names: Named, robot: Robot) -> JointColumns | None:
 
 
 def _measured(names: Named, source: Source, stated: Stated) -> dict[str, object]:
-    """Targets or pose by name: `t1_x_mm …`, `t1_nominal_x_mm …` with `t1_error_x_mm …`, `x_mm y_mm z_mm`, a pose."""
+    """Targets or pose by name: `t1_x_mm …`, `t1_nominal_x_mm …` with `t1_error_x_mm …`, `x_mm y_mm
+    z_mm`, a pose.
+    """
     table = names.table
     if source.points is not None:
         if stated.unit is None:
@@ -233,7 +244,8 @@ def _measured(names: Named, source: Source, stated: Stated) -> dict[str, object]
         own = _originals(names, position[0])
         return {"targets": [TargetColumns(measured=own, unit=position[1])]}
     raise InputError(
-        f"{table.name}: no measured points: expected t1_x_mm t1_y_mm t1_z_mm …, x_mm y_mm z_mm or a pose, "
+        f"{table.name}: no measured points: expected t1_x_mm t1_y_mm t1_z_mm …, x_mm y_mm z_mm or "
+        "a pose, "
         "or map the columns with --columns MAP.toml"
     )
 
@@ -271,7 +283,9 @@ def _references(names: Named, stated: Stated) -> list[ReferenceColumns]:
 def _numbered(
     names: Named, pattern: re.Pattern[str], stated: Stated
 ) -> list[tuple[int, LengthUnit, str]]:
-    """Number, unit and the suffix of the columns of numbered points, by number. InputError for two units or none."""
+    """Number, unit and the suffix of the columns of numbered points, by number. InputError for two
+    units or none.
+    """
     found: dict[int, tuple[str, str | None]] = {}
     for column in names.original:
         match = pattern.fullmatch(column)
@@ -280,7 +294,8 @@ def _numbered(
         before, unit = found.setdefault(int(match[1]), (column, match[2]))
         if None not in (unit, match[2]) and unit != match[2]:
             raise InputError(
-                f"{names.table.name}: columns '{names.original[before]}' and '{names.original[column]}' of one point have "
+                f"{names.table.name}: columns '{names.original[before]}' and "
+                f"'{names.original[column]}' of one point have "
                 "different units"
             )
     result = []
@@ -297,7 +312,8 @@ def _length(unit: str | None, column: str, names: Named) -> LengthUnit:
             return known
     name = names.original[column]
     raise InputError(
-        f"{names.table.name}: the unit of column '{name}' is not stated; name it {name}_mm (_m, _in), or give --unit mm|m|in"
+        f"{names.table.name}: the unit of column '{name}' is not stated; name it {name}_mm (_m, "
+        "_in), or give --unit mm|m|in"
     )
 
 
@@ -311,7 +327,9 @@ def _position(names: Named, stated: Stated) -> tuple[list[str], LengthUnit] | No
 
 
 def _pose(names: Named, stated: Stated) -> PoseColumns | None:
-    """A position with an orientation beside it. Three angles without a convention are refused, never guessed."""
+    """A position with an orientation beside it. Three angles without a convention are refused,
+    never guessed.
+    """
     position = _position(names, stated)
     if position is None:
         return None
@@ -346,7 +364,8 @@ def _pose(names: Named, stated: Stated) -> PoseColumns | None:
                     else ("unit", "--angle-unit", "deg or rad")
                 )
                 raise InputError(
-                    f"{table.name}: the {what} of the orientation {' '.join(columns)} is not stated; "
+                    f"{table.name}: the {what} of the orientation {' '.join(columns)} is not "
+                    "stated; "
                     f"give {option}: {known}"
                 )
             return _pose_columns(place, columns, asked, stated_unit)

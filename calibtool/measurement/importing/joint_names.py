@@ -1,4 +1,6 @@
-"""Columns of joint values under any of their names: J1, A1, `Achse 1`, joint_1, a joint of the URDF, S L U R B T."""
+"""Columns of joint values under any of their names: J1, A1, `Achse 1`, joint_1, a joint of the
+URDF, S L U R B T.
+"""
 
 import re
 from collections.abc import Sequence
@@ -31,7 +33,8 @@ _AROUND = {
     "value",
 }
 _NUMBERED = re.compile(
-    r"(?:joint|jnt|jt|j|axis|axe|achse|gelenk|eje|asse|ax|a|q|theta|th|θ|rax|robax|position|pos) ?[\[(]? ?(\d{1,3})[\])]?"
+    r"(?:joint|jnt|jt|j|axis|axe|achse|gelenk|eje|asse|ax|a|q|theta|th|θ|rax|robax|position|pos)"
+    r" ?[\[(]? ?(\d{1,3})[\])]?"
 )
 _OWN = re.compile(r"j\d+(?:_(?:read|serial|controller))?_(?:deg|rad|mm|m)")
 _MAKERS = (
@@ -42,7 +45,8 @@ _QUATERNIONS = (("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"))  # both scal
 
 
 def joint_names(columns: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
-    """What columns mean: `j1_deg`, `j1`, `j1_read_deg`; `qw` … for a quaternion that is numbered as joints are.
+    """What columns mean: `j1_deg`, `j1`, `j1_read_deg`; `qw` … for a quaternion that is numbered
+    as joints are.
 
     joints: names of the joints in the URDF, in their order.
     """

@@ -1,4 +1,6 @@
-"""One measured point per line → one row per configuration: the point's name holds the configuration and the target."""
+"""One measured point per line → one row per configuration: the point's name holds the
+configuration and the target.
+"""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -22,9 +24,11 @@ Key = tuple[str, str]
 def one_row_each(
     table: Table, joints: Table | None, joint_names: Sequence[str]
 ) -> tuple[Table, str | None]:
-    """The table with one row per configuration, and how its names were read; as it is where it is no list of points.
+    """The table with one row per configuration, and how its names were read; as it is where it is
+    no list of points.
 
-    joints: the joint values' own file, whose names or number of rows tell the configurations; None: they stand in the
+    joints: the joint values' own file, whose names or number of rows tell the configurations;
+    None: they stand in the
     table, the same in every line of a configuration. joint_names: of the URDF.
     Raises InputError where a target is twice in a configuration.
     """
@@ -44,7 +48,8 @@ def one_row_each(
     targets = in_order(list(dict.fromkeys(target for _, target in chosen)))
     points = [names.original[f"{axis}{unit}"] for axis in "xyz"]
     return _wide(table, chosen, targets, points, labels, unit), (
-        f"{table.name}: one point per line, read as {len({c for c, _ in chosen})} configurations of {len(targets)} "
+        f"{table.name}: one point per line, read as {len({c for c, _ in chosen})} configurations "
+        f"of {len(targets)} "
         f"target{'s' if len(targets) > 1 else ''} ({', '.join(targets)})"
     )
 
@@ -108,7 +113,8 @@ def _wide(
     twice = [c for c in rest if c and c in header[: 1 + 3 * len(targets)]]
     if twice:
         raise InputError(
-            f"{table.name}: column '{twice[0]}' stands beside x, y, z of one point per line; rename it"
+            f"{table.name}: column '{twice[0]}' stands beside x, y, z of one point per line; "
+            "rename it"
         )
     at = [table.header.index(column) for column in points]
     others = [i for i, column in enumerate(table.header) if column in rest]

@@ -1,4 +1,6 @@
-"""Columns by the names of docs/file-formats.md, whatever instruments and controllers call them; capitals do not matter."""
+"""Columns by the names of docs/file-formats.md, whatever instruments and controllers call them;
+capitals do not matter.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +23,8 @@ _WORDS = {
         "qx": "qx,q x,quat x,quatx,orientation x,quaternion x",
         "qy": "qy,q y,quat y,quaty,orientation y,quaternion y",
         "qz": "qz,q z,quat z,quatz,orientation z,quaternion z",
-        "time": "time,timestamp,time stamp,zeit,zeitstempel,datum,date,datetime,date time,uhrzeit,datum uhrzeit,stamp",
+        "time": "time,timestamp,time stamp,zeit,zeitstempel,datum,date,datetime,date time,uhrzeit,"
+        "datum uhrzeit,stamp",
         "time_iso": "time iso",
         "distance": "distance,dist,abstand,length,wire,wire length,range",
         "station": "station,standpunkt,aufstellung,stand",
@@ -37,7 +40,9 @@ _NEED_UNIT = ("temperature", "payload")
 
 @dataclass(frozen=True)
 class Named:
-    """A table under the names of docs/file-formats.md, and what its file calls them (by those names)."""
+    """A table under the names of docs/file-formats.md, and what its file calls them (by those
+    names).
+    """
 
     table: Table
     original: dict[str, str]
@@ -50,7 +55,8 @@ class Named:
 def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -> Named:
     """The table's columns under plain names; one that says nothing keeps its own.
 
-    joints: names of the joints in the URDF, in their order. taken: columns that a map speaks for, left out.
+    joints: names of the joints in the URDF, in their order. taken: columns that a map speaks for,
+    left out.
     Raises InputError where two columns mean the same.
     """
     spoken_for = set(taken)
@@ -68,7 +74,8 @@ def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -
         name = meant.get(column, column)
         if name in original:
             raise InputError(
-                f"{place}: columns '{original[name]}' and '{column}' both mean {name}; rename one, or map the columns with "
+                f"{place}: columns '{original[name]}' and '{column}' both mean {name}; rename one, "
+                "or map the columns with "
                 "--columns MAP.toml"
             )
         original[name] = column

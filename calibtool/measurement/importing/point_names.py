@@ -1,4 +1,6 @@
-"""Columns of measured points under any of their names: X1 Y1 Z1, `T1 X (mm)`, SMR_A X [mm], x y z."""
+"""Columns of measured points under any of their names: X1 Y1 Z1, `T1 X (mm)`, SMR_A X [mm], x y
+z.
+"""
 
 import re
 from collections.abc import Sequence
@@ -26,9 +28,11 @@ _OTHER = set(_OTHERS.split())  # values that are no measured point
 
 
 def point_names(columns: Sequence[str], place: str) -> dict[str, str]:
-    """What columns mean: `x_mm`, `t2_y_mm`, `x` … Robots' own positions count only where nothing else was measured.
+    """What columns mean: `x_mm`, `t2_y_mm`, `x` … Robots' own positions count only where nothing
+    else was measured.
 
-    Raises InputError where two columns mean the same, or two sets of columns may be the measured points.
+    Raises InputError where two columns mean the same, or two sets of columns may be the measured
+    points.
     """
     meant = {column: column.lower() for column in columns if _OWN.fullmatch(column.lower())}
     groups: dict[tuple[str, str | None], dict[str, str]] = {}
@@ -40,7 +44,8 @@ def point_names(columns: Sequence[str], place: str) -> dict[str, str]:
         axes = groups.setdefault((who_axis[0], unit), {})
         if axes.setdefault(who_axis[1], column) != column:
             raise InputError(
-                f"{place}: columns '{axes[who_axis[1]]}' and '{column}' mean the same; rename one, or map the columns with "
+                f"{place}: columns '{axes[who_axis[1]]}' and '{column}' mean the same; rename one, "
+                "or map the columns with "
                 "--columns MAP.toml"
             )
     whole = {key: axes for key, axes in groups.items() if len(axes) == 3}

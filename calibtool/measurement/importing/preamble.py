@@ -1,4 +1,6 @@
-"""Lines round the header that are no rows: what an instrument says of itself first, and a line of units below."""
+"""Lines round the header that are no rows: what an instrument says of itself first, and a line of
+units below.
+"""
 
 import re
 
@@ -12,9 +14,11 @@ _COMMENT = re.compile(r"\s*(?:#|//|%|;)\s*")
 
 
 def without_preamble(lines: list[str], delimiter: str | None = None) -> tuple[list[str], bool]:
-    """The lines with those before the header left empty, and whether there were any; numbers of lines stay.
+    """The lines with those before the header left empty, and whether there were any; numbers of
+    lines stay.
 
-    The header is the line before the first row, and has as many cells as the row: names, not numbers. A line of units below
+    The header is the line before the first row, and has as many cells as the row: names, not
+    numbers. A line of units below
     it is taken into its names (`X [mm]`), and a comment sign before it is dropped.
     """
     head = lines[:_MOST_LINES]

@@ -1,4 +1,6 @@
-"""The bytes of a file → its table: text with a header, SpatialAnalyzer's points, or an Excel sheet."""
+"""The bytes of a file → its table: text with a header, SpatialAnalyzer's points, or an Excel
+sheet.
+"""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -20,7 +22,8 @@ FORMATS: tuple[str, ...] = get_args(Format)
 
 @dataclass(frozen=True)
 class Source:
-    """What was read, how it was understood; `points` where it is a list of points instead of a table with a header.
+    """What was read, how it was understood; `points` where it is a list of points instead of a
+    table with a header.
 
     notes: what had to be found out to read it, in words.
     """
@@ -42,10 +45,12 @@ def read_source(
     layout: str | None = None,
     encoding: str | None = None,
 ) -> Source:
-    """The table in a file's contents. Without `format` the contents tell: a workbook starts as a zip file, a list of points
+    """The table in a file's contents. Without `format` the contents tell: a workbook starts as a
+    zip file, a list of points
     has numbers where a header would have names.
 
-    Raises InputError for contents that are not of the format, UsageError for an option that is of another format.
+    Raises InputError for contents that are not of the format, UsageError for an option that is of
+    another format.
     """
     if format is None and not isinstance(data, str) and data.startswith(ZIP):
         format = "excel"
@@ -66,7 +71,8 @@ def read_source(
         return Source(points.table, format, points, notes)
     if layout is not None:
         raise UsageError(
-            f"--layout {layout}: {name} is no list of points; give --format spatial-analyzer if it is"
+            f"--layout {layout}: {name} is no list of points; give --format spatial-analyzer if it "
+            "is"
         )
     lines, skipped = without_preamble(text_lines(text), delimiter)
     table = next(read_tables(lines, name, delimiter, decimal))

@@ -27,7 +27,9 @@ _GAPS = re.compile(r"[\s_.\-/:]+")
 
 
 def split_unit(column: str) -> tuple[str, str | None]:
-    """A name without its unit, and the unit as calibtool writes it; None where it has none that is known."""
+    """A name without its unit, and the unit as calibtool writes it; None where it has none that is
+    known.
+    """
     text = " ".join(column.replace("Â°", "°").translate(_DEGREES).split())
     for pattern in (_BRACKETED, _TRAILING, _ATTACHED):
         match = pattern.fullmatch(text)

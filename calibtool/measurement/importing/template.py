@@ -1,4 +1,6 @@
-"""A column map written from the header that was found, to be completed by hand (`import --map-template`)."""
+"""A column map written from the header that was found, to be completed by hand (`import
+--map-template`).
+"""
 
 import json
 from collections.abc import Sequence
@@ -6,16 +8,18 @@ from collections.abc import Sequence
 from calibtool.errors import InputError
 from calibtool.measurement.importing.header import Stated, parts_found
 from calibtool.measurement.importing.sources import Source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.tables import Table
 
 _UNKNOWN = "?"
 
 
 def map_template(source: Source, joints: Table, robot: Robot, stated: Stated) -> str:
-    """TOML with what the header tells filled in, and what it does not tell as comments that say what to do.
+    """TOML with what the header tells filled in, and what it does not tell as comments that say
+    what to do.
 
-    source: the measured values; joints: the table of the joint values, the same one unless they have their own.
+    source: the measured values; joints: the table of the joint values, the same one unless they
+    have their own.
     """
     found = parts_found(source, joints, robot, stated)
     assumed = Stated(stated.unit or "mm", stated.angle_unit or "deg", stated.convention)

@@ -1,0 +1,122 @@
+"""Outputs in the making: a temporary file beside its place, which takes its place when it is whole.
+
+It is called `.NAME.xxxxxxxx.calibtool-part` and locked by its maker. One without a lock was left by
+a process that was killed; the next output of the same name removes it.
+"""
+
+import contextlib
+import fcntl
+import os
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from calibtool.cli.interrupts import held, unfinished
+
+SUFFIX = ".calibtool-part"
+_NAME_BYTES = (
+    200  # of the output's name, so that the whole stays below the 255 that file systems allow
+)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A temporary file, open for writing, and the place it is for."""
+
+    stream: BinaryIO
+    temporary: str
+    target: Path
+
+    def publish(self, force: bool) -> None:
+        """Put the whole file in its place.
+
+        FileExistsError without `force` if something stands there by now.
+        """
+        self.stream.flush()
+        _adopt_permissions(self.stream.fileno(), self.target)
+        os.fsync(self.stream.fileno())
+        if force:
+            os.replace(self.temporary, self.target)
+            return
+        try:
+            os.link(self.temporary, self.target)  # unlike a rename, never over another file
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without hard links
+            if os.path.lexists(self.target):
+                raise FileExistsError(self.target) from None
+            os.replace(self.temporary, self.target)
+
+
+@contextlib.contextmanager
+def staged(target: Path) -> Iterator[Part]:
+    """A part for `target`, in the same folder; gone when the block ends, published or not.
+
+    OSError if it cannot be made.
+    """
+    mark = f".{os.fsdecode(os.fsencode(target.name)[:_NAME_BYTES])}."
+    remove_abandoned(target.parent, mark)
+    with contextlib.ExitStack() as stack:
+        while True:
+            with held():  # no signal between the file and the note to remove it
+                descriptor, temporary = tempfile.mkstemp(
+                    dir=target.parent, prefix=mark, suffix=SUFFIX
+                )
+                stack.enter_context(unfinished(temporary))
+            stream = os.fdopen(descriptor, "wb")
+            stack.callback(_close, stream)
+            with contextlib.suppress(
+                OSError
+            ):  # no locks on this file system: nobody removes anything either
+                fcntl.flock(descriptor, fcntl.LOCK_EX)
+            if os.path.exists(
+                temporary
+            ):  # else taken for abandoned by another process, just before it was locked
+                break
+        yield Part(stream, temporary, target)
+
+
+def _close(stream: BinaryIO) -> None:
+    """`publish` has flushed what counts; what is still held here is of a part that failed, and
+    may not fit again.
+    """
+    with contextlib.suppress(OSError):
+        stream.close()
+
+
+def remove_abandoned(folder: Path, mark: str) -> None:
+    """Remove parts that nobody is working on any more: those whose lock can be had."""
+    with contextlib.suppress(OSError):
+        for name in os.listdir(folder):
+            if (
+                name.startswith(mark)
+                and name.endswith(SUFFIX)
+                and len(name) == len(mark) + 8 + len(SUFFIX)
+            ):
+                with contextlib.suppress(OSError):
+                    _remove_unlocked(os.path.join(folder, name))
+
+
+def _remove_unlocked(path: str) -> None:
+    descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.unlink(path)
+    finally:
+        os.close(descriptor)
+
+
+def _adopt_permissions(descriptor: int, target: Path) -> None:
+    """Those of the file that is replaced, or what the umask leaves of rw-rw-rw-."""
+    try:
+        old = os.stat(target)
+    except OSError:
+        mask = os.umask(0)
+        os.umask(mask)
+        os.fchmod(descriptor, 0o666 & ~mask)
+        return
+    with contextlib.suppress(OSError):  # another user's file: it becomes ours
+        os.fchown(descriptor, old.st_uid, old.st_gid)
+    os.fchmod(descriptor, old.st_mode & 0o777)
