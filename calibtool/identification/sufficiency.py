@@ -15,7 +15,7 @@ def check_rows(measurements: Measurements) -> None:
     """
     setup, robot = measurements.setup, measurements.robot
     unknowns = 6 * (not setup.frame_known) + robot.n
-    unknowns += len(setup.target_names) * (not setup.targets_known)
+    unknowns += len(setup.free_names)
     shown = _shown(measurements.coordinates)
     if len(measurements) * shown < unknowns:
         needed = -(-unknowns // shown)
@@ -33,7 +33,7 @@ def few_rows(identification: Identification, configurations: int) -> str | None:
     """
     if identification.posterior is None:
         return None
-    shown = _shown(len(identification.setup.target_names))
+    shown = _shown(identification.setup.kind.coordinates(identification.setup))
     directions = identification.observable_rank
     if configurations * shown >= directions:
         return None

@@ -88,9 +88,9 @@ def mistakes(every: Measurements, rows: np.ndarray) -> Iterator[Mistake]:
             "joint_order", f"the columns of joints {a + 1} and {b + 1} are swapped", q[:, order]
         )
     if len(turning) >= 3 and turning[1:3] == [1, 2]:
-        for sign, text in ((1.0, "the horizontal (add"), (-1.0, "link 2 (subtract")):
+        for way, text in ((1.0, "the horizontal (add"), (-1.0, "link 2 (subtract")):
             coupled = q.copy()
-            coupled[:, 2] += sign * q[:, 1]
+            coupled[:, 2] += way * q[:, 1]
             text = f"joint 3 is counted from {text} joint 2)"
             yield with_q("joint_coupling", text, coupled)
 

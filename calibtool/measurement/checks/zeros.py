@@ -78,9 +78,7 @@ def zero_of_one_joint(measurements: Measurements, *, grid: bool) -> Zeros | None
 
 def zeros_of_all_joints(measurements: Measurements) -> Zeros | None:
     """Offsets of all joints that explain the points best, None where there are too few points."""
-    if measurements.equations < 3 * (
-        measurements.robot.n + 6 + len(measurements.setup.target_names)
-    ):
+    if measurements.equations < 3 * (measurements.robot.n + 6 + len(measurements.setup.free_names)):
         return None
     return _fitted(measurements, list(range(measurements.robot.n)), 0.0)
 
