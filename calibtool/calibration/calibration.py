@@ -223,7 +223,13 @@ def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup
     if measurements.setup.known:
         return measurements.setup
     setup, other = calibration.setup, measurements.setup
-    if len(setup.targets) != len(other.targets) or setup.kind is not other.kind:
+    same = setup.kind is other.kind and setup.frames.shape == other.frames.shape
+    if not same or any(setup.arrays[n].shape != other.arrays[n].shape for n in other.arrays):
+        raise InputError(
+            "the calibration was made in another set-up (stations, placements, boards) than these "
+            "measurements; evaluate with --refit-setup"
+        )
+    if len(setup.targets) != len(other.targets):
         raise InputError(
             "the calibration was made with other targets than these measurements; evaluate "
             "with --refit-setup"

@@ -45,6 +45,12 @@ def import_(
             help="Frame of the measured values (default: the map's, or unknown).",
         ),
     ] = None,
+    board: Annotated[
+        bool,
+        typer.Option(
+            "--board", help="The poses are those of a fixed board in a camera on the tool."
+        ),
+    ] = False,
     robot_targets: Annotated[
         bool,
         typer.Option(
@@ -242,6 +248,7 @@ def import_(
             joints=joint_file,
             joint_values=joint_values_of(joint_values),
             commanded=commanded_file,
+            board=board,
             **how,
         )
     if clock_offset is not None:

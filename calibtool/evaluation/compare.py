@@ -141,6 +141,8 @@ def evaluate(
     measurements = judged_rows(measurements)
     every: list[tuple[str, Calibration | None]] = [("nominal", None), *calibrations]
     methods, correctable, marked, far = [], [], [], []
+    driven = measurements.truth is not None and measurements.setup.further_frames is None
+    driven = driven and measurements.kind == "points"
     nearest, uncorrectable = _nearest_poses(measurements)
     for name, calibration in every:
         count = 0
@@ -151,7 +153,8 @@ def evaluate(
                 raise NoSolutionError(
                     f"{name}: {int(unlike.sum())} configurations are outside those of the training"
                 )
-        if measurements.truth is not None:
+        if driven:
+            assert measurements.truth is not None
             errors, part, count = _compensated(
                 name, calibration, measurements, measurements.truth, nearest, method, outside
             )
@@ -165,7 +168,7 @@ def evaluate(
     return Evaluation(
         robot=measurements.robot.name,
         configurations=len(measurements),
-        kind="predicted" if measurements.truth is None else "compensated",
+        kind="compensated" if driven else "predicted",
         methods=methods,
         marked=marked,
         outside=far,
@@ -181,7 +184,8 @@ def judged_rows(measurements: Measurements) -> Measurements:
     """
     if measurements.truth is not None and measurements.commanded is None:
         return measurements
-    return measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
+    seen = measurements.setup.kind.weights(measurements.readings, 1.0, 1.0) > 0
+    return measurements.rows(np.flatnonzero(seen.all(axis=-1)))
 
 
 def _proved(

@@ -27,6 +27,7 @@ _TILT = np.deg2rad(90.0)  # of the tool, from how it reached the place first
 _VIEW = (0.3, 0.7)  # m between camera and board
 _MIDDLE = 0.5
 _TRIES = 60
+_CANDIDATES = 40  # among which places far from each other are chosen
 _ROUNDS = 5  # of the iteration for errors of joint motions
 
 
@@ -56,6 +57,19 @@ class Cell:
     def sampled(self, count: int, rng: np.random.Generator) -> Array:
         """Joint positions (count, n) all over the workspace."""
         return sample_configurations(self.robot, self.workspace, count, rng)
+
+    def apart(self, places: int, rng: np.random.Generator) -> Array:
+        """Joint positions (places, n) well inside the reach, with tools far from each other."""
+        q = self.sampled(_CANDIDATES, rng)
+        points = self.robot.mechanism.forward(q)[:, :3, 3]
+        inside = np.linalg.norm(points - points.mean(axis=0), axis=-1)
+        q, points = (part[inside <= np.quantile(inside, 0.7)] for part in (q, points))
+        chosen = [0]
+        while len(chosen) < places:
+            gaps = np.linalg.norm(points[:, None] - points[chosen], axis=-1).min(axis=-1)
+            chosen.append(int(np.argmax(gaps)))
+        found: Array = q[chosen]
+        return found
 
     def driven(
         self, count: int, rng: np.random.Generator, start: Array, drawn: Callable[[int], Array]
@@ -102,11 +116,12 @@ class Cell:
 
 def contact(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
     """A tip put into the two sockets of a gauge, which is laid down in several places: target
-    points in the gauge's frame, exact but for the noise of the contact.
+    points in the gauge's frame. They are exact, and the tip is beside them by the noise.
     """
     q, points, place, frames = [], [], [], []
+    starts = cell.apart(places, rng)
     for g, rows in enumerate(_shares(count, places)):
-        start = cell.sampled(1, rng)[0]
+        start = starts[g]
         T_base_gauge = exp6(np.concatenate([np.zeros(3), rng.normal(size=3)]))
         T_base_gauge[:3, 3] = _tip(cell, start)
         socket = rng.permutation(np.arange(rows) % 2)
@@ -120,8 +135,6 @@ def contact(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Ob
             points.append(in_gauge[chosen])
             place.append(np.full(len(chosen), g))
         frames.append(inverse(T_base_gauge))
-    measured = np.concatenate(points)
-    measured = measured + rng.normal(size=measured.shape) * cell.noise
     setup = Setup(
         readonly(frames[0]),
         readonly(TIP[None]),
@@ -129,7 +142,8 @@ def contact(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Ob
         targets_known=False,
         further_frames=readonly(np.array(frames[1:])) if places > 1 else None,
     )
-    readings = Readings(measured[:, None], place=np.concatenate(place) if places > 1 else None)
+    points_in_gauge = np.concatenate(points)[:, None]
+    readings = Readings(points_in_gauge, place=np.concatenate(place) if places > 1 else None)
     return Observed(np.concatenate(q), setup, readings, _labels("placement", places))
 
 
@@ -156,8 +170,9 @@ def wires(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Obse
 def plane_probe(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
     """A tip put onto planes of 0.4 m: heights of zero, but for the noise of the contact."""
     q, place, planes = [], [], []
+    starts = cell.apart(places, rng)
     for g, rows in enumerate(_shares(count, places)):
-        start = cell.sampled(1, rng)[0]
+        start = starts[g]
         centre, T = _tip(cell, start), exp6(np.concatenate([np.zeros(3), rng.normal(size=3)]))
 
         def drawn(k: int, start: Array = start, centre: Array = centre, T: Array = T) -> Array:
@@ -289,7 +304,11 @@ def _touching(
     cell: Cell, start: Array, at: Array, rng: np.random.Generator
 ) -> Callable[[int], Array]:
     """Tool poses in all orientations that have the tip at one point (3,)."""
-    return lambda k: _tilted(cell, start, np.tile(at, (k, 1)), rng)
+
+    def drawn(k: int) -> Array:
+        return _tilted(cell, start, at + rng.normal(size=(k, 3)) * cell.noise, rng)
+
+    return drawn
 
 
 def _tilted(cell: Cell, start: Array, at: Array, rng: np.random.Generator) -> Array:

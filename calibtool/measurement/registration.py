@@ -163,6 +163,8 @@ def _placed(poses: Array, targets: Array, points: Array, place: np.ndarray, coun
     return np.array(
         [
             rigid_fit(predicted[rows][seen[rows]], points[rows][seen[rows]])
+            if rows.any()
+            else np.eye(4)
             for rows in (place == g for g in range(count))
         ]
     )

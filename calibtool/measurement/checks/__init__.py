@@ -4,6 +4,7 @@ from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.checks.clocks import clock_finding
 from calibtool.measurement.checks.design import design_findings
 from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.checks.kind_checks import kind_findings
 from calibtool.measurement.checks.measuring_process import condition_findings
 from calibtool.measurement.checks.nominal_findings import nominal_findings, orientation_finding
 from calibtool.measurement.checks.nominal_fit import nominal_fit
@@ -28,6 +29,8 @@ def check_measurements(
     Nothing is changed and nothing raised: a check whose data are missing says nothing. Row
     numbers count from 1.
     """
+    if measurements.kind not in ("points", "pose"):
+        return kind_findings(measurements)
     fit = nominal_fit(measurements, free=False)
     mistakes, wrong_rows = nominal_findings(measurements, fit)
     found = [*mistakes, *shape_findings(measurements, wrong_rows)]

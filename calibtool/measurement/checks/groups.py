@@ -46,6 +46,8 @@ def groups_of_rows(measurements: Measurements, explained: float) -> Groups | Non
     """Two to eight groups of consecutive rows that the nominal robot explains to `explained` m;
     None for none.
     """
+    if measurements.place is not None:
+        return None
     points = measurements.points_alone()
     unknowns = 6 + 3 * len(points.setup.targets)
     least = -(-(unknowns + 6) // (3 * len(points.setup.targets)))

@@ -26,7 +26,9 @@ from calibtool.measurement.importing.names import named
 from calibtool.measurement.importing.readings import (
     read_auxiliary,
     read_joints,
+    read_lengths,
     read_payload,
+    read_places,
     read_points,
     read_rotations,
 )
@@ -183,6 +185,7 @@ def read_table(
     joints: JointFile | None = None,
     joint_values: JointValues | None = None,
     commanded: CommandedFile | None = None,
+    board: bool = False,
 ) -> Imported:
     """Measurements and auxiliary from the contents of a file; nothing of the set-up is estimated
     yet.
@@ -234,20 +237,33 @@ def read_table(
         targets = targets and targets.take(kept)
     mapped = columns is not None and columns.joints is not None
     complete = complete_map(source, joint_table, robot, columns, stated)
+    if board and complete.pose is not None:
+        pose = complete.pose.model_copy(update={"of": "board"})
+        complete = complete.model_copy(update={"pose": pose})
+    elif board:
+        raise UsageError("--board: the table holds no poses")
     assert complete.joints is not None
     said = complete.joints.values
     if mapped and joint_values is not None:
         said = joint_values
-    values = robot.joint_values(joint_table.name, said, joint_values)
-    complete = complete.with_joint_values(values)
+    whose = robot.joint_values(joint_table.name, said, joint_values)
+    complete = complete.with_joint_values(whose)
     assert complete.joints is not None
     table = source.table
     q = read_joints(joint_table, robot, complete.joints)
     points = read_points(table, complete)
     seen = ~np.isnan(points[..., 0])
+    values = None if complete.lengths is None else read_lengths(table, complete.lengths)
+    if values is not None:
+        seen = np.isfinite(values)
     if not seen.any(axis=-1).all():
         place = table.place(int(np.argmin(seen.any(axis=-1))))
         raise InputError(f"{place}: no target was measured in this row")
+    place_of, places = (
+        (None, ()) if complete.place is None else read_places(table, complete.place.column)
+    )
+    if complete.lengths is not None and complete.lengths.of == "distance":
+        place_of, places = None, ()  # the same fixed points for all rows
     rotations = None if complete.pose is None else readonly(read_rotations(table, complete.pose))
     auxiliary = read_auxiliary(table, joint_table, robot, complete, q)
     measurements = Measurements(
@@ -256,8 +272,17 @@ def read_table(
         points=readonly(points),
         rotations=rotations,
         setup=known_setup(
-            complete, robot, points, frame or complete.instrument.frame, robot_targets, name
+            complete,
+            robot,
+            points,
+            frame or complete.instrument.frame,
+            robot_targets,
+            name,
+            len(places) or 1,
         ),
+        values=None if values is None else readonly(values),
+        place=place_of,
+        places=places,
         noise_position=complete.noise.position_mm * 1e-3,
         noise_orientation=complete.noise.orientation_mrad * 1e-3,
         conditions=Conditions(

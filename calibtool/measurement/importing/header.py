@@ -13,8 +13,10 @@ from calibtool.measurement.importing.column_map import (
     AngleUnit,
     ColumnMap,
     JointColumns,
+    LengthColumns,
     LengthUnit,
     PayloadColumn,
+    PlaceColumn,
     PoseColumns,
     ReferenceColumns,
     TargetColumns,
@@ -32,6 +34,7 @@ from calibtool.tables import Table, joint_columns_of, pose_columns_of, stated_va
 _LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")
 _TARGET = re.compile(r"t(\d{1,9})_(?:nominal_|error_)?[xyz](?:_(mm|m|in))?")
 _REFERENCE = re.compile(r"ref(\d{1,9})_[xyz](?:_(mm|m|in))?")
+_DISTANCE = re.compile(r"(?:distance|wire|length)_?(\d{1,3})?(?:_(mm|m|in))?")
 _ANGLES = (  # three angles, and whose convention it may be
     (("rx", "ry", "rz"), ""),
     (("roll", "pitch", "yaw"), ""),
@@ -68,6 +71,7 @@ class Found(NamedTuple):
     time: TimeColumn | None
     temperature: TemperatureColumn | None
     payload: PayloadColumn | None
+    place: PlaceColumn | None
     references: list[ReferenceColumns]
 
 
@@ -90,7 +94,7 @@ def parts_found(
             of_arm = _joints(of_joints, robot, source, stated)
         except InputError as error:
             of_arm = error
-    if not given.targets and given.pose is None:
+    if not given.targets and given.pose is None and given.lengths is None:
         try:
             of_points = ColumnMap().model_copy(update=_measured(measured, source, stated))
         except InputError as error:
@@ -102,6 +106,7 @@ def parts_found(
         given.time or time_column(measured),
         given.temperature or _one(measured, TemperatureColumn, "temperature", "CK"),
         given.payload or _one(measured, PayloadColumn, "payload", ("kg", "g")),
+        given.place or _place(measured),
         given.references or _references(measured, stated),
     )
 
@@ -126,11 +131,11 @@ def complete_map(
             **{name: value for name, value in found._asdict().items() if name != "measured"},
             "targets": found.measured.targets,
             "pose": found.measured.pose,
+            "lengths": found.measured.lengths,
         }
     )
-    units = [target.unit for target in complete.targets] + (
-        [complete.pose.unit] if complete.pose else []
-    )
+    units: list[str] = [target.unit for target in complete.targets]
+    units += [part.unit for part in (complete.pose, complete.lengths) if part]
     if stated.unit is not None and any(unit != stated.unit for unit in units):
         raise InputError(
             f"{table.name}: the measured columns are in {units[0]}, but --unit says {stated.unit}"
@@ -243,11 +248,44 @@ def _measured(names: Named, source: Source, stated: Stated) -> dict[str, object]
     if position is not None:
         own = _originals(names, position[0])
         return {"targets": [TargetColumns(measured=own, unit=position[1])]}
+    lengths = _lengths(names, stated)
+    if lengths is not None:
+        return {"lengths": lengths}
     raise InputError(
         f"{table.name}: no measured points: expected t1_x_mm t1_y_mm t1_z_mm …, x_mm y_mm z_mm or "
         "a pose, "
         "or map the columns with --columns MAP.toml"
     )
+
+
+def _lengths(names: Named, stated: Stated) -> LengthColumns | None:
+    """`distance_mm`, `distance1_mm distance2_mm …`, or one coordinate alone: the height above a
+    plane.
+    """
+    found: dict[int, tuple[str, str | None]] = {}
+    for name in names.original:
+        if match := _DISTANCE.fullmatch(name.lower()):
+            found[int(match[1] or 1)] = (name, match[2])
+    what = "distance"
+    alone = [n for n in names.original if re.fullmatch(r"(?:[xyz]|height)(?:_(?:mm|m|in))?", n)]
+    if not found and len(alone) == 1:
+        what, unit = "plane", alone[0].partition("_")[2]
+        found[1] = (alone[0], unit or None)
+    if not found:
+        return None
+    units = {_length(unit or stated.unit, name, names) for name, unit in found.values()}
+    if len(units) > 1:
+        raise InputError(f"{names.table.name}: the measured lengths have different units")
+    columns = [names.original[found[k][0]] for k in sorted(found)]
+    return LengthColumns.model_validate({"columns": columns, "unit": units.pop(), "of": what})
+
+
+def _place(names: Named) -> PlaceColumn | None:
+    """The column that labels stations, placements, boards or planes."""
+    for word in ("station", "placement", "board", "plane"):
+        if word in names.original:
+            return PlaceColumn(column=names.original[word])
+    return None
 
 
 def _targets(names: Named, stated: Stated) -> list[TargetColumns]:

@@ -30,6 +30,7 @@ _WORDS = {
         "station": "station,standpunkt,aufstellung,stand",
         "placement": "placement,aufnahme,gauge",
         "board": "board,tafel",
+        "plane": "plane,ebene",
         "status": "status",
         **{name: name for name in ("roll", "pitch", "yaw", *"abcwproet")},
     }.items()

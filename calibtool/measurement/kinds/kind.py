@@ -138,7 +138,7 @@ class Kind(ABC):
         )
 
 
-def of_place(arrays: Array, place: np.ndarray | None, count: int) -> Array:
+def of_place(arrays: np.ndarray, place: np.ndarray | None, count: int) -> Array:
     """The array of each row's place: (G, …) → (count, …)."""
     found: Array = arrays[np.zeros(count, dtype=int) if place is None else place]
     return found
