@@ -223,7 +223,7 @@ def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup
     if measurements.setup.known:
         return measurements.setup
     setup, other = calibration.setup, measurements.setup
-    same = setup.kind is other.kind and setup.frames.shape == other.frames.shape
+    same = setup.kind is other.kind and setup.places == other.places
     if not same or any(setup.arrays[n].shape != other.arrays[n].shape for n in other.arrays):
         raise InputError(
             "the calibration was made in another set-up (stations, placements, boards) than these "

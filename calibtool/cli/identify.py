@@ -22,19 +22,26 @@ from calibtool.cli.input_files import (
     load_measurements,
     say_if_frame_is_not_free,
 )
-from calibtool.cli.options import Force, FrameOption, Json, MeasurementsFile, choice
+from calibtool.cli.options import Force, FrameOption, Json, choice
 from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
+    from calibtool.measurement.measurements import Measurements
 
 _CLEAREST = 15
 
 
 def identify(
-    measurements: MeasurementsFile,
+    measurements: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="MEASUREMENTS...",
+            help="Measurements, '-' is stdin; of several files each is a set-up of its own.",
+        ),
+    ],
     output: Annotated[
         str | None,
         typer.Option(
@@ -87,7 +94,7 @@ def identify(
     target = report_target(output, json)
     if target is not None:
         check_output(target, force, binary=True)
-    one_stdin(measurements, source)
+    one_stdin(*measurements, source)
     from dataclasses import replace
 
     from calibtool.calibration import IDENTIFIED_MODELS
@@ -104,7 +111,7 @@ def identify(
     extra: dict[str, object] = {}
     if refit is not None and source is not None:
         old, inputs["from"] = load_calibration(source, frame)
-        data, inputs["measurements"] = load_measurements(measurements)
+        data = loaded(measurements, inputs)
         calibration, verdict = transfer(old, data, tuple(part.strip() for part in refit.split(",")))
         extra["transfer"] = {
             "nominal_rms_mm": verdict.nominal * 1e3,
@@ -117,7 +124,7 @@ def identify(
             f"nominal {verdict.nominal * 1e3:.3g} mm: the calibration {says}"
         )
     else:
-        data, inputs["measurements"] = load_measurements(measurements)
+        data = loaded(measurements, inputs)
         options = base_options(
             model,
             data.robot,
@@ -133,13 +140,25 @@ def identify(
         with working(f"identifying from {len(data)} configurations"):
             calibration = run(data, options, chosen)
     if frame is not None and refit is None:
-        say_if_frame_is_not_free(calibration, shown(measurements))
+        say_if_frame_is_not_free(calibration, shown(measurements[0]))
     calibration = replace(calibration, provenance=provenance(None, **inputs))
     report_calibration(calibration, "calibtool/identification", json, extra)
     if not json and calibration.base.posterior is not None:
         show_parameters(calibration, parameters)
     if target is not None:
         write_output(target, to_bytes(calibration), force)
+
+
+def loaded(paths: list[str], inputs: dict[str, bytes]) -> "Measurements":
+    """The measurements of one or several files; their bytes are noted in `inputs`."""
+    from calibtool.measurement.merging import merged
+
+    parts = []
+    for k, path in enumerate(paths, start=1):
+        name = "measurements" if k == 1 else f"measurements_{k}"
+        data, inputs[name] = load_measurements(path)
+        parts.append((shown(path), data))
+    return merged(parts)
 
 
 def show_parameters(calibration: "Calibration", every: bool) -> None:

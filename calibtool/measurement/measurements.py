@@ -33,7 +33,8 @@ class Setup:
     planes             (G, 4) unit normals in K_0 and distances from its origin, m, of probed planes
     T_tool_camera      (4, 4) pose of a camera on the tool, m
     T_base_boards      (G, 4, 4) poses in K_0 of the boards that it sees, m
-    The last four are None but for their kinds of observation.
+    places             labels (G) of the places; none where there is one
+    The four before the last are None but for their kinds of observation.
     """
 
     T_instrument_base: Array
@@ -46,6 +47,7 @@ class Setup:
     planes: Array | None = None
     T_tool_camera: Array | None = None
     T_base_boards: Array | None = None
+    places: tuple[str, ...] = ()
 
     @property
     def frames(self) -> Array:
@@ -103,7 +105,6 @@ class Measurements:
     values       (N, w) measured lengths, m, of kinds that have such; NaN for one that was not read
     place        (N,) number from 0 of the labelled place (station, placement, board) of each row;
                  None where all rows belong to one
-    places       their labels
     findings     what was found to be wrong with them when they were made, one line each
     provenance   command line, seed, checksums of inputs, versions: text by name
     commanded    (N, 4, 4) commanded T_base_tool in K_0, where q are joints corrected for it; None
@@ -122,7 +123,6 @@ class Measurements:
     deviations: Array | None = None
     values: Array | None = None
     place: np.ndarray | None = None
-    places: tuple[str, ...] = ()
     findings: tuple[str, ...] = ()
     provenance: dict[str, str] = field(default_factory=dict)
     commanded: Array | None = None
@@ -202,6 +202,11 @@ class Measurements:
     def readings(self) -> Readings:
         """What was measured, in the instrument's frame."""
         return Readings(self.points, self.rotations, self.values, self.place)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Labels of the places."""
+        return self.setup.places
 
     @property
     def coordinates(self) -> int:

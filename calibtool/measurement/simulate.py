@@ -131,20 +131,20 @@ def _by_instrument(
     cell = Cell(robot, actual, simulation.workspace, simulation.noise)
     read = INSTRUMENTS[simulation.instrument]
     seen = read(cell, simulation.configurations, simulation.places, rng)
+    setup = replace(seen.setup, places=seen.places)
     measurements = Measurements(
         robot=robot,
         q=readonly(seen.q),
         points=readonly(seen.readings.points),
         rotations=None if seen.readings.rotations is None else readonly(seen.readings.rotations),
-        setup=unknown(seen.setup),
+        setup=unknown(setup),
         noise_position=max(simulation.noise, NO_NOISE),
         noise_orientation=ORIENTATION_NOISE,
-        truth=Truth(actual, seen.setup),
+        truth=Truth(actual, setup),
         conditions=Conditions(direction=readonly(actual.directions(seen.q))),
         deviations=seen.deviations,
         values=None if seen.readings.values is None else readonly(seen.readings.values),
         place=seen.readings.place,
-        places=seen.places,
     )
     return replace(measurements, setup=register(measurements))
 

@@ -84,7 +84,6 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
     if measurements.place is not None:
         words = "labelled place of each row, from 0"
         put(group, "place", measurements.place, "1", words, "", "configuration")
-        put_text(group, "places", measurements.places, "labels of the places")
     if measurements.findings:
         put_text(group, "findings", measurements.findings, "what was wrong when they were made")
     write_setup(file.create_group("registration"), measurements.setup)
@@ -120,7 +119,6 @@ def build_measurements(file: h5py.File) -> Measurements:
         conditions=read_conditions(group, robot.n),
         values=get_with_gaps(group, "values", -1, -1) if "values" in group else None,
         place=get_indices(group, "place") if "place" in group else None,
-        places=texts(group, "places") if "places" in group else (),
         findings=texts(group, "findings") if "findings" in group else (),
         deviations=get(group, "deviations", -1, -1) if "deviations" in group else None,
         provenance=read_provenance(file),

@@ -15,7 +15,7 @@ from calibtool.measurement.measurements import Setup
 from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
-from calibtool.storage.texts import put_string, put_text, string, text
+from calibtool.storage.texts import put_string, put_text, string, text, texts
 
 
 def put(
@@ -101,6 +101,8 @@ def write_setup(group: h5py.Group, setup: Setup) -> None:
     for name, (_, unit, words) in setup.kind.arrays.items():
         labels = ("place", "row", "column")[-setup.arrays[name].ndim :]
         put(group, name, setup.arrays[name], unit, words, "tool", *labels)
+    if setup.places:
+        put_text(group, "places", setup.places, "labels of the places")
     if setup.further_frames is not None:
         words = "poses of the robot base in further places of the instrument"
         labels = ("place", "row", "column")
@@ -116,6 +118,7 @@ def read_setup(group: h5py.Group) -> Setup:
             name: get(group, name, *shape)
             for name, (shape, _, _) in KINDS[string(group, "kind")].arrays.items()
         },
+        places=texts(group, "places") if "places" in group else (),
         further_frames=get(group, "further_frames", -1, 4, 4)
         if "further_frames" in group
         else None,

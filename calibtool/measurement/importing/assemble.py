@@ -278,11 +278,10 @@ def read_table(
             frame or complete.instrument.frame,
             robot_targets,
             name,
-            len(places) or 1,
+            places,
         ),
         values=None if values is None else readonly(values),
         place=place_of,
-        places=places,
         noise_position=complete.noise.position_mm * 1e-3,
         noise_orientation=complete.noise.orientation_mrad * 1e-3,
         conditions=Conditions(

@@ -18,7 +18,7 @@ def known_setup(
     frame: str,
     robot_targets: bool,
     name: str,
-    places: int = 1,
+    labels: tuple[str, ...] = (),
 ) -> Setup:
     """What is known of the set-up; unknown parts stand at zero until they are registered.
 
@@ -41,11 +41,13 @@ def known_setup(
     whole = points[~np.isnan(points[..., 0]).any(axis=-1)]
     if len(whole):
         check_targets(whole[0], f"{name}: measured points")
+    places = len(labels) or 1
     setup = Setup(
         T_instrument_base=readonly(np.eye(4)),
         targets=readonly(targets),
         frame_known=frame == "base" and places == 1,
         targets_known=known,
+        places=labels,
     )
     if columns.lengths is not None or (columns.pose is not None and columns.pose.of == "board"):
         return _of_other_kinds(columns, replace(setup, frame_known=False), places)
