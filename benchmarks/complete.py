@@ -88,7 +88,7 @@ def accuracy(seeds: range) -> None:
             evaluation = evaluate(methods, fresh)
             entries = evaluation.as_json()["methods"]
             assert isinstance(entries, list)
-            parts = evaluation.correctable
+            parts = [result.correctable for result in evaluation.results]
             lowest = bound(measurements, fresh) if kinds == ("geometric",) else np.nan
             before = evaluation.methods[0].position_size.max()
             for entry, part, whole in zip(

@@ -2,7 +2,7 @@
 
     python benchmarks/instruments.py [--seeds 20]
 
-A ur10 with geometric errors (without pitch, 0.216 mm and 0.216 mrad: about 0.63 mm of the nominal
+A ur10 with geometric errors (without pitch, 0.169 mm and 0.169 mrad: about 0.63 mm of the nominal
 robot), contacts and wires to 0.05 mm, boards to 0.04, 0.04, 0.07 mm and 0.21 mrad. The complete
 model is identified from the readings alone, and judged at 300 configurations of the whole joint
 range by the description's three targets, base and tool frame fitted for either robot. `bound` is
@@ -25,7 +25,7 @@ from calibtool.robot.catalogue import load_robot
 from calibtool.robot.se3 import Array, transform_points
 
 ROBOT = load_robot("ur10")
-SIZE = 0.216e-3
+SIZE = 0.169e-3
 CASES = {  # instrument, places, rows, what to reach in mm
     "two sockets, 1 placement": ("contact", 1, 80, None),
     "two sockets, 2 placements": ("contact", 2, 80, None),

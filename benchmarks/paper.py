@@ -42,7 +42,14 @@ def methods(measurements: Measurements, seed: int) -> list[tuple[str, Calibratio
         ),
         ("local POE, 50 configurations", identify(measurements.rows(training_rows), "local-poe")),
         ("local POE, 100 configurations", identify(measurements, "local-poe")),
-        ("network on local POE", train(measurements, "local-poe", TrainingOptions(seed=seed))),
+        (
+            "network on local POE",
+            train(
+                measurements,
+                "local-poe",
+                TrainingOptions(regularisation="early-stopping", seed=seed),
+            ),
+        ),
         (
             "complete (default)",
             train(measurements, "complete", TrainingOptions(regularisation="bayes", seed=seed)),

@@ -76,11 +76,11 @@ def accuracy(seeds: range, workspace: str) -> None:
             )
             entries = evaluation.as_json()["methods"]
             assert isinstance(entries, list)
-            for entry, part in zip(entries[1:], evaluation.correctable[1:], strict=True):
+            for entry, result in zip(entries[1:], evaluation.results[1:], strict=True):
                 found = entry["reduction_percent"]
                 cells = [found[s] for s in ("position_max", "position_mean", "orientation_max")]
                 results.setdefault(entry["name"], []).append(
-                    [*cells, -part.position_size.mean() * 1e3]
+                    [*cells, -result.correctable.position_size.mean() * 1e3]
                 )
         for name, rows in results.items():
             median, worst = np.median(rows, axis=0), np.min(rows, axis=0)

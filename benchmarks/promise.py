@@ -57,7 +57,7 @@ def calibrated(name: str, base: str) -> Calibration:
     return (
         identify(data, base)
         if base == "complete"
-        else train(data, base, TrainingOptions(restarts=1))
+        else train(data, base, TrainingOptions(regularisation="early-stopping", restarts=1))
     )
 
 

@@ -81,7 +81,9 @@ def trial(
     assert measurements.truth is not None
     fresh = simulate(robot, replace(basis, configurations=300, same_robot=measurements.truth))
     evaluation = evaluate([("complete", train(measurements, "complete", BAYES))], fresh)
-    nominal, complete = (1e3 * part.position_size.mean() for part in evaluation.correctable)
+    nominal, complete = (
+        1e3 * result.correctable.position_size.mean() for result in evaluation.results
+    )
     actual = measurements.truth.actual
     still = replace(actual, errors=actual.errors.without("backlash"))
     moved = actual.forward(fresh.q)[:, :3, 3] - still.forward(fresh.q)[:, :3, 3]

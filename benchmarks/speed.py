@@ -43,7 +43,7 @@ def main() -> None:
         return seconds(lambda: train(measurements, "nominal", TrainingOptions(restarts=restarts)))
 
     restart = (training(11) - training(1)) / 10
-    calibration = train(measurements, "local-poe", TrainingOptions())
+    calibration = train(measurements, "local-poe", TrainingOptions(regularisation="early-stopping"))
     help_command = [sys.executable, "-m", "calibtool", "--help"]
 
     print("| what | median | target |\n|---|---|---|")

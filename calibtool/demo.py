@@ -64,7 +64,7 @@ def run_demo(
     calibrations: list[tuple[str, Calibration]] = [
         ("paper", train(measurements, "nominal", options)),
         ("local-poe", identify(measurements, "local-poe")),
-        ("complete", train(measurements, "complete", replace(options, regularisation="bayes"))),
+        ("complete", train(measurements, options=options)),
     ]
     calibrations = [
         (name, replace(calibration, provenance=provenance)) for name, calibration in calibrations

@@ -16,5 +16,5 @@ class Progress(Protocol):
 
 
 def silent(items: Iterable[T], what: str, /) -> Iterable[T]:
-    """The default: nobody looks on."""
+    """The default: progress is not shown."""
     return items

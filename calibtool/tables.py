@@ -75,9 +75,7 @@ class Lines(Sequence[list[str]]):
 
 
 def split_lines(lines: Iterable[str], delimiter: str) -> Iterator[list[str]]:
-    """Stripped cells of lines; blanks separate without leaving empty cells, other
-    delimiters respect quotes.
-    """
+    """Stripped cells of lines; blanks give no empty cells, other delimiters respect quotes."""
     if delimiter == " ":
         return (line.split() for line in lines)
     return ([cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter))
@@ -216,9 +214,7 @@ def read_tables(
     decimal: str | None = None,
     batch: int | None = None,
 ) -> Iterator[Table]:
-    """The same from any number of lines, as tables of `batch` rows (all of them unless given)
-    under one header.
-    """
+    """The same for any number of lines, as tables of `batch` rows under one header."""
     source = iter(lines)
     passed, first = 0, ""
     for line in source:
@@ -266,9 +262,7 @@ def read_tables(
 
 
 def _plain(lines: list[str], delimiter: str, columns: int) -> bool:
-    """Whether all lines are rows of as many cells, without quotes: nothing has to be
-    looked at one by one.
-    """
+    """Whether all lines are rows of as many cells, without quotes."""
     if (
         delimiter == " "
         or columns < 2
@@ -415,8 +409,8 @@ def joints_from_header(
 ) -> Joints | None:
     """Joint positions (N, n) in rad or m by the header's names; None when it has no joint columns.
 
-    joint_values: whose they are where the header does not say it. Raises UsageError where nothing
-    says it and it matters (`Robot.joint_values`), InputError for a bad header or cell.
+    joint_values: whose they are where the header does not state it. Raises UsageError where nothing
+    states it and it matters (`Robot.joint_values`), InputError for a bad header or cell.
     """
     columns = joint_columns_of(table, robot)
     if columns is None:

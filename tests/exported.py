@@ -63,7 +63,9 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     model = "nominal" if base == "nominal" else "local-poe"
     if not network:
         return identify(measurements, model)
-    calibration = train(measurements, model, TrainingOptions(restarts=2))
+    calibration = train(
+        measurements, model, TrainingOptions(regularisation="early-stopping", restarts=2)
+    )
     rng = np.random.default_rng(1)
     if calibration.network is None:
         scale = np.full(calibration.equivalent.p, 1e-3)

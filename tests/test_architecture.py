@@ -135,7 +135,7 @@ def test_the_library_does_not_know_that_it_has_a_command_line(path: Path, tree: 
             assert "SystemExit" not in ast.dump(node.exc), f"{path}:{node.lineno}"
 
 
-def test_only_storage_knows_hdf5() -> None:
+def test_only_storage_imports_h5py() -> None:
     assert {room(path) for path, tree in modules() if "h5py" in tops(tree, path)} == {"storage"}
 
 
@@ -150,7 +150,7 @@ def test_nothing_outside_its_module_names_a_language() -> None:
                 assert f'NAME = "{name}"' in path.read_text(encoding="utf-8"), path
 
 
-def test_only_plots_knows_matplotlib() -> None:
+def test_only_plots_imports_matplotlib() -> None:
     assert {path.parent.name for path, tree in modules() if "matplotlib" in tops(tree, path)} == {
         "plots"
     }
@@ -183,7 +183,7 @@ def test_randomness_is_an_argument() -> None:
                     assert called == "np.random.SeedSequence", f"{path}:{node.lineno}: {called}"
 
 
-def test_every_module_and_public_name_of_the_library_says_what_it_is() -> None:
+def test_every_module_and_public_name_of_the_library_states_what_it_is() -> None:
     for path, tree in LIBRARY:
         assert ast.get_docstring(tree) or not tree.body, f"{path} has no docstring"
         for node in tree.body:

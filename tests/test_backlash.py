@@ -334,7 +334,7 @@ def test_an_evaluation_drives_with_the_backlash_taken_up() -> None:
     assert predicted.position_size.mean() < 0.6 * unknown.position_size.mean()
 
 
-def test_trajectories_take_up_backlash_and_other_programs_say_that_they_do_not() -> None:
+def test_trajectories_take_up_backlash_and_other_programs_state_that_they_do_not() -> None:
     robot = load_robot("fanuc-m1000ia")
     q = np.array(
         [
@@ -369,7 +369,7 @@ def test_trajectories_take_up_backlash_and_other_programs_say_that_they_do_not()
 # --- exports --------------------------------------------------------------------------------------
 
 
-def test_exports_say_that_backlash_is_not_in_them() -> None:
+def test_exports_state_that_backlash_is_not_in_them() -> None:
     text = backlash_text(calibrated().robot, calibrated().base.errors["backlash"])
     exported = json.loads(calibration_as_json(calibrated()))
     assert (

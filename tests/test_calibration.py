@@ -28,7 +28,9 @@ def trained(name: str, base: str = "nominal") -> tuple[Calibration, Array]:
     robot = load_robot(name)
     workspace = robot.workspace(None)[1]
     measurements = simulate(robot, Simulation(seed=1, workspace=workspace, configurations=60))
-    calibration = train(measurements, base, TrainingOptions(restarts=1))
+    calibration = train(
+        measurements, base, TrainingOptions(regularisation="early-stopping", restarts=1)
+    )
     return calibration, sample_configurations(robot, workspace, 5, np.random.default_rng(9))
 
 
@@ -98,11 +100,19 @@ def test_pose_and_jacobian_agree_with_the_pose_alone(
 def test_an_identified_base_is_used_as_it_is(
     fanuc_measurements: Measurements, fanuc_local_poe: Calibration
 ) -> None:
-    calibration = train(fanuc_measurements, fanuc_local_poe, TrainingOptions(restarts=1))
+    calibration = train(
+        fanuc_measurements,
+        fanuc_local_poe,
+        TrainingOptions(regularisation="early-stopping", restarts=1),
+    )
     assert np.array_equal(
         calibration.base.errors["placements"], fanuc_local_poe.base.errors["placements"]
     )
-    by_name = train(fanuc_measurements, "local-poe", TrainingOptions(restarts=1))
+    by_name = train(
+        fanuc_measurements,
+        "local-poe",
+        TrainingOptions(regularisation="early-stopping", restarts=1),
+    )
     q = fanuc_measurements.q[:5]
     assert np.array_equal(calibration.forward(q), by_name.forward(q))
 
@@ -124,7 +134,11 @@ def test_a_base_for_another_robot_is_refused(other: str, fanuc_local_poe: Calibr
     with pytest.raises(
         InputError, match=f"for 'fanuc-m1000ia', but the measurements for '{other}'"
     ):
-        train(measurements, fanuc_local_poe, TrainingOptions(restarts=1))
+        train(
+            measurements,
+            fanuc_local_poe,
+            TrainingOptions(regularisation="early-stopping", restarts=1),
+        )
 
 
 def test_a_robot_is_the_same_by_its_kinematics_and_not_by_its_name(fanuc: Robot) -> None:
@@ -197,5 +211,5 @@ def test_targets_of_another_number_do_not_fit(fanuc: Robot, fanuc_network: Calib
         (1e-9, 1e-9, "+0.0 ± 0.0 %"),
     ],
 )
-def test_a_small_gain_is_told_with_two_decimals(gain: float, error: float, told: str) -> None:
+def test_a_small_gain_is_reported_with_two_decimals(gain: float, error: float, told: str) -> None:
     assert str(CrossValidation(5, gain, error)) == told

@@ -147,7 +147,7 @@ def test_targets_in_another_order_than_the_robots(
     assert named(found, "target_order", "note").numbers["order"] == [i + 1 for i in order]
 
 
-def test_a_frame_that_is_not_where_it_was_said(fanuc: Robot) -> None:
+def test_a_frame_that_is_not_where_it_was_stated(fanuc: Robot) -> None:
     clean = measured(fanuc)
     found = check_measurements(
         replace(clean, points=readonly(clean.points + np.array([0.5, 0.0, 0.0])))
@@ -443,7 +443,7 @@ def test_the_checks_change_nothing_and_survive_anything(fanuc: Robot) -> None:
     assert np.isfinite(points).all()
 
 
-def test_reference_points_seen_a_few_times_say_nothing_of_drift(fanuc: Robot) -> None:
+def test_reference_points_seen_a_few_times_state_nothing_of_drift(fanuc: Robot) -> None:
     fixed = np.full((40, 1, 3), np.nan)
     fixed[::8] = np.linspace(0, 1, 5)[:, None, None]
     assert "reference_drift" not in names(

@@ -60,7 +60,7 @@ def test_a_calibration_that_holds_the_truth_leaves_nothing(name: str, unregister
     evaluation = evaluate([("perfect", perfect(first))], fresh)
     nominal, best = evaluation.methods
     assert evaluation.kind == "compensated"
-    assert evaluation.marked == [0, 0]
+    assert [r.marked for r in evaluation.results] == [0, 0]
     assert best.position_size.max() < 1e-9
     assert best.orientation_size is not None
     assert best.orientation_size.max() < 2e-9
@@ -150,7 +150,7 @@ def test_what_no_joint_can_correct_is_reported_apart() -> None:
             fresh, row, (0, 1, 2, 5)
         )  # a SCARA corrects x, y, z and the turn about z
         assert np.allclose(beyond.position[row, 0], (nearest - commanded[row])[:3, 3], atol=1e-9)
-    best = evaluation.correctable[1]
+    best = evaluation.results[1].correctable
     assert best.position_size.max() < 1e-8
     assert best.orientation_size is not None
     assert best.orientation_size.max() < 1e-8
@@ -180,12 +180,12 @@ def test_poses_that_a_shorter_arm_cannot_reach() -> None:
     commanded = robot.mechanism.forward(q[:1])[0]
     assert np.linalg.norm((nearest - commanded)[:3, 3]) > 1e-4
     assert np.allclose(beyond.position[0, 0], (nearest - commanded)[:3, 3], atol=1e-6)
-    assert evaluation.marked == [0, 1]
+    assert [r.marked for r in evaluation.results] == [0, 1]
     # Near the stretched arm the correction is damped: the corrected joints come near
     # the nearest pose.
     assert (
-        evaluation.correctable[1].position_size.max()
-        < 0.02 * evaluation.correctable[0].position_size.max()
+        evaluation.results[1].correctable.position_size.max()
+        < 0.02 * evaluation.results[0].correctable.position_size.max()
     )
     entry = evaluation.as_json()["methods"][1]
     assert entry["reduction_percent"]["position_max"] > 98
@@ -196,7 +196,10 @@ def test_doubtful_rows_are_counted() -> None:
     first, _ = simulated()
     q = np.deg2rad([[0.0, -80.0, 100.0, -110.0, -90.0, 0.0], [0.0, -80.0, 100.0, -110.0, 0.1, 0.0]])
     again = simulate(first.robot, Simulation(seed=1, at=q, same_robot=first.truth))
-    assert evaluate([("c", identify(first, "local-poe"))], again).marked == [0, 1]
+    assert [r.marked for r in evaluate([("c", identify(first, "local-poe"))], again).results] == [
+        0,
+        1,
+    ]
 
 
 # --- predicted ------------------------------------------------------------------------------------
@@ -347,7 +350,9 @@ def test_rows_unlike_the_training_are_predicted_by_the_base_on_request() -> None
     whole judgement is refused.
     """
     first, fresh = simulated("planar-3r")
-    trained = train(first, "local-poe", TrainingOptions(restarts=1, hidden=2))
+    trained = train(
+        first, "local-poe", TrainingOptions(regularisation="early-stopping", restarts=1, hidden=2)
+    )
     assert trained.networks
     everywhere = simulate(
         first.robot, Simulation(seed=1, configurations=15, same_robot=first.truth)

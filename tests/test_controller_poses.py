@@ -238,7 +238,7 @@ def test_poses_for_a_controller_that_may_have_a_model_of_its_own(kind: str, word
     assert corrected(known, "movej([0, -1.4, 1.7, -1.9, -1.6, 0])\n", None).changed == 1
 
 
-def test_robots_that_say_nothing_of_it_are_taken_as_drawn() -> None:
+def test_robots_that_state_nothing_of_it_are_taken_as_drawn() -> None:
     made = arm(3)
     silent = replace(made, calibration=replace(made.calibration, robot=described(None)))
     assert corrected(silent, script(nominal().forward(commands(1))), None).changed == 1

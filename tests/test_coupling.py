@@ -71,7 +71,7 @@ def test_without_a_coupling_values_are_as_they_are() -> None:
         ("matrix = [[0, 1, 0], [1, 0, 0], [0, 0, 1]]", "q1 = J2, q2 = J1"),
     ],
 )
-def test_what_differs_is_said(coupling: str, text: str) -> None:
+def test_what_differs_is_reported(coupling: str, text: str) -> None:
     """In the message for unstated values, and in the names of the columns of those joints."""
     robot = planar(coupling)
     with pytest.raises(
@@ -84,7 +84,7 @@ def test_what_differs_is_said(coupling: str, text: str) -> None:
     assert robot.columns(None) == ["j1_deg", "j2_deg", "j3_deg"]
 
 
-def test_what_header_and_option_say_is_weighed() -> None:
+def test_what_header_and_option_state_is_weighed() -> None:
     robot = planar("add = { j3 = { j2 = 1 } }")
     assert robot.joint_values("t", None, "controller") == "controller"
     assert robot.joint_values("t", "serial", None) == "serial"

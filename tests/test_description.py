@@ -363,7 +363,7 @@ def test_a_joint_and_a_link_may_share_a_name(tmp_path: Path) -> None:
     assert (robot.mechanism.forward(np.array(q)) == plain.mechanism.forward(np.array(q))).all()
 
 
-def test_without_example_robot_data_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_example_robot_data_the_remedy_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> None:
         raise PackageNotFoundError(name)
 
@@ -384,7 +384,7 @@ def test_a_tolerance_of_a_joint_that_is_not_there_is_refused(tmp_path: Path) -> 
         described(4)
 
 
-def test_without_a_temporary_folder_the_remedy_is_said(
+def test_without_a_temporary_folder_the_remedy_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = crane(tmp_path)

@@ -42,7 +42,7 @@ def test_noise_alone_has_no_effective_weights() -> None:
     assert np.sqrt(np.mean(run.network(q) ** 2)) < 0.2
 
 
-def test_a_smooth_function_and_its_noise_are_told_apart() -> None:
+def test_a_smooth_function_and_its_noise_are_distinguished() -> None:
     rng = np.random.default_rng(1)
     q, G = rng.uniform(-1, 1, (150, 6)), rng.normal(size=(150, 9, 6))
     teacher = Network.initial(q, np.full(6, 50.0), 4, rng)

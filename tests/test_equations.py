@@ -57,7 +57,7 @@ def test_they_are_the_products_of_the_columns(name: str, unregistered: bool) -> 
     assert np.allclose(found.row_squares, row_squares(measurements, state))
 
 
-def test_rows_weigh_as_they_are_told_and_missing_targets_not_at_all() -> None:
+def test_rows_weigh_as_they_are_given_and_missing_targets_not_at_all() -> None:
     measurements = simulate(load_robot("ur5"), Simulation(configurations=12))
     points = measurements.points.copy()
     points[3, 1] = np.nan

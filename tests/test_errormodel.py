@@ -82,7 +82,7 @@ def test_columns_are_derivatives_away_from_the_nominal_robot(
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.id)
-def test_a_family_says_the_same_of_every_element(fanuc: Robot, family: Family) -> None:
+def test_a_family_states_the_same_of_every_element(fanuc: Robot, family: Family) -> None:
     shape = family.shape(6, 2)
     size = int(np.prod(shape))
     names = family.names(shape, family.ascii)
@@ -245,7 +245,7 @@ def test_nothing_is_found_where_nothing_depends_on_the_row() -> None:
     assert not {"payload", "temperature"} & set(found.parameters.orders)
 
 
-def test_a_family_is_refused_where_nobody_wrote_down_what_it_depends_on() -> None:
+def test_a_family_is_refused_where_its_condition_is_unknown() -> None:
     for family, words in (("payload", "mass"), ("temperature", "temperatures")):
         with pytest.raises(InputError, match=words):
             identify_complete(simulated(()), CompleteOptions(orders={family: 1}))
@@ -272,9 +272,9 @@ def identify_complete_without(measurements: Measurements, like: object) -> objec
     return replace(like, base=base)
 
 
-def test_the_description_says_where_the_robot_hangs_and_what_it_carries() -> None:
+def test_the_description_states_where_the_robot_hangs_and_what_it_carries() -> None:
     """Upside down everything bends the other way; a payload of the description holds where rows do
-    not say otherwise.
+    not state otherwise.
     """
     source = load_robot("ur5").source
     rng = np.random.default_rng(0)

@@ -419,7 +419,7 @@ def test_all_symbols_of_c_code_begin_with_the_prefix(compiled: Callable, tmp_pat
 # --- coupled joint values -------------------------------------------------------------------------
 
 
-def test_json_holds_the_coupling_and_says_what_it_is() -> None:
+def test_json_holds_the_coupling_and_states_what_it_is() -> None:
     value = json.loads(calibration_as_json(calibrated("fanuc-m1000ia", "nominal", True)))
     q = np.array(value["joint_coupling"]) @ [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
     np.testing.assert_allclose(q, [0.1, 0.2, 0.5, 0.4, 0.5, 0.6])  # serial q3 = J3 + J2
@@ -482,7 +482,7 @@ def test_a_controller_s_positions_that_are_not_finite_come_back_as_they_are(
 
 
 @pytest.mark.parametrize("values", ["serial", "controller"])
-def test_exported_code_says_whose_joint_values_it_takes(values: JointValues) -> None:
+def test_exported_code_states_whose_joint_values_it_takes(values: JointValues) -> None:
     calibration = calibrated("fanuc-m1000ia", "nominal", True)
     header, _ = calibration_as_c(calibration, "arm", joint_values=values)
     text = calibration_as_structured_text(calibration, "arm", joint_values=values)

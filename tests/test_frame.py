@@ -172,7 +172,7 @@ def test_a_damaged_frame_is_refused(change: Callable[[h5py.Group], None], messag
         read_calibration(io.BytesIO(buffer.getvalue()), "c.h5")
 
 
-def test_the_report_says_what_scipy_says_of_the_frames() -> None:
+def test_the_report_states_what_scipy_states_of_the_frames() -> None:
     calibration = arm()
     report = frame_report(calibration)
     assert report is not None

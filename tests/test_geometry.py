@@ -27,7 +27,8 @@ def single_exponential(twist: Array) -> Array:
 
 
 def by_definition(robot: Robot, errors: RobotErrors, q: Array) -> Array:
-    """METHOD §2 as it stands: M_j exp(δζ_j), exp((ξ_j + δξ_j)(q_j + δq_j)), with scipy's
+    """The model of the paper (Eq. 8) as written: M_j exp(δζ_j), exp((ξ_j + δξ_j)(q_j + δq_j)),
+    with scipy's
     matrix exponential.
     """
     placements = np.array(

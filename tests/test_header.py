@@ -44,7 +44,7 @@ def test_a_length_has_the_unit_of_its_header_or_the_stated_one(
         ),
     ],
 )
-def test_a_unit_that_nobody_stated_is_asked_for(header: str, message: str) -> None:
+def test_a_unit_that_is_not_stated_is_asked_for(header: str, message: str) -> None:
     with pytest.raises(InputError, match=rf"^t\.csv: {message}"):
         read(header)
 

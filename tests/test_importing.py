@@ -356,7 +356,7 @@ def test_a_missing_column_is_named_with_its_near_ones() -> None:
         imported(text.replace("t3_z_mm", "other"))
 
 
-def test_a_table_without_joints_or_points_says_what_it_lacks() -> None:
+def test_a_table_without_joints_or_points_states_what_it_lacks() -> None:
     with pytest.raises(InputError, match="no joint columns j1_deg"):
         imported(csv(named("t1_", np.ones((N, 3)))))
     with pytest.raises(InputError, match="no measured points"):
@@ -503,7 +503,7 @@ def test_chosen_rows_and_the_rest_are_a_partition(
     assert taken == sorted(taken)
 
 
-def test_all_rows_are_chosen_unless_told_otherwise() -> None:
+def test_all_rows_are_chosen_by_default() -> None:
     chosen, rest = select_rows(ALL, None, None, 0)
     assert positions_of(chosen) == list(range(N))
     assert len(rest) == 0

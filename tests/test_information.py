@@ -74,7 +74,7 @@ def test_with_an_unknown_set_up_targets_can_be_predicted_all_the_same(fanuc: Rob
     assert less_sure.max() < 0.2e-3
 
 
-def test_what_is_predicted_is_what_the_estimator_says_afterwards(fanuc: Robot) -> None:
+def test_what_is_predicted_is_what_the_estimator_states_afterwards(fanuc: Robot) -> None:
     """Planned covariance against the posterior of an identification from such measurements, its
     noise factor aside.
     """

@@ -133,7 +133,7 @@ def test_a_pose_out_of_reach_is_not_reached(name: str) -> None:
     result = inverse_kinematics(robot, target, starts=3)
     assert not result.reached[0]
     assert result.position[0] / robot.length + result.orientation[0] > 0.01
-    # What is said to be left is what is left.
+    # The reported remaining error is the actual one.
     left = np.hypot(result.position / robot.length, result.orientation)
     np.testing.assert_allclose(left, weighted_error(robot, result.q, target), rtol=1e-6)
     assert robot.within_limits(result.q)[0]
@@ -206,7 +206,7 @@ def test_beyond_a_stretched_elbow_the_nearest_pose_is_found(
 
 
 def test_what_no_joint_can_turn_is_left_and_no_shift_is_given_for_it() -> None:
-    # A planar arm cannot tilt: what is left of a rotation about x is that rotation.
+    # A planar arm cannot tilt: the remaining error of a rotation about x is that rotation.
     robot = load_robot("planar-3r")
     q = np.array([[0.3, 0.8, -0.4]])
     pose = forward(robot, q)

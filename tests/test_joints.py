@@ -110,7 +110,7 @@ def test_hardly_any_other_choice_of_virtual_joints_is_better_conditioned(name: s
 
 
 def test_a_scara_gets_turns_about_the_tool_s_x_and_y() -> None:
-    # METHOD §5
+    # docs/method.md, virtual joints
     assert set(equivalent_robot(load_robot("scara")).virtual_joints) == {"rx", "ry"}
 
 

@@ -257,7 +257,7 @@ def test_as_many_parameters_are_found_as_frames_and_axes_leave(robot: Robot) -> 
     assert base.rank == base.observable_rank == expected_rank(robot)
     assert base.unobservable == ()
     if robot.n == 6:
-        assert base.rank == 30  # METHOD §4
+        assert base.rank == 30  # docs/method.md, local POE
 
 
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "gantry", "planar-3r", "scara"])

@@ -46,7 +46,7 @@ def test_an_actual_robot_is_its_model_at_its_configuration(
     )
 
 
-def test_a_calibration_says_what_its_model_leaves_out(
+def test_a_calibration_states_what_its_model_leaves_out(
     fanuc_local_poe: Calibration, fanuc_network: Calibration
 ) -> None:
     q = fanuc_local_poe.q[:5]

@@ -63,7 +63,7 @@ def towards_singularity(robot: Robot, joint: int) -> Array:
 
 @pytest.mark.parametrize(("name", "joint"), SINGULAR)
 @pytest.mark.parametrize("method", ["exact", "one-step"])
-def test_corrections_are_bounded_and_honest_near_singularities(
+def test_corrections_are_bounded_and_reported_near_singularities(
     name: str, joint: int, method: str
 ) -> None:
     calibration = calibrated(name)

@@ -198,7 +198,7 @@ def test_deviations_of_axes_weigh_along_the_instrument_s_axes(rng: np.random.Gen
     )
 
 
-def test_an_instrument_that_is_bad_along_one_axis_is_believed_along_the_others(
+def test_an_instrument_that_is_bad_along_one_axis_is_used_along_the_others(
     rng: np.random.Generator,
 ) -> None:
     from calibtool.calibration import identify

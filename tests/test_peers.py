@@ -56,7 +56,7 @@ def test_a_missing_peer_is_a_line_of_the_table(peer, tmp_path, capsys):
     )
 
 
-def test_run_says_why_a_table_is_missing(peer, monkeypatch):
+def test_run_states_why_a_table_is_missing(peer, monkeypatch):
     run = peer("run")
 
     def fails(arguments):

@@ -61,7 +61,7 @@ def test_the_table_is_the_plan(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("criterion", ["d", "i"])
-def test_it_promises_more_than_random_ones(fanuc: Robot, criterion: Criterion) -> None:
+def test_it_predicts_more_than_random_ones(fanuc: Robot, criterion: Criterion) -> None:
     for workspace in ("full", "machining"):
         made = planned(fanuc, 15, criterion, workspace, refine=False)
         assert made.selected.target.mean() < 0.8 * made.random.target.mean()
@@ -79,7 +79,7 @@ def test_and_refinement_more_than_the_candidates(fanuc: Robot) -> None:
     assert volume(fine) < volume(rough) - 1.0
 
 
-def test_the_promise_is_kept(fanuc: Robot) -> None:
+def test_the_prediction_holds(fanuc: Robot) -> None:
     """Errors of an identification from 15 planned configurations, against 15 random ones, on
     the same robots.
     """

@@ -17,7 +17,7 @@ from calibtool.errormodel.families import BY_ID
 from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.acceptance import parse_limit
 from calibtool.evaluation.compare import Evaluation
-from calibtool.evaluation.metrics import MethodErrors
+from calibtool.evaluation.metrics import MethodErrors, MethodResult
 from calibtool.evaluation.plots import FIGURES, ImageFormat, Subject, draw, image_format
 from calibtool.evaluation.plots.calibration_figures import joint_motions
 from calibtool.evaluation.plots.error_figures import magnification
@@ -44,7 +44,9 @@ def evaluation(
         )
         for name in names
     ]
-    return Evaluation("ur5", rows, "compensated", methods, [0] * len(names))
+    return Evaluation(
+        "ur5", rows, "compensated", tuple(MethodResult(method, method) for method in methods)
+    )
 
 
 def judged(
@@ -188,7 +190,7 @@ def test_joint_motions_are_those_of_the_network_on_the_drawing(fanuc_network: Ca
 
 
 @pytest.mark.parametrize("kind", ["training", "motions", "parameters"])
-def test_what_is_not_there_is_said(kind: str, fanuc_local_poe: Calibration) -> None:
+def test_what_is_not_there_is_reported(kind: str, fanuc_local_poe: Calibration) -> None:
     with pytest.raises(InputError, match=r"no |only "):
         draw(kind, Subject([("poe", fanuc_local_poe)]), "png")
 
@@ -252,7 +254,7 @@ def test_pose_accuracy_and_repeatability(fanuc_measurements: Measurements) -> No
     made = evaluation(["nominal", "a"], rows=20)
     poses = repeated_poses(rows.q, rows.robot.mechanism.forward(rows.q)[:, :3, 3])
     tested = Evaluation(
-        "x", 20, "predicted", made.methods, [0, 0], pose_test=pose_test(made.methods, poses)
+        "x", 20, "predicted", made.results, pose_test=pose_test(made.methods, poses)
     )
     found = written("iso9283", Subject([], rows, tested))
     for word in ("AP nominal", "AP a", "RP", "configuration 1", "position, mm"):

@@ -63,7 +63,7 @@ def test_nominal_points_with_their_errors_and_a_known_place_on_the_tool() -> Non
     assert shown["noise"] == ["0.02 mm per coordinate (stated)"]
 
 
-def test_rows_too_few_to_place_the_instrument_are_said() -> None:
+def test_rows_too_few_to_place_the_instrument_are_reported() -> None:
     points = points_mm(np.array([[0.1, 0.0, 0.05]]), instrument())[:2, 0]
     text = csv({name: values[:2] for name, values in joint_cells().items()} | named("", points))
     shown = keyed(read_table(text, "table.csv", UR5))

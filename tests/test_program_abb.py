@@ -10,7 +10,7 @@ import pytest
 
 from calibtool.programs.agreement import Position, positions
 from calibtool.programs.formats import reader
-from calibtool.programs.frames import Frames
+from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motion_flow import Flow, follow
 from calibtool.programs.motions import Program
 from calibtool.robot.catalogue import load_robot
@@ -33,7 +33,7 @@ def read(text: str, name: str = "fanuc-m1000ia") -> Program:
 def followed(text: str) -> tuple[Program, Flow, list[Position], dict[int, str]]:
     """The program, its uses, positions that can be corrected, and why others are left, by line."""
     program = read(text)
-    flow = follow(program, Frames())
+    flow = follow(program, NamedFrames())
     found, left = positions(program, flow)
     whys = {program.literals[number].line: why for number, why in left.items()}
     return program, flow, found, whys
@@ -134,7 +134,7 @@ def test_arrays_and_switched_off_configurations() -> None:
     assert use.obeyed is False
 
 
-def test_an_instruction_that_does_not_end_or_close_is_said() -> None:
+def test_an_instruction_that_does_not_end_or_close_is_reported() -> None:
     def said(move: str) -> set[str]:
         return set(whys(f"MODULE A\nPROC m()\n {move}\nENDPROC\nENDMODULE\n").values())
 

@@ -189,7 +189,8 @@ def test_default_frame_and_tool() -> None:
     result = compensate_program(calibration, text.encode(), "a", "kuka-krl")
     (remark,) = result.left_alone
     assert (
-        remark.why == "the program does not say its frame; give it with --frames, [frames.default]"
+        remark.why
+        == "the program does not state its frame; give it with --frames, [frames.default]"
     )
     assert result.data == text.encode()
     options = ProgramOptions(frames=read_frames("[frames.default]\n[tools.default]\n", "f"))
@@ -217,7 +218,7 @@ def test_joint_values_of_the_controller_and_of_the_chain() -> None:
         np.testing.assert_allclose(np.rad2deg(target.values), expected, atol=1e-6)
 
 
-def test_a_turn_that_changes_is_written_and_said() -> None:
+def test_a_turn_that_changes_is_written_and_reported() -> None:
     """A3 is commanded at 0, which T may call negative or not; once corrected only one of
     the two is true.
     """
@@ -399,7 +400,7 @@ def test_zero_bytes_are_no_program() -> None:
         compensate_program(calibrations("ur5")[0], "def a():".encode("utf-16"), "a", "ur-script")
 
 
-def test_nothing_found_is_said() -> None:
+def test_nothing_found_is_reported() -> None:
     result = compensate_program(calibrations("ur5")[0], b"hello\n", "a", "fanuc-ls")
     assert result.data == b"hello\n"
     assert "no positions are written in it as fanuc-ls" in result.summary("a")[1]

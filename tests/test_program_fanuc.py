@@ -10,9 +10,9 @@ import pytest
 
 from calibtool.programs.agreement import Position, positions
 from calibtool.programs.formats import read_program
-from calibtool.programs.frames import Frames, read_frames
+from calibtool.programs.frames import NamedFrames, read_frames
 from calibtool.programs.motion_flow import Flow, follow
-from calibtool.programs.motions import Program, Source
+from calibtool.programs.motions import Program, ProgramText
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 
@@ -28,12 +28,12 @@ def robot(name: str = "fanuc-m1000ia") -> Robot:
 
 
 def read(*texts: str, name: str = "fanuc-m1000ia") -> Program:
-    sources = [Source(f"{k}", text, edited=k == 0) for k, text in enumerate(texts)]
+    sources = [ProgramText(f"{k}", text, edited=k == 0) for k, text in enumerate(texts)]
     return read_program("fanuc-ls", sources, robot(name))
 
 
 def followed(
-    *texts: str, given: Frames = ANY_FRAME
+    *texts: str, given: NamedFrames = ANY_FRAME
 ) -> tuple[Program, Flow, list[Position], dict[str, str]]:
     """The program, its uses, positions that can be corrected, and why others are left, by name."""
     program = read(*texts)
@@ -110,7 +110,7 @@ def written(*instructions: str, name: str = "A", attributes: str = "", **groups:
 
 def test_a_program() -> None:
     text = (FOLDER / "weld.ls").read_text(encoding="ascii")
-    program, _, found, whys = followed(text, given=Frames())
+    program, _, found, whys = followed(text, given=NamedFrames())
     literals = {program.literals[p.literal].line: program.literals[p.literal] for p in found}
     assert {line: (literal.kind, literal.name) for line, literal in literals.items()} == {
         21: ("joint", "P[1]"),
@@ -236,7 +236,7 @@ def test_motions_that_a_sensor_shifts(begin: str, end: str) -> None:
 
 @pytest.mark.parametrize("point", ["PAL_1[BTM]", "PAL_12[A_1]"])
 @pytest.mark.parametrize("letter", ["L", "J"])
-def test_pallets_are_said(letter: str, point: str) -> None:
+def test_pallets_are_reported(letter: str, point: str) -> None:
     text = written(f"{letter} {point} 100mm/sec FINE", "L P[1] 100mm/sec FINE", P1=pose())
     assert said(text) == {4: f"a position of a pallet: its value is not in the program ({point})"}
 
@@ -268,7 +268,7 @@ def test_positions_that_no_motion_goes_to_are_corrected_in_their_own_frame() -> 
     )
     assert [p.frame.name if p.frame else None for p in found] == ["2", None]
     assert whys == {
-        "P[2]": "the program does not say its frame; give it with --frames, [frames.default]"
+        "P[2]": "the program does not state its frame; give it with --frames, [frames.default]"
     }
 
 
@@ -331,7 +331,7 @@ def test_relative_motions(options: str) -> None:
     assert "corrected without" not in "".join(read(text).notes)
 
 
-def test_registers_and_indirect_positions_are_said() -> None:
+def test_registers_and_indirect_positions_are_reported() -> None:
     text = written(
         "L PR[3:home] 100mm/sec FINE", "L P[R[1]] 100mm/sec FINE", "J P[R[AR[1]]] 20% FINE INC",
         "L P[9] 1cm/min FINE",
@@ -510,7 +510,7 @@ def test_frames_from_listings(end: str) -> None:
     text = written(
         "L P[1] 1mm/sec FINE", "L P[2] 1mm/sec FINE", P1=pose(uf="1", ut="1"), P2=pose(uf="2")
     )
-    _, _, found, whys = followed(text, LISTING.replace("\n", end), given=Frames())
+    _, _, found, whys = followed(text, LISTING.replace("\n", end), given=NamedFrames())
     (position,) = found
     assert position.frame is not None
     assert position.tool is not None
@@ -560,7 +560,7 @@ def test_which_joints_turn_numbers_count() -> None:
     assert axes("N U T, 0, 0, 1", listing=setting) == {(3, 4, 5)}
 
 
-def test_turn_numbers_stand_where_they_are_said_to() -> None:
+def test_turn_numbers_stand_where_they_are_stated_to() -> None:
     text = one(config="F U T, 0, -1, 2")
     (literal,) = read(text).literals
     assert literal.configuration is not None

@@ -145,7 +145,7 @@ def test_a_joint_that_passes_into_another_turn(joint: int, side: int) -> None:
     assert written[0] == written[1]
 
 
-def test_the_turn_that_changes_is_said() -> None:
+def test_the_turn_that_changes_is_reported() -> None:
     looks = []
     for beside in (-0.0004, 0.0004):
         degrees = np.array([10.0, 20, -20, 30, -60, 180 + beside])

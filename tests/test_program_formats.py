@@ -62,7 +62,7 @@ def test_nothing_in_it(program_format: str) -> None:
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
-def test_numbers_stand_where_they_are_said_to(sample: str) -> None:
+def test_numbers_stand_where_they_are_stated_to(sample: str) -> None:
     text = text_of(sample)
     literals = reader(SAMPLES[sample])(text, robot_of(sample)).literals
     assert len(literals) > 1

@@ -18,9 +18,9 @@ from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.agreement import Position, positions
 from calibtool.programs.compensate import ProgramOptions, compensate_program, compensate_texts
 from calibtool.programs.formats import read_program
-from calibtool.programs.frames import Frames, pose, poses
+from calibtool.programs.frames import NamedFrames, pose, poses
 from calibtool.programs.motion_flow import Flow, follow
-from calibtool.programs.motions import Program, Source
+from calibtool.programs.motions import Program, ProgramText
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.robot import Robot
@@ -52,14 +52,14 @@ def routine(*lines: str, start: Sequence[str] = ZERO) -> str:
 
 def read(*texts: str, name: str = "fanuc-m1000ia") -> Program:
     """A program of texts, data lists with the name `a.dat`."""
-    sources = [Source("a.dat" if "DEFDAT" in text else "a.src", text) for text in texts]
+    sources = [ProgramText("a.dat" if "DEFDAT" in text else "a.src", text) for text in texts]
     return read_program("kuka-krl", sources, robot(name))
 
 
 def followed(*texts: str) -> tuple[Program, Flow, list[Position], dict[int, str]]:
     """The program, its uses, positions that can be corrected, and why others are left, by line."""
     program = read(*texts)
-    flow = follow(program, Frames())
+    flow = follow(program, NamedFrames())
     found, left = positions(program, flow)
     return program, flow, found, {program.literals[k].line: why for k, why in left.items()}
 
@@ -280,7 +280,7 @@ def test_a_point_of_a_data_list_alone_has_the_frames_of_its_form() -> None:
     np.testing.assert_allclose(places(LIST, TABLES)[2], (frame(TURN), frame(SHIFT)))
     held = LIST.replace("#BASE", "#TCP")
     assert "the robot holds the work piece" in whys(held, TABLES)[2]
-    assert "does not say its frame" in whys(LIST.replace("FP1", "FP2"))[2]
+    assert "does not state its frame" in whys(LIST.replace("FP1", "FP2"))[2]
 
 
 # --- positions ------------------------------------------------------------------------------------
@@ -306,7 +306,7 @@ def test_arrays_in_programs_and_lists() -> None:
     assert sorted(use.literal for use in flow.uses) == [0, 1]
     assert len(found) == 2
     assert not left
-    assert "does not say its frame" in whys(routine("LIN P[1]"), data)[4]
+    assert "does not state its frame" in whys(routine("LIN P[1]"), data)[4]
 
 
 @pytest.mark.parametrize("change", ["XP1.A=12", "XP1.S=2", "XP1 . E1 = track", "P[1].Y=P[1].Y+5"])
@@ -437,7 +437,7 @@ def test_line_ends_and_comments_of_any_bytes() -> None:
     assert comment.encode("latin-1") in result.data
 
 
-def test_untaught_axes_and_poses_are_said() -> None:
+def test_untaught_axes_and_poses_are_reported() -> None:
     text = routine(HOME, "LIN {X 0,Y 0,Z 0,A 0,B 0,C 0}", "LIN {X 1,Y 0,Z 0,A 0,B 0,C 0}")
     options = ProgramOptions(on_error="skip")
     result = compensate_program(calibration(), text.encode(), "a", "kuka-krl", options)
@@ -697,7 +697,7 @@ def test_corrections_come_back_and_other_bytes_stay(made: tuple[str, list[int]])
         starts, ends = [0, *(end for _, end in spans)], [*(start for start, _ in spans), len(whole)]
         pieces.append([whole[a:b] for a, b in zip(starts, ends, strict=True)])
     assert pieces[0] == pieces[1]
-    flow = follow(new, Frames())
+    flow = follow(new, NamedFrames())
     found, left = positions(new, flow)
     assert not left
     for position in found:
@@ -723,4 +723,4 @@ def test_corrections_come_back_and_other_bytes_stay(made: tuple[str, list[int]])
 
 @given(st.text(alphabet='LINPTCRXP1{}[]:,=.() $;"\n\rAE69IFEND', max_size=200))
 def test_any_text_is_read(text: str) -> None:
-    follow(read(f"DEF a( )\n{text}\nEND\n"), Frames())
+    follow(read(f"DEF a( )\n{text}\nEND\n"), NamedFrames())

@@ -7,7 +7,7 @@ import pytest
 from calibtool.programs.bracketed_lists import closing, item, split
 from calibtool.programs.numbers import (
     DECIMALS,
-    Lines,
+    LineNumbers,
     Number,
     comments_blanked,
     number_at,
@@ -88,7 +88,7 @@ def test_blanks_around_a_number_do_not_belong_to_it() -> None:
 
 def test_lines_of_every_kind() -> None:
     text = "a\r\nb\nc\rd"
-    assert [Lines(text)(text.index(letter)) for letter in "abcd"] == [1, 2, 3, 4]
+    assert [LineNumbers(text)(text.index(letter)) for letter in "abcd"] == [1, 2, 3, 4]
 
 
 def test_comments_and_strings_are_blanked_in_place() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from calibtool.programs.agreement import Position, positions
 from calibtool.programs.formats import reader
-from calibtool.programs.frames import Frames
+from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motion_flow import Flow, follow
 from calibtool.programs.motions import Frame, Program
 from calibtool.programs.urscript import constant
@@ -34,7 +34,7 @@ def read(text: str) -> Program:
 def followed(text: str) -> tuple[Program, Flow, list[Position], dict[int, str]]:
     """The program, its uses, positions that can be corrected, and why others are left, by line."""
     program = read(text)
-    flow = follow(program, Frames())
+    flow = follow(program, NamedFrames())
     found, left = positions(program, flow)
     whys = {program.literals[number].line: why for number, why in left.items()}
     return program, flow, found, whys
@@ -81,7 +81,7 @@ def test_a_script() -> None:
         np.testing.assert_allclose(tool.T[:3, 3], [0, 0, 0.1])
 
 
-def test_without_a_tool_it_is_said_what_is_assumed() -> None:
+def test_without_a_tool_it_is_reported_what_is_assumed() -> None:
     (note,) = read(f"movel({POSE})\n").notes
     assert "no set_tcp" in note
     assert read(f"set_tcp(p[0,0,0,0,0,0])\nmovel({POSE})\n").notes == ()

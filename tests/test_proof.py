@@ -128,7 +128,7 @@ def test_ap_and_rp_are_those_of_the_standard() -> None:
             assert test[key][k] == pytest.approx(1e3 * rp, rel=1e-9)
 
 
-def test_before_is_expected_where_nobody_measured_it() -> None:
+def test_before_is_expected_where_it_was_not_measured() -> None:
     calibration, _, q = made()
     found, after, _ = proved(before=False)
     value = json.loads(json.dumps(found.as_json(), allow_nan=False))
@@ -205,7 +205,7 @@ def test_a_moved_tracker_is_registered_again_when_asked() -> None:
     assert found.methods[1].position_size.mean() < 0.2e-3
 
 
-# --- which driven joints are believed -------------------------------------------------------------
+# --- which driven joints are accepted ------------------------------------------------------------
 
 
 def with_backlash(q: Array, corrected: Array) -> Array:

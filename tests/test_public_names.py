@@ -2,6 +2,7 @@
 that state shapes.
 """
 
+import ast
 import dataclasses
 import importlib
 import inspect
@@ -10,6 +11,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -26,6 +28,20 @@ def test_every_name_is_there() -> None:
     assert set(calibtool.__all__) <= set(dir(calibtool))
     with pytest.raises(AttributeError, match="no attribute 'calibrate'"):
         calibtool.calibrate  # noqa: B018
+
+
+def test_editors_and_type_checkers_see_the_same_names() -> None:
+    stub = Path(calibtool.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+    found = {
+        alias.asname: f"{node.module}"
+        for node in ast.walk(ast.parse(stub))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert {*found, "__version__"} == set(calibtool.__all__)
+    for name, module in found.items():
+        assert getattr(importlib.import_module(module), name) is getattr(calibtool, name)
+    assert Path(calibtool.__file__).with_name("py.typed").exists()
 
 
 def test_a_name_is_that_of_its_module() -> None:

@@ -64,7 +64,9 @@ def test_a_ur5_trained_on_100_grid_poses_is_better_than_200_um_on_the_random_one
     # Its author reports 0.155 mm from 1000 poses.
     chosen, rest = select_rows(measured("ur5", "grid.csv")[0], None, 100, 0)
     assert (len(chosen), len(rest)) == (100, 900)
-    calibration = train(chosen, "local-poe", TrainingOptions(seed=0))
+    calibration = train(
+        chosen, "local-poe", TrainingOptions(regularisation="early-stopping", seed=0)
+    )
     evaluation = evaluate([("trained", calibration)], measured("ur5", "random.csv")[0])
     assert evaluation.kind == "predicted"
     assert evaluation.methods[1].position_size.mean() < 0.2e-3
@@ -83,7 +85,9 @@ def test_the_ur10_set_imports_as_poses_and_is_registered() -> None:
 def test_local_poe_lowers_the_error_of_the_ur10_on_rows_that_were_not_used() -> None:
     # shared/real/README.md: 0.46 mm rms for a geometric model.
     chosen, rest = select_rows(measured("ur10", "joint_configurations.csv")[0], None, 300, 0)
-    calibration = train(chosen, "local-poe", TrainingOptions(seed=0))
+    calibration = train(
+        chosen, "local-poe", TrainingOptions(regularisation="early-stopping", seed=0)
+    )
     before, after = evaluate([("trained", calibration)], rest).methods
     rms = [float(np.sqrt((m.position_size**2).mean())) * 1e3 for m in (before, after)]
     assert rms[1] < 0.55

@@ -209,7 +209,7 @@ def test_the_verdict_follows_the_limits(subject: Subject, page: Page) -> None:
     assert "not met" in " ".join(page.paragraphs["verdict"]).lower()
 
 
-def test_judging_on_the_rows_of_the_training_is_said(
+def test_judging_on_the_rows_of_the_training_is_reported(
     named: list[tuple[str, Calibration]],
     measurements: Measurements,
     subject: Subject,

@@ -38,7 +38,7 @@ def test_the_reach_is_that_of_a_stretched_arm(tmp_path) -> None:
     assert "3 joints need 3" in found.virtual_reason
 
 
-def test_limits_say_where_they_come_from(tmp_path) -> None:
+def test_limits_state_where_they_come_from(tmp_path) -> None:
     found = check_robot(load_robot(str(crane(tmp_path))), "crane")
     assert found.limit_sources == ["robot.toml", "urdf"]
     kinova = load_robot("kinova")
@@ -103,7 +103,7 @@ def test_a_workspace_out_of_reach_is_wrong(tmp_path) -> None:
         check_robot(load_robot(str(crane(tmp_path, toml))), "crane")
 
 
-def test_a_bare_urdf_says_what_was_taken_for_the_tool(tmp_path) -> None:
+def test_a_bare_urdf_states_what_was_taken_for_the_tool(tmp_path) -> None:
     path = tmp_path / "crane.urdf"
     more = (
         '<link name="hook"/><joint name="pin" type="fixed"><parent link="slide"/><child '
@@ -127,7 +127,7 @@ def test_json_holds_the_findings_in_people_s_units(tmp_path) -> None:
     assert {entry["model"] for entry in value["identifiable"]} == {"local-poe", "complete"}
 
 
-def test_virtual_joints_named_in_the_description_are_said_to_be(tmp_path) -> None:
+def test_virtual_joints_named_in_the_description_are_stated_to_be(tmp_path) -> None:
     free = planar(tmp_path)
     assert free.virtual_reason.startswith("3 joints need 3;")
     names = ", ".join(f'"{name}"' for name in free.virtual_joints)

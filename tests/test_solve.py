@@ -39,7 +39,7 @@ def calibrated(name: str, base: str, network: bool = True) -> Calibration:
     )
     if not network:
         return identify(measurements, base)
-    return train(measurements, base, TrainingOptions(restarts=1))
+    return train(measurements, base, TrainingOptions(regularisation="early-stopping", restarts=1))
 
 
 @cache
@@ -111,7 +111,7 @@ def test_the_actual_robot_is_put_right_by_its_own_geometry() -> None:
 @pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize("name", FEWER)
 def test_with_fewer_joints_no_small_motion_comes_nearer(name: str, base: str) -> None:
-    """With equal weights, what is left is the least error: translation over the characteristic
+    """With equal weights, the remaining error is the least one: translation over the characteristic
     length, and rotation.
     """
     calibration = calibrated(name, base)
@@ -274,7 +274,7 @@ def test_corrections_that_lead_over_a_joint_limit_stop_there() -> None:
     np.testing.assert_array_equal(result.q[held], inside[held])
 
 
-def test_a_pose_out_of_reach_has_no_joints_and_says_so() -> None:
+def test_a_pose_out_of_reach_has_no_joints_and_is_marked() -> None:
     calibration = calibrated("ur5", "local-poe")
     poses = calibration.robot.mechanism.forward(np.tile(UR5_HOME, (3, 1)))
     poses[1, :3, 3] *= 10.0
@@ -330,7 +330,7 @@ def test_the_seed_chooses_the_branch() -> None:
 # --- wrong input ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("q", [np.zeros((3, 7)), np.zeros(6), np.full((1, 6), np.inf)])
+@pytest.mark.parametrize("q", [np.zeros((3, 7)), np.zeros(7), np.full((1, 6), np.inf)])
 def test_joints_that_do_not_fit_the_robot_are_refused(q: Array) -> None:
     with pytest.raises(InputError, match="joint positions"):
         compensate_joints(calibrated("ur5", "local-poe"), q)
@@ -354,7 +354,9 @@ def test_gear_errors_are_lowered_by_a_network_through_compensation() -> None:
     measurements = simulate(robot, Simulation(seed=6, workspace=workspace, scales=scales))
     truth = measurements.truth
     assert truth is not None
-    calibration = train(measurements, "local-poe", TrainingOptions(restarts=2))
+    calibration = train(
+        measurements, "local-poe", TrainingOptions(regularisation="early-stopping", restarts=2)
+    )
     q = configurations(robot, 50)
     commanded = robot.mechanism.forward(q)
     before, after = (

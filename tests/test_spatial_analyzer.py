@@ -125,7 +125,7 @@ def test_groups_of_one_name_in_two_collections_are_two_configurations() -> None:
     assert points.table.texts("name") == ["A::p1", "B::p1"]
 
 
-def test_a_list_of_points_is_told_from_a_table() -> None:
+def test_a_list_of_points_is_distinguished_from_a_table() -> None:
     assert looks_like_points("// comment\nA p1 T1 1 2 3\n")
     assert looks_like_points("1,2,T1,1,2,3")
     assert not looks_like_points("j1_deg,j2_deg,j3_deg,x_mm,y_mm,z_mm\n1,2,3,4,5,6\n")

@@ -238,7 +238,7 @@ def test_every_dataset_of_numbers_carries_units_name_frame_and_labels(kind: str)
 
 @pytest.mark.parametrize("kind", ["registered", "local-poe network"])
 def test_datasets_of_text_are_described_too(kind: str) -> None:
-    # DESIGN: every dataset carries units, long_name, its frame, and dimension labels.
+    # docs/file-formats.md: every dataset carries units, long_name, its frame, and dimension labels.
     for path, (is_text, attributes, labels) in datasets(to_bytes(contents(kind))).items():
         if is_text:
             assert {"units", "long_name", "frame"} <= set(attributes), path

@@ -88,7 +88,7 @@ def test_lines_are_taken_only_as_they_are_needed() -> None:
     assert len(taken) == 4  # the header and three rows
 
 
-def test_json_lines_say_the_same_as_csv() -> None:
+def test_json_lines_state_the_same_as_csv() -> None:
     q = joints(5)
     rows, _ = compensate_text(calibrated(), joint_csv(q), "t.csv")
     objects = [

@@ -49,7 +49,7 @@ def test_csv_comes_back_exactly() -> None:
     assert written.as_csv().splitlines()[0] == ",".join(COLUMNS)
 
 
-def test_hdf5_comes_back_exactly_and_says_its_units() -> None:
+def test_hdf5_comes_back_exactly_and_states_its_units() -> None:
     written = table()
     data = study_to_bytes(written, '{"runs": 2}')
     assert read_study(io.BytesIO(data), "t.h5") == StudyFile(written, {"runs": 2})

@@ -65,7 +65,7 @@ def csv(header: list[str], values: Array, extra: str = "") -> str:
 
 
 def joint_header(unit: str = "deg", n: int = 6, j3: str = "") -> list[str]:
-    """j3: the word with which the third joint of a FANUC says whose values it holds."""
+    """j3: the word with which the third joint of a FANUC states whose values it holds."""
     return [f"j{i}_{j3}_{unit}" if j3 and i == 3 else f"j{i}_{unit}" for i in range(1, n + 1)]
 
 
@@ -266,7 +266,7 @@ def test_an_unreachable_pose_has_empty_joints_and_a_remark() -> None:
     assert result.remarks[0].startswith("t.csv:2: the pose is unreachable")
 
 
-def test_what_fewer_joints_cannot_correct_is_told_for_every_row() -> None:
+def test_what_fewer_joints_cannot_correct_is_reported_for_every_row() -> None:
     q = configurations("scara")
     header = ["j1_rad", "j2_rad", "j3_m", "j4_rad"]
     result = compensate_table(calibrated("scara"), csv(header, q), "t.csv", "exact")

@@ -1,6 +1,4 @@
-"""A calibration: the identified base model, the networks on top of it, and the
-poses it predicts.
-"""
+"""A calibration: identified base model, networks on top of it, and predicted poses."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -8,6 +6,7 @@ from typing import Self
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from calibtool.calibration.frame import ChosenFrame, FrameName, taught_frame
 from calibtool.equivalent.joints import EquivalentRobot
@@ -52,7 +51,7 @@ class CrossValidation:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """T_calibrated(q) = exp6(J_ρ(q) N(q)) · T_base-model(q), with N = 0 without networks.
 
@@ -90,6 +89,22 @@ class Calibration:
     simulated: bool = False
     frame: ChosenFrame | None = None
 
+    def __repr__(self) -> str:
+        residual = self.base.residual_rms[0] * 1e3
+        network = f", {len(self.networks)} networks" if self.networks else ""
+        return (
+            f"<Calibration of {self.robot.name}: {self.base.model}{network}, "
+            f"{self.configurations} configurations, residual {residual:.3g} mm rms>"
+        )
+
+    def summary(self) -> str:
+        """What the fit found, for people: how well it fits, and its parameters with ± one standard
+        deviation.
+        """
+        from calibtool.calibration.fit_summary import fit_summary  # which needs this class
+
+        return fit_summary(self)
+
     @property
     def configurations(self) -> int:
         """Number of configurations used."""
@@ -101,9 +116,7 @@ class Calibration:
         return self.networks[0].averaged(self.networks) if self.networks else None
 
     def at(self, conditions: Conditions) -> Self:
-        """The same calibration with other values of payload and temperature as its default
-        conditions.
-        """
+        """The same calibration with other default conditions: payload and temperature."""
         return replace(self, conditions=conditions)
 
     @cached_property
@@ -125,9 +138,7 @@ class Calibration:
 
     @property
     def frame_is_free(self) -> bool:
-        """Whether base and tool frame can be chosen: the set-up is unknown and the base model is
-        not nominal.
-        """
+        """Whether base and tool frame can be chosen: unknown set-up, model not nominal."""
         return not self.base.setup.known and self.base.model != "nominal"
 
     def in_frame(self, name: FrameName) -> Self:
@@ -167,9 +178,7 @@ class Calibration:
 
     @property
     def beyond_model(self) -> tuple[str, ...]:
-        """Descriptions of the parts of this calibration that `model` cannot represent; empty if
-        none.
-        """
+        """Descriptions of the parts that `model` cannot represent; empty if none."""
         parts = [family.words for family in self.base.errors.beyond_geometry]
         return (*parts, *(["network"] if self.networks else []))
 
@@ -190,12 +199,16 @@ class Calibration:
         """Frames of the base model at q (N, n), from which the columns of errors are computed."""
         return self.errors.context(q, self.conditions)
 
-    def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
+    def forward(self, q: ArrayLike, conditions: Conditions | None = None) -> Array:
         """Calibrated pose T_base_tool (N, 4, 4) in K_0 for joint positions q (N, n) in rad or m.
 
-        conditions: of the rows; if not given, the calibration's own with every joint in the middle
-        of its backlash.
+        One configuration (n,) gives one pose (4, 4). conditions: of the rows; if not given, the
+        calibration's own with every joint in the middle of its backlash.
         """
+        q = np.asarray(q, dtype=float)
+        if q.ndim == 1:
+            pose: Array = self.forward(q[None], conditions)[0]
+            return pose
         if self.network is None:
             return self.errors.forward(q, conditions or self.conditions)
         return self.forward_and_jacobian(q, conditions)[0]

@@ -1,6 +1,4 @@
-"""Cross-validation over configurations: the base model and the networks are fitted
-again in every fold.
-"""
+"""Cross-validation over configurations: base model and networks are fitted in every fold."""
 
 from collections.abc import Callable
 from dataclasses import replace

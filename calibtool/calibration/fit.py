@@ -78,11 +78,11 @@ def train(
     base: a model to identify first, or an identified calibration, which is used unchanged. frame:
     as for `identify`; by default that of the base calibration, or `taught`.
 
-    The default options are early stopping on `nominal` (the paper) and Bayesian regularisation on
-    every other base. With Bayesian regularisation the networks are kept only if cross-validation,
-    in which the base model is identified again in every fold, shows that they reduce the error.
-    With early stopping the validation part decides. The base model is identified from all
-    configurations.
+    Unless the options say otherwise, the regularisation is early stopping on `nominal` (the paper)
+    and Bayesian on every other base. With Bayesian regularisation the networks are kept only if
+    cross-validation, in which the base model is identified again in every fold, shows that they
+    reduce the error. With early stopping the validation part decides. The base model is identified
+    from all configurations.
 
     Raises InputError when `base` is a calibration of another robot, NoSolutionError where
     `identify` does.
@@ -90,13 +90,13 @@ def train(
     if isinstance(base, Calibration):
         check_same_robot(base.robot, measurements.robot, "the base calibration", "the measurements")
         base = base if frame is None else replace(base, networks=()).in_frame(frame)
-    if options is None:
-        options = TrainingOptions(regularisation="early-stopping" if base == "nominal" else "bayes")
+    options = options or TrainingOptions()
     chosen: FrameName = frame or "taught"
     check_choice(chosen, FRAMES, "frame")
     rng = np.random.default_rng(options.seed)
     fitted = on_base(measurements, base, options, rng, progress, chosen)
-    if options.regularisation != "bayes":
+    assert fitted.training is not None
+    if fitted.training.regularisation != "bayes":
         return fitted
 
     def again(rows: Measurements, stream: np.random.Generator) -> Calibration:
@@ -121,7 +121,8 @@ def on_base(
     frame: of a base model that is identified here; a calibration given as base keeps its own.
     """
     calibration = base if isinstance(base, Calibration) else identify(measurements, base, frame)
-    networks, report = _networks(measurements, calibration, options, rng, progress)
+    resolved = options.resolved(calibration.base.model)
+    networks, report = _networks(measurements, calibration, resolved, rng, progress)
     return replace(
         calibration,
         networks=networks,

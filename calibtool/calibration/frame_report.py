@@ -1,6 +1,4 @@
-"""Common part of the corrections in the frames of the fit, and the errors that
-remain without it.
-"""
+"""Common part of the corrections in the frames of the fit, and the remaining errors."""
 
 from dataclasses import dataclass, replace
 
@@ -41,11 +39,11 @@ class FrameReport:
     def lines(self) -> list[str]:
         """The same as lines of text."""
         if self.name == "taught":
-            says = "taught: commanded poses move as little as a rigid base and tool allow"
+            chosen = "taught: commanded poses move as little as a rigid base and tool allow"
         else:
-            says = "fitted: every commanded pose moves by the common part, too"
+            chosen = "fitted: every commanded pose moves by the common part, too"
         return [
-            f"frame {says}; common part: {self.common}",
+            f"frame {chosen}; common part: {self.common}",
             f"apart from the common part the robot is {_rms(self.position) * 1e3:.3g} mm and "
             f"{_rms(self.orientation) * 1e3:.3g} mrad rms from the drawing, at most "
             f"{self.position.max() * 1e3:.3g} mm and {self.orientation.max() * 1e3:.3g} mrad",

@@ -31,9 +31,7 @@ class Coverage:
 
     @property
     def outside(self) -> np.ndarray:
-        """(N,) bool: rows too far from the training in joint space, or
-        predicted too uncertainly.
-        """
+        """(N,) bool: rows too far from the training, or predicted too uncertainly."""
         return (self.distance > _DISTANCE) | (self.deviation > _UNCERTAINTY)
 
 
@@ -55,9 +53,7 @@ def coverage(calibration: Calibration, q: Array) -> Coverage:
 
 @dataclass(frozen=True, eq=False)
 class _Reference:
-    """Scaled configurations of the training, their largest spacing and predicted
-    standard deviation (m).
-    """
+    """Scaled configurations of the training, largest spacing and standard deviation (m)."""
 
     known: Array
     scale: Array

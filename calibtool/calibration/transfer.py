@@ -1,6 +1,4 @@
-"""Transfer of a calibration to a new set-up: only base and tool frame are fitted, to a few new
-rows.
-"""
+"""Transfer of a calibration to a new set-up: base and tool frame are fitted to a few rows."""
 
 from dataclasses import dataclass, replace
 

@@ -1,6 +1,4 @@
-"""Uncertainty of a calibrated pose from the posterior of the base model and the spread of the
-networks.
-"""
+"""Uncertainty of a calibrated pose from the posterior and the spread of the networks."""
 
 from dataclasses import dataclass
 from functools import lru_cache

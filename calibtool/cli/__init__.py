@@ -1,4 +1,4 @@
-"""The command line: every module parses, calls one library function, and writes."""
+"""The command line: modules parse options, call one library function, and write the result."""
 
 import os
 import sys

@@ -1,12 +1,12 @@
-"""Outputs in the making: a temporary file beside its place, which takes its place when it is whole.
+"""Atomic output: a temporary file beside its target, renamed to it when it is complete.
 
-It is called `.NAME.xxxxxxxx.calibtool-part` and locked by its maker. One without a lock was left by
-a process that was killed; the next output of the same name removes it.
+It is called `.NAME.xxxxxxxx.calibtool-part` and locked by its process. One without a lock was left
+by a process that was killed; the next output of the same name removes it.
 """
 
 import contextlib
-import fcntl
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +15,9 @@ from typing import BinaryIO
 
 from calibtool.cli.interrupts import held, unfinished
 
+if sys.platform != "win32":
+    import fcntl
+
 SUFFIX = ".calibtool-part"
 _NAME_BYTES = (
     200  # of the output's name, so that the whole stays below the 255 that file systems allow
@@ -22,17 +25,17 @@ _NAME_BYTES = (
 
 
 @dataclass(frozen=True)
-class Part:
-    """A temporary file, open for writing, and the place it is for."""
+class PartialFile:
+    """A temporary file, open for writing, and its target."""
 
     stream: BinaryIO
     temporary: str
     target: Path
 
     def publish(self, force: bool) -> None:
-        """Put the whole file in its place.
+        """Rename the complete file to its target.
 
-        FileExistsError without `force` if something stands there by now.
+        FileExistsError without `force` if the target exists by now.
         """
         self.stream.flush()
         _adopt_permissions(self.stream.fileno(), self.target)
@@ -51,8 +54,9 @@ class Part:
 
 
 @contextlib.contextmanager
-def staged(target: Path) -> Iterator[Part]:
-    """A part for `target`, in the same folder; gone when the block ends, published or not.
+def staged(target: Path) -> Iterator[PartialFile]:
+    """A partial file for `target` in the same folder; removed when the block ends without
+    `publish`.
 
     OSError if it cannot be made.
     """
@@ -70,12 +74,13 @@ def staged(target: Path) -> Iterator[Part]:
             with contextlib.suppress(
                 OSError
             ):  # no locks on this file system: nobody removes anything either
-                fcntl.flock(descriptor, fcntl.LOCK_EX)
+                if sys.platform != "win32":
+                    fcntl.flock(descriptor, fcntl.LOCK_EX)
             if os.path.exists(
                 temporary
             ):  # else taken for abandoned by another process, just before it was locked
                 break
-        yield Part(stream, temporary, target)
+        yield PartialFile(stream, temporary, target)
 
 
 def _close(stream: BinaryIO) -> None:
@@ -87,7 +92,7 @@ def _close(stream: BinaryIO) -> None:
 
 
 def remove_abandoned(folder: Path, mark: str) -> None:
-    """Remove parts that nobody is working on any more: those whose lock can be had."""
+    """Remove partial files of processes that have ended: those whose lock is free."""
     with contextlib.suppress(OSError):
         for name in os.listdir(folder):
             if (
@@ -102,14 +107,15 @@ def remove_abandoned(folder: Path, mark: str) -> None:
 def _remove_unlocked(path: str) -> None:
     descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        os.unlink(path)
+        if sys.platform != "win32":  # without locks nobody knows whether its process has ended
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.unlink(path)
     finally:
         os.close(descriptor)
 
 
 def _adopt_permissions(descriptor: int, target: Path) -> None:
-    """Those of the file that is replaced, or what the umask leaves of rw-rw-rw-."""
+    """Permissions of the replaced file, or rw-rw-rw- without the umask."""
     try:
         old = os.stat(target)
     except OSError:

@@ -75,9 +75,7 @@ def base_options(
     loss_function: str,
     drop_flagged: bool,
 ) -> "BaseOptions":
-    """The options as the library takes them; those of the complete model are refused
-    for another one.
-    """
+    """Options for the library; UsageError for options of the complete model with another model."""
     from dataclasses import replace
     from typing import cast
 

@@ -136,16 +136,16 @@ def compensate(
     (docs/numerics): ok, jump (the correction changes faster than the command), outside (of the
     training's configurations); partial, limited, near-singular, out-of-limits (a part of the error
     stays), uncorrected (all of it: as commanded) or unreachable (empty joints, exit code 4; the
-    other rows are written all the same). Poses without joints are a path: each row starts from the
+    other rows are written nevertheless). Poses without joints are a path: each row starts from the
     one before, jumps of the joints are reported. A calibration with backlash takes it up by the
     direction of each joint's corrected motion: rows must be in the order of motion.
 
-    Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how
-    many, by how much at most, and what was left alone and why. A target without an answer stops it,
-    and nothing is written. A program of which some poses are corrected and others, which it moves
-    to, are left is written, and the exit code is 4 (--partial: 0). The programs of a folder are
-    corrected together: give a folder for -o. Poses are written for the controller's own model,
-    --controller.
+    Of a program (docs/programs) only the numbers of joint and pose targets change; stderr reports
+    how many, by how much at most, and what was left alone and why. A target without an answer
+    stops it, and nothing is written. A program of which some poses are corrected and others, which
+    it moves to, are left is written, and the exit code is 4 (--partial: 0). The programs of a
+    folder are corrected together: give a folder for -o. Poses are written for the controller's own
+    model, --controller.
 
     Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv
     """

@@ -106,17 +106,17 @@ def evaluate(
         print_json(report)
     else:
         show_evaluation(report)
-    for errors, marked in zip(evaluation.methods, evaluation.marked, strict=True):
-        if marked:
+    for result in evaluation.results:
+        if result.marked:
             message(
-                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations "
-                "are corrected in part, or not at all (status of compensate)"
+                f"warning: {result.name}: {result.marked} of {evaluation.configurations} "
+                "configurations are corrected in part, or not at all (status of compensate)"
             )
-    for errors, far in zip(evaluation.methods, evaluation.outside, strict=True):
-        if far:
+    for result in evaluation.results:
+        if result.outside:
             message(
-                f"warning: {errors.name}: {far} of {evaluation.configurations} configurations are "
-                "unlike the training's"
+                f"warning: {result.name}: {result.outside} of {evaluation.configurations} "
+                "configurations are unlike the training's"
             )
     broken = broken_limits(evaluation.methods[1:], limits, evaluation.pose_tests[1:])
     if broken:
@@ -127,13 +127,13 @@ def show_evaluation(report: dict[str, object]) -> None:
     """The table for people."""
     from calibtool.evaluation.wording import words
 
-    said = words(report["kind"], report.get("before"))  # type: ignore[arg-type]
+    terms = words(report["kind"], report.get("before"))  # type: ignore[arg-type]
     methods = report["methods"]
     assert isinstance(methods, list)
     rows = [_cells(entry["name"], entry, entry["reduction_percent"]) for entry in methods]
     expected = report.get("expected")
     if isinstance(expected, dict):
-        rows[0][0], rows[1][0] = said.before, f"{said.after} ({expected['name']})"
+        rows[0][0], rows[1][0] = terms.before, f"{terms.after} ({expected['name']})"
         rows.append(_cells("expected, without noise", expected, {}))
     header = [
         "method",
@@ -149,7 +149,7 @@ def show_evaluation(report: dict[str, object]) -> None:
         "max −%",
     ]
     print_table(
-        f"{report['robot']}, {report['configurations']} configurations, {said.how}", header, rows
+        f"{report['robot']}, {report['configurations']} configurations, {terms.how}", header, rows
     )
     beyond = report.get("uncorrectable")
     if isinstance(beyond, dict):
@@ -164,8 +164,8 @@ def show_evaluation(report: dict[str, object]) -> None:
     if isinstance(test, dict):
         names = [entry["name"] for entry in methods]
         if report["kind"] == "measured":
-            names = [said.before, said.after]
-        how = said.how if report["kind"] == "measured" else "measured minus predicted"
+            names = [terms.before, terms.after]
+        how = terms.how if report["kind"] == "measured" else "measured minus predicted"
         _show_pose_test(test, how, names)
 
 

@@ -86,7 +86,7 @@ def identify(
     complete: every error with a tolerance, harmonics and gravity where the evidence asks for
     them, ± for each parameter. local-poe: initial relative poses only (Eq. 11), with rank,
     singular values and what cannot be observed. Where instrument and targets are unknown, base
-    and tool frame are free: --frame chooses, stderr says what they have in common with the
+    and tool frame are free: --frame chooses, stderr reports what they have in common with the
     drawing's and what remains.
 
     Example: calibtool identify measurements.h5 --model complete -o complete.h5
@@ -118,10 +118,10 @@ def identify(
             "calibrated_rms_mm": verdict.calibrated * 1e3,
             "still_helps": verdict.still_helps,
         }
-        says = "still helps" if verdict.still_helps else "no longer helps: identify again"
+        verdict_text = "still helps" if verdict.still_helps else "no longer helps: identify again"
         message(
             f"refitted {refit}: {verdict.calibrated * 1e3:.3g} mm rms on left-out rows, "
-            f"nominal {verdict.nominal * 1e3:.3g} mm: the calibration {says}"
+            f"nominal {verdict.nominal * 1e3:.3g} mm: the calibration {verdict_text}"
         )
     else:
         data = loaded(measurements, inputs)
@@ -162,9 +162,7 @@ def loaded(paths: list[str], inputs: dict[str, bytes]) -> "Measurements":
 
 
 def show_parameters(calibration: "Calibration", every: bool) -> None:
-    """The parameter table for people: the clearest errors, or every parameter, and the
-    strongest correlations.
-    """
+    """Table of the clearest errors, or of every parameter, and the largest correlations."""
     from calibtool.identification.report import parameter_rows, strongest_correlations
 
     rows = parameter_rows(calibration.base)
@@ -195,9 +193,7 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
 
 
 def report_target(output: str | None, json: bool) -> str | None:
-    """Where the file goes: with --json stdout is taken, and no file is
-    written unless one is named.
-    """
+    """Output path: with --json stdout is used, and a file is written only if one is named."""
     if json and output == "-":
         from calibtool.errors import UsageError
 
@@ -209,8 +205,9 @@ def report_calibration(
     calibration: "Calibration", schema: str, json: bool, extra: dict[str, object] | None = None
 ) -> None:
     """What came out: JSON on stdout, or a few lines on stderr."""
+    from calibtool.calibration.fit_summary import fit_lines
     from calibtool.identification.sufficiency import few_rows
-    from calibtool.summary import calibration_lines, calibration_summary
+    from calibtool.summary import calibration_summary
 
     few = few_rows(calibration.base, calibration.configurations)
     if few is not None:
@@ -218,5 +215,5 @@ def report_calibration(
     if json:
         print_json({**calibration_summary(calibration), **(extra or {}), "schema": schema})
         return
-    for line in calibration_lines(calibration):
+    for line in fit_lines(calibration):
         message(line)

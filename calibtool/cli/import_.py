@@ -107,11 +107,11 @@ def import_(
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(metavar="mm|m|in", help="Unit of lengths where the header does not say it."),
+        typer.Option(metavar="mm|m|in", help="Unit of lengths where the header does not state it."),
     ] = None,
     angle_unit: Annotated[
         str | None,
-        typer.Option(metavar="deg|rad", help="Unit of angles where the header does not say it."),
+        typer.Option(metavar="deg|rad", help="Unit of angles where the header does not state it."),
     ] = None,
     convention: Annotated[
         str | None,

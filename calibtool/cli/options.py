@@ -41,7 +41,7 @@ LargestChange = Annotated[
         "--largest-change-deg",
         metavar="DEG",
         help="A joint changes by no more (default: 50 times the size of the identified errors; "
-        "stderr says it).",
+        "stderr reports it).",
     ),
 ]
 RefitSetup = Annotated[
@@ -85,7 +85,7 @@ JointValuesOption = Annotated[
         "--joint-values",
         metavar="serial|controller",
         help="Whose joint values are read and written; "
-        "needed where they differ and no header or program format says it.",
+        "needed where they differ and no header or program format states it.",
     ),
 ]
 
@@ -101,7 +101,7 @@ TemperatureC = Annotated[
 
 
 def joint_values_of(value: str | None) -> "JointValues | None":
-    """What `--joint-values` says; UsageError for another word."""
+    """Value of `--joint-values`; UsageError for another word."""
     from calibtool.robot.coupling import JOINT_VALUES
 
     return (
@@ -124,7 +124,7 @@ def under(
 ) -> "Calibration":
     """The calibration for a payload and a temperature.
 
-    UsageError for one that it has no errors of.
+    UsageError for a condition without a family of errors in the calibration.
     """
     from calibtool.errormodel.operating_conditions import Conditions
     from calibtool.errors import UsageError

@@ -1,6 +1,4 @@
-"""Controller programs at the command line: the options of a filter, which format a file is in,
-and its summary.
-"""
+"""Options, formats and summaries of controller programs on the command line."""
 
 import os
 import re
@@ -61,7 +59,9 @@ OnError = Annotated[
 FramesFile = Annotated[
     str | None,
     typer.Option(
-        "--frames", metavar="FRAMES.toml", help="Frames and tools that poses of a program refer to."
+        "--frames",
+        metavar="FRAMES.toml",
+        help="Frames and tools that poses of a program refer to.",
     ),
 ]
 ControllerFile = Annotated[
@@ -114,9 +114,7 @@ External = Annotated[
 
 
 def recognised(path: str, head: bytes) -> str:
-    """The format of the input from its name and first bytes: `csv`, `ndjson` or a
-    controller program's.
-    """
+    """Format of the input from its name and first bytes: `csv`, `ndjson` or a program's."""
     text = head.decode("latin-1").removeprefix("\xef\xbb\xbf")
     first = next((line for line in text.splitlines() if line.strip()), "")
     suffix = "" if path == STREAM else Path(path).suffix.lower()
@@ -143,14 +141,14 @@ def program_options(
 ) -> "ProgramOptions":
     """The options of a program. InputError for a bad frames file."""
     from calibtool.programs.compensate import ProgramOptions
-    from calibtool.programs.frames import Frames, read_frames
+    from calibtool.programs.frames import NamedFrames, read_frames
 
     return ProgramOptions(
         method=method,
         outside=outside,
         on_error=on_error,
         joint_values=joint_values,
-        frames=Frames() if frames is None else read_frames(read_text(frames), shown(frames)),
+        frames=NamedFrames() if frames is None else read_frames(read_text(frames), shown(frames)),
         backlash=backlash,
         ignore_external=external == "ignore",
         largest_change=largest_change,
@@ -160,7 +158,7 @@ def program_options(
 
 
 def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "Mechanism | None":
-    """The kinematics that `--controller` names, None without it; says how far they are off."""
+    """Kinematics named by `--controller`, None without it; prints their distance."""
     if given is None and dh is None:
         return None
     from calibtool.controller.controller_model import read_controller_model
@@ -245,7 +243,7 @@ def compensate_folder(
     partial: bool,
     bounds: str,
 ) -> None:
-    """The same for all programs of a folder; those of one language are one program.
+    """The same for all programs of a folder; those of one language are treated as one program.
 
     All files are written or none.
     """

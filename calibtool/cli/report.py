@@ -47,7 +47,7 @@ def report(
     measured at corrected joints (see `evaluate`), before and after; then errors, error vectors,
     training, joint motions, parameters, flagged rows, observability, coverage, noise and
     provenance. The numbers are those of `evaluate`. The page loads nothing from anywhere, adapts to
-    light and dark, and prints. With a limit that is not met the page is written all the same, and
+    light and dark, and prints. With a limit that is not met the page is written nevertheless, and
     the exit code is 5.
 
     Example: calibtool report paper.h5 --on fresh.h5 --require position_max_mm=2 -o report.html

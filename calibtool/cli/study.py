@@ -155,13 +155,12 @@ def _perform(
     study: "Study", target: str | None, workers: int | None, cluster: str | None, force: bool
 ) -> "StudyTable":
     """Perform what is not finished yet, and write the table."""
-    import os
 
     from calibtool.errors import CalibtoolError
     from calibtool.evaluation.study import StudyTable
     from calibtool.evaluation.study.cluster import on_cluster
     from calibtool.evaluation.study.journal import Journal
-    from calibtool.evaluation.study.local import in_processes
+    from calibtool.evaluation.study.local import in_processes, processors
 
     # A stream or a device cannot be continued: no journal beside it.
     plain = (
@@ -177,7 +176,7 @@ def _perform(
         if cluster is not None:
             results = on_cluster(study, rest, cluster)
         else:
-            results = in_processes(study, rest, workers or len(os.sched_getaffinity(0)))
+            results = in_processes(study, rest, workers or processors())
         try:
             with interruptible():
                 for index, rows in counted(results, "runs", total=len(rest)):

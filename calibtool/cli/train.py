@@ -102,7 +102,7 @@ def train(
 
     The network learns the joint motion errors of the equivalent robot that the base model leaves
     over. With Bayesian regularisation it is kept only if cross-validation, with the base identified
-    again in every fold, says that it helps.
+    again in every fold, shows that it helps.
 
     Example: calibtool train measurements.h5 --base nominal --loss task -o paper.h5
     """
@@ -149,9 +149,8 @@ def train(
             loss_function,
             drop_flagged,
         )
-    if regularisation is None:
-        regularisation = "early-stopping" if base == "nominal" or optimizer == "gd" else "bayes"
-    choice(regularisation, ("bayes", "early-stopping"), "--regularisation")
+    if regularisation is not None:
+        choice(regularisation, ("bayes", "early-stopping"), "--regularisation")
     if regularisation == "bayes" and optimizer == "gd":
         raise UsageError(
             "--optimizer gd takes --regularisation early-stopping; bayes needs second derivatives"
@@ -159,7 +158,7 @@ def train(
     options = TrainingOptions(
         loss=cast(LossName, loss),
         optimiser=cast(Optimiser, optimizer),
-        regularisation=cast(Regularisation, regularisation),
+        regularisation=cast("Regularisation | None", regularisation),
         regressor=regressor,
         hidden=hidden,
         validation=validation,

@@ -1,6 +1,4 @@
-"""How much stderr says: -q only warnings and errors, -v also what is being done and
-how long it took.
-"""
+"""Verbosity of stderr: -q only warnings and errors, -v also the steps and their durations."""
 
 import sys
 from time import perf_counter

@@ -1,4 +1,4 @@
-"""How far a correction may go, what it makes up for, and what counts as done."""
+"""Bounds of a correction: largest change, weights of the components, usual remaining error."""
 
 from dataclasses import dataclass
 

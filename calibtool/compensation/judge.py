@@ -1,4 +1,4 @@
-"""The promise: joints are changed only where the calibrated model says that it is better so."""
+"""Acceptance of corrections: joints change only where the calibrated model improves."""
 
 from dataclasses import dataclass
 

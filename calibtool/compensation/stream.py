@@ -15,7 +15,7 @@ from calibtool.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.decimals import DECIMALS, decimal_rows
-from calibtool.compensation.jumps import CorrectionPath, Jump
+from calibtool.compensation.jumps import CorrectionJump, CorrectionPath
 from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.solve import Compensation, Method
 from calibtool.compensation.status import CORRECTED, DOUBTFUL, JUMP, MEANING, OK
@@ -52,7 +52,7 @@ class StreamOptions:
 
     backlash: take up the calibration's backlash; needs rows in the order of motion, see
     `BacklashPath`.
-    joint_values: whose joint values come in, where the header does not say it, and go out
+    joint_values: whose joint values come in, where the header does not state it, and go out
     (`Robot.joint_values`).
     largest_change (rad) and weights: see `default_bounds`.
     """
@@ -127,11 +127,11 @@ def compensate_stream(
 
     Joint columns are replaced by the corrected joints, in their units; pose columns give way to
     joints in degrees (mm if prismatic). Where the controller shows other values than the serial
-    chain's, the columns written say whose they are. Where a row has both, the pose is commanded and
-    the joints choose the branch. Other columns pass through; a column `status` is added, for n < 6
-    and with `verify` the remaining error under the calibrated model (`left_mm`, `left_mrad`), and
-    with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses in
-    order are a path: each starts from the row before, and jumps of the joints are reported. Rows
+    chain's, the columns written state whose they are. Where a row has both, the pose is commanded
+    and the joints choose the branch. Other columns pass through; a column `status` is added, for n
+    < 6 and with `verify` the remaining error under the calibrated model (`left_mm`, `left_mrad`),
+    and with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses
+    in order are a path: each starts from the row before, and jumps of the joints are reported. Rows
     whose correction changes faster than the command (`CorrectionPath`) have the status `jump`.
     Backlash is taken up along the rows, which must be in the order of motion then
     (`StreamOptions.backlash`). Raises InputError for the first bad row.
@@ -241,7 +241,7 @@ class _Corrector:
                 ]
         return added
 
-    def _note(self, table: Table, result: Compensation, jumps: dict[int, Jump]) -> None:
+    def _note(self, table: Table, result: Compensation, jumps: dict[int, CorrectionJump]) -> None:
         report = self.report
         report.rows += len(table)
         report.without_joints += int(np.isnan(result.q).any(axis=-1).sum())
@@ -267,10 +267,8 @@ class _Corrector:
                 text += f"; {millimetres:.3g} mm and {milliradians:.3g} mrad of the error stay"
             report.remark(f"{table.place(k)}: {text}")
 
-    def _size(self, jump: Jump) -> str:
-        factor, unit = (
-            (1e3, "mm") if self.calibration.robot.prismatic[jump.joint] else (180 / np.pi, "deg")
-        )
+    def _size(self, jump: CorrectionJump) -> str:
+        factor, unit = self.calibration.robot.display_unit(jump.joint)
         return f"joint {jump.joint + 1} by {jump.change * factor:.3g} {unit}"
 
     def _note_branches(self, table: Table, q: Array) -> None:

@@ -1,6 +1,4 @@
-"""Commanded targets: from tables to joint positions, and their correction with
-extrapolation guard.
-"""
+"""Commanded targets: from tables to joints, and correction with extrapolation guard."""
 
 from dataclasses import replace
 from typing import Literal
@@ -31,8 +29,8 @@ def read_configurations(
     """Joint positions (N, n) of the serial chain from a table of joints, or of poses by inverse
     kinematics from home.
 
-    joint_values: whose they are where the header does not say it. Raises UsageError where nothing
-    says it and it matters, InputError for a bad table, NoSolutionError naming the first pose that
+    joint_values: whose they are where the header does not state it. Raises UsageError where nothing
+    states it and it matters, InputError for a bad table, NoSolutionError naming the first pose that
     cannot be reached.
     """
     table = parse_table(text, name)

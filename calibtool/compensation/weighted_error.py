@@ -74,7 +74,7 @@ class Task:
 
     @property
     def is_part(self) -> bool:
-        """Whether the whole pose error says something beside the task."""
+        """Whether the whole pose error has more components than the task."""
         return self.components is not None and self.weights is None
 
     def of_jacobian(self, jacobian: Array, commanded: Array) -> Array:

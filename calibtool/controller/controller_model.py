@@ -1,4 +1,4 @@
-"""Which model a controller computes with: what a file says, compared with the nominal robot."""
+"""The kinematic model of a controller: read from a file and compared with the nominal robot."""
 
 import re
 from dataclasses import dataclass, replace
@@ -60,7 +60,7 @@ def read_controller_model(
         if dh is not None:
             raise UsageError(f"--dh is for a table of DH parameters, but {name} holds none")
         raise UsageError(
-            f"{name}: DH parameters do not say their convention; give --dh standard (a and alpha "
+            f"{name}: DH parameters do not state their convention; give --dh standard (a and alpha "
             "behind the joint) or --dh modified (Craig: before it)"
         )
     if kind != "urdf" and len(text) > _LARGEST:
@@ -160,8 +160,7 @@ def _compared(model: Robot, robot: Robot) -> ControllerModel:
 
 def _poses(model: Robot, robot: Robot) -> tuple[Array, Array]:
     """Tool poses of both at configurations of the nominal robot's joint range, (N, 4, 4)."""
-    part = np.random.default_rng(0).random((_CONFIGURATIONS, robot.n))
-    q = robot.lower + (robot.upper - robot.lower) * part
+    q = robot.anywhere(_CONFIGURATIONS, np.random.default_rng(0))
     return model.mechanism.forward(q), robot.mechanism.forward(q)
 
 

@@ -1,6 +1,4 @@
-"""Bayesian regularisation of a network (MacKay 1992; Foresee and Hagan 1997), which needs no
-validation rows.
-"""
+"""Bayesian regularisation of a network (MacKay 1992; Foresee and Hagan 1997)."""
 
 from dataclasses import dataclass
 

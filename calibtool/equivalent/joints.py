@@ -1,6 +1,4 @@
-"""The equivalent robot (Eqs. 12–17): actuated joints, virtual joints for n < 6, and
-its Jacobian J_ρ.
-"""
+"""The equivalent robot (Eqs. 12–17): actuated and virtual joints, and its Jacobian J_ρ."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -41,9 +39,7 @@ class EquivalentRobot:
         return [ELEMENTARY.index(name) for name in self.virtual_joints]
 
     def forward_and_jacobian(self, mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p), both in K_0 (Eq. 14), for q
-        (N, n) in rad or m.
-        """
+        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) in K_0 (Eq. 14) for q (N, n), rad or m."""
         pose, jacobian = mechanism.forward_and_jacobian(q)
         if not self.virtual_joints:
             return pose, jacobian

@@ -137,8 +137,6 @@ def affine(weights: Array, inputs: Array, bias: Array) -> Array:
 
 
 def input_scaling(q: Array) -> tuple[Array, Array]:
-    """Middle and half range of configurations q (K, n), (n,) each; the half range of a fixed joint
-    is 1.
-    """
+    """Middle and half range (n,) of configurations q (K, n); 1 for a fixed joint."""
     low, high = q.min(axis=0), q.max(axis=0)
     return readonly((low + high) / 2), readonly(np.where(high - low > 1e-9, (high - low) / 2, 1.0))

@@ -1,6 +1,4 @@
-"""Levenberg–Marquardt and gradient descent on a `Loss`, both with early stopping on a
-validation loss.
-"""
+"""Levenberg–Marquardt and gradient descent on a `Loss`, with early stopping."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -114,9 +112,7 @@ def run(
     validation: Loss | None,
     stopping: Stopping,
 ) -> tuple[Regressor, History]:
-    """Run an optimiser and keep the weights with the smallest validation loss
-    (or training loss).
-    """
+    """Run an optimiser and keep the weights with the smallest validation loss."""
 
     def judge(candidate: Regressor, training_value: float) -> float:
         return training_value if validation is None else validation.value(candidate)

@@ -1,6 +1,4 @@
-"""A random-feature regressor: a Gaussian process by its spectrum, linear in its weights (Rahimi
-and Recht 2007).
-"""
+"""Random features: a Gaussian process by its spectrum (Rahimi and Recht 2007)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

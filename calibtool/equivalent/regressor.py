@@ -1,6 +1,4 @@
-"""Protocol of a learned model of the joint motion errors: a function of q with weights and a
-Jacobian.
-"""
+"""Protocol of a learned model of the joint motion errors, with weights and Jacobian."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

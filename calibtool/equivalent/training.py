@@ -1,6 +1,6 @@
 """Train the network of the equivalent robot on the residuals of a base model."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -18,7 +18,7 @@ from calibtool.equivalent.optimisers import (
 )
 from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.regressors import REGRESSORS
-from calibtool.errors import check_choice, check_number
+from calibtool.errors import UsageError, check_choice, check_number
 from calibtool.progress import Progress, silent
 from calibtool.robot.se3 import Array
 
@@ -37,7 +37,8 @@ class TrainingOptions:
     optimiser       `lm`: Levenberg and Marquardt; `gd`: gradient descent (Eq. 22)
     regularisation  `bayes`: all rows train, every restart is a member of an ensemble that is
                     averaged; `early-stopping` (the paper): a validation part stops the training and
-                    chooses the best restart
+                    chooses the best restart; None: `early-stopping` for `gd` and on the nominal
+                    robot, `bayes` on every other base model (`resolved`)
     regressor       learned model: `tanh`, the network of the paper, or `random-features`, a
                     Gaussian process's spectrum
     hidden          nodes or features, √(6n) or 60 unless given
@@ -49,7 +50,7 @@ class TrainingOptions:
 
     loss: LossName = "task"
     optimiser: Optimiser = "lm"
-    regularisation: Regularisation = "early-stopping"
+    regularisation: Regularisation | None = None
     regressor: str = "tanh"
     hidden: int | None = None
     validation: float = 0.5
@@ -60,13 +61,25 @@ class TrainingOptions:
     def __post_init__(self) -> None:
         check_choice(self.loss, get_args(LossName), "loss")
         check_choice(self.optimiser, get_args(Optimiser), "optimiser")
-        check_choice(self.regularisation, get_args(Regularisation), "regularisation")
+        if self.regularisation is not None:
+            check_choice(self.regularisation, get_args(Regularisation), "regularisation")
+        if self.regularisation == "bayes" and self.optimiser == "gd":
+            raise UsageError(
+                "gradient descent takes early stopping; bayes needs second derivatives"
+            )
         check_choice(self.regressor, tuple(REGRESSORS), "regressor")
         check_number(1 if self.hidden is None else self.hidden, "hidden nodes", 1)
         check_number(self.validation, "validation part", 0, below=1)
         check_number(self.restarts, "restarts", 1)
         check_number(self.folds, "folds", 2)
         check_number(self.seed, "seed", 0)
+
+    def resolved(self, base_model: str) -> "TrainingOptions":
+        """The same with the regularisation that None stands for on a base model of this name."""
+        if self.regularisation is not None:
+            return self
+        paper = self.optimiser == "gd" or base_model == "nominal"
+        return replace(self, regularisation="early-stopping" if paper else "bayes")
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,9 +115,7 @@ class TrainingReport:
 def split_rows(
     count: int, validation: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (k,) and (count − k,) of the training and validation rows of `count`
-    configurations, both sorted.
-    """
+    """Sorted indices (k,) and (count − k,) of the training and validation rows."""
     order = rng.permutation(count)
     held = round(count * validation)
     return np.sort(order[held:]), np.sort(order[:held])
@@ -123,7 +134,8 @@ def train_networks(
     q (K, n) in rad or m; G (K, d, p) = Σ^(−1/2) P J_ρ; y (K, d) weighted residuals of the base
     model.
     """
-    bayes = options.regularisation == "bayes"
+    regularisation = options.regularisation or "early-stopping"
+    bayes = regularisation == "bayes"
     training_rows, validation_rows = split_rows(len(q), 0.0 if bayes else options.validation, rng)
     loss = (task_loss if options.loss == "task" else joint_loss)(q, G, y)
     training = loss.rows(training_rows)
@@ -166,7 +178,7 @@ def train_networks(
         effective=effective,
         loss=options.loss,
         optimiser=options.optimiser,
-        regularisation=options.regularisation,
+        regularisation=regularisation,
         hidden=hidden,
     )
     if bayes:

@@ -1,3 +1,1 @@
-"""Errors of a robot by family, one file each: effect on the robot, identification, storage,
-simulation and text.
-"""
+"""Families of errors, one file each: effect, identification, storage, simulation and text."""

@@ -9,9 +9,7 @@ from calibtool.robot.se3 import Array
 
 
 class Backlash(JointFunctions):
-    """Half widths w_j (n,) in rad or m; d_j is the direction of the joint's last motion,
-    see `directions`.
-    """
+    """Half widths w_j (n,), rad or m; d_j: direction of the last motion, see `directions`."""
 
     id, symbol, ascii, kind = "backlash", "backlash", "backlash", "backlash"
     words, unit, size = "backlash", "rad or m", 0.1e-3

@@ -79,9 +79,7 @@ def offset_columns(frames: Frames, twists: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Sizes:
-    """Magnitudes of simulated errors, SI: lengths and angles of the geometry, and that of another
-    kind.
-    """
+    """Magnitudes of simulated errors, SI: lengths, angles, and that of another kind."""
 
     length: float
     angle: float
@@ -167,17 +165,13 @@ class Family(ABC):
         return np.full(shape, 1e3), per_joint
 
     def told(self, robot: Robot, value: Array, free: np.ndarray) -> str:
-        """Text about the family in the description of a model; free (*shape)
-        bool: its parameters.
-        """
+        """Text about the family for the description of a model; free (*shape) bool."""
         return self.words
 
     # --- the robot ---
 
     def placed(self, value: Array, placements: Array, rows: Rows | None) -> Array:
-        """Joint placements M_j (n+1, 4, 4), or (N, n+1, 4, 4) where the family
-        changes them by row.
-        """
+        """Joint placements M_j (n+1, 4, 4), or (N, n+1, 4, 4) if they change by row."""
         return placements
 
     def twisted(self, value: Array, twists: Array) -> Array:

@@ -10,9 +10,7 @@ from calibtool.robot.se3 import Array
 
 
 class Gravity(JointFunctions):
-    """Compliances c_j (n,) in rad per N m of `gravity_torque`; zero for
-    joints that carry no load.
-    """
+    """Compliances c_j (n,) in rad per N m of `gravity_torque`; zero without load."""
 
     id, symbol, ascii, kind = "gravity", "gravity", "gravity", "gravity"
     words, unit, size = "wind-up under gravity", "rad/(N m)", 0.5e-3

@@ -44,7 +44,7 @@ class Harmonics(JointFunctions):
         return np.full(shape, tolerances.of.get(self.id, 0.3e-3))
 
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
-        """A gear's first orders are often large, and say nothing about how fine the rest is."""
+        """A gear's first orders are often large; they have a scale of their own."""
         return np.broadcast_to(np.arange(shape[1]) // 2 >= LOW_ORDERS, shape).astype(int)
 
     def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:

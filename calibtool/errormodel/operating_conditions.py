@@ -35,9 +35,7 @@ class Conditions:
         )
 
     def alike(self, count: int) -> Iterator[tuple[Self, np.ndarray]]:
-        """Groups of `count` rows with equal payload and temperature: these numbers and the row
-        indices.
-        """
+        """Groups of rows with equal payload and temperature: numbers and row indices."""
         columns = [v for v in (self.payload_kg, self.temperature_c) if v is not None and np.ndim(v)]
         if not columns:
             yield replace(self, direction=None), np.arange(count)

@@ -1,5 +1,4 @@
-"""What a mass at the tool does: joints wind up about their axes and bend across them, in
-proportion to its moment.
+"""Payload: joints wind up about their axes and bend across them, in proportion to its moment.
 
 A joint is a spring: a moment m turns what it carries by c m about its axis and by b m across it.
 The mass stands at the origin of the tool frame, the moments are those of the nominal robot.

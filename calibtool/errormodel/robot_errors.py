@@ -1,6 +1,4 @@
-"""Errors of a robot, {family: value}, and the kinematics with them; exact,
-nothing is linearised.
-"""
+"""Errors of a robot, {family: value}, and the kinematics with them; nothing is linearised."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -75,9 +73,7 @@ class RobotErrors:
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """Kinematics without the errors that change by row: joint motions,
-        payload and temperature.
-        """
+        """Kinematics without joint motions, payload and temperature."""
         twists, offset = self.twists, np.zeros(self.robot.n)
         for family in FAMILIES:
             offset = offset + family.offset(self.values[family.id])
@@ -138,9 +134,7 @@ class RobotErrors:
         return motion
 
     def _placements(self, rows: Rows | None) -> Array:
-        """M_j with their errors (n+1, 4, 4), or (N, n+1, 4, 4) where they
-        change from row to row.
-        """
+        """M_j with errors (n+1, 4, 4), or (N, n+1, 4, 4) if they change by row."""
         placements = self.robot.chain.placements
         for family in reversed(FAMILIES):
             placements = family.placed(self.values[family.id], placements, rows)

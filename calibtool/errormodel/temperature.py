@@ -11,9 +11,7 @@ STEEL_EXPANSION = 12e-6  # per K
 
 
 class Temperature(Family):
-    """Expansion coefficients (n+1,) per K of the links before each joint and the tool; 0 without
-    length.
-    """
+    """Expansion coefficients (n+1,) per K of the links before each joint and the tool."""
 
     id, symbol, ascii, kind = "temperature", "growth", "growth", "thermal"
     words, unit, size = "thermal growth of the links", "1/K", STEEL_EXPANSION

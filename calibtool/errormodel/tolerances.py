@@ -44,9 +44,7 @@ class Tolerances:
         )
 
     def elements(self, n: int) -> Array:
-        """Of the six elements of a geometric error at each of n joints and the tool:
-        (n+1, 6), m and rad.
-        """
+        """Six elements of a geometric error per joint and tool: (n+1, 6), m and rad."""
         length, angle = np.full(n + 1, self.length), np.full(n + 1, self.angle)
         for joint, joint_length, joint_angle in self.joints:
             length[joint], angle[joint] = joint_length, joint_angle

@@ -1,6 +1,4 @@
-"""Errors δξ of the joint twists: exp6((ξ_j + δξ_j) q_j), exact for finite joint
-motions (Eqs. 8, 10).
-"""
+"""Errors δξ of the joint twists: exp6((ξ_j + δξ_j) q_j), not linearised (Eqs. 8, 10)."""
 
 import numpy as np
 

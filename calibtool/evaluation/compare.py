@@ -1,6 +1,6 @@
 """Evaluation of methods on measurements, side by side with the nominal robot."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -14,7 +14,7 @@ from calibtool.compensation.status import DOUBTFUL
 from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import NoSolutionError, UsageError, check_choice
-from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
+from calibtool.evaluation.metrics import MethodErrors, MethodResult, pose_statistics, summary
 from calibtool.evaluation.observed import errors_against, point_errors
 from calibtool.evaluation.pose_test import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.proof import Before, Proof, prove
@@ -29,23 +29,20 @@ _UNBOUNDED = Bounds(np.inf, (np.inf, np.inf))
 Kind = Literal["compensated", "predicted", "measured"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
-    """The first method is the nominal robot.
+    """Methods side by side; `evaluation["complete"].position.mean` is one number of them.
 
     kind           `compensated`: the actual robot was driven to the corrected joints and observed
                    without noise; `predicted`: difference between measured and predicted target
                    points, what to expect of a correction; `measured`: commanded against measured
                    points, the arm driven to the commands (nominal) and to the corrected joints (the
                    one calibration), see `proof`
-    marked         (methods,) how many rows were corrected in part, or not at all
-                   (`status.DOUBTFUL`)
-    outside        (methods,) how many rows are unlike the configurations of the training
-    uncorrectable  what stays whatever the method, a row for every pose that the actual robot cannot
-                   take (n < 6, or out of reach of an arm that is shorter than drawn): nearest pose
-                   against commanded one; None where every pose can be taken, or that is not known
-    correctable    the methods' errors against the nearest pose that the actual robot can take;
-                   `methods` where `uncorrectable` is None
+    results        of every method, the nominal robot first
+    uncorrectable  remaining error of every method, a row for every pose that the actual robot
+                   cannot take (n < 6, or out of reach of an arm that is shorter than drawn):
+                   nearest pose against commanded one; None where every pose can be taken, or that
+                   is not known
     pose_test      ISO 9283, from the measured points, where configurations were measured
                    repeatedly; else None
     proof          of kind `measured`: what was expected, and whether `before` was
@@ -55,33 +52,45 @@ class Evaluation:
     robot: str
     configurations: int
     kind: Kind
-    methods: list[MethodErrors]
-    marked: list[int]
-    outside: list[int] = field(default_factory=list)
+    results: tuple[MethodResult, ...]
     uncorrectable: MethodErrors | None = None
-    correctable: list[MethodErrors] = field(default_factory=list)
     pose_test: PoseTest | None = None
     proof: Proof | None = None
 
+    def __getitem__(self, name: str) -> MethodResult:
+        """The result of a method by its name. Raises KeyError for a name that is not there."""
+        for result in self.results:
+            if result.name == name:
+                return result
+        raise KeyError(f"no method '{name}'; there are {', '.join(r.name for r in self.results)}")
+
+    def __repr__(self) -> str:
+        lines = (f"  {result!r}" for result in self.results)
+        head = f"<Evaluation of {self.robot} at {self.configurations} configurations, {self.kind}"
+        return "\n".join([head, *lines]) + ">"
+
+    @property
+    def methods(self) -> list[MethodErrors]:
+        """Whole errors of every method."""
+        return [result.errors for result in self.results]
+
     @property
     def before(self) -> Before | None:
-        """How the errors before the correction were obtained, for kind
-        `measured`; otherwise None.
-        """
+        """How errors before the correction were obtained (kind `measured`); or None."""
         return None if self.proof is None else self.proof.before_is
 
     @property
     def pose_tests(self) -> list[PoseTest | None]:
         """ISO 9283 of every method alone."""
         test = self.pose_test
-        return [None if test is None else test.alone(k) for k in range(len(self.methods))]
+        return [None if test is None else test.alone(k) for k in range(len(self.results))]
 
     def as_json(self) -> dict[str, object]:
         """The object that `evaluate --json` prints: its keys are what scripts use.
 
         Statistics are those of the whole errors, reductions those of the correctable part.
         """
-        parts = self.correctable or self.methods
+        nominal = self.results[0].correctable
         result: dict[str, object] = {
             "schema": "calibtool/evaluation",
             "schema_version": 1,
@@ -89,8 +98,7 @@ class Evaluation:
             "configurations": self.configurations,
             "kind": self.kind,
             "methods": [
-                summary(part, parts[0], whole)
-                for part, whole in zip(parts, self.methods, strict=True)
+                summary(result.correctable, nominal, result.errors) for result in self.results
             ],
         }
         if self.uncorrectable is not None:
@@ -140,7 +148,7 @@ def evaluate(
         return _proved(calibrations, measurements, before, refit_setup)
     measurements = judged_rows(measurements)
     every: list[tuple[str, Calibration | None]] = [("nominal", None), *calibrations]
-    methods, correctable, marked, far = [], [], [], []
+    results: list[MethodResult] = []
     driven = measurements.truth is not None and measurements.setup.further_frames is None
     driven = driven and measurements.kind == "points"
     nearest, uncorrectable = _nearest_poses(measurements)
@@ -158,30 +166,25 @@ def evaluate(
             errors, part, count = _compensated(
                 name, calibration, measurements, measurements.truth, nearest, method, outside
             )
-            correctable.append(part)
         else:
             first = calibrations[0][1] if calibrations else None
             errors = _predicted(name, calibration, first, measurements, refit_setup, outside)
-        methods.append(errors)
-        marked.append(count)
-        far.append(int(unlike.sum()))
+            part = errors
+        results.append(MethodResult(errors, part, count, int(unlike.sum())))
     return Evaluation(
         robot=measurements.robot.name,
         configurations=len(measurements),
         kind="compensated" if driven else "predicted",
-        methods=methods,
-        marked=marked,
-        outside=far,
+        results=tuple(results),
         uncorrectable=uncorrectable,
-        correctable=correctable,
-        pose_test=_pose_test(every, measurements, methods, refit_setup, outside),
+        pose_test=_pose_test(
+            every, measurements, [r.errors for r in results], refit_setup, outside
+        ),
     )
 
 
 def judged_rows(measurements: Measurements) -> Measurements:
-    """The rows that `evaluate` judges: whole observations, or all where a simulation can
-    be driven again.
-    """
+    """Rows that `evaluate` judges: whole observations, or all of a simulation."""
     if measurements.truth is not None and measurements.commanded is None:
         return measurements
     seen = measurements.setup.kind.weights(measurements.readings, 1.0, 1.0) > 0
@@ -215,9 +218,14 @@ def _proved(
         robot=after.robot.name,
         configurations=len(after),
         kind="measured",
-        methods=[proof.before, proof.after],
-        marked=[0, 0],
-        outside=[0, int(coverage(calibration, after.q).outside.sum())],
+        results=(
+            MethodResult(proof.before, proof.before),
+            MethodResult(
+                proof.after,
+                proof.after,
+                outside=int(coverage(calibration, after.q).outside.sum()),
+            ),
+        ),
         pose_test=proof.pose_test,
         proof=proof,
     )

@@ -1,6 +1,4 @@
-"""Errors as an instrument observes them: target points or a sensor, compared
-with those of poses.
-"""
+"""Errors as an instrument observes them: target points or a sensor."""
 
 from calibtool.evaluation.metrics import MethodErrors
 from calibtool.measurement.measurements import Measurements, Setup, determines_orientation

@@ -62,7 +62,7 @@ class RobotCheck:
         robot = self.robot
         joints = []
         for j, prismatic in enumerate(robot.prismatic):
-            factor, unit = (1e3, "mm") if prismatic else (180.0 / np.pi, "deg")
+            factor, unit = robot.display_unit(j)
             twist = robot.chain.twists[j]
             joints.append(
                 {
@@ -125,7 +125,7 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     """
     rng = np.random.default_rng(0)
     place = robot.source.place
-    anywhere = robot.lower + (robot.upper - robot.lower) * rng.random((_REACH_SAMPLES, robot.n))
+    anywhere = robot.anywhere(_REACH_SAMPLES, rng)
     tools = robot.mechanism.forward(anywhere)[:, :3, 3]
     first = robot.chain.placements[0, :3, 3]
     if robot.singularity_distance(anywhere).max() < MIN_SINGULARITY_DISTANCE:
@@ -168,7 +168,7 @@ def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
     outside = np.flatnonzero((home < robot.lower - 1e-9) | (home > robot.upper + 1e-9))
     if len(outside):
         j = int(outside[0])
-        factor = 1e3 if robot.prismatic[j] else 180 / np.pi
+        factor, _ = robot.display_unit(j)
         low, value, high = (f"{v * factor:.6g}" for v in (robot.lower[j], home[j], robot.upper[j]))
         raise InputError(
             f"{place}: workspaces.{name}.home: {robot.columns(None)[j]} = {value} is outside its "

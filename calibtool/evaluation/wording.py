@@ -63,9 +63,7 @@ def words(kind: Kind, before: Before | None) -> Words:
 
 
 def brought(evaluation: Evaluation, name: str, before: str, after: str) -> str:
-    """Sentence that a calibration reduces the mean position error; before,
-    after: texts with units.
-    """
+    """Sentence that a calibration reduces the mean error; before, after: text with units."""
     if evaluation.kind == "predicted":
         return (
             f"After correction by {name} a mean position error of {after} is to be expected; "

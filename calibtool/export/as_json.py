@@ -1,6 +1,4 @@
-"""A calibration as JSON: complete, so that a reader needs no URDF, no
-catalogue and no calibtool.
-"""
+"""A calibration as JSON, complete without URDF, catalogue and calibtool."""
 
 import json
 from typing import Any

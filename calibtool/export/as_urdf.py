@@ -1,6 +1,4 @@
-"""A calibration as a URDF: joint origins identified again, and what a URDF cannot
-hold, with its size.
-"""
+"""A calibration as a URDF: fitted joint origins, and the errors that it cannot hold."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator

@@ -1,6 +1,4 @@
-"""What the templates name, and how they are rendered: the same numbers for C and for
-Structured Text.
-"""
+"""Rendering of the templates: the same numbers for C and for Structured Text."""
 
 import re
 import textwrap
@@ -51,9 +49,7 @@ def render(template: str, values: dict[str, Any], **filters: Callable[..., str])
 
 
 def digits(value: float, precision: Precision) -> str:
-    """A decimal constant that reads back as exactly this number (17 digits), or as the
-    nearest single one (9).
-    """
+    """A decimal constant that reads back as this number (17 digits) or in single (9)."""
     text = f"{value:.17g}" if precision == "double" else f"{float(np.float32(value)):.9g}"
     if "." in text:
         return text
@@ -230,9 +226,7 @@ def _cost(calibration: Calibration, converted: bool) -> str:
 
 
 def _motion(errors: RobotErrors) -> dict[str, Any]:
-    """The joint-motion functions: how many harmonics, whether there is
-    gravity, and their numbers.
-    """
+    """Joint-motion functions: number of harmonics, gravity, and their numbers."""
     masses, centres, gravity = link_masses(errors.robot)
     return {
         "orders": errors["harmonics"].shape[1] // 2 if errors["harmonics"].any() else 0,

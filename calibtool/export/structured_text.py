@@ -1,6 +1,4 @@
-"""A calibration as IEC 61131-3 Structured Text: one function block with the one-step
-correction (Eq. 24).
-"""
+"""A calibration as a function block of IEC 61131-3 Structured Text (Eq. 24)."""
 
 import re
 from collections.abc import Callable

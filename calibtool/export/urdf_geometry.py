@@ -90,7 +90,5 @@ def _pose_error(robot: Robot, target: Array, frames: Frames) -> Array:
 
 
 def _weighted(robot: Robot, twists: Array, frames: Frames) -> Array:
-    """Twists of K_0 (N, 6, c) seen at the tool point, translations over
-    the characteristic length.
-    """
+    """Twists of K_0 (N, 6, c) at the tool point, translations over the length."""
     return scale_rows(at_point(twists, frames.tool[:, :3, 3]), robot.length)

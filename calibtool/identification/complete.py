@@ -32,6 +32,7 @@ from calibtool.identification.sufficiency import check_rows
 from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
+from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.inverse_starts import drawn
 from calibtool.robot.se3 import Array, readonly
 
@@ -186,9 +187,7 @@ def _predicts_better(measurements: Measurements, larger: _Fit, smaller: _Fit) ->
     The evidence alone takes joints that repeat badly for fine structure, or for backlash where the
     order of the rows is not that of the motion: its noise has no such thing.
     """
-    rows = np.unique(
-        np.linspace(0, len(measurements) - 1, min(len(measurements), _JUDGED)).astype(int)
-    )
+    rows = spread_rows(len(measurements), _JUDGED)
     part = measurements.rows(rows)
     before, after = (
         held_out_squares(part, fit.parameters, fit.state, fit.covariance, fit.noise_factor)

@@ -1,6 +1,4 @@
-"""Rank of a design: what a set of configurations can determine, and names of
-the other directions.
-"""
+"""Rank of a design: which directions a set of configurations determines."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,4 @@
-"""Evidence: noise, tolerances and choice of the model from a Gaussian approximation (MacKay;
-Savage–Dickey).
-"""
+"""Evidence: noise, tolerances and model choice from a Gaussian approximation."""
 
 from dataclasses import dataclass
 
@@ -19,9 +17,7 @@ _ROUNDING = 1e-12  # of the largest eigenvalue: a smaller negative one is zero
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A step of the parameters (p,), its covariance, and tolerances, noise and γ that maximise the
-    evidence.
-    """
+    """Step of the parameters (p,), covariance, tolerances, noise and γ at maximum evidence."""
 
     step: Array
     covariance: Array

@@ -107,9 +107,7 @@ def _placements(robot: Robot, setup: Setup) -> Parameters:
 def _seen_anywhere(measurements: Measurements, state: State, parameters: Parameters) -> Array:
     """Weighted identification matrix (M, p) of configurations all over the joint range."""
     robot, rng = measurements.robot, np.random.default_rng(0)
-    context = state.errors.context(
-        robot.lower + (robot.upper - robot.lower) * rng.random((100, robot.n))
-    )
+    context = state.errors.context(robot.anywhere(100, rng))
     columns = observation_matrix(state.setup, context.frames.tool) @ parameters.pose_columns(
         context
     )

@@ -113,7 +113,7 @@ def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
     tests = measurements.robot.n * flagged
     if chance * tests > _CLUSTER_SIGNIFICANCE:
         return None
-    unit, factor = ("mm", 1e3) if measurements.robot.prismatic[j] else ("deg", 180.0 / np.pi)
+    factor, unit = measurements.robot.display_unit(j)
     return (
         f"{take} of {flagged} flagged rows have joint {j + 1} between {low * factor:.4g} and "
         f"{high * factor:.4g} {unit}, where {inside} of all {count} rows are: look at joint "

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibtool.errormodel.actual import ActualRobot
 from calibtool.errormodel.operating_conditions import Conditions
@@ -88,7 +89,7 @@ class Truth:
     setup: Setup
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Measurements:
     """N configurations and the observations made there.
 
@@ -189,6 +190,92 @@ class Measurements:
             ).all():
                 raise InputError("measurements: a standard deviation is not above zero")
 
+    @classmethod
+    def from_points(
+        cls,
+        robot: Robot,
+        q: ArrayLike,
+        points: ArrayLike,
+        *,
+        noise: float = 0.05e-3,
+        targets: ArrayLike | None = None,
+        T_instrument_base: ArrayLike | None = None,
+    ) -> Self:
+        """Measurements of target points from arrays.
+
+        q                  (N, n) joint positions of the serial chain, rad or m
+        points             (N, m, 3), or (N, 3) for one target: measured in the instrument's frame,
+                           m; NaN for a target that was not seen
+        noise              standard deviation of a coordinate, m
+        targets            (m, 3) target points in the tool frame, m
+        T_instrument_base  (4, 4) pose of K_0 in the instrument's frame
+
+        What is not given of the set-up is registered with the nominal robot. Raises InputError for
+        arrays that do not fit, NoSolutionError where too few rows register it.
+        """
+        points = np.asarray(points, dtype=float)
+        points = points[:, None, :] if points.ndim == 2 else points
+        known = targets is not None
+        setup = Setup(
+            T_instrument_base=_pose(T_instrument_base),
+            targets=readonly(targets if known else np.zeros(points.shape[1:])),
+            frame_known=T_instrument_base is not None,
+            targets_known=known,
+        )
+        return cls(robot, readonly(q), readonly(points), None, setup, noise, 1e-3)._registered()
+
+    @classmethod
+    def from_poses(
+        cls,
+        robot: Robot,
+        q: ArrayLike,
+        T_instrument_sensor: ArrayLike,
+        *,
+        noise: float = 0.05e-3,
+        noise_orientation: float = 0.1e-3,
+        T_tool_sensor: ArrayLike | None = None,
+        T_instrument_base: ArrayLike | None = None,
+    ) -> Self:
+        """Measurements of a 6-D sensor on the tool from arrays.
+
+        q                    (N, n) joint positions of the serial chain, rad or m
+        T_instrument_sensor  (N, 4, 4) measured poses, m
+        noise, noise_orientation   standard deviations of a coordinate, m, and of a rotation, rad
+        T_tool_sensor        (4, 4) pose of the sensor in the tool frame
+        T_instrument_base    (4, 4) pose of K_0 in the instrument's frame
+
+        What is not given of the set-up is registered with the nominal robot. Raises InputError for
+        arrays that do not fit, NoSolutionError where too few rows register it.
+        """
+        poses = np.asarray(T_instrument_sensor, dtype=float)
+        check_poses(poses, "measured poses")
+        T_sensor = _pose(T_tool_sensor)
+        setup = Setup(
+            T_instrument_base=_pose(T_instrument_base),
+            targets=readonly(T_sensor[None, :3, 3]),
+            R_tool_sensor=readonly(T_sensor[:3, :3]),
+            frame_known=T_instrument_base is not None,
+            targets_known=T_tool_sensor is not None,
+        )
+        points, rotations = readonly(poses[:, None, :3, 3]), readonly(poses[:, :3, :3])
+        return cls(
+            robot, readonly(q), points, rotations, setup, noise, noise_orientation
+        )._registered()
+
+    def _registered(self) -> Self:
+        if self.setup.known:
+            return self
+        from calibtool.measurement.registration import register  # which needs this module
+
+        return replace(self, setup=register(self))
+
+    def __repr__(self) -> str:
+        observed = self.setup.kind.words.format(m=self.points.shape[1])
+        return (
+            f"<Measurements of {self.robot.name}: {len(self)} configurations, {observed}, "
+            f"noise {self.noise_position * 1e3:g} mm>"
+        )
+
     def __len__(self) -> int:
         return len(self.q)
 
@@ -250,6 +337,15 @@ class Measurements:
             commanded=chosen(self.commanded),
             conditions=self.conditions.rows(index),
         )
+
+
+def _pose(given: ArrayLike | None) -> Array:
+    """A pose (4, 4), or the identity."""
+    if given is None:
+        return readonly(np.eye(4))
+    pose = readonly(given)
+    check_poses(pose[None], "pose")
+    return pose
 
 
 def determines_orientation(targets: Array) -> bool:

@@ -27,7 +27,7 @@ def sample_configurations(
     while found < count:
         batch = max(2 * (count - found), 50)
         drawn = (
-            _uniform(robot, batch, rng)
+            robot.anywhere(batch, rng)
             if workspace is None
             else _poses(robot, workspace, batch, rng)
         )
@@ -47,8 +47,9 @@ def sample_configurations(
     return np.concatenate(accepted)[:count]
 
 
-def _uniform(robot: Robot, count: int, rng: np.random.Generator) -> Array:
-    return robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
+def spread_rows(count: int, most: int) -> np.ndarray:
+    """Indices of at most `most` of `count` rows, evenly spread from the first to the last."""
+    return np.linspace(0, count - 1, min(count, most)).astype(int)
 
 
 def _poses(robot: Robot, workspace: Workspace, count: int, rng: np.random.Generator) -> Array:

@@ -72,9 +72,7 @@ class Plan:
 
     @property
     def table(self) -> str:
-        """CSV of the joints, which `simulate --at` reads and a
-        controller's list can be made from.
-        """
+        """CSV of the joints, for `simulate --at` and for the controller."""
         return joint_table(self.knowledge.robot, self.q, joint_values=self.joint_values)
 
     def as_json(self) -> dict[str, object]:

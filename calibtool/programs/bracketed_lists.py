@@ -1,4 +1,4 @@
-"""Bracketed lists and arguments in program text: where each element stands."""
+"""Bracketed lists and arguments in program text, as spans of their elements."""
 
 import re
 from array import array

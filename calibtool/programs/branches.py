@@ -1,6 +1,4 @@
-"""Joint positions for the poses of a program: inverse kinematics on the branch that is meant,
-for many at once.
-"""
+"""Joint positions for the poses of a program: inverse kinematics by branch, in batches."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -25,9 +23,7 @@ _SAME = 1e-6  # rad or m: nearer joint positions are one answer
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """The nominal robot as its controller counts joints: q_serial = coupling @ q_controller,
-    coupling (n, n).
-    """
+    """The nominal robot in controller joints: q_serial = coupling @ q_controller, (n, n)."""
 
     robot: Robot
     coupling: Array
@@ -40,9 +36,7 @@ class Controller:
 
     @cached_property
     def home(self) -> Array:
-        """Where the robot is taken to stand if nothing is known: the home of its default
-        workspace, (n,).
-        """
+        """Assumed joint positions (n,) where nothing is known: home of the default workspace."""
         return self.robot.home(self.robot.workspace(None)[1])
 
     def to_serial(self, q: Array) -> Array:
@@ -178,7 +172,7 @@ class _Search:
 
     @property
     def tolerance(self) -> float:
-        """What counts as reached, as in `inverse_kinematics`."""
+        """Tolerance of a solution, as in `inverse_kinematics`."""
         return 1e-8 if self.controller.robot.n >= 6 else 1e-5
 
     def newton(self, T: Array, start: Array) -> InverseResult:

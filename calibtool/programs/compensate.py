@@ -22,9 +22,9 @@ from calibtool.programs.agreement import AS_FRAME, SEED, Position, positions
 from calibtool.programs.branches import Controller
 from calibtool.programs.controller_poses import check_controller_known, poses_to_write
 from calibtool.programs.formats import coupling_of, read_program
-from calibtool.programs.frames import Frames
+from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motion_flow import follow
-from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, Source
+from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, ProgramText
 from calibtool.programs.nominal_joints import Stands, stands
 from calibtool.programs.numbers import Remark
 from calibtool.programs.program_summary import CompensatedProgram, Fate
@@ -49,8 +49,8 @@ class ProgramOptions:
     joint_values      whose they are; None: what the format says, see `coupling_of`
     frames            frames and tools that the program does not define
     backlash          take it up where the text is in the order of motion
-    controller_model  T_base_tool by which the controller solves poses; None: nobody says, which is
-                      the nominal robot's where the description knows of no other
+    controller_model  T_base_tool by which the controller solves poses; None: nobody states, which
+                      is the nominal robot's where the description knows of no other
     ignore_external   poses beside external axes are those of the arm alone
     largest_change    rad; this and weights: see `default_bounds`
     """
@@ -59,7 +59,7 @@ class ProgramOptions:
     outside: OutsidePolicy = "mark"
     on_error: str = "stop"
     joint_values: JointValues | None = None
-    frames: Frames = field(default_factory=Frames)
+    frames: NamedFrames = field(default_factory=NamedFrames)
     backlash: bool = True
     controller_model: Mechanism | None = None
     ignore_external: bool = False
@@ -79,7 +79,8 @@ def compensate_program(
     A joint target gets the joints that bring the calibrated robot where the nominal one would be; a
     pose target, solved on the branch that the controller takes there, gets the pose that the
     controller's robot takes at the corrected joints, in its own frame and with its own tool.
-    program_format: one of docs/programs; name stands in messages; options: exact, stop at the first
+    program_format: one of docs/programs; name is used in messages; options: exact, stop at the
+    first
     failure, unless given.
 
     Raises InputError for bad data and NoSolutionError for targets without an answer, both with the
@@ -107,9 +108,7 @@ def compensate_texts(
     program_format: str,
     options: ProgramOptions | None = None,
 ) -> CompensatedProgram:
-    """The same for a program of several texts: name, bytes and whether it is corrected
-    or only looked up.
-    """
+    """The same for several texts: name, bytes and whether it is corrected."""
     options = options or ProgramOptions()
     sources = [_source(*text) for text in texts]
     robot = calibration.robot
@@ -125,10 +124,10 @@ def compensate_texts(
     return _Correction(calibration, program, controller, options, program_format).result()
 
 
-def _source(name: str, data: bytes, edited: bool) -> Source:
+def _source(name: str, data: bytes, edited: bool) -> ProgramText:
     if b"\0" in data:
         raise InputError(f"{name}: holds zero bytes; expected a program in ASCII, UTF-8 or Latin-1")
-    return Source(name, data.decode("latin-1"), edited)
+    return ProgramText(name, data.decode("latin-1"), edited)
 
 
 _Failure = type[CalibtoolError]
@@ -183,7 +182,7 @@ class _Correction:
                 corrected = replace(corrected, q=corrected.q + taken)
             else:
                 notes += (
-                    "the backlash is not taken up: a program does not say in which order its "
+                    "the backlash is not taken up: a program does not state in which order its "
                     "targets are reached",
                 )
         new = self._agreed(found, answers, rows, q, corrected)
@@ -394,6 +393,6 @@ def _beyond(controller: Controller, q: Array) -> str:
     robot = controller.robot
     outside = np.flatnonzero((q < robot.lower - 1e-9) | (q > robot.upper + 1e-9))
     j = int(outside[0])
-    factor, unit = (1e3, "mm") if robot.prismatic[j] else (180 / np.pi, "deg")
+    factor, unit = robot.display_unit(j)
     limits = f"{robot.lower[j] * factor:.6g} … {robot.upper[j] * factor:.6g} {unit}"
     return f"joint {j + 1} at {q[j] * factor:.6g} {unit} is outside its limits ({limits})"

@@ -1,6 +1,4 @@
-"""The order in which the statements of a routine can be executed: blocks,
-and which follow which.
-"""
+"""Control flow of a routine: blocks of statements and their successors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -24,9 +22,7 @@ Action = Move | Assign | Call
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Actions that follow each other without a choice, and the numbers of the
-    blocks that come next.
-    """
+    """Consecutive actions without a branch, and the numbers of the blocks that can follow."""
 
     actions: list[Action] = field(default_factory=list)
     next: list[int] = field(default_factory=list)
@@ -34,9 +30,7 @@ class Block:
 
 @dataclass(eq=False)
 class _Open:
-    """A selection or loop that is not ended yet: where it begins, and
-    blocks that go on behind it.
-    """
+    """A selection or loop that has not ended: its beginning, and blocks behind it."""
 
     head: int
     loop: bool

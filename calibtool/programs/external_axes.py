@@ -1,6 +1,4 @@
-"""External axes beside a position: joints of the chain where its description says so, otherwise
-none of the arm's matter.
-"""
+"""External axes beside a position: joints of the chain where the description states so."""
 
 from collections.abc import Mapping, Sequence
 
@@ -27,9 +25,7 @@ def arm_units(robot: Robot) -> list[str]:
 
 
 def joints(robot: Robot, axes: Sequence[Number], beside: Beside) -> tuple[Number, ...] | str:
-    """Numbers in the robot's order from those of the arm's axes and of external axes, or
-    what is missing.
-    """
+    """Numbers in the robot's order from those of arm and external axes, or what is missing."""
     given = dict(zip(robot.arm, axes, strict=True))
     for axis, joint in robot.external.items():
         number = beside.get(axis)

@@ -4,9 +4,9 @@ import re
 from collections.abc import Sequence
 
 from calibtool.programs.configurations import has_postures
-from calibtool.programs.motions import FRAME, TOOL, Frame, Literal, Program, Routine, Source
+from calibtool.programs.motions import FRAME, TOOL, Frame, Literal, Program, ProgramText, Routine
 from calibtool.programs.multibyte import beyond_ascii_blanked
-from calibtool.programs.numbers import Lines
+from calibtool.programs.numbers import LineNumbers
 from calibtool.programs.tp import sections
 from calibtool.programs.tp_frames import Listed, Selection, is_listing
 from calibtool.programs.tp_instructions import Instructions
@@ -34,7 +34,7 @@ def coupling(robot: Robot) -> Array:
     return matrix
 
 
-def program(sources: Sequence[Source], robot: Robot) -> Program:
+def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
     """The positions of motion group 1 and the motions to them; listings of variables give
     frames and tools.
     """
@@ -51,7 +51,7 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     remarks = listed.remarks
     programs: list[Instructions] = []
     for number, code in texts.items():
-        lines = Lines(code)
+        lines = LineNumbers(code)
         reader = Positions(
             sources[number].text, code, number, lines, robot, axes, literals, remarks
         )

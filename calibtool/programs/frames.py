@@ -16,7 +16,7 @@ UNIT_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1; four decim
 
 
 @dataclass(frozen=True)
-class Frames:
+class NamedFrames:
     """T_base_frame and T_flange_tool by the names that the program uses; `default` is for
     poses that name none.
     """
@@ -79,7 +79,7 @@ class _File(BaseModel):
     tools: dict[str, _Pose] = {}
 
 
-def read_frames(text: str, name: str) -> Frames:
+def read_frames(text: str, name: str) -> NamedFrames:
     """Frames and tools from TOML: `[frames.NAME]` and `[tools.NAME]` with x_mm …
     and an orientation.
 
@@ -96,7 +96,7 @@ def read_frames(text: str, name: str) -> Frames:
         raise InputError(
             f"{name}: {place}: {what}; expected [frames.NAME] or [tools.NAME] with x_mm …"
         ) from None
-    return Frames(
+    return NamedFrames(
         {key: value.matrix for key, value in file.frames.items()},
         {key: value.matrix for key, value in file.tools.items()},
     )

@@ -79,9 +79,7 @@ class Factor:
 
 
 def statements(code: str) -> Iterator[Statement]:
-    """The statements of a text, comments and strings blanked; another one
-    may follow THEN or ELSE.
-    """
+    """Statements of a text without comments; another one may follow THEN or ELSE."""
     for line in _LINE.finditer(code):
         inner = line[0]
         position = line.start() + len(inner) - len(inner.lstrip())

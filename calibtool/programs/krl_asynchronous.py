@@ -1,6 +1,4 @@
-"""What interrupts, triggers and cyclic reading of KRL do beside the motions: what they
-assign is uncertain.
-"""
+"""Interrupts, triggers and cyclic reading of KRL: what they assign is uncertain."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

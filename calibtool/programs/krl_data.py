@@ -10,7 +10,7 @@ from calibtool.programs.frames import pose
 from calibtool.programs.krl import Statement, statements
 from calibtool.programs.motions import JOINT, POSE, Aim, Literal, Unknown, Value
 from calibtool.programs.numbers import (
-    Lines,
+    LineNumbers,
     Number,
     comments_blanked,
     is_not_finite,
@@ -61,9 +61,9 @@ class Text:
         return comments_blanked(self.text, r";[^\r\n]*|^[^\S\r\n]*&[^\r\n]*", r'"[^"\r\n]*"')
 
     @cached_property
-    def lines(self) -> Lines:
+    def lines(self) -> LineNumbers:
         """Line numbers of positions in the text."""
-        return Lines(self.text)
+        return LineNumbers(self.text)
 
     @cached_property
     def statements(self) -> tuple[Statement, ...]:

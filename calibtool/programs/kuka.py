@@ -24,9 +24,9 @@ from calibtool.programs.motions import (
     Label,
     Literal,
     Program,
+    ProgramText,
     Return,
     Routine,
-    Source,
     Value,
 )
 from calibtool.programs.motions import Statement as Step
@@ -57,7 +57,7 @@ def matches(text: str) -> bool:
     return _START.search(text) is not None
 
 
-def program(sources: Sequence[Source], robot: Robot) -> Program:
+def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
     """The positions and motions of programs and data lists of one controller."""
     literals: list[Literal] = []
     texts = [Text(k, source.name, source.text, robot, literals) for k, source in enumerate(sources)]

@@ -1,16 +1,15 @@
-"""Where the motions of a program go: routines are followed with everything that their
-variables can hold.
+"""Uses of positions by motions: routines are followed with all values that variables can hold.
 
-At every place a variable holds a set of values: after a selection those of all its branches, in a
-loop those of all rounds, in a routine those of all its calls. Where the robot stands is such a
-variable too, so that every motion knows from which others the robot comes.
+At every place a variable holds a set of values: after a branch those of all alternatives, in a loop
+those of all rounds, in a routine those of all calls. The position of the robot is such a variable
+too, so that the possible predecessors of every motion are known.
 """
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from calibtool.programs.frames import Frames
+from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motions import Frame, Program, Setting, Unknown
 from calibtool.programs.numbers import Remark
 from calibtool.programs.routines import ROUNDS, Node, Routines
@@ -63,7 +62,7 @@ class Flow:
     remarks: tuple[Remark, ...]
 
 
-def follow(program: Program, given: Frames) -> Flow:
+def follow(program: Program, given: NamedFrames) -> Flow:
     """Follow all routines. given: frames and tools by name, which win over those that the
     program declares.
     """

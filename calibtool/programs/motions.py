@@ -25,7 +25,7 @@ FRAME, TOOL = "frame", "tool"
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class ProgramText:
     """A text of the program, Latin-1 so that every byte is one character.
 
     edited  whether it is corrected; a text that is only looked up for frames and positions is not
@@ -45,7 +45,8 @@ class Frame:
     does not give it.
 
     kind  FRAME or TOOL
-    name  how `--frames` calls it: "" is the robot's base or flange, None is not said by the program
+    name  how `--frames` calls it: "" is the robot's base or flange, None where the program
+          does not name it
     line  where the program sets it, 0 for what is there from the start
     """
 
@@ -106,7 +107,7 @@ class Edited:
     components   index of the component in x, y, z and the orientation's numbers → its
                  value in SI units
     orientation  as in `Literal`
-    line, why    where, and what is said of a literal so treated, which is then no constant
+    line, why    where, and the reason given for such a literal, which is then no constant
     """
 
     base: "Value"
@@ -120,7 +121,7 @@ class Edited:
 class Entry:
     """What a variable holds when the routine begins.
 
-    Not for languages: `flow` puts in what the calls say.
+    Not for languages: `motion_flow` fills in what the calls give.
     """
 
     name: str
@@ -145,7 +146,7 @@ class Literal:
     line, name     for messages: the line of its first number, from 1, and how the program calls it
     orientation    of a pose: `wpr` (fixed x, y, z), `abc` (z, y', x''), `quaternion` (scalar
                    first), `rotation vector`
-    configuration  what it says about the branch of a pose
+    configuration  data on the branch of a pose
     source         number of its text
     not_corrected  why it is no position to correct: not taught, an expression among its numbers,
                    external axes; bad: this is an error of the program
@@ -207,9 +208,7 @@ class Aim:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Move:
-    """A motion through its aims in their order: a circle has two. name: the
-    instruction, for messages.
-    """
+    """A motion through its aims in order; a circle has two. name: the instruction."""
 
     line: int
     name: str
@@ -239,9 +238,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """The first branch of a selection begins, or a loop. once: its body is
-    executed once at least.
-    """
+    """Begin of the first branch of a selection, or of a loop. once: at least one round."""
 
     loop: bool = False
     once: bool = False
@@ -310,7 +307,7 @@ class Program:
     unused      why a literal that no motion goes to and that has no `alone` is left
     """
 
-    sources: tuple[Source, ...]
+    sources: tuple[ProgramText, ...]
     literals: tuple[Literal, ...] = ()
     routines: tuple[Routine, ...] = ()
     declared: dict[str, Value] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""Texts as bytes: a byte that looks like a bracket or a quote may be half of a character."""
+"""Multi-byte characters in Latin-1: a byte that looks like a bracket may be half of one."""
 
 import re
 

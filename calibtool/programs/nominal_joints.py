@@ -1,6 +1,4 @@
-"""Where the nominal robot stands at each use of a position: poses solved along the motions, joints
-as they are written.
-"""
+"""Joint positions of the nominal robot at each use of a position, solved along the motions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

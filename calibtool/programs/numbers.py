@@ -1,4 +1,4 @@
-"""Numbers in program text: where they stand, what they mean, and how they are rewritten."""
+"""Numbers in program text: their spans, units and values, and new numbers in the same style."""
 
 import re
 from bisect import bisect_right
@@ -99,7 +99,7 @@ class Remark:
     source: int = 0
 
 
-class Lines:
+class LineNumbers:
     """Line numbers (from 1) of positions in a text."""
 
     def __init__(self, text: str) -> None:

@@ -1,6 +1,4 @@
-"""What came of a program, for people: counts, the largest change, and what is left
-with its reasons.
-"""
+"""Summary of a corrected program: counts, largest change, uncorrected positions."""
 
 import csv
 import io
@@ -37,7 +35,7 @@ class Fate:
 class CompensatedProgram:
     """What came of a program.
 
-    names         of its texts, as they stand in messages
+    names         of its texts, as they appear in messages
     texts         its corrected texts; every byte that is no number of a changed target is as it was
     targets       how many could be read
     changed       how many have other numbers now

@@ -1,4 +1,4 @@
-"""Data that RAPID instructions and routines may change without an assignment that is followed."""
+"""RAPID data that instructions and routines may change without an assignment that is followed."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence

@@ -22,7 +22,7 @@ from calibtool.programs.motions import (
     Value,
     frame_of,
 )
-from calibtool.programs.numbers import NUMBER, Lines, Number, is_not_finite, number_at
+from calibtool.programs.numbers import NUMBER, LineNumbers, Number, is_not_finite, number_at
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST, TO_SI
@@ -59,7 +59,7 @@ class Text:
     number: int
     text: str
     code: str
-    lines: Lines
+    lines: LineNumbers
     robot: Robot
     literals: list[Literal]
     taken: set[int] = field(

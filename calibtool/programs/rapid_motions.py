@@ -1,6 +1,4 @@
-"""Motions of RAPID's instructions: which arguments are positions, which the tool and
-the work object.
-"""
+"""Motions of RAPID's instructions: their positions, tool and work object."""
 
 import re
 from collections.abc import Iterator, Sequence

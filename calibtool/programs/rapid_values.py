@@ -1,4 +1,4 @@
-"""What RAPID's names and expressions stand for as values of motions."""
+"""Values of RAPID names and expressions, as used by motions."""
 
 import re
 from collections.abc import Iterator

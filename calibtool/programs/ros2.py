@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from calibtool.errors import InputError, near_names
 from calibtool.programs.bracketed_lists import closing, split
-from calibtool.programs.motions import JOINT, Aim, Literal, Move, Program, Routine, Source
-from calibtool.programs.numbers import Lines, Number, Remark, is_not_finite, number_at
+from calibtool.programs.motions import JOINT, Aim, Literal, Move, Program, ProgramText, Routine
+from calibtool.programs.numbers import LineNumbers, Number, Remark, is_not_finite, number_at
 from calibtool.robot.robot import Robot
 
 NAME = "ros2-trajectory"
@@ -21,7 +21,7 @@ def matches(text: str) -> bool:
     return {match[2] for match in _LIST.finditer(text)} == {"joint_names", "positions"}
 
 
-def program(sources: Sequence[Source], robot: Robot) -> Program:
+def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
     """Every `positions` list in order, its joints by name; joints that are not the robot's
     stay as they are.
     """
@@ -52,10 +52,10 @@ class _Reader:
         self.remarks: list[Remark] = []
         self.notes: list[str] = []
 
-    def read(self, number: int, source: Source) -> None:
+    def read(self, number: int, source: ProgramText) -> None:
         text = source.text
         code = _COMMENT.sub(lambda match: " " * len(match[0]), text)
-        lines = Lines(text)
+        lines = LineNumbers(text)
         names: list[tuple[int, list[str]]] = []
         points: list[tuple[int, list[tuple[int, int]]]] = []
         for match in _LIST.finditer(code):

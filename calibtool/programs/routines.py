@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from calibtool.programs.control_flow import Action, Block, blocks
-from calibtool.programs.frames import Frames
+from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motions import (
     Aim,
     Assign,
@@ -58,7 +58,7 @@ class Routines:
     edited     literals to which motions go with other components
     """
 
-    def __init__(self, program: Program, given: Frames, kept: State) -> None:
+    def __init__(self, program: Program, given: NamedFrames, kept: State) -> None:
         self.routines = {routine.name: routine for routine in program.routines}
         self.graphs = {routine.name: blocks(routine.body) for routine in program.routines}
         self.variables = Variables(program, self.graphs.values(), given, kept)

@@ -1,10 +1,9 @@
-"""Poses that depend on each other: each is solved near the one before it, and still all of
-them in batches.
+"""Poses that depend on each other: each is solved near the one before, but all in batches.
 
-Newton's method from the answer before decides the branch, so that answers follow one another. Long
-rows of them are cut into parts that run side by side, each from a guess. Then the cuts are looked
-at: where a part would have begun elsewhere it is done again, as far as that changes anything. In
-the end every answer is the one from the answer before it.
+Newton's method from the solution before decides the branch. Long sequences are cut into parts that
+run in parallel, each from a guess. Then the cuts are checked: where a part would have started
+elsewhere it is solved again, as far as that changes anything. In the end every solution is the one
+reached from the solution before it.
 """
 
 from collections.abc import Callable, Sequence

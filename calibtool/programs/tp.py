@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from calibtool.programs.numbers import Lines
+from calibtool.programs.numbers import LineNumbers
 
 _PROGRAM = re.compile(r"^[ \t]*/PROG\b[ \t]*([^\s;]*)", re.MULTILINE)
 _SECTION = re.compile(r"^[ \t]*/(MN|POS)[ \t]*\r?$", re.MULTILINE)
@@ -82,7 +82,7 @@ def sections(code: str) -> Iterator[Section]:
         yield Section(name, (min(first, last), last), (positions, end), tracking)
 
 
-def statements(code: str, span: tuple[int, int], lines: Lines) -> Iterator[Statement]:
+def statements(code: str, span: tuple[int, int], lines: LineNumbers) -> Iterator[Statement]:
     """The statements in a part of the text; remarks are left out."""
     waiting: list[str] = []
     first, position = 0, span[0]

@@ -1,6 +1,4 @@
-"""Frames and tools of FANUC controllers: listings of variables, and what UFRAME_NUM and
-UTOOL_NUM select.
-"""
+"""Frames and tools of FANUC: listings of variables, UFRAME_NUM and UTOOL_NUM."""
 
 import re
 from collections.abc import Mapping
@@ -9,7 +7,7 @@ from functools import lru_cache
 
 from calibtool.programs.frames import pose
 from calibtool.programs.motions import FRAME, TOOL, Assign, Frame, Unknown, Value, frame_of
-from calibtool.programs.numbers import NUMBER, Lines, Remark, number_at
+from calibtool.programs.numbers import NUMBER, LineNumbers, Remark, number_at
 from calibtool.robot.se3 import Array
 
 _VARIABLE = re.compile(r"^\[\*?\w+\*?\]\$?\w+[ \t]+Storage:", re.MULTILINE)
@@ -42,7 +40,7 @@ class Listed:
 
     def read(self, text: str, source: int) -> None:
         """The tables $MNUFRAME and $MNUTOOL, and $TURN_AXIS, of a listing."""
-        lines = Lines(text)
+        lines = LineNumbers(text)
         for table in _TABLE.finditer(text):
             kind = FRAME if table[1] == "FRAME" else TOOL
             after = _VARIABLE.search(text, table.end())
@@ -65,7 +63,7 @@ class Listed:
     def _add(self, kind: str, number: str, T: Array, name: str, line: int, source: int) -> None:
         before = self.frames.setdefault((kind, number), T)
         if abs(before - T).max() > 1e-9:
-            why = "differs from what another file says"
+            why = "differs from that of another file"
             self.remarks.append(Remark(line, name, why, True, source))
 
 

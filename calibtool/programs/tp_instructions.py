@@ -1,6 +1,4 @@
-"""What the instructions of a TP program do: motions, selections of frames, and the order they
-are executed in.
-"""
+"""Instructions of a TP program: motions, selections of frames, and their order."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -24,7 +22,7 @@ from calibtool.programs.motions import (
     Unknown,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.numbers import Lines, Remark
+from calibtool.programs.numbers import LineNumbers, Remark
 from calibtool.programs.tp import Motion, Point, Section, motion, parts, statements
 from calibtool.programs.tp_frames import Selection
 from calibtool.programs.tp_positions import HELD, Positions, Taught
@@ -59,7 +57,7 @@ _LISTED = 5  # lines in a note
 class Instructions:
     """A program: its statements, and what comes of them once its positions are read."""
 
-    def __init__(self, code: str, section: Section, lines: Lines, reader: Positions) -> None:
+    def __init__(self, code: str, section: Section, lines: LineNumbers, reader: Positions) -> None:
         self.name, self.source, self.section = section.name, reader.source, section
         self.key = f"{reader.source}|{section.instructions[0]}|{section.name}"
         self.statements = list(statements(code, section.instructions, lines))
@@ -75,7 +73,8 @@ class Instructions:
         self.taught = reader.read(section.positions, self._left(relative), relative)
 
     def changed(self) -> Iterator[tuple[tuple[str, str], str]]:
-        """Frames and tools that are assigned, by kind and number ("" if that is not known), and
+        """Frames and tools that are assigned, by kind and number ("" if that is not known),
+        and
         what to say of them.
         """
         for one in self.statements:

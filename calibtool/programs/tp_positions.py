@@ -1,4 +1,4 @@
-"""The positions of a TP program: what stands between /POS and /END."""
+"""The positions of a TP program, between /POS and /END."""
 
 import re
 from collections import Counter
@@ -9,7 +9,7 @@ from itertools import chain, pairwise
 from calibtool.programs.configurations import Digit, Fanuc
 from calibtool.programs.external_axes import arm_units, beside_pose, joints
 from calibtool.programs.motions import JOINT, POSE, Literal
-from calibtool.programs.numbers import Lines, Number, Remark, is_not_finite, number_at
+from calibtool.programs.numbers import LineNumbers, Number, Remark, is_not_finite, number_at
 from calibtool.robot.robot import Robot
 
 HELD = "the robot holds the work piece and not the tool"
@@ -66,7 +66,7 @@ class Positions:
     text: str
     code: str
     source: int
-    lines: Lines
+    lines: LineNumbers
     robot: Robot
     axes: tuple[int, ...]
     literals: list[Literal]

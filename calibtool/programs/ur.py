@@ -1,6 +1,4 @@
-"""Universal Robots programs (URScript): the motions of a script, and
-variables that hold positions.
-"""
+"""Universal Robots programs (URScript): motions, and variables that hold positions."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -29,9 +27,9 @@ from calibtool.programs.motions import (
     Move,
     Product,
     Program,
+    ProgramText,
     Return,
     Routine,
-    Source,
     Unknown,
     Value,
     frame_of,
@@ -66,7 +64,7 @@ def matches(text: str) -> bool:
     return MOTION_CALL.search(text) is not None
 
 
-def program(sources: Sequence[Source], robot: Robot) -> Program:
+def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
     """The positions and motions of scripts that are run together."""
     literals: list[Literal] = []
     routines: list[Routine] = []
@@ -98,9 +96,7 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
 
 @lru_cache(maxsize=1000)
 def _with_threads(tool: Value) -> Product:
-    """A tool that threads may change too; the same for all motions: 50,000 of their own are 9
-    MB.
-    """
+    """A tool that threads may change too; one for all motions: 50,000 of their own are 9 MB."""
     return Product(TOOL, (tool, _THREADS))
 
 
@@ -108,7 +104,7 @@ class _Script(Positions):
     """A text, its routines and what is said of it."""
 
     def __init__(
-        self, number: int, source: Source, robot: Robot, names: Names, literals: list[Literal]
+        self, number: int, source: ProgramText, robot: Robot, names: Names, literals: list[Literal]
     ) -> None:
         super().__init__(number, source, robot, names, literals)
         self.remarks: list[Remark] = []

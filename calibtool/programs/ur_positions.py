@@ -12,13 +12,13 @@ from calibtool.programs.motions import (
     Either,
     Literal,
     Product,
-    Source,
+    ProgramText,
     Unknown,
     Value,
     frame_of,
 )
 from calibtool.programs.numbers import (
-    Lines,
+    LineNumbers,
     Number,
     comments_blanked,
     is_not_finite,
@@ -46,12 +46,12 @@ class Positions:
     """
 
     def __init__(
-        self, number: int, source: Source, robot: Robot, names: Names, literals: list[Literal]
+        self, number: int, source: ProgramText, robot: Robot, names: Names, literals: list[Literal]
     ) -> None:
         self.number, self.text, self.robot = number, source.text, robot
         self.names, self.literals = names, literals
         self.code = comments_blanked(source.text, r"#[^\r\n]*", r'"[^"\n]*"|\'[^\'\n]*\'')
-        self.lines = Lines(source.text)
+        self.lines = LineNumbers(source.text)
         self.function = Function("", "", 0, ())
         self._taken: set[int] = set()  # where literals begin
 

@@ -1,4 +1,4 @@
-"""What variables of a program can hold: sets of values, and what is computed from them."""
+"""Sets of values that variables of a program can hold, and values computed from them."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from calibtool.programs.frames import Frames, pose, pose_values
+from calibtool.programs.frames import NamedFrames, pose, pose_values
 from calibtool.programs.motions import (
     FRAME,
     POSE,
@@ -51,7 +51,7 @@ def _few(atoms: Atoms) -> Atoms:
 
 
 @dataclass(eq=False)
-class Evaluation:
+class ValueAnalysis:
     """Values of variables and of what is made of them.
 
     literals  positions by their numbers; frames: those that are used as frames or tools
@@ -62,7 +62,7 @@ class Evaluation:
     """
 
     literals: Sequence[Literal]
-    given: Frames
+    given: NamedFrames
     owners: Mapping[int, set[str]]
     spoiled: dict[int, str] = field(default_factory=dict)
     frames: set[int] = field(default_factory=set)

@@ -1,13 +1,11 @@
-"""The variables of a program: what is assigned to them somewhere, and what they hold
-where it begins.
-"""
+"""Variables of a program: their assignments, and their values at the beginning."""
 
 from collections.abc import Iterable
 
 from calibtool.programs.control_flow import Block
-from calibtool.programs.frames import Frames
+from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motions import Assign, Call, Either, Program, Unknown, Value
-from calibtool.programs.values import MANY, Atoms, Evaluation, joined
+from calibtool.programs.values import MANY, Atoms, ValueAnalysis, joined
 
 STANDS = ""  # the variable that holds at which uses the robot stands
 NOWHERE = -1  # among them: or somewhere that nobody knows
@@ -28,11 +26,11 @@ class Variables:
     """
 
     def __init__(
-        self, program: Program, graphs: Iterable[list[Block]], given: Frames, kept: State
+        self, program: Program, graphs: Iterable[list[Block]], given: NamedFrames, kept: State
     ) -> None:
         self.program, self.kept = program, kept
         self.assigned = self._assigned(graphs)
-        self.evaluation = Evaluation(program.literals, given, self.owners)
+        self.evaluation = ValueAnalysis(program.literals, given, self.owners)
         self._beginning: dict[str, Atoms | None] = {}
 
     def _assigned(self, graphs: Iterable[list[Block]]) -> dict[str, list[Value]]:

@@ -1,4 +1,4 @@
-"""New numbers put where the old ones stand, text by text."""
+"""Replacement of the numbers of corrected positions in the texts of a program."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from calibtool.programs.numbers import Remark, pieces, rewritten
 from calibtool.robot.se3 import Array
 
 _NO_CHANGE = 1e-9  # rad or m: below, a target's text stays as it is
-_GUESSED = "its branch is a guess: the program does not say from where the robot comes"
+_GUESSED = "its branch is a guess: the program does not state from where the robot comes"
 _TURNED = "a joint passes into another turn: its configuration data are changed too"
 
 

@@ -1,6 +1,4 @@
-"""A robot description → a serial chain: joint placements and twists from the base frame to
-the tool (Eq. 7).
-"""
+"""A robot description → a serial chain of joint placements and twists (Eq. 7)."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -67,14 +67,14 @@ def coupling_text(coupling: Array) -> str:
     return ", ".join(joints)
 
 
-def settled_values(coupling: Array, place: str, *said: JointValues | None) -> JointValues:
+def settled_values(coupling: Array, place: str, *stated: JointValues | None) -> JointValues:
     """Whose joint values these are, by what a header and an option say of them (None: nothing).
 
     coupling (n, n) as in `coupling_matrix`. Where both kinds are the same, nothing has to be said.
-    Raises UsageError with `place` where they differ and nothing is said, or header and option
+    Raises UsageError with `place` where they differ and nothing is stated, or header and option
     contradict each other.
     """
-    words = [word for word in said if word is not None]
+    words = [word for word in stated if word is not None]
     if np.array_equal(coupling, np.eye(len(coupling))):
         return words[0] if words else "serial"
     if not words:

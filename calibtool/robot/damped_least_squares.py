@@ -1,6 +1,4 @@
-"""Distance of a Jacobian from singularity, and damped least-squares joint
-motions, for many rows.
-"""
+"""Distance of a Jacobian from singularity, and damped least-squares joint motions."""
 
 import numpy as np
 

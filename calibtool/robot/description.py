@@ -1,6 +1,4 @@
-"""robot.toml: what a robot is called, where its kinematics come from, its targets,
-workspaces and limits.
-"""
+"""robot.toml: name of a robot, source of its kinematics, targets, workspaces and limits."""
 
 import tomllib
 from dataclasses import dataclass
@@ -109,8 +107,10 @@ class Coupling(_Strict):
 
 
 class Mounting(_Strict):
-    """How the robot stands and what it carries: `gravity`, its direction in K_0 (that of the URDF's
-    world unless given, any length), and the mass at the tool where a row does not say otherwise.
+    """Mounting and load of the robot.
+
+    `gravity`: its direction in K_0, of any length (default: that of the URDF's world). The mass at
+    the tool holds where a row does not state its own.
     """
 
     gravity: tuple[float, float, float] | None = None
@@ -165,9 +165,7 @@ class Description(_Strict):
 
 @dataclass(frozen=True)
 class Source:
-    """A description together with the texts that it was read from; enough to build the
-    robot again anywhere.
-    """
+    """A description with the texts that it was read from, to build the robot again."""
 
     description: Description
     toml_text: str
@@ -201,9 +199,7 @@ def read_source(path: Path) -> Source:
 
 
 def source_from_urdf(urdf_text: str, name: str) -> Source:
-    """A description for a bare URDF: the last link is the tool, three targets on a circle
-    of 0.1 m round it.
-    """
+    """A description for a bare URDF: last link as tool, three targets 0.1 m round it."""
     from calibtool.robot.urdf import last_frame  # Pinocchio is only needed here
 
     safe = (

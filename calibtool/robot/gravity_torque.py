@@ -52,9 +52,7 @@ def link_masses(robot: Robot) -> tuple[Array, Array, Array]:
 
 
 def load_carrying(robot: Robot) -> np.ndarray:
-    """Revolute joints whose static torque matters, at least 2 % of the
-    largest joint's: (n,) bool.
-    """
+    """(n,) bool: revolute joints with at least 2 % of the largest static torque."""
     largest = largest_torque(robot)
     revolute = ~np.array(robot.prismatic)
     heavy = (largest > _CARRIES_LOAD * largest[revolute].max(initial=0.0)) & (largest > 1e-9)
@@ -66,5 +64,5 @@ def load_carrying(robot: Robot) -> np.ndarray:
 def largest_torque(robot: Robot) -> Array:
     """Largest |τ_g| of each joint over 500 fixed configurations of the whole joint range: (n,)."""
     rng = np.random.default_rng(0)
-    q = robot.lower + (robot.upper - robot.lower) * rng.random((500, robot.n))
+    q = robot.anywhere(500, rng)
     return readonly(np.abs(gravity_torque(robot, q)).max(axis=0))

@@ -1,6 +1,4 @@
-"""Inverse kinematics: damped Newton in batches, with joint limits, several starts and a result per
-row.
-"""
+"""Inverse kinematics: damped Newton in batches, with joint limits and several starts."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,6 +1,4 @@
-"""A serial chain as a Pinocchio model, nominal or with errors: poses, Jacobians and frames of many
-rows.
-"""
+"""A serial chain as a Pinocchio model, nominal or with errors."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -88,9 +86,7 @@ class Mechanism:
         return cls(model, readonly(placements), offsets, screws)
 
     def forward(self, q: Array) -> Array:
-        """T_base_tool for q (N, n) in rad or m: (N, 4, 4). Pinocchio's
-        `framesForwardKinematics`.
-        """
+        """T_base_tool (N, 4, 4) for q (N, n), rad or m. Pinocchio's `framesForwardKinematics`."""
         model, data, rows = self._moving(q)
         tool, move = _columns_of(data.oMf[model.nframes - 1]), pin.framesForwardKinematics
         columns = bytearray()
@@ -118,9 +114,7 @@ class Mechanism:
         return _poses(columns, len(q)), np.swapaxes(self._per_joint(per_coordinate), -1, -2)
 
     def frames(self, q: Array) -> Frames:
-        """Every frame of the chain for q (N, n), rad or m. Pinocchio's
-        `framesForwardKinematics`.
-        """
+        """Frames of the chain for q (N, n), rad or m. Pinocchio's `framesForwardKinematics`."""
         n = len(self.screws)
         model, data, rows = self._moving(q)
         live = [_columns_of(data.oMi[j + 1]) for j in range(n)]

@@ -1,6 +1,4 @@
-"""Poses that no joint positions can give, told from the pose alone: what the triangle inequality
-says about a chain.
-"""
+"""Unreachable poses, found from the pose alone by the triangle inequality."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -19,7 +19,7 @@ from calibtool.units import joint_and_factor, joint_values
 LONGEST = 10.0  # m: characteristic length of a robot with slides
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """The nominal robot. Joint positions q are (N, n), in rad, or m for a prismatic joint.
 
@@ -32,6 +32,10 @@ class Robot:
     chain: SerialChain
     lower: Array  # (n,) joint limits
     upper: Array
+
+    def __repr__(self) -> str:
+        kinds = "".join("P" if prismatic else "R" for prismatic in self.prismatic)
+        return f"<Robot {self.name}: {kinds}>"
 
     @classmethod
     def from_source(cls, source: Source) -> "Robot":
@@ -123,9 +127,7 @@ class Robot:
 
     @property
     def model(self) -> pin.Model:
-        """The nominal robot as a new Pinocchio model with joint limits; its
-        last frame is the tool.
-        """
+        """The nominal robot as a new Pinocchio model; its last frame is the tool."""
         return self.mechanism.as_model(self.lower, self.upper)
 
     @cached_property
@@ -159,9 +161,9 @@ class Robot:
         """Joint positions of the serial chain as values of either kind, (N, n)."""
         return self.to_controller(q) if values == "controller" else q
 
-    def joint_values(self, place: str, *said: JointValues | None) -> JointValues:
+    def joint_values(self, place: str, *stated: JointValues | None) -> JointValues:
         """Whose joint values `place` holds, by what is said of them; see `settled_values`."""
-        return settled_values(self.coupling, place, *said)
+        return settled_values(self.coupling, place, *stated)
 
     @cached_property
     def targets(self) -> Array:
@@ -225,12 +227,24 @@ class Robot:
         return chosen, self.source.description.workspaces.get(chosen)
 
     def home(self, workspace: Workspace | None) -> Array:
-        """Joint positions (n,) at the middle of a workspace; the middle of the joint
-        range for `full`.
-        """
+        """Joint positions (n,) at the middle of a workspace; of the range for `full`."""
         if workspace is None:
             return (self.lower + self.upper) / 2
         return np.array(joint_values(workspace.home, self.prismatic, self.name))
+
+    def display_unit(self, joint: int) -> tuple[float, str]:
+        """Factor and unit, mm or deg, that show the position of a joint (from 0) to people."""
+        return (1e3, "mm") if self.prismatic[joint] else (180.0 / np.pi, "deg")
+
+    @property
+    def display_factors(self) -> Array:
+        """The factors of `display_unit` of all joints, (n,)."""
+        return np.array([self.display_unit(joint)[0] for joint in range(self.n)])
+
+    def anywhere(self, count: int, rng: np.random.Generator) -> Array:
+        """Joint positions (count, n) drawn evenly over the whole joint range, rad or m."""
+        q: Array = self.lower + (self.upper - self.lower) * rng.random((count, self.n))
+        return q
 
     def within_limits(self, q: Array) -> np.ndarray:
         """Per row of q (N, n): all joints inside their limits (a rounding error of 1e-9 is

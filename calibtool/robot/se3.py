@@ -17,9 +17,7 @@ _SMALL = 1e-5
 
 
 def readonly(values: Any, shape: tuple[int, ...] | None = None) -> Array:
-    """A read-only float copy of `values`; with `shape`, -1 stands for any length
-    (ValueError otherwise).
-    """
+    """A read-only float copy; ValueError unless of `shape`, in which -1 is any length."""
     array = np.array(values, dtype=float)
     if shape is not None and (
         array.ndim != len(shape)

@@ -26,7 +26,7 @@ def joint_name(model: pin.Model, joint: int) -> str:
 
 
 def parse_urdf(urdf_text: str, name: str) -> pin.Model:
-    """The Pinocchio model of a URDF text; name stands in messages.
+    """The Pinocchio model of a URDF text; name is used in messages.
 
     InputError for what is no arm.
     """
@@ -45,13 +45,13 @@ def read_urdf(urdf_text: str, name: str, read: Callable[[str], T]) -> T:
     """What `read` makes of a file with this text: urdfdom refuses some encodings in a string."""
     try:
         with tempfile.TemporaryDirectory(prefix="calibtool-") as folder:
-            path, said = Path(folder) / "robot.urdf", Path(folder) / "said"
+            path, output = Path(folder) / "robot.urdf", Path(folder) / "said"
             path.write_text(urdf_text, encoding="utf-8")
             try:
-                with _redirected_stderr(said):
+                with _redirected_stderr(output):
                     return read(str(path))
             except (ValueError, RuntimeError):
-                reason = _reason(said.read_text(errors="replace"))
+                reason = _reason(output.read_text(errors="replace"))
                 raise InputError(
                     f"{name}: the URDF cannot be read{reason}; check it with a URDF checker"
                 ) from None
@@ -75,7 +75,7 @@ def _tell_joints_from_links(model: pin.Model) -> None:
 
 @contextlib.contextmanager
 def _redirected_stderr(path: Path) -> Iterator[None]:
-    """urdfdom writes to the process's stderr by itself: keep what it says in a file."""
+    """urdfdom writes to the process's stderr by itself: keep its output in a file."""
     with path.open("wb") as stream:
         try:
             kept = os.dup(2)
@@ -90,8 +90,8 @@ def _redirected_stderr(path: Path) -> Iterator[None]:
             os.close(kept)
 
 
-def _reason(said: str) -> str:
-    match = re.search(r"Error:\s+(.+)", said)
+def _reason(output: str) -> str:
+    match = re.search(r"Error:\s+(.+)", output)
     return f": {match[1].strip()}" if match else ""
 
 
@@ -99,7 +99,7 @@ def locked_joints(model: pin.Model, locked: dict[str, float], name: str) -> tupl
     """Ids of the locked joints, and a configuration (nq,) of the model in which they stand where
     they are locked.
 
-    locked: positions by joint name, rad or m; name stands in messages. InputError for
+    locked: positions by joint name, rad or m; name is used in messages. InputError for
     an unknown joint.
     """
     q = pin.neutral(model)

@@ -1,5 +1,4 @@
-"""The only room that knows HDF5: measurements, calibrations and tables of studies
-to bytes and back.
+"""HDF5 files: measurements, calibrations and tables of studies to bytes and back.
 
 Formats: docs/file-formats.md. The same contents give the same bytes: no time stamps, no pickles,
 groups and datasets in a fixed order.
@@ -57,7 +56,7 @@ def to_bytes(contents: Measurements | Calibration) -> bytes:
 
 
 def read_measurements(stream: BinaryIO, name: str) -> Measurements:
-    """Measurements from a binary stream; `name` stands in messages.
+    """Measurements from a binary stream; `name` is used in messages.
 
     Raises InputError for anything else.
     """
@@ -65,7 +64,7 @@ def read_measurements(stream: BinaryIO, name: str) -> Measurements:
 
 
 def read_calibration(stream: BinaryIO, name: str) -> Calibration:
-    """A calibration from a binary stream; `name` stands in messages.
+    """A calibration from a binary stream; `name` is used in messages.
 
     Raises InputError for anything else.
     """
@@ -73,7 +72,7 @@ def read_calibration(stream: BinaryIO, name: str) -> Calibration:
 
 
 def read_study(stream: BinaryIO, name: str) -> "StudyFile":
-    """The table of a study from a binary stream; `name` stands in messages.
+    """The table of a study from a binary stream; `name` is used in messages.
 
     Raises InputError for anything else.
     """

@@ -32,9 +32,7 @@ def _digest(data: memoryview) -> bytes:
 
 
 def check_bytes(data: bytes) -> None:
-    """ValueError for bytes that differ from what was written, or a global heap that HDF5
-    would read for ever.
-    """
+    """ValueError for bytes that do not match the digest, or an endless global heap."""
     if _DIGEST_LINE.search(data, max(0, len(data) - _LENGTH)):
         if data[-_LENGTH:] != _digest(memoryview(data)[:-_LENGTH]):
             raise ValueError(

@@ -1,6 +1,4 @@
-"""Measurements and calibrations from and to files by their paths, for scripts; the command line has
-streams besides.
-"""
+"""Measurements and calibrations read from and written to paths, for scripts."""
 
 import os
 import tempfile

@@ -1,6 +1,4 @@
-"""Groups that both kinds of HDF5 file have: datasets with units, robot, errors,
-conditions, set-up.
-"""
+"""Groups that both kinds of HDF5 file have: robot, errors, conditions, set-up."""
 
 from typing import Any
 
@@ -152,7 +150,7 @@ def read_errors(group: h5py.Group, robot: Robot) -> RobotErrors:
 
 
 def write_conditions(group: h5py.Group, conditions: Conditions) -> None:
-    """What is known of the conditions of the rows."""
+    """Known conditions of the rows."""
     if conditions.direction is not None:
         signs = conditions.direction.astype(np.int8)
         put(

@@ -1,4 +1,4 @@
-"""The table of a study as HDF5: one dataset per column, which says its units."""
+"""The table of a study as HDF5: one dataset per column, with its unit."""
 
 import io
 import json

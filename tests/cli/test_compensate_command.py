@@ -19,7 +19,7 @@ SIX = [
     "j4_deg",
     "j5_deg",
     "j6_deg",
-]  # of a FANUC: says whose joint 3
+]  # of a FANUC: states whose joint 3
 SERIAL = ["--joint-values", "serial"]
 ANGLES = [[0, 10, -10, 0, -70, 0], [10, 20, -30, 5, -60, 10], [-15, 5, 0, -10, -80, 30]]
 
@@ -275,7 +275,7 @@ def test_rows_outside_the_limits_are_marked(files: Files) -> None:
 # --- bounds ---------------------------------------------------------------------------------------
 
 
-def test_the_largest_change_is_told_and_kept(files: Files) -> None:
+def test_the_largest_change_is_reported_and_kept(files: Files) -> None:
     write_table("t.csv", SIX, ANGLES)
     free = run("compensate", files.six_network, "t.csv")
     told = [

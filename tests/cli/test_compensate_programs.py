@@ -297,7 +297,7 @@ def test_external_axes_beside_a_pose(calibration: str) -> None:
     assert zero == plain.replace("[9E9,9E9", "[0,9E9", 1)
 
 
-def test_the_message_says_how_many_and_which(calibration: str) -> None:
+def test_the_message_states_how_many_and_which(calibration: str) -> None:
     bad = FAR.replace("[1,0,0,0]", "[1,1,0,0]")
     Path("a.mod").write_text(
         GOOD + bad + bad + GOOD.replace("10", "x", 1) + bad.replace("9000", "nan")

@@ -31,7 +31,7 @@ def program(here: Path) -> None:
     Path("joints.script").write_text(JOINTS, encoding="utf-8")
 
 
-def test_a_program_with_poses_is_refused_until_it_is_said(ten: str) -> None:
+def test_a_program_with_poses_is_refused_until_the_model_is_stated(ten: str) -> None:
     message = refused(2, "compensate", ten, "work.script", "-o", "out.script")
     assert message.startswith(
         "work.script: holds poses, and the controller of ur10 has a model of its own"
@@ -114,7 +114,7 @@ def test_bad_files_are_one_line_and_nothing_is_written(
     assert not Path("out.script").exists()
 
 
-def test_a_dh_table_says_its_convention(ten: str) -> None:
+def test_a_dh_table_states_its_convention(ten: str) -> None:
     """The lengths of a ur10 instead of those of the table."""
     text = (SHARED / "dh.csv").read_text(encoding="utf-8")
     for old, new in (

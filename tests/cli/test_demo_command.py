@@ -87,7 +87,7 @@ def test_the_files_are_those_of_the_commands(demo_run: Demo) -> None:
     assert table == (folder / "evaluation.csv").read_text()
 
 
-def test_every_file_says_where_it_comes_from(demo_run: Demo) -> None:
+def test_every_file_states_where_it_comes_from(demo_run: Demo) -> None:
     folder, _ = demo_run
     for name in ("measurements", "fresh", *FITTED):
         assert answer("info", folder / f"{name}.h5")["provenance"]["command"] == "calibtool demo"

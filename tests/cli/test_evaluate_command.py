@@ -180,7 +180,7 @@ def test_the_table_for_people_goes_to_stderr(files: Files) -> None:
         assert row[9] == f"{method['orientation_mrad']['max']:.3f}"
 
 
-def test_what_no_joint_can_correct_is_told(files: Files) -> None:
+def test_what_no_joint_can_correct_is_reported(files: Files) -> None:
     stderr = run("evaluate", files.network, "--on", files.fresh).stderr
     beyond = answer("evaluate", files.network, "--on", files.fresh)["uncorrectable"]
     assert (

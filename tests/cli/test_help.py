@@ -14,7 +14,7 @@ from commandline import COMMANDS, ENVIRONMENT, Files, example_of, measured_table
 
 import calibtool
 
-# What scripts rely on (DESIGN.md); a name may be added, none may go.
+# What scripts rely on (docs/commands.md); a name may be added, none may go.
 CONTRACT = {
     "robots": "--json",
     "simulate": "-n --configurations --seed --workspace --errors --length-error-mm "
@@ -64,7 +64,7 @@ def test_defaults_of_the_contract() -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_says_what_it_does(command: str) -> None:
+def test_every_command_states_what_it_does(command: str) -> None:
     first = COMMANDS[command].help.strip().splitlines()[0]
     assert first.endswith(".")
     assert len(first) > 15

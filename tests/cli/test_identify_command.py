@@ -65,7 +65,7 @@ def test_number_of_identifiable_parameters(name: str, revolute: int, prismatic: 
     assert base["parameters"] == 6 * (revolute + prismatic + 1)
 
 
-def test_what_cannot_be_observed_is_said() -> None:
+def test_what_cannot_be_observed_is_reported() -> None:
     """Only joint 1 moves: joints 2 and 3 cannot be told apart."""
     write_table("at.csv", ["j1_deg", "j2_deg", "j3_deg"], [[5 * k, 60, 20] for k in range(20)])
     run("simulate", "planar-3r", "--at", "at.csv", "-o", "m.h5")
@@ -135,7 +135,7 @@ def test_files_describe_themselves(files: Files) -> None:
         assert missing == []
 
 
-def test_refit_moves_a_calibration_and_says_whether_it_still_helps(files: Files) -> None:
+def test_refit_moves_a_calibration_and_states_whether_it_still_helps(files: Files) -> None:
     """The same arm measured again, and another one: the calibration of the first is right
     for itself alone.
     """

@@ -86,10 +86,12 @@ def test_a_missing_target_is_named_by_line(exported: tuple[str, str]) -> None:
     assert np.isnan(stored("m.h5", POINTS)[1, 1]).all()
 
 
-def test_what_nobody_stated_is_asked_for(exported: tuple[str, str]) -> None:
+def test_what_is_not_stated_is_asked_for(exported: tuple[str, str]) -> None:
     points, joints = exported
     message = refused(3, "import", points, *ARM, "--joints", joints, "-o", "m.h5")
-    assert message == "points.txt: a list of points does not say its unit; give --unit mm, m or in"
+    assert (
+        message == "points.txt: a list of points does not state its unit; give --unit mm, m or in"
+    )
     assert "--joints FILE" in refused(3, "import", points, *ARM, "--unit", "mm", "-o", "m.h5")
     assert "--joints FILE" in refused(2, "import", joints, *ARM, "--join", "name", "-o", "m.h5")
 
@@ -147,7 +149,7 @@ def test_mixed_line_ends_are_one_table(files: Files) -> None:
     same("m.h5", files.measurements)
 
 
-def test_a_dry_run_says_how_the_table_is_understood_and_writes_nothing(
+def test_a_dry_run_states_how_the_table_is_understood_and_writes_nothing(
     exported: tuple[str, str],
 ) -> None:
     points, joints = exported

@@ -55,7 +55,7 @@ def test_provenance(files: Files) -> None:
 
 
 @pytest.mark.parametrize("name", ["measurements", "network", "local_poe", "paper", "ten"])
-def test_text_and_json_say_the_same(files: Files, name: str) -> None:
+def test_text_and_json_state_the_same(files: Files, name: str) -> None:
     path = getattr(files, name)
     result = run("info", path)
     assert result.stderr == ""

@@ -18,7 +18,9 @@ def test_from_the_robot_to_corrected_joints_without_a_file_between(here: Path) -
     """The pipe of the design document; the same commands with files in between give
     the same joints.
     """
-    joints = "j1_deg,j2_deg,j3_serial_deg,j4_deg,j5_deg,j6_deg"  # says whose: on a FANUC it matters
+    joints = (
+        "j1_deg,j2_deg,j3_serial_deg,j4_deg,j5_deg,j6_deg"  # states whose: on a FANUC it matters
+    )
     (here / "targets.csv").write_text(f"{joints},id\n0,10,-10,0,-70,0,a\n")
     script = (
         "calibtool simulate fanuc-m1000ia -n 40 -o - | calibtool train - --restarts 1 -o - | "

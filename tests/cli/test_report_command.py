@@ -64,7 +64,7 @@ def test_the_page_holds_what_evaluate_says(page: str, files: Files) -> None:
     assert page.endswith("</html>\n")
 
 
-def test_the_page_says_where_it_comes_from(page: str) -> None:
+def test_the_page_states_where_it_comes_from(page: str) -> None:
     assert "calibtool report " in page
     assert "sha256_calibration_2" in page
 

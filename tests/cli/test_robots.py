@@ -25,7 +25,7 @@ def test_the_list_has_every_robot_of_the_folder() -> None:
     assert result.stderr == ""
 
 
-def test_json_of_the_list_says_the_same() -> None:
+def test_json_of_the_list_states_the_same() -> None:
     value = answer("robots")
     assert value["schema"] == "calibtool/robots"
     assert value["schema_version"] == 1
@@ -116,7 +116,7 @@ def test_unknown_robot_lists_near_names(start: list[str]) -> None:
     assert "fanuc-m900ib-700" in refused(2, *start, "fanuc-m900")
 
 
-def test_json_is_readable_whatever_the_terminal_speaks() -> None:
+def test_json_is_readable_whatever_the_terminal_s_encoding() -> None:
     """Titles and notes hold ², ± and °; a JSON text is UTF-8 (or escaped), whatever
     stdout's encoding is.
     """

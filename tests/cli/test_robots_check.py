@@ -35,7 +35,7 @@ def test_a_built_in_robot() -> None:
     assert text.stderr.startswith("warning: the URDF has no masses")
 
 
-def test_a_copy_of_a_built_in_robot_is_told_from_it() -> None:
+def test_a_copy_of_a_built_in_robot_is_distinguished_from_it() -> None:
     path = shipped("robots") / "planar-3r"
     Path("own").mkdir()
     for name in ("robot.toml", "robot.urdf"):

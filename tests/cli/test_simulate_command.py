@@ -55,7 +55,7 @@ def test_any_number_of_joints(name: str, n: int) -> None:
     assert value["simulated"] is True
 
 
-def test_a_hundred_configurations_unless_told_otherwise() -> None:
+def test_a_hundred_configurations_by_default() -> None:
     run("simulate", "planar-3r", "-o", "m.h5")
     assert answer("info", "m.h5")["configurations"] == 100
 
@@ -320,7 +320,7 @@ def test_unknown_workspace_lists_near_names() -> None:
 # --- set-up ---------------------------------------------------------------------------------------
 
 
-def test_the_set_up_is_known_unless_told_otherwise() -> None:
+def test_the_set_up_is_known_by_default() -> None:
     run("simulate", "ur10", "-n", 5, "-o", "m.h5")
     registration = answer("info", "m.h5")["registration"]
     assert (registration["frame"], registration["targets"]) == ("known", "known")
@@ -428,7 +428,7 @@ def test_payload_and_temperature_from_simulation_to_corrected_joints_and_code() 
     assert "10 kg at the tool, links at 60 C" in Path("arm.h").read_text()
 
 
-def test_a_payload_is_refused_where_nobody_knows_what_it_does() -> None:
+def test_a_payload_is_refused_without_its_errors() -> None:
     run("simulate", "planar-3r", "-n", 20, "-o", "m.h5")
     run("identify", "m.h5", "-o", "c.h5")
     Path("t.csv").write_text("j1_deg,j2_deg,j3_deg\n10,20,30\n")

@@ -194,7 +194,7 @@ def test_a_loss_is_called_validation_only_where_something_was_held_back(files: F
     assert "validation loss" not in without
 
 
-def test_the_learning_curve_falls_and_says_what_more_would_give(files: Files) -> None:
+def test_the_learning_curve_falls_and_states_what_more_would_give(files: Files) -> None:
     paper = ["--base", "nominal", "--folds", 2, "--learning-curve"]
     curve = trained(files, *paper)["learning_curve"]
     sizes, errors = curve["configurations"], curve["position_rms_mm"]

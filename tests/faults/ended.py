@@ -24,7 +24,7 @@ import calibtool.demo
 # All that the commands need is imported once, before the forks.
 import calibtool.planning.plan  # noqa: F401
 from calibtool.cli import files, main
-from calibtool.cli.atomic_output import SUFFIX, Part, staged
+from calibtool.cli.atomic_output import SUFFIX, PartialFile, staged
 
 SAMPLES = Path(__file__).resolve().parent.parent / "programs"
 WATCHED = (
@@ -169,7 +169,7 @@ def at_step(action: Callable[[int], None]) -> Callable[[], None]:
             action(step)
 
     @contextlib.contextmanager
-    def watched(target: Path) -> Iterator[Part]:
+    def watched(target: Path) -> Iterator[PartialFile]:
         sys.setprofile(count)
         try:
             with staged(target) as part:

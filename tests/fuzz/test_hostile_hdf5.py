@@ -1,4 +1,4 @@
-"""HDF5 files of an enemy, or of a failing disk: nothing else is read, nothing fills the
+"""HDF5 files of an attacker, or of a failing disk: nothing else is read, nothing fills the
 memory, nothing loops.
 """
 

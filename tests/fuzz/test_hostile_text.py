@@ -1,4 +1,4 @@
-"""Text and workbooks of an enemy: no other file is read, no nesting, no number and no name
+"""Text and workbooks of an attacker: no other file is read, no nesting, no number and no name
 brings a reader down.
 """
 

@@ -1,6 +1,4 @@
-"""A picture of an arm at the home of its default workspace: three views, joint axes, base and tool
-frames, targets.
-"""
+"""Picture of an arm at home: three views with joint axes, frames and targets."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -56,7 +54,7 @@ def arm_figure(robot: Robot) -> Figure:
     arm = _arm(robot, q)
     figure = Figure(figsize=(13.0, 5.6), layout="constrained")
     panels = figure.subplots(1, 3)
-    shown = q * np.where(robot.prismatic, 1e3, 180.0 / np.pi)
+    shown = q * robot.display_factors
     home = ", ".join(
         f"{column} {value:.4g}" for column, value in zip(robot.joint_columns, shown, strict=True)
     )

@@ -1,6 +1,4 @@
-"""What is inside calibrations: training (the paper's Fig. 4), joint motions, parameters, singular
-values, coverage.
-"""
+"""Figures of calibrations: training (Fig. 4), motions, parameters, rank, coverage."""
 
 from collections.abc import Sequence
 
@@ -26,6 +24,7 @@ from calibtool.evaluation.plots.style import (
 )
 from calibtool.identification.local_poe import RANK_TOLERANCE
 from calibtool.identification.report import parameter_rows
+from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
@@ -96,12 +95,9 @@ def motions(calibrations: Named, width_mm: float) -> Figure:
     robot = moving[0][2].robot
     figure, axes = panels(width_mm, robot.n, (55.0, 42.0))
     for j, panel in enumerate(axes):
-        factor, unit = (1e3, "mm") if robot.prismatic[j] else (180 / np.pi, "deg")
+        factor, unit = robot.display_unit(j)
         for i, name, calibration in moving:
-            rows = np.unique(
-                np.linspace(0, len(calibration.q) - 1, min(len(calibration.q), _DOTS)).astype(int)
-            )
-            q = calibration.q[rows]
+            q = calibration.q[spread_rows(len(calibration.q), _DOTS)]
             found = joint_motions(calibration, q)[:, j] * 1e3
             panel.plot(
                 q[:, j] * factor,
@@ -110,7 +106,7 @@ def motions(calibrations: Named, width_mm: float) -> Figure:
                 markersize=1.8,
                 markeredgewidth=0,
                 label=label(name),
-                rasterized=len(rows) * len(moving) > MANY,
+                rasterized=len(q) * len(moving) > MANY,
                 **mark(i),
             )
             harmonics = calibration.base.errors["harmonics"]
@@ -233,7 +229,7 @@ def coverage(calibrations: Named, robot: Robot, judged: Array, width_mm: float) 
         else:
             sets[same] = (sets[same][0], f"{sets[same][1]}, {name}", calibration.q)
     for j, panel in enumerate(axes):
-        factor, unit = (1e3, "mm") if robot.prismatic[j] else (180 / np.pi, "deg")
+        factor, unit = robot.display_unit(j)
         every = np.concatenate([judged[:, j], *(q[:, j] for _, _, q in sets)]) * factor
         low, high = (
             min(robot.lower[j] * factor, every.min()),

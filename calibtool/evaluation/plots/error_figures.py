@@ -1,6 +1,4 @@
-"""Errors of methods: per configuration (the paper's Fig. 5), distributed, in the workspace,
-and after ISO 9283.
-"""
+"""Figures of errors: per configuration (Fig. 5), distribution, in the workspace, ISO 9283."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +19,7 @@ from calibtool.evaluation.plots.style import (
     panels,
     sheet,
 )
+from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.se3 import Array
 
 _ARROWS = 150  # in a panel
@@ -31,9 +30,7 @@ Errors = list[tuple[str, Array]]
 
 
 def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Errors]]:
-    """Name, axis label and sizes (N,) of every method, in mm and mrad; the orientation
-    where it is seen.
-    """
+    """Name, axis label and errors (N,) of every method in mm and, if measured, mrad."""
     result = [
         (
             "position",
@@ -50,9 +47,7 @@ def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Errors]]:
 
 
 def errors(evaluation: Evaluation, width_mm: float) -> Figure:
-    """Position and orientation error of every configuration, and their spread,
-    methods side by side.
-    """
+    """Position and orientation errors of every configuration and their spread."""
     quantities = _quantities(evaluation)
     wide = width_mm >= _WIDE_MM
     rows = len(quantities) if wide else 2 * len(quantities)
@@ -124,13 +119,11 @@ def distribution(evaluation: Evaluation, limits: tuple[Limit, ...], width_mm: fl
 
 
 def vectors(evaluation: Evaluation, position: Array, width_mm: float) -> Figure:
-    """Errors as arrows at the commanded tool positions (N, 3), m in K_0, magnified, seen
-    along the three axes.
-    """
+    """Magnified errors as arrows at tool positions (N, 3), m in K_0, in three views."""
     methods = evaluation.methods
     figure = sheet(width_mm, len(methods) * (width_mm / 3.1 + 6.0))
     grid = figure.subplots(len(methods), 3, squeeze=False)
-    rows = np.unique(np.linspace(0, len(position) - 1, min(len(position), _ARROWS)).astype(int))
+    rows = spread_rows(len(position), _ARROWS)
     extent = max(float(np.ptp(position, axis=0).max()), 1e-3)
     for i, method in enumerate(methods):
         error = method.position.mean(axis=1)

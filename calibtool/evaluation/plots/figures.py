@@ -1,4 +1,4 @@
-"""The figures by name: what each shows, and what it is drawn from."""
+"""The figures by name, with the data that each needs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +16,12 @@ from calibtool.measurement.measurements import Measurements
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What figures are drawn from: named calibrations; where they are judged, measurements,
-    errors and limits.
+    """What figures and reports are made from.
+
+    calibrations  with their names
+    measurements  on which they are judged, None where they are not
+    evaluation    their errors there
+    limits        acceptance limits to draw
     """
 
     calibrations: list[tuple[str, Calibration]]
@@ -28,9 +32,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class FigureKind:
-    """A figure: one line about it, whether it needs measurements, and how it is drawn
-    at a width in mm.
-    """
+    """A figure: description, whether it needs measurements, and its drawing function."""
 
     title: str
     judged: bool

@@ -98,9 +98,7 @@ def _boxes(panel: Axes, values: list[list[float]], place: int, count: int) -> No
 
 
 def _name_blocks(panels: np.ndarray, blocks: list[tuple[Cell, ...]], methods: list[str]) -> None:
-    """Ticks: the methods' names when there is one block, otherwise what
-    distinguishes the blocks.
-    """
+    """Ticks: names of methods for one block, otherwise what distinguishes the blocks."""
     if len(blocks) == 1:
         ticks, names = [place + 1.0 for place in range(len(methods))], methods
     else:

@@ -1,4 +1,4 @@
-"""How figures look, and how they become bytes: one type size, one palette, no dates."""
+"""Style of the figures and their files: one type size, one palette, no dates."""
 
 import io
 import warnings

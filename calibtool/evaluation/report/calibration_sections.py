@@ -6,7 +6,7 @@ from calibtool.calibration import Calibration
 from calibtool.calibration.frame_report import frame_report
 from calibtool.errormodel.family import COMPONENTS
 from calibtool.evaluation.plots import Subject
-from calibtool.evaluation.report.content import Drawing, Section, Table, number
+from calibtool.evaluation.report.content import Drawing, PageSection, PageTable, number
 from calibtool.identification.report import parameter_rows, strongest_correlations
 from calibtool.measurement.measurements import Measurements
 
@@ -14,7 +14,7 @@ _OPEN_ROWS = 20  # a longer table is folded
 _NAMED = 12  # unobservable parameters named
 
 
-def training_section(subject: Subject) -> Section:
+def training_section(subject: Subject) -> PageSection:
     """How networks were trained, and whether they are used."""
     lines = []
     for name, calibration in subject.calibrations:
@@ -35,10 +35,10 @@ def training_section(subject: Subject) -> Section:
         lines.append(f"{text}.")
     caption = "Loss over the iterations of the best restart."
     alt = "Training and validation loss, the loss without network, and the iteration that was kept."
-    return Section("training", "Training", lines, [Drawing("training", caption, alt)])
+    return PageSection("training", "Training", lines, [Drawing("training", caption, alt)])
 
 
-def motions_section(subject: Subject) -> Section:
+def motions_section(subject: Subject) -> PageSection:
     """δρ of each joint against its position."""
     virtual = subject.calibrations[0][1].equivalent.virtual_joints
     lines = []
@@ -48,7 +48,7 @@ def motions_section(subject: Subject) -> Section:
             f"The virtual joints ({names}, in the tool frame) have no position of their own and "
             "are not drawn."
         ]
-    return Section(
+    return PageSection(
         "motions",
         "Joint motions",
         lines,
@@ -63,7 +63,7 @@ def motions_section(subject: Subject) -> Section:
     )
 
 
-def parameters_section(subject: Subject) -> Section:
+def parameters_section(subject: Subject) -> PageSection:
     """Every parameter with its uncertainty; for a model without one its placement errors."""
     tables, lines = [], []
     for name, calibration in subject.calibrations:
@@ -100,30 +100,32 @@ def parameters_section(subject: Subject) -> Section:
                 "determined",
             ]
             tables.append(
-                Table(f"Parameters of {name}", header, cells, folded=len(cells) > _OPEN_ROWS)
+                PageTable(f"Parameters of {name}", header, cells, folded=len(cells) > _OPEN_ROWS)
             )
         elif base.model != "nominal":
             tables.append(_placements(name, calibration))
     if not tables:
-        return Section("parameters", "Parameters", ["None: no base model was identified."])
+        return PageSection("parameters", "Parameters", ["None: no base model was identified."])
     caption = (
         "Values ± 2 standard deviations. A bar as long as the tolerance was not "
         "determined by the data."
     )
     alt = "Identified parameters with error bars, one panel per family."
-    return Section("parameters", "Parameters", lines, [Drawing("parameters", caption, alt)], tables)
+    return PageSection(
+        "parameters", "Parameters", lines, [Drawing("parameters", caption, alt)], tables
+    )
 
 
-def _placements(name: str, calibration: Calibration) -> Table:
+def _placements(name: str, calibration: Calibration) -> PageTable:
     errors = calibration.base.errors["placements"]
     rows = [[f"ζ{j + 1}", *(f"{v * 1e3:.4f}" for v in row)] for j, row in enumerate(errors)]
     header = ["error", *(f"{c} {'mrad' if c.startswith('r') else 'mm'}" for c in COMPONENTS)]
-    return Table(
+    return PageTable(
         f"Placement errors of {name} (least norm, no uncertainty)", header, rows, folded=True
     )
 
 
-def flagged_section(subject: Subject) -> Section:
+def flagged_section(subject: Subject) -> PageSection:
     """Rows of the identification that do not fit."""
     tables, lines = [], []
     looked = False
@@ -148,17 +150,19 @@ def flagged_section(subject: Subject) -> Section:
             for k in (-flagged.deviation).argsort(kind="stable")
         ]
         header = ["configuration", "residual mm", "times the noise"]
-        tables.append(Table(f"Flagged rows of {name}", header, rows, folded=len(rows) > _OPEN_ROWS))
+        tables.append(
+            PageTable(f"Flagged rows of {name}", header, rows, folded=len(rows) > _OPEN_ROWS)
+        )
     if not lines:
         lines = [
             "None: every row of the identification fits."
             if looked
             else "Nobody looked: only the complete model flags rows that do not fit."
         ]
-    return Section("flagged", "Flagged rows", lines, (), tables)
+    return PageSection("flagged", "Flagged rows", lines, (), tables)
 
 
-def observability_section(subject: Subject) -> Section:
+def observability_section(subject: Subject) -> PageSection:
     """Rank, singular values, and what the configurations do not show."""
     rows, lines = [], []
     for name, calibration in subject.calibrations:
@@ -192,7 +196,7 @@ def observability_section(subject: Subject) -> Section:
         "largest",
         "smallest kept",
     ]
-    tables = [Table("Rank and singular values", header, rows)] if rows else []
+    tables = [PageTable("Rank and singular values", header, rows)] if rows else []
     caption = (
         "Singular values. Complete model: relative to the tolerances; above 1 the data say more "
         "than those do."
@@ -201,13 +205,13 @@ def observability_section(subject: Subject) -> Section:
         "Singular values in falling order, with the limit below which a direction is "
         "not determined."
     )
-    return Section(
+    return PageSection(
         "observability", "Observability", lines, [Drawing("observability", caption, alt)], tables
     )
 
 
-def noise_section(subject: Subject) -> Section:
-    """Stated noise against what the residuals say."""
+def noise_section(subject: Subject) -> PageSection:
+    """Stated noise compared with that of the residuals."""
     rows = []
     for name, calibration in subject.calibrations:
         base = calibration.base
@@ -232,8 +236,8 @@ def noise_section(subject: Subject) -> Section:
     header = ["calibration", "stated mm", "estimated mm", "base residual rms mm"]
     if len(rows[0]) > len(header) + 1:
         header += ["stated mrad", "estimated mrad", "base residual rms mrad"]
-    return Section(
-        "noise", "Noise", (), (), [Table("Per measured coordinate", [*header, "verdict"], rows)]
+    return PageSection(
+        "noise", "Noise", (), (), [PageTable("Per measured coordinate", [*header, "verdict"], rows)]
     )
 
 
@@ -252,12 +256,12 @@ def _noise_verdict(factor: float | None) -> str:
     )
 
 
-def provenance_section(subject: Subject, own: dict[str, str], judged: Measurements) -> Section:
+def provenance_section(subject: Subject, own: dict[str, str], judged: Measurements) -> PageSection:
     """Where the page, the calibrations and the measurements come from."""
     sources = [("this page", own), *((name, c.provenance) for name, c in subject.calibrations)]
     sources.append(("the measurements", judged.provenance))
     tables = [
-        Table(
+        PageTable(
             f"Provenance of {name}",
             ["entry", "value"],
             list(map(list, entries.items())),
@@ -267,7 +271,7 @@ def provenance_section(subject: Subject, own: dict[str, str], judged: Measuremen
         if entries
     ]
     missing = [name for name, entries in sources if not entries]
-    return Section(
+    return PageSection(
         "provenance",
         "Provenance",
         [f"Nothing is recorded for {name}." for name in missing],

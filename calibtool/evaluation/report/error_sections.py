@@ -10,22 +10,20 @@ import numpy as np
 from calibtool.calibration.guard import coverage
 from calibtool.evaluation.metrics import STATISTICS, MethodErrors, pose_statistics
 from calibtool.evaluation.plots import Subject
-from calibtool.evaluation.report.content import Drawing, Section, Table, number
+from calibtool.evaluation.report.content import Drawing, PageSection, PageTable, number
 from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements
 
 _WORST = 5  # configurations listed per calibration
 
 
-def errors_section(subject: Subject, judged: Measurements) -> Section:
-    """Statistics of every method, its errors and their distribution, and
-    the worst configurations.
-    """
+def errors_section(subject: Subject, judged: Measurements) -> PageSection:
+    """Statistics and distribution of the errors, and the worst configurations."""
     evaluation = subject.evaluation
     assert evaluation is not None
     entries: list[dict[str, Any]] = evaluation.as_json()["methods"]  # type: ignore[assignment]
     tables = [
-        Table(
+        PageTable(
             f"{quantity.capitalize()} error, {unit}",
             ["method", *STATISTICS],
             [
@@ -49,7 +47,7 @@ def errors_section(subject: Subject, judged: Measurements) -> Section:
         for e in entries
     )
     limits = "; black, dotted: limits" if subject.limits else ""
-    return Section(
+    return PageSection(
         "errors",
         "Errors",
         lines,
@@ -69,7 +67,7 @@ def errors_section(subject: Subject, judged: Measurements) -> Section:
     )
 
 
-def _with_expected(table: Table, expected: MethodErrors) -> Table:
+def _with_expected(table: PageTable, expected: MethodErrors) -> PageTable:
     """The table of one quantity with a row of what the model expects after correction."""
     key = "position_mm" if table.caption.endswith("mm") else "orientation_mrad"
     found = pose_statistics(expected)[key]
@@ -79,21 +77,21 @@ def _with_expected(table: Table, expected: MethodErrors) -> Table:
     return replace(table, rows=[*table.rows, row])
 
 
-def _worst(methods: list[MethodErrors], judged: Measurements) -> Table:
+def _worst(methods: list[MethodErrors], judged: Measurements) -> PageTable:
     """The largest position errors, and the joint positions where they are."""
-    factors = np.where(judged.robot.prismatic, 1e3, 180 / np.pi)
+    factors = judged.robot.display_factors
     rows = []
     for method in methods:
         for k in np.argsort(-method.position_size, kind="stable")[:_WORST]:
             cells = [str(int(k) + 1), number(float(method.position_size[k]) * 1e3)]
             rows.append([method.name, *cells, *(f"{v:.1f}" for v in judged.q[k] * factors)])
     header = ["method", "configuration", "error mm", *judged.robot.joint_columns]
-    return Table("Largest position errors, and the joints there", header, rows, folded=True)
+    return PageTable("Largest position errors, and the joints there", header, rows, folded=True)
 
 
-def vectors_section(subject: Subject) -> Section:
+def vectors_section(subject: Subject) -> PageSection:
     """Error vectors in three projections."""
-    return Section(
+    return PageSection(
         "vectors",
         "Error vectors in the workspace",
         [
@@ -112,11 +110,11 @@ def vectors_section(subject: Subject) -> Section:
     )
 
 
-def uncorrectable_section(subject: Subject) -> Section:
-    """Poses that the actual robot cannot take whatever its joints do."""
+def uncorrectable_section(subject: Subject) -> PageSection:
+    """Poses that the actual robot cannot reach with any joint positions."""
     evaluation = subject.evaluation
     assert evaluation is not None
-    section = Section("uncorrectable", "What no joint can correct")
+    section = PageSection("uncorrectable", "What no joint can correct")
     beyond = evaluation.uncorrectable
     if beyond is None:
         known = (
@@ -130,7 +128,7 @@ def uncorrectable_section(subject: Subject) -> Section:
             else "Not known: only a simulation with a known set-up knows which poses the actual "
             "robot can take."
         )
-        return Section(section.id, section.title, [reason])
+        return PageSection(section.id, section.title, [reason])
     line = (
         f"{len(beyond.position)} of {evaluation.configurations} commanded poses cannot be taken by "
         "the actual robot: too few joints, or out of reach. The error that remains at the "
@@ -142,12 +140,12 @@ def uncorrectable_section(subject: Subject) -> Section:
         for quantity, unit in (("position", "mm"), ("orientation", "mrad"))
         if (values := whole[f"{quantity}_{unit}"]) is not None
     ]
-    return Section(
-        section.id, section.title, [line], (), [Table("Nearest poses", ["", *STATISTICS], rows)]
+    return PageSection(
+        section.id, section.title, [line], (), [PageTable("Nearest poses", ["", *STATISTICS], rows)]
     )
 
 
-def pose_test_section(subject: Subject) -> Section:
+def pose_test_section(subject: Subject) -> PageSection:
     """AP and RP where configurations were repeated."""
     evaluation = subject.evaluation
     assert evaluation is not None
@@ -159,7 +157,7 @@ def pose_test_section(subject: Subject) -> Section:
     )
     test = evaluation.pose_test
     if test is None:
-        return Section("iso9283", title, (), [drawing])
+        return PageSection("iso9283", title, (), [drawing])
     tables = []
     shown = (
         ("mm", test.accuracy, test.repeatability),
@@ -177,16 +175,16 @@ def pose_test_section(subject: Subject) -> Section:
             for k, pose in enumerate(test.poses)
         ]
         header = ["pose", "repeats", *(f"AP {name}" for name in test.methods), "RP"]
-        tables.append(Table(f"AP and RP, {unit}", header, rows, folded=len(rows) > 10))
+        tables.append(PageTable(f"AP and RP, {unit}", header, rows, folded=len(rows) > 10))
     how = "Commanded against measured" if evaluation.proof else "Measured minus predicted"
     lines = [f"{how}, from the repeated rows."]
     if test.before is not None:
         earlier = ", ".join(number(float(v) * 1e3) for v in test.before[0])
         lines.append(f"RP before the correction, mm: {earlier}.")
-    return Section("iso9283", title, lines, [drawing], tables)
+    return PageSection("iso9283", title, lines, [drawing], tables)
 
 
-def coverage_section(subject: Subject, judged: Measurements) -> Section:
+def coverage_section(subject: Subject, judged: Measurements) -> PageSection:
     """Where the judged configurations lie among those of the training."""
     rows, lines = [], [f"judged rows: {finding}" for finding in judged.findings]
     for name, calibration in subject.calibrations:
@@ -211,12 +209,12 @@ def coverage_section(subject: Subject, judged: Measurements) -> Section:
         "unlike the training",
         "largest distance",
     ]
-    table = Table(
+    table = PageTable(
         "Distance to the nearest training row over the largest one within the training",
         header,
         rows,
     )
-    return Section(
+    return PageSection(
         "coverage",
         "Coverage of the joint space",
         lines,

@@ -11,7 +11,7 @@ from calibtool.evaluation.compare import judged_rows
 from calibtool.evaluation.plots import Subject, draw
 from calibtool.evaluation.plots.style import COLOURS, GRID, INK, SHADE, WIDTH_MM
 from calibtool.evaluation.report import calibration_sections, error_sections
-from calibtool.evaluation.report.content import Drawing, Section, Table
+from calibtool.evaluation.report.content import Drawing, PageSection, PageTable
 from calibtool.evaluation.report.verdict import cautions, headline, remarks, verdicts
 from calibtool.evaluation.wording import words
 
@@ -30,10 +30,10 @@ _DIGITS = re.compile(r"(\.\d\d)\d+")  # a hundredth of a point is enough
 class Shown:
     """A section ready to be shown: its lines, drawings with their SVG, and tables."""
 
-    section: Section
+    section: PageSection
     lines: list[str]
     drawings: list[tuple[Drawing, Markup]]
-    tables: list[Table]
+    tables: list[PageTable]
 
 
 def html_report(subject: Subject, provenance: dict[str, str]) -> str:
@@ -84,7 +84,7 @@ def html_report(subject: Subject, provenance: dict[str, str]) -> str:
     )
 
 
-def _shown(section: Section, subject: Subject) -> Shown:
+def _shown(section: PageSection, subject: Subject) -> Shown:
     """Draw what a section shows; what there is nothing of becomes a line."""
     lines, drawings = list(section.lines), []
     for drawing in section.drawings:
@@ -98,9 +98,7 @@ def _shown(section: Section, subject: Subject) -> Shown:
 
 
 def _inline(svg: str, prefix: str) -> Markup:
-    """The `<svg>` element alone: its names its own, its colours those of
-    the page, light or dark.
-    """
+    """The `<svg>` element with unique names and the colours of the page."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r"<!--.*?-->\n?", "", svg, flags=re.DOTALL)

@@ -1,6 +1,4 @@
-"""The verdict: what every calibration changes, whether the limits are met, and what weakens
-either statement.
-"""
+"""The verdict: effect of every calibration, limits, and cautions."""
 
 from dataclasses import dataclass
 from typing import Any, cast
@@ -26,7 +24,7 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class Headline:
-    """One sentence, and whether it is good (True), bad (False) or only said (None)."""
+    """One sentence, and whether it is good (True), bad (False) or neutral (None)."""
 
     text: str
     good: bool | None
@@ -73,7 +71,7 @@ def headline(subject: Subject, found: list[Verdict]) -> Headline:
 
 
 def cautions(subject: Subject, judged: Array) -> list[str]:
-    """What a reader has to know before believing the numbers; judged (N, n) joint positions."""
+    """Cautions that weaken the numbers; judged (N, n) joint positions."""
     evaluation = subject.evaluation
     assert evaluation is not None
     result = []
@@ -84,15 +82,14 @@ def cautions(subject: Subject, judged: Array) -> list[str]:
                 f"{seen} of the {len(judged)} judged configurations were used to make {name}: a "
                 "fit shows less error there than anywhere else."
             )
-        if evaluation.marked[k]:
+        found = evaluation.results[k]
+        if found.marked:
             result.append(
-                f"{evaluation.marked[k]} corrections by {name} leave a part of the "
-                "error, or all of it."
+                f"{found.marked} corrections by {name} leave a part of the error, or all of it."
             )
-        if evaluation.outside[k]:
+        if found.outside:
             result.append(
-                f"{evaluation.outside[k]} judged configurations are unlike those of the "
-                f"training of {name}."
+                f"{found.outside} judged configurations are unlike those of the training of {name}."
             )
     return result
 

@@ -1,6 +1,4 @@
-"""What a study varies: the definition (a TOML file or options), and the
-runs that follow from it.
-"""
+"""Definition of a study, from a TOML file or options, and its runs."""
 
 import hashlib
 from collections.abc import Mapping
@@ -162,7 +160,12 @@ class RobotText:
 
 @dataclass(frozen=True)
 class Study:
-    """A definition with its robots read: all that a worker needs for any run of it."""
+    """A definition with its robots read: all that a worker needs for any run of it.
+
+    definition  what is varied, and how runs are made and judged
+    robots      texts of their descriptions
+    version     of the calibtool that made it; another one does not run it
+    """
 
     definition: Definition
     robots: tuple[RobotText, ...]

@@ -1,14 +1,17 @@
 """Journal of finished runs on disk, one synced line each, from which a study is resumed."""
 
-import fcntl
 import json
 import os
+import sys
 from pathlib import Path
 from types import TracebackType
 
 from calibtool.errors import UsageError
 from calibtool.evaluation.study.definition import Study
 from calibtool.evaluation.study.study_table import Row, checked_row
+
+if sys.platform != "win32":
+    import fcntl
 
 SCHEMA = "calibtool/study-journal"
 _START = json.dumps({"schema": SCHEMA})[:-1].encode()
@@ -70,7 +73,8 @@ class Journal:
     def _open(self, path: Path, discard: bool) -> int:
         file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if sys.platform != "win32":  # no such locks there: two studies are told apart by hand
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(file)
             raise UsageError(f"{path}: another calibtool is working on this study") from None

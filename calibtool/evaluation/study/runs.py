@@ -1,6 +1,4 @@
-"""One run of a study: draw a robot, measure it, calibrate it by every method, judge
-them side by side.
-"""
+"""One run of a study: draw a robot, measure, calibrate by every method, evaluate."""
 
 import threading
 from collections.abc import Callable
@@ -28,10 +26,10 @@ _CALIBRATE: dict[str, Callable[[Measurements, int], Calibration]] = {
     "local-poe": lambda m, seed: identify(m, "local-poe"),
     "complete": lambda m, seed: identify(m, "complete"),
     "network": lambda m, seed: train(m, "nominal", TrainingOptions(seed=seed)),
-    "network-local-poe": lambda m, seed: train(m, "local-poe", TrainingOptions(seed=seed)),
-    "default": lambda m, seed: train(
-        m, "complete", TrainingOptions(regularisation="bayes", seed=seed)
+    "network-local-poe": lambda m, seed: train(
+        m, "local-poe", TrainingOptions(regularisation="early-stopping", seed=seed)
     ),
+    "default": lambda m, seed: train(m, options=TrainingOptions(seed=seed)),
 }
 
 
@@ -130,7 +128,7 @@ def _results(evaluation: Evaluation, networks: dict[str, int]) -> dict[str, tupl
     return {
         entry["name"]: (
             networks.get(entry["name"], 0),
-            marked,
+            result.marked,
             *(_cell(entry["position_mm"], s) for s in STATISTICS),
             *(_cell(entry["orientation_mrad"], s) for s in STATISTICS),
             *(
@@ -139,7 +137,7 @@ def _results(evaluation: Evaluation, networks: dict[str, int]) -> dict[str, tupl
                 for s in REDUCTIONS
             ),
         )
-        for entry, marked in zip(entries, evaluation.marked, strict=True)
+        for entry, result in zip(entries, evaluation.results, strict=True)
     }
 
 

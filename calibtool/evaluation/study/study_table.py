@@ -58,9 +58,7 @@ class StudyTable:
 
 
 def rounded(value: float) -> float:
-    """Nine significant digits: what is stored is what is written, and the last bits of a
-    machine do not show.
-    """
+    """Nine significant digits, so that last bits of a machine do not show."""
     return float(f"{value:.9g}")
 
 

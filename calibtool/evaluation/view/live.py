@@ -1,6 +1,4 @@
-"""The scene live in a browser: the arm by Pinocchio's ViserVisualizer, targets and errors
-beside it by viser.
-"""
+"""The scene live in a browser: the arm by Pinocchio's ViserVisualizer, the rest by viser."""
 
 import contextlib
 import io
@@ -104,9 +102,7 @@ def _look_at(server: "ViserServer", scene: Scene) -> None:
 
 
 def _pairs(server: "ViserServer", name: str, nominal: Array, found: Array, width: float) -> None:
-    """Nominal and found targets and the lines between them; targets that
-    were not seen stay away.
-    """
+    """Nominal and found targets and the lines between them, without unseen targets."""
     seen = ~np.isnan(found[..., 0])
     _lines(server, f"/errors/{name}", np.stack([nominal[seen], found[seen]], axis=1), _FOUND, 3.0)
     for kind, points, colour in (

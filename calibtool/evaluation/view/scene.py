@@ -1,6 +1,4 @@
-"""Contents of a view: the arm at every configuration, its nominal and its measured or predicted
-targets.
-"""
+"""Contents of a view: the arm at every configuration, nominal and found targets."""
 
 from dataclasses import dataclass
 

@@ -188,8 +188,8 @@ def _trends(
 
 
 def _commanded_or_read(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding | None:
-    """How far from the commanded (0) to the read (1) positions the robot really was, as the points
-    say it.
+    """How far from the commanded (0) to the read (1) positions the robot really was, as
+    the points show it.
     """
     commanded, read = auxiliary.q_commanded, auxiliary.q_read
     if commanded is None or read is None:

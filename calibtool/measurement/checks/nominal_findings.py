@@ -15,6 +15,7 @@ from calibtool.measurement.checks.mistakes import mistakes
 from calibtool.measurement.checks.nominal_fit import Fit, nominal_fit
 from calibtool.measurement.checks.zeros import zero_of_one_joint, zeros_of_all_joints
 from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.se3 import readonly, transform_points
 
 _SUSPICIOUS, _AT_LEAST = (
@@ -77,7 +78,7 @@ def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
 
 def _single_mistake(measurements: Measurements) -> list[Finding]:
     """The mistake without which the robot explains the points, or that none of those tried does."""
-    rows = np.unique(np.linspace(0, len(measurements) - 1, _MOST_ROWS).astype(int))
+    rows = spread_rows(len(measurements), _MOST_ROWS)
     some = measurements.rows(rows)
     before = nominal_fit(some, free=True).rms
     explained = max(_SUSPICIOUS * measurements.robot.length, _AT_LEAST)

@@ -12,6 +12,7 @@ from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import linearised, weighted_residuals
 from calibtool.measurement.registration import update_setup
+from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.se3 import Array, readonly
 
 _GRID = np.deg2rad([30.0, 60.0, 90.0, 120.0, 150.0, 180.0, -150.0, -120.0, -90.0, -60.0, -30.0])
@@ -60,8 +61,7 @@ def zero_of_one_joint(measurements: Measurements, *, grid: bool) -> Zeros | None
     None where no offset is large enough to be a mistake, or the outer joints alone could show it.
     """
     robot, best = measurements.robot, None
-    rows = np.unique(np.linspace(0, len(measurements) - 1, _FEW_ROWS).astype(int))
-    few = measurements.rows(rows)
+    few = measurements.rows(spread_rows(len(measurements), _FEW_ROWS))
     for j in range(robot.n):
         start = 0.0
         if grid and not robot.prismatic[j]:

@@ -33,10 +33,11 @@ from calibtool.measurement.importing.readings import (
     read_rotations,
 )
 from calibtool.measurement.importing.row_selection import choose_rows, line_ranges
-from calibtool.measurement.importing.sources import Source, read_source
+from calibtool.measurement.importing.sources import SourceTable, read_source
 from calibtool.measurement.importing.template import map_template
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
+from calibtool.measurement.sampling import spread_rows
 from calibtool.measurement.streams import JointStream
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.robot import Robot
@@ -63,7 +64,7 @@ class JointFile(NamedTuple):
 class Understood:
     """How the files were read: for people, before anything is written (`preview.preview`)."""
 
-    source: Source
+    source: SourceTable
     columns: ColumnMap
     joints_name: str
     noise_stated: bool
@@ -134,10 +135,8 @@ class Imported(NamedTuple):
         Raises NoSolutionError for too few rows; a warning about the table goes along, it may tell
         why.
         """
-        count = len(self.measurements)
         used = self.measurements
-        if count > REGISTRATION_ROWS:
-            used = used.rows(np.linspace(0, count - 1, REGISTRATION_ROWS).astype(int))
+        used = used.rows(spread_rows(len(used), REGISTRATION_ROWS))
         try:
             return self.with_setup(register(used))
         except NoSolutionError as error:
@@ -243,10 +242,10 @@ def read_table(
     elif board:
         raise UsageError("--board: the table holds no poses")
     assert complete.joints is not None
-    said = complete.joints.values
+    stated_values = complete.joints.values
     if mapped and joint_values is not None:
-        said = joint_values
-    whose = robot.joint_values(joint_table.name, said, joint_values)
+        stated_values = joint_values
+    whose = robot.joint_values(joint_table.name, stated_values, joint_values)
     complete = complete.with_joint_values(whose)
     assert complete.joints is not None
     table = source.table
@@ -385,7 +384,7 @@ def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str
 
 
 def _ignored(
-    source: Source, joints: Table, columns: ColumnMap, joined: JointFile | None
+    source: SourceTable, joints: Table, columns: ColumnMap, joined: JointFile | None
 ) -> dict[str, list[str]]:
     """Columns of each file that nothing is read from, not even to find a row by."""
     beside = set(COMPENSATED)

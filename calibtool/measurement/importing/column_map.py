@@ -193,7 +193,7 @@ class ColumnMap(_Strict):
         return {column for part in parts for column in part}
 
     def with_joint_values(self, values: JointValues) -> "ColumnMap":
-        """The same with whose joint values they are; those read back too, unless they say it."""
+        """The same with whose joint values they are; those read back too, unless they state it."""
         joints, read = self.joints, self.joints_read
         if joints is not None:
             joints = joints.model_copy(update={"values": values})

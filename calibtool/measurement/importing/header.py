@@ -1,4 +1,4 @@
-"""What the names of a header stand for: the parts of a column map that no file gives."""
+"""Meaning of the names of a header: the parts of a column map that no file gives."""
 
 import re
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from calibtool.measurement.importing.column_map import (
 )
 from calibtool.measurement.importing.dates import is_date
 from calibtool.measurement.importing.names import Named, named
-from calibtool.measurement.importing.sources import Source
+from calibtool.measurement.importing.sources import SourceTable
 from calibtool.robot.robot import Robot
 from calibtool.tables import Table, joint_columns_of, pose_columns_of, stated_values, unit_of
 
@@ -47,7 +47,7 @@ _ANGLES = (  # three angles, and whose convention it may be
 
 @dataclass(frozen=True)
 class Stated:
-    """What the user says where a header is silent: all None where nothing is said.
+    """Units and conventions that the user states where a header does not; None where not stated.
 
     unit         of lengths: mm, m or in
     angle_unit   deg or rad
@@ -76,7 +76,7 @@ class Found(NamedTuple):
 
 
 def parts_found(
-    source: Source, joints: Table, robot: Robot, stated: Stated, given: ColumnMap | None = None
+    source: SourceTable, joints: Table, robot: Robot, stated: Stated, given: ColumnMap | None = None
 ) -> Found:
     """The parts of a map that the headers' names give, those in `given` left aside.
 
@@ -112,7 +112,7 @@ def parts_found(
 
 
 def complete_map(
-    source: Source, joints: Table, robot: Robot, given: ColumnMap | None, stated: Stated
+    source: SourceTable, joints: Table, robot: Robot, given: ColumnMap | None, stated: Stated
 ) -> ColumnMap:
     """The map with every part that it leaves out taken from the names of the headers
     (docs/file-formats.md).
@@ -171,7 +171,7 @@ def _one(names: Named, kind: type[_Column], word: str, units: Sequence[str]) -> 
     return None
 
 
-def _joints(names: Named, robot: Robot, source: Source, stated: Stated) -> JointColumns:
+def _joints(names: Named, robot: Robot, source: SourceTable, stated: Stated) -> JointColumns:
     table = names.table
     columns = joint_columns_of(table, robot)
     if columns is not None:
@@ -225,7 +225,7 @@ def _joints_read(names: Named, robot: Robot) -> JointColumns | None:
     )
 
 
-def _measured(names: Named, source: Source, stated: Stated) -> dict[str, object]:
+def _measured(names: Named, source: SourceTable, stated: Stated) -> dict[str, object]:
     """Targets or pose by name: `t1_x_mm …`, `t1_nominal_x_mm …` with `t1_error_x_mm …`, `x_mm y_mm
     z_mm`, a pose.
     """
@@ -233,7 +233,7 @@ def _measured(names: Named, source: Source, stated: Stated) -> dict[str, object]
     if source.points is not None:
         if stated.unit is None:
             raise InputError(
-                f"{table.name}: a list of points does not say its unit; give --unit mm, m or in"
+                f"{table.name}: a list of points does not state its unit; give --unit mm, m or in"
             )
         return {
             "targets": [TargetColumns(measured=c, unit=stated.unit) for c in source.points.columns]

@@ -1,4 +1,4 @@
-"""What a table, its map and the options say of the set-up; the rest is left to registration."""
+"""The part of the set-up that a table, its map and the options give; the rest is registered."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""How a table was understood, in words: what `import --dry-run` shows."""
+"""Description of how a table was understood, as `import --dry-run` prints it."""
 
 import numpy as np
 

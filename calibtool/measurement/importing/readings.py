@@ -1,5 +1,5 @@
-"""Columns → arrays in metres and radians: joints, target points, sensor orientations, and what
-stands beside them.
+"""Columns → arrays in metres and radians: joints, target points, orientations,
+auxiliary readings.
 """
 
 import numpy as np

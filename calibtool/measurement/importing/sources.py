@@ -21,7 +21,7 @@ FORMATS: tuple[str, ...] = get_args(Format)
 
 
 @dataclass(frozen=True)
-class Source:
+class SourceTable:
     """What was read, how it was understood; `points` where it is a list of points instead of a
     table with a header.
 
@@ -44,7 +44,7 @@ def read_source(
     sheet: str | None = None,
     layout: str | None = None,
     encoding: str | None = None,
-) -> Source:
+) -> SourceTable:
     """The table in a file's contents. Without `format` the contents tell: a workbook starts as a
     zip file, a list of points
     has numbers where a header would have names.
@@ -59,7 +59,7 @@ def read_source(
     if format == "excel":
         if isinstance(data, str):
             raise UsageError(f"{name}: a workbook is bytes, not text")
-        return Source(parse_workbook(data, name, sheet, decimal), format)
+        return SourceTable(parse_workbook(data, name, sheet, decimal), format)
     text, found = (data, None) if isinstance(data, str) else decoded(data, name, encoding)
     notes: tuple[str, ...] = ()
     if found:
@@ -68,7 +68,7 @@ def read_source(
         format = "spatial-analyzer" if looks_like_points(text) else "table"
     if format == "spatial-analyzer":
         points = parse_points(text, name, layout)
-        return Source(points.table, format, points, notes)
+        return SourceTable(points.table, format, points, notes)
     if layout is not None:
         raise UsageError(
             f"--layout {layout}: {name} is no list of points; give --format spatial-analyzer if it "
@@ -80,4 +80,4 @@ def read_source(
         notes += (
             f"{name}: the header is line {table.header_line}, the lines before it are not used",
         )
-    return Source(table, format, notes=notes)
+    return SourceTable(table, format, notes=notes)

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 from calibtool.errors import InputError
 from calibtool.measurement.importing.header import Stated, parts_found
-from calibtool.measurement.importing.sources import Source
+from calibtool.measurement.importing.sources import SourceTable
 from calibtool.robot.robot import Robot
 from calibtool.tables import Table
 
 _UNKNOWN = "?"
 
 
-def map_template(source: Source, joints: Table, robot: Robot, stated: Stated) -> str:
+def map_template(source: SourceTable, joints: Table, robot: Robot, stated: Stated) -> str:
     """TOML with what the header tells filled in, and what it does not tell as comments that say
     what to do.
 
