@@ -62,6 +62,20 @@ def identify(
     tolerance_mrad: AngleTolerance = None,
     loss_function: LossFunction = "squared",
     drop_flagged: DropFlagged = False,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FAMILIES",
+            help="Identify these alone, such as q (joint offsets, lost mastering): a comma list.",
+        ),
+    ] = None,
+    fix: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FAMILIES",
+            help="Leave these out: placements, twists, q, harmonics, gravity, backlash, payload …",
+        ),
+    ] = None,
     refit: Annotated[
         str | None,
         typer.Option(
@@ -101,6 +115,7 @@ def identify(
     from calibtool.calibration import identify as run
     from calibtool.calibration.transfer import refit as transfer
     from calibtool.errors import UsageError
+    from calibtool.identification.partial import of_families, offset_lines
     from calibtool.storage import to_bytes
 
     choice(model, IDENTIFIED_MODELS, "--model")
@@ -137,12 +152,19 @@ def identify(
             loss_function,
             drop_flagged,
         )
+        if only is not None or fix is not None:
+            if model != "complete":
+                raise UsageError("--only and --fix are of the complete model")
+            part = of_families(options.complete, only, fix)
+            options = replace(options, complete=part)
         with working(f"identifying from {len(data)} configurations"):
             calibration = run(data, options, chosen)
     if frame is not None and refit is None:
         say_if_frame_is_not_free(calibration, shown(measurements[0]))
     calibration = replace(calibration, provenance=provenance(None, **inputs))
     report_calibration(calibration, "calibtool/identification", json, extra)
+    for line in offset_lines(calibration.base):
+        message(line)
     if not json and calibration.base.posterior is not None:
         show_parameters(calibration, parameters)
     if target is not None:

@@ -150,6 +150,26 @@ def test_lost_mastering_is_found() -> None:
     assert judged["methods"][1]["position_mm"]["mean"] < 0.10
 
 
+def test_lost_mastering_as_joint_offsets_alone() -> None:
+    """The offsets of the file, and those of joints 1 and 6 that one target cannot show."""
+    imported("mastering")
+    lines = run("identify", "m.h5", "--only", "q", "-o", "c.h5").stderr.splitlines()
+    said = [line for line in lines if line.startswith("offset of joint ")]
+    assert len(said) == 6
+    for joint, expected in zip((2, 3, 4, 5), (1.21, -0.80, 2.01, -1.50), strict=True):
+        value = float(said[joint - 1].split(": ")[1].split(" ")[0])
+        assert value == pytest.approx(expected, abs=0.02)
+    assert all(said[j].endswith("(not observable here)") for j in (0, 5))
+    run("import", "mastering_check.csv", "--robot", "ur10", "-o", "v.h5")
+    judged = answer("evaluate", "c.h5", "--on", "v.h5", "--refit-setup")
+    assert judged["methods"][1]["position_mm"]["mean"] < 0.10
+    message = refused(2, "identify", "m.h5", "--only", "ofsets", "-o", "n.h5")
+    assert message.startswith("--only: no family 'ofsets'; did you mean offsets")
+    assert "give one of them" in refused(2, "identify", "m.h5", "--only", "q", "--fix", "twists")
+    fixed = run("identify", "m.h5", "--fix", "placements,twists,harmonics,gravity,backlash")
+    assert [line for line in fixed.stderr.splitlines() if "offset of joint 2" in line] == [said[1]]
+
+
 def test_an_arm_that_stays_the_same_does_not_drift() -> None:
     said = imported("steady_temperature")
     assert warnings(said) == []
