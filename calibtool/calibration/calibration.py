@@ -236,16 +236,16 @@ def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup
     if measurements.setup.known:
         return measurements.setup
     setup, other = calibration.setup, measurements.setup
-    same = setup.kind is other.kind and setup.places == other.places
-    if not same or any(setup.arrays[n].shape != other.arrays[n].shape for n in other.arrays):
+    if len(setup.targets) != len(other.targets) or setup.kind is not other.kind:
         raise InputError(
-            "the calibration was made in another set-up (stations, placements, boards) than these "
-            "measurements; evaluate with --refit-setup"
+            "the calibration was made with other targets than these measurements; evaluate with "
+            "--refit-setup"
         )
-    if len(setup.targets) != len(other.targets):
+    shapes = [(setup.arrays[name].shape, other.arrays[name].shape) for name in setup.kind.arrays]
+    if setup.places != other.places or any(one != another for one, another in shapes):
         raise InputError(
-            "the calibration was made with other targets than these measurements; evaluate "
-            "with --refit-setup"
+            "the calibration was made in another set-up (stations, placements, boards, wires) than "
+            "these measurements; evaluate with --refit-setup"
         )
     return setup
 
