@@ -21,6 +21,7 @@ def test_a_station_for_every_label() -> None:
     assert run("import", "stations.csv", *UR10, "-o", "m.h5").stderr == ""
     assert np.array_equal(np.bincount(stored("m.h5", "measurements/place")), [24, 24])
     assert stored("m.h5", "registration/further_frames").shape == (1, 4, 4)
+    assert answer("info", "m.h5")["places"] == ["A", "B"]
     value = answer("identify", "m.h5", "-o", "c.h5")
     assert value["base"]["residual_rms_mm"] < 0.08  # 0.05 mm of noise
     text = Path("stations.csv").read_text().splitlines()
@@ -69,6 +70,21 @@ def test_one_number_per_row(name: str, observation: str) -> None:
     assert value["base"]["residual_rms_mm"] < 0.1
     judged = answer("evaluate", "c.h5", "--on", "m.h5")["methods"]
     assert judged[1]["position_mm"]["rms"] < judged[0]["position_mm"]["rms"]
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("touched_table", ["32, 1 length each", "z_mm [mm]", "heights above a plane"]),
+        ("ball_bar", ["16, 1 length each", "distance_mm [mm]"]),
+        ("stations", ["48, 1 target each", "station: A, B", "nominal robot: 0."]),
+    ],
+)
+def test_a_dry_run_says_what_was_understood(name: str, says: list[str]) -> None:
+    shown = run("import", f"{name}.csv", *UR10, "--dry-run").stdout
+    for text in says:
+        assert text in shown
+    assert "mm max from the measured points after registration" in shown
 
 
 def test_a_wire_of_negative_length_is_refused_by_line() -> None:
