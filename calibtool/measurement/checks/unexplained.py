@@ -10,9 +10,10 @@ from calibtool.errormodel.families import BY_ID
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.measurement.observation import observation_matrix
+from calibtool.measurement.observation import observation_matrix, target_columns
 from calibtool.robot.se3 import Array
 
+_FREE = 0.1  # m and rad: what a set-up that is not known may be off by
 _ORDERS = {"harmonics": 2}  # of families that have several
 
 
@@ -21,7 +22,7 @@ class Unexplained:
     """The covariance of residuals (N, d) of an arm with errors of every family, each of its
     tolerance, and noise.
 
-    A   (N d, p) what an error of one tolerance does, over the stated noise
+    A   (N d, p) what an error of one tolerance, or a free set-up, does, over the stated noise
     K   (p, p) (AᵀA + I)⁻¹
     """
 
@@ -41,8 +42,12 @@ class Unexplained:
             size = np.ravel(family.tolerance(robot, tolerances, shape))
             blocks.append(family.columns(shape, context) * size)
         seen = measurements.seen.repeat(3, axis=-1)[..., None]
-        P = observation_matrix(setup, context.frames.tool)
-        A = (P @ np.concatenate(blocks, axis=-1) * seen).reshape(seen.size, -1)
+        tool, place = context.frames.tool, measurements.place
+        if not setup.frame_known:  # a registration takes up what it likes
+            blocks.append(np.broadcast_to(_FREE * np.eye(6), (len(tool), 6, 6)))
+        columns = observation_matrix(setup, tool, place) @ np.concatenate(blocks, axis=-1)
+        free = _FREE * target_columns(setup, tool, place)
+        A = (np.concatenate([columns, free], axis=-1) * seen).reshape(seen.size, -1)
         A /= measurements.noise_position
         return cls(A, np.linalg.inv(A.T @ A + np.eye(A.shape[1])))
 
