@@ -80,6 +80,8 @@ def measurements_summary(measurements: Measurements) -> dict[str, object]:
         else "poses, apart from the joints",
         "simulated": measurements.truth is not None,
     }
+    if measurements.places:
+        summary["places"] = list(measurements.places)
     if measurements.kind == "pose":
         summary["noise_orientation_mrad"] = measurements.noise_orientation * 1e3
     if measurements.truth is not None:

@@ -48,8 +48,9 @@ def test_names_under_other_headers() -> None:
     a, b = table("a.csv", "point,id", ["7,1"]), table("b.csv", "pose,id", ["6,x", "7,y"])
     measured, joints, _ = join_rows(a, b, "name", JoinColumns(measured="point", joints="pose"))
     assert pairs(measured, joints) == [("1", "y")]
+    assert pairs(*join_rows(a, b, "name")[:2]) == [("1", "y")]  # by the columns that agree
     with pytest.raises(InputError, match=r"^a\.csv: no column 'name' to join by"):
-        join_rows(a, b, "name")
+        join_rows(a, table("b.csv", "bolt,part", ["7,1"]), "name")
 
 
 def test_nearest_stamps_within_the_tolerance() -> None:

@@ -247,8 +247,14 @@ def fitting_setup(calibration: Calibration, measurements: Measurements) -> Setup
     setup, other = calibration.setup, measurements.setup
     if len(setup.targets) != len(other.targets) or setup.kind is not other.kind:
         raise InputError(
-            "the calibration was made with other targets than these measurements; evaluate "
-            "with --refit-setup"
+            "the calibration was made with other targets than these measurements; evaluate with "
+            "--refit-setup"
+        )
+    shapes = [(setup.arrays[name].shape, other.arrays[name].shape) for name in setup.kind.arrays]
+    if setup.places != other.places or any(one != another for one, another in shapes):
+        raise InputError(
+            "the calibration was made in another set-up (stations, placements, boards, wires) than "
+            "these measurements; evaluate with --refit-setup"
         )
     return setup
 

@@ -6,7 +6,7 @@ are taught in the frames of the controller, so that corrections are made in the 
 commanded poses least (`taught`), or in those of the fit (`fitted`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -77,11 +77,8 @@ def moved_setup(setup: Setup, T_new_base: Array, T_tool_new: Array) -> Setup:
 
     T_new_base and T_tool_new: (4, 4), m.
     """
-    T_new_tool = inverse(T_tool_new)
-    on_tool = setup.kind.in_tool(setup, T_new_tool)
-    return replace(
-        on_tool, T_instrument_base=readonly(setup.T_instrument_base @ inverse(T_new_base))
-    )
+    on_tool = setup.kind.in_tool(setup, inverse(T_tool_new))
+    return setup.kind.in_base(on_tool, T_new_base)
 
 
 def taught_frame(

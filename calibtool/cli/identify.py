@@ -22,19 +22,26 @@ from calibtool.cli.input_files import (
     load_measurements,
     say_if_frame_is_not_free,
 )
-from calibtool.cli.options import Force, FrameOption, Json, MeasurementsFile, choice
+from calibtool.cli.options import Force, FrameOption, Json, choice
 from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
+    from calibtool.measurement.measurements import Measurements
 
 _CLEAREST = 15
 
 
 def identify(
-    measurements: MeasurementsFile,
+    measurements: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="MEASUREMENTS...",
+            help="Measurements, '-' is stdin; of several files each is a set-up of its own.",
+        ),
+    ],
     output: Annotated[
         str | None,
         typer.Option(
@@ -55,6 +62,20 @@ def identify(
     tolerance_mrad: AngleTolerance = None,
     loss_function: LossFunction = "squared",
     drop_flagged: DropFlagged = False,
+    only: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FAMILIES",
+            help="Identify these alone, such as q (joint offsets, lost mastering): a comma list.",
+        ),
+    ] = None,
+    fix: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FAMILIES",
+            help="Leave these out: placements, twists, q, harmonics, gravity, backlash, payload …",
+        ),
+    ] = None,
     refit: Annotated[
         str | None,
         typer.Option(
@@ -87,13 +108,14 @@ def identify(
     target = report_target(output, json)
     if target is not None:
         check_output(target, force, binary=True)
-    one_stdin(measurements, source)
+    one_stdin(*measurements, source)
     from dataclasses import replace
 
     from calibtool.calibration import IDENTIFIED_MODELS
     from calibtool.calibration import identify as run
     from calibtool.calibration.transfer import refit as transfer
     from calibtool.errors import UsageError
+    from calibtool.identification.partial import of_families, offset_lines
     from calibtool.storage import to_bytes
 
     choice(model, IDENTIFIED_MODELS, "--model")
@@ -104,7 +126,7 @@ def identify(
     extra: dict[str, object] = {}
     if refit is not None and source is not None:
         old, inputs["from"] = load_calibration(source, frame)
-        data, inputs["measurements"] = load_measurements(measurements)
+        data = loaded(measurements, inputs)
         calibration, verdict = transfer(old, data, tuple(part.strip() for part in refit.split(",")))
         extra["transfer"] = {
             "nominal_rms_mm": verdict.nominal * 1e3,
@@ -117,7 +139,7 @@ def identify(
             f"nominal {verdict.nominal * 1e3:.3g} mm: the calibration {verdict_text}"
         )
     else:
-        data, inputs["measurements"] = load_measurements(measurements)
+        data = loaded(measurements, inputs)
         options = base_options(
             model,
             data.robot,
@@ -130,16 +152,35 @@ def identify(
             loss_function,
             drop_flagged,
         )
+        if only is not None or fix is not None:
+            if model != "complete":
+                raise UsageError("--only and --fix are of the complete model")
+            part = of_families(options.complete, only, fix)
+            options = replace(options, complete=part)
         with working(f"identifying from {len(data)} configurations"):
             calibration = run(data, options, chosen)
     if frame is not None and refit is None:
-        say_if_frame_is_not_free(calibration, shown(measurements))
+        say_if_frame_is_not_free(calibration, shown(measurements[0]))
     calibration = replace(calibration, provenance=provenance(None, **inputs))
     report_calibration(calibration, "calibtool/identification", json, extra)
+    for line in offset_lines(calibration.base):
+        message(line)
     if not json and calibration.base.posterior is not None:
         show_parameters(calibration, parameters)
     if target is not None:
         write_output(target, to_bytes(calibration), force)
+
+
+def loaded(paths: list[str], inputs: dict[str, bytes]) -> "Measurements":
+    """The measurements of one or several files; their bytes are noted in `inputs`."""
+    from calibtool.measurement.merging import merged
+
+    parts = []
+    for k, path in enumerate(paths, start=1):
+        name = "measurements" if k == 1 else f"measurements_{k}"
+        data, inputs[name] = load_measurements(path)
+        parts.append((shown(path), data))
+    return merged(parts)
 
 
 def show_parameters(calibration: "Calibration", every: bool) -> None:
@@ -187,8 +228,12 @@ def report_calibration(
 ) -> None:
     """What came out: JSON on stdout, or a few lines on stderr."""
     from calibtool.calibration.fit_summary import fit_lines
+    from calibtool.identification.sufficiency import few_rows
     from calibtool.summary import calibration_summary
 
+    few = few_rows(calibration.base, calibration.configurations)
+    if few is not None:
+        message(f"warning: {few}")
     if json:
         print_json({**calibration_summary(calibration), **(extra or {}), "schema": schema})
         return

@@ -12,6 +12,7 @@ from calibtool.cli.files import (
     read_text,
     same_file,
     shown,
+    write_output,
     write_outputs,
     write_stdout,
 )
@@ -27,7 +28,7 @@ from calibtool.cli.options import (
 )
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
-from calibtool.errors import UsageError
+from calibtool.errors import InputError, NoSolutionError, UsageError
 
 
 def import_(
@@ -53,6 +54,12 @@ def import_(
             help="Frame of the measured values (default: the map's, or unknown).",
         ),
     ] = None,
+    board: Annotated[
+        bool,
+        typer.Option(
+            "--board", help="The poses are those of a fixed board in a camera on the tool."
+        ),
+    ] = False,
     robot_targets: Annotated[
         bool,
         typer.Option(
@@ -67,8 +74,8 @@ def import_(
         str | None,
         typer.Option(
             metavar="TARGETS",
-            help="Measured while the arm was driven to corrected joints: what went "
-            "into compensate.",
+            help="Measured while the arm was driven to corrected joints: what went into "
+            "compensate.",
         ),
     ] = None,
     join: Annotated[
@@ -83,6 +90,13 @@ def import_(
         float,
         typer.Option(min=0, help="Time stamps further apart than this do not belong together."),
     ] = 0.1,
+    clock_offset: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Added to the stamps of TABLE, for --join time with a moving arm.",
+        ),
+    ] = None,
     format: Annotated[
         str | None,
         typer.Option(
@@ -117,6 +131,12 @@ def import_(
         ),
     ] = None,
     tool: ToolOption = None,
+    encoding: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Of text files: utf-8, utf-16, cp1252 … (default: found)."
+        ),
+    ] = None,
     joint_values: JointValuesOption = None,
     rows: Annotated[
         str | None,
@@ -132,6 +152,19 @@ def import_(
         ),
     ] = None,
     seed: Seed = 0,
+    accept_misfit: Annotated[
+        bool,
+        typer.Option(
+            "--accept-misfit", help="Take in points that the robot, or any mistake tried, misses."
+        ),
+    ] = False,
+    map_template: Annotated[
+        bool,
+        typer.Option(
+            "--map-template",
+            help="Write a column map made from the header instead, to be completed by hand.",
+        ),
+    ] = False,
     dry_run: Annotated[
         bool,
         typer.Option(
@@ -142,8 +175,9 @@ def import_(
 ) -> None:
     """Bring in what an instrument wrote.
 
-    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and unknown
-    targets are estimated, from the rows that are taken.
+    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and
+    unknown targets are estimated,
+    from the rows that are taken.
 
     After a correction: the joints, in TABLE or --joints, are those that the arm was driven to, and
     --commanded TARGETS holds the joints or poses that were corrected. `evaluate` then compares the
@@ -152,7 +186,7 @@ def import_(
     Example: calibtool import tracker.csv --robot ur10 --columns map.toml -o measurements.h5
     """
     if not dry_run:
-        check_output(output, force, binary=True)
+        check_output(output, force, binary=not map_template)
         if rest is not None:
             check_output(rest, force, binary=True)
             if same_file(rest, output):
@@ -168,6 +202,7 @@ def import_(
         parse_column_map,
         preview,
         read_table,
+        template_of,
     )
     from calibtool.measurement.importing.joint_files import JOINS
     from calibtool.measurement.importing.sources import FORMATS
@@ -186,13 +221,30 @@ def import_(
     join_by = chosen(join, JOINS, "--join")
     if joints is not None:
         inputs["joints"] = read_bytes(joints)
-        joint_file = JointFile(inputs["joints"], shown(joints), join_by, join_tolerance_s)
+        joint_file = JointFile(inputs["joints"], shown(joints), join_by, join_tolerance_s, encoding)
     elif join != "index" and not (join == "name" and commanded is not None):
         raise UsageError(f"--join {join}: there is no second file; give --joints FILE")
     commanded_file = None
     if commanded is not None:
         inputs["commanded"] = read_bytes(commanded)
         commanded_file = CommandedFile(inputs["commanded"], shown(commanded), join_by)
+    stated = Stated(
+        chosen(unit, ("mm", "m", "in"), "--unit"),
+        chosen(angle_unit, ("deg", "rad"), "--angle-unit"),
+        convention,
+    )
+    how: dict[str, Any] = {
+        "format": chosen(format, FORMATS, "--format"),
+        "sheet": sheet,
+        "layout": chosen(layout, LAYOUTS, "--layout"),
+        "encoding": encoding,
+    }
+    if map_template:
+        text = template_of(
+            inputs["table"], shown(table), load_described(robot, tool), stated, joint_file, **how
+        )
+        write_output(output, text, force)
+        return
     with working(f"reading {shown(table)}"):
         imported = read_table(
             inputs["table"],
@@ -201,34 +253,44 @@ def import_(
             column_map,
             frame=chosen(frame, ("base", "unknown"), "--frame"),
             robot_targets=robot_targets,
-            format=chosen(format, FORMATS, "--format"),
-            sheet=sheet,
-            layout=chosen(layout, LAYOUTS, "--layout"),
-            stated=Stated(
-                chosen(unit, ("mm", "m", "in"), "--unit"),
-                chosen(angle_unit, ("deg", "rad"), "--angle-unit"),
-                convention,
-            ),
+            stated=stated,
             joints=joint_file,
             joint_values=joint_values_of(joint_values),
             commanded=commanded_file,
+            board=board,
+            **how,
         )
+    if clock_offset is not None:
+        imported = imported.with_clock_offset(clock_offset)
+    for note in imported.understood.said:
+        message(f"note: {note}")
     for warning in imported.warnings:
         message(f"warning: {warning}")
-    taken, others = imported.split(rows, sample, seed)
-    if rest is not None and others is None:
+    taken, left = imported.split(rows, sample, seed)
+    if rest is not None and left is None:
         raise UsageError("--rest: no row is left; take fewer with --sample or --rows")
     if dry_run:
         write_stdout(preview(taken).encode())
         return
     origin = provenance(seed if sample is not None else None, **inputs)
     with working(f"registering and checking {len(taken.measurements)} configurations"):
-        measurements = taken.registered().measurements
-        findings = check_measurements(measurements, taken.auxiliary)
+        try:
+            measurements = taken.registered().measurements
+        except NoSolutionError as error:
+            found = check_measurements(taken.measurements)
+            why = [f.message for f in found if f.severity == "warning"]
+            raise NoSolutionError("; ".join([str(error), *why[:1]])) from None
+        findings = check_measurements(measurements, taken.auxiliary, taken.stream)
     for finding in findings:
+        if finding.name == "nominal_robot" and not accept_misfit:
+            raise InputError(
+                f"{shown(table)}: {finding.message}; --accept-misfit takes the file in all the same"
+            )
         message(str(finding))
-    outputs: dict[str, bytes | str] = {output: to_bytes(replace(measurements, provenance=origin))}
-    if rest is not None and others is not None:
-        held_out = others.with_setup(measurements.setup).measurements
-        outputs[rest] = to_bytes(replace(held_out, provenance=origin))
+    said = (*taken.warnings, *(f.message for f in findings if f.severity == "warning"))
+    measurements = replace(measurements, provenance=origin, findings=said)
+    outputs: dict[str, bytes | str] = {output: to_bytes(measurements)}
+    if rest is not None and left is not None:
+        held_out = left.with_setup(measurements.setup).measurements
+        outputs[rest] = to_bytes(replace(held_out, provenance=origin, findings=said))
     write_outputs(outputs, force)

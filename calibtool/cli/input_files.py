@@ -32,12 +32,17 @@ def say_doubts(robot: "Robot") -> None:
 
 
 def load_measurements(path: str) -> "tuple[Measurements, bytes]":
-    """Measurements of a file (`-`: stdin), and its bytes for the provenance."""
+    """Measurements of a file (`-`: stdin), and its bytes for the provenance.
+
+    What was wrong with them when they were made is said again.
+    """
     from calibtool.storage import read_measurements
 
     data = read_bytes(path)
     measurements = read_measurements(io.BytesIO(data), shown(path))
     say_doubts(measurements.robot)
+    for finding in measurements.findings:
+        message(f"warning: {shown(path)}: {finding}")
     return measurements, data
 
 

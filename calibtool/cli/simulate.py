@@ -13,6 +13,7 @@ from calibtool.cli.options import (
     Output,
     Seed,
     ToolOption,
+    choice,
     joint_values_of,
 )
 from calibtool.cli.progress import working
@@ -87,6 +88,20 @@ def simulate(
             "--unregistered", help="Instrument and targets at random places that stay unknown."
         ),
     ] = False,
+    observe: Annotated[
+        str,
+        typer.Option(
+            metavar="points|contact|distance|plane|board|camera",
+            help="A tracker, a gauge with two sockets, wires, a probe on planes, a camera on the "
+            "tool, or one beside the arm.",
+        ),
+    ] = "points",
+    places: Annotated[
+        int,
+        typer.Option(
+            min=1, help="Of --observe: placements, planes, boards, stations; wires at a time."
+        ),
+    ] = 1,
     same_robot: Annotated[
         str | None,
         typer.Option(metavar="FILE.h5", help="Measure the actual robot of that simulation again."),
@@ -141,6 +156,7 @@ def simulate(
     from calibtool.errormodel.actual import ErrorScales
     from calibtool.errormodel.families import ERROR_KINDS
     from calibtool.measurement.importing.commanded_targets import commanded_poses
+    from calibtool.measurement.instruments import INSTRUMENTS
     from calibtool.measurement.simulate import Simulation
     from calibtool.measurement.simulate import simulate as run
     from calibtool.storage import to_bytes
@@ -210,6 +226,8 @@ def simulate(
                 same_robot=truth,
                 payload_kg=_range(payload_kg, "--payload-kg", 0.0),
                 temperature_c=_range(temperature_c, "--temperature-c", -273.15),
+                instrument=choice(observe, ("points", *INSTRUMENTS), "--observe"),
+                places=places,
             ),
         )
     measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))

@@ -149,6 +149,8 @@ def evaluate(
     measurements = judged_rows(measurements)
     every: list[tuple[str, Calibration | None]] = [("nominal", None), *calibrations]
     results: list[MethodResult] = []
+    driven = measurements.truth is not None and measurements.setup.further_frames is None
+    driven = driven and measurements.kind == "points"
     nearest, uncorrectable = _nearest_poses(measurements)
     for name, calibration in every:
         count = 0
@@ -159,7 +161,8 @@ def evaluate(
                 raise NoSolutionError(
                     f"{name}: {int(unlike.sum())} configurations are outside those of the training"
                 )
-        if measurements.truth is not None:
+        if driven:
+            assert measurements.truth is not None
             errors, part, count = _compensated(
                 name, calibration, measurements, measurements.truth, nearest, method, outside
             )
@@ -171,7 +174,7 @@ def evaluate(
     return Evaluation(
         robot=measurements.robot.name,
         configurations=len(measurements),
-        kind="predicted" if measurements.truth is None else "compensated",
+        kind="compensated" if driven else "predicted",
         results=tuple(results),
         uncorrectable=uncorrectable,
         pose_test=_pose_test(
@@ -184,7 +187,8 @@ def judged_rows(measurements: Measurements) -> Measurements:
     """Rows that `evaluate` judges: whole observations, or all of a simulation."""
     if measurements.truth is not None and measurements.commanded is None:
         return measurements
-    return measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
+    seen = measurements.setup.kind.weights(measurements.readings, 1.0, 1.0) > 0
+    return measurements.rows(np.flatnonzero(seen.all(axis=-1)))
 
 
 def _proved(

@@ -10,12 +10,16 @@ from calibtool.robot.se3 import Array, log3, transform_points
 def errors_against(
     name: str, measurements: Measurements, setup: Setup, pose: Array
 ) -> MethodErrors:
-    """Measured minus predicted observations for T_base_tool `pose` (N, 4, 4), in K_0."""
-    points, rotations = measured_in_base(measurements, setup)
-    if rotations is None:
-        return point_errors(name, points, pose, setup)
-    residual = residuals(measurements, setup, pose)
-    return MethodErrors(name, residual[:, None, :3], residual[:, 3:])
+    """Measured minus predicted observations for T_base_tool `pose` (N, 4, 4) in
+    a set-up, in K_0.
+    """
+    readings = measured_in_base(measurements, setup)
+    if setup.kind.id == "points":
+        return point_errors(name, readings.points, pose, setup)
+    moved = setup.kind.displacements(readings, setup, pose)
+    angles = ~setup.kind.lengths(setup)
+    turned = residuals(measurements, setup, pose)[:, angles] if angles.any() else None
+    return MethodErrors(name, moved, turned)
 
 
 def point_errors(name: str, points: Array, pose: Array, setup: Setup) -> MethodErrors:

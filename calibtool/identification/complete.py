@@ -28,6 +28,7 @@ from calibtool.identification.evidence import Solution, inverse, most_probable, 
 from calibtool.identification.identification import Flagged, Identification, Posterior, split_rms
 from calibtool.identification.parameters import Parameters, State
 from calibtool.identification.robust import LossFunction, find_flagged, row_weights
+from calibtool.identification.sufficiency import check_rows
 from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
@@ -113,6 +114,7 @@ def identify_complete(
     gives the probability of each smaller model. Raises NoSolutionError when the iteration does not
     converge, InputError when backlash is requested and the directions of motion are not known.
     """
+    check_rows(measurements)
     options = CompleteOptions() if options is None else options
     for family, order in options.orders.items():
         if order and not BY_ID[family].known(_rows(measurements)):

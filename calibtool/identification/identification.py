@@ -106,11 +106,14 @@ def split_rms(residual: Array, measurements: Measurements) -> tuple[float, float
     """RMS per measured coordinate of residuals (N, d): positions in m, the orientation in rad
     where it is measured.
     """
-    split = 3 * measurements.points.shape[1]
-    position = float(np.sqrt((residual[:, :split] ** 2).sum() / (3 * measurements.seen.sum())))
-    return position, float(np.sqrt(np.mean(residual[:, split:] ** 2))) if residual.shape[
-        1
-    ] > split else None
+    setup = measurements.setup
+    seen = setup.kind.weights(measurements.readings, 1.0, 1.0) > 0
+    lengths = setup.kind.lengths(setup)
+    position, turn = (
+        float(np.sqrt((residual[:, which] ** 2).sum() / max(int(seen[:, which].sum()), 1)))
+        for which in (lengths, ~lengths)
+    )
+    return position, None if lengths.all() else turn
 
 
 def nominal_model(measurements: Measurements) -> Identification:

@@ -63,7 +63,7 @@ class Parameters:
                 shape = family.shape(family.joints(robot), order)
                 elements = np.flatnonzero(family.free(robot, shape))
                 parts += [Part(family, shape, elements)] if len(elements) else []
-        targets = () if setup.targets_known else setup.target_names
+        targets = setup.free_names
         return cls(robot, tuple(parts), not setup.frame_known, targets)
 
     @cached_property

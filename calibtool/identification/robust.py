@@ -48,15 +48,15 @@ def find_flagged(measurements: Measurements, state: State, squares: Array) -> Fl
     residual = residuals(
         measurements, state.setup, state.frames(measurements.q, measurements.conditions).tool
     )
-    points = residual[rows, : 3 * len(state.setup.targets)].reshape(
-        len(rows), len(state.setup.targets), 3
-    )
+    setup = measurements.setup
+    lengths = setup.kind.lengths(setup)
+    seen = weights(measurements)[:, lengths] > 0
+    squared = (residual[:, lengths] ** 2).sum(axis=-1)
+    axes = 3 if setup.kind.of_points else 1
     return Flagged(
         rows=rows,
         deviation=np.sqrt(squares[rows] / d[rows]) / scale,
-        position=np.sqrt(
-            (points**2).sum(axis=-1).sum(axis=-1) / measurements.seen[rows].sum(axis=-1)
-        ),
+        position=np.sqrt(squared[rows] * axes / seen[rows].sum(axis=-1)),
         cluster=_cluster(measurements, rows),
     )
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from calibtool.errormodel.actual import ActualRobot
 from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errors import InputError
-from calibtool.measurement.kinds import KINDS, Kind
+from calibtool.measurement.kinds import KINDS, Kind, Readings
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, check_poses, readonly
 
@@ -29,6 +29,13 @@ class Setup:
                        target points
     frame_known        whether the instrument's frame was given (otherwise every fit estimates it)
     targets_known      whether targets (and sensor orientation) were given
+    further_frames     (G − 1, 4, 4) T_instrument_base in the second to last labelled place
+    anchors            (w, 3) fixed points in K_0 that distances are measured to, m
+    planes             (G, 4) unit normals in K_0 and distances from its origin, m, of probed planes
+    T_tool_camera      (4, 4) pose of a camera on the tool, m
+    T_base_boards      (G, 4, 4) poses in K_0 of the boards that it sees, m
+    places             labels (G) of the places; none where there is one
+    The four before the last are None but for their kinds of observation.
     """
 
     T_instrument_base: Array
@@ -36,6 +43,19 @@ class Setup:
     R_tool_sensor: Array | None = None
     frame_known: bool = True
     targets_known: bool = True
+    further_frames: Array | None = None
+    anchors: Array | None = None
+    planes: Array | None = None
+    T_tool_camera: Array | None = None
+    T_base_boards: Array | None = None
+    places: tuple[str, ...] = ()
+
+    @property
+    def frames(self) -> Array:
+        """T_instrument_base of every labelled place: (G, 4, 4)."""
+        if self.further_frames is None:
+            return self.T_instrument_base[None]
+        return np.concatenate([self.T_instrument_base[None], self.further_frames])
 
     @property
     def known(self) -> bool:
@@ -45,14 +65,15 @@ class Setup:
     @property
     def kind(self) -> Kind:
         """Kind of the observations."""
-        return KINDS["points" if self.R_tool_sensor is None else "pose"]
+        for kind in KINDS.values():
+            if kind.arrays and all(getattr(self, name) is not None for name in kind.arrays):
+                return kind
+        return KINDS["points"]
 
     @property
-    def target_names(self) -> tuple[str, ...]:
-        """Names of the elements of the targets: target1.x …, of a sensor's
-        orientation sensor.rx …
-        """
-        return self.kind.names(len(self.targets))
+    def free_names(self) -> tuple[str, ...]:
+        """Names of the free elements beside the first frame: target1.x …, sensor.rx …, base2.x …"""
+        return self.kind.names(self)
 
     @property
     def arrays(self) -> dict[str, Array]:
@@ -82,6 +103,10 @@ class Measurements:
                  axes, m and rad; None where noise_position and noise_orientation hold for all
     truth        actual robot and set-up of a simulation; None for real measurements
     conditions   of every row, as far as they are known: directions of motion, payload, temperature
+    values       (N, w) measured lengths, m, of kinds that have such; NaN for one that was not read
+    place        (N,) number from 0 of the labelled place (station, placement, board) of each row;
+                 None where all rows belong to one
+    findings     what was found to be wrong with them when they were made, one line each
     provenance   command line, seed, checksums of inputs, versions: text by name
     commanded    (N, 4, 4) commanded T_base_tool in K_0, where q are joints corrected for it; None
                  where q itself is the command
@@ -97,6 +122,9 @@ class Measurements:
     truth: Truth | None = None
     conditions: Conditions = field(default_factory=Conditions)
     deviations: Array | None = None
+    values: Array | None = None
+    place: np.ndarray | None = None
+    findings: tuple[str, ...] = ()
     provenance: dict[str, str] = field(default_factory=dict)
     commanded: Array | None = None
 
@@ -112,12 +140,24 @@ class Measurements:
             self.rotations is not None and not np.isfinite(self.rotations).all()
         ):
             raise InputError("measurements: a measured value is not finite")
-        if not self.seen.any(axis=-1).all():
+        if self.values is not None and (
+            self.values.ndim != 2
+            or len(self.values) != len(self.q)
+            or not np.isfinite(self.values).any(axis=-1).all()
+        ):
+            raise InputError("measurements: a row has no measured length at all")
+        if self.place is not None and (
+            self.place.shape != self.q.shape[:1]
+            or not np.isin(self.place, np.arange(len(self.places))).all()
+        ):
+            raise InputError("measurements: a row belongs to no labelled place")
+        if self.setup.kind.of_points and not self.seen.any(axis=-1).all():
             raise InputError(
                 f"measurements: row {int(np.argmin(self.seen.any(axis=-1))) + 1} has "
                 "no target at all"
             )
-        if (self.rotations is None) != (self.setup.R_tool_sensor is None):
+        oriented = self.setup.kind.of_points and not self.setup.kind.lengths(self.setup).all()
+        if (self.rotations is not None) != oriented:
             raise InputError(
                 "measurements: measured rotations and the sensor's orientation on the tool "
                 "belong together"
@@ -246,14 +286,24 @@ class Measurements:
         return seen
 
     @property
+    def readings(self) -> Readings:
+        """What was measured, in the instrument's frame."""
+        return Readings(self.points, self.rotations, self.values, self.place)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Labels of the places."""
+        return self.setup.places
+
+    @property
     def coordinates(self) -> int:
-        """Number of coordinates of a configuration where everything was seen."""
-        return len(self.setup.target_names)
+        """Number of coordinates measured at a configuration where everything is seen."""
+        return self.setup.kind.coordinates(self.setup)
 
     @property
     def equations(self) -> int:
         """Number of measured coordinates."""
-        return 3 * int(self.seen.sum()) + (0 if self.rotations is None else 3 * len(self.q))
+        return int((self.setup.kind.weights(self.readings, 1.0, 1.0) > 0).sum())
 
     @property
     def kind(self) -> str:
@@ -281,6 +331,8 @@ class Measurements:
             q=readonly(self.q[index]),
             points=readonly(self.points[index]),
             rotations=chosen(self.rotations),
+            values=chosen(self.values),
+            place=None if self.place is None else self.place[index],
             deviations=chosen(self.deviations),
             commanded=chosen(self.commanded),
             conditions=self.conditions.rows(index),

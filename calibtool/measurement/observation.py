@@ -7,17 +7,24 @@ An observation of one configuration has d coordinates in K_0, in m and rad: see 
 import numpy as np
 
 from calibtool.measurement.kinds import Readings
+from calibtool.measurement.kinds.instrument import InstrumentKind
+from calibtool.measurement.kinds.kind import of_place
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.robot.se3 import Array, inverse, transform_points
 
 
 def measured_in_base(measurements: Measurements, setup: Setup) -> Readings:
-    """The measured points and orientations, transformed from the instrument's frame to K_0."""
-    T_base_instrument = inverse(setup.T_instrument_base)
-    rotations = measurements.rotations
-    return Readings(
-        transform_points(T_base_instrument, measurements.points),
-        None if rotations is None else T_base_instrument[:3, :3] @ rotations,
+    """The measured points and orientations, transformed from the instrument's frame to K_0, where
+    the kind of observation has such a frame.
+    """
+    readings = measurements.readings
+    if not isinstance(setup.kind, InstrumentKind):
+        return readings
+    T_base_instrument = inverse(of_place(setup.frames, measurements.place, len(measurements)))
+    rotations = readings.rotations
+    return readings._replace(
+        points=transform_points(T_base_instrument, readings.points),
+        rotations=None if rotations is None else T_base_instrument[:, :3, :3] @ rotations,
     )
 
 
@@ -52,8 +59,13 @@ def linearised(
     They are divided by the stated noise, at predicted poses T_base_tool (N, 4, 4). pose_columns:
     (N, 6, ·), ∂δy/∂θ. With `targets`, the columns of the target coordinates follow.
     """
-    blocks = [] if pose_columns is None else [observation_matrix(setup, T_base_tool) @ pose_columns]
-    blocks += [target_columns(setup, T_base_tool)] if targets else []
+    place = measurements.place
+    blocks = (
+        []
+        if pose_columns is None
+        else [observation_matrix(setup, T_base_tool, place) @ pose_columns]
+    )
+    blocks += [target_columns(setup, T_base_tool, place)] if targets else []
     columns = np.concatenate(blocks, axis=-1) if len(blocks) > 1 else blocks[0]
     columns = _where_closed(columns, T_base_tool)
     return _whitened(measurements, setup, columns), weighted_residuals(
@@ -69,24 +81,21 @@ def _where_closed(rows: Array, T_base_tool: Array) -> Array:
     return rows
 
 
-def observation_matrix(setup: Setup, T_base_tool: Array) -> Array:
-    """P of Eq. 18, ∂(observation)/∂δy: (N, d, 6)."""
-    return setup.kind.matrix(setup, T_base_tool)
+def observation_matrix(setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
+    """P of Eq. 18, ∂(observation)/∂δy: (N, d, 6); place (N,): see `Readings`."""
+    return setup.kind.matrix(setup, T_base_tool, place)
 
 
-def target_columns(setup: Setup, T_base_tool: Array) -> Array:
-    """∂(observation)/∂(targets and sensor orientation): (N, d, d).
-
-    Displacements and left-multiplied rotations in the tool frame.
-    """
-    return setup.kind.columns(setup, T_base_tool)
+def target_columns(setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
+    """∂(observation)/∂(free elements of the set-up beside the first frame): (N, d, k)."""
+    return setup.kind.columns(setup, T_base_tool, place)
 
 
 def weights(measurements: Measurements) -> Array:
     """1/σ of every coordinate of every observation, 0 where a target was not seen: (N, d),
     see `_whitened`.
     """
-    readings = Readings(measurements.points, measurements.rotations)
+    readings = measurements.readings
     if measurements.deviations is None:
         stated = measurements.noise_position, measurements.noise_orientation
         return measurements.setup.kind.weights(readings, *stated)
@@ -99,8 +108,5 @@ def _whitened(measurements: Measurements, setup: Setup, rows: Array) -> Array:
     Deviations of single axes are those of the instrument's axes.
     """
     if measurements.deviations is not None:
-        count, d, k = rows.shape
-        rows = (setup.T_instrument_base[:3, :3] @ rows.reshape(count, d // 3, 3, k)).reshape(
-            count, d, k
-        )
+        rows = setup.kind.in_axes(setup, rows, measurements.place)
     return rows * weights(measurements)[..., None]

@@ -14,14 +14,14 @@ import numpy as np
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.circles import circle_start
 from calibtool.measurement.gauss_newton import gauss_newton
-from calibtool.measurement.kinds import Readings
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import linearised, weighted_residuals
 from calibtool.measurement.rotation_search import RotationForm, nearest_rotation, rotation_grid
-from calibtool.robot.se3 import Array, exp6, inverse, readonly
+from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
 _MINIMA = 4  # refined, of those that the rotation search finds
 _ITERATIONS = 200
+_NO_GAIN = 1e-4  # of the squares: what creeps on by less, along directions that only noise shows
 
 
 def register(
@@ -41,7 +41,7 @@ def register(
     poses = (
         measurements.robot.mechanism.forward(measurements.q) if T_base_tool is None else T_base_tool
     )
-    unknowns = 6 * (not setup.frame_known) + len(setup.target_names) * (not setup.targets_known)
+    unknowns = 6 * (not setup.frame_known) + len(setup.free_names)
     equations = measurements.equations
     if equations <= unknowns:
         raise NoSolutionError(
@@ -67,7 +67,7 @@ def update_setup(setup: Setup, base: Array | None, target_shift: Array | None) -
     `target_columns`.
     """
     if base is not None:
-        setup = replace(setup, T_instrument_base=readonly(setup.T_instrument_base @ exp6(base)))
+        setup = setup.kind.in_base(setup, exp6(-base))
     return setup if target_shift is None else setup.kind.moved(setup, target_shift)
 
 
@@ -82,6 +82,8 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
     def cost(at: Setup) -> float:
         return float((weighted_residuals(measurements, at, poses) ** 2).sum())
 
+    slow: list[bool] = []
+
     def solve(system: tuple[Array, Array], damping: float) -> tuple[Array, bool]:
         right = system[1].ravel()
         columns = system[0].reshape(len(right), -1)
@@ -92,46 +94,80 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
                 np.concatenate([right, np.zeros(len(scale))]),
             )
         step: Array = np.linalg.lstsq(columns, right, rcond=1e-9)[0].astype(float)
+        gain = 2 * right @ (columns @ step) - ((columns @ step) ** 2).sum()
+        slow.append(bool(gain < _NO_GAIN * (right @ right)))
         return step, bool(np.abs(step).max() < 1e-11)
 
     found, _, settled = gauss_newton(
         setup,
-        lambda at: linearised(measurements, at, poses, of_base, targets=not setup.targets_known),
+        lambda at: linearised(measurements, at, poses, of_base, targets=bool(setup.free_names)),
         solve,
         lambda at, step: update_setup(
             at,
             None if setup.frame_known else step[base],
-            None if setup.targets_known else step[shift],
+            step[shift] if setup.free_names else None,
         ),
         _ITERATIONS,
         cost,
     )
-    return found, cost(found) if settled else np.inf
+    return found, cost(found) if settled or slow[-1] else np.inf
 
 
 def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> list[Setup]:
     """Starting values of the unknown parts of the set-up."""
     setup, arm = measurements.setup, measurements.noise_position / measurements.noise_orientation
-    readings = Readings(measurements.points, measurements.rotations)
-    points, targets = setup.kind.as_points(readings, setup, arm)
-    if setup.frame_known:
-        found = [(setup.T_instrument_base, _mean_targets(poses, setup.T_instrument_base, points))]
+    readings, kind = measurements.readings, setup.kind
+    if not kind.of_points:
+        return kind.starts(readings, setup, poses)
+    points, targets = kind.as_points(readings, setup, arm)
+    place = readings.place if readings.place is not None else np.zeros(len(poses), dtype=int)
+    count = len(measurements.places) or 1
+    if setup.frame_known and count == 1:
+        found = [(setup.frames, _mean_targets(poses, setup.T_instrument_base, points))]
     elif setup.targets_known:
-        predicted = targets @ np.swapaxes(poses[:, :3, :3], -1, -2) + poses[:, None, :3, 3]
-        seen = ~np.isnan(points[..., 0])
-        found = [(rigid_fit(predicted[seen], points[seen]), targets)]
+        found = [(_placed(poses, targets, points, place, count), targets)]
     else:
-        guesses = [start.T_instrument_base] if start is not None else []
-        if (circles := circle_start(measurements)) is not None:
+        largest = int(np.argmax(np.bincount(place, minlength=count)))
+        rows = place == largest
+        guesses = [start.frames[min(largest, len(start.frames) - 1)]] if start is not None else []
+        if count == 1 and (circles := circle_start(measurements)) is not None:
             guesses.append(circles)
-        frames = frames_of_least_squares(poses, points, guesses)
-        if points.shape == measurements.points.shape:
+        frames = frames_of_least_squares(poses[rows], points[rows], guesses)
+        if points.shape == measurements.points.shape and count == 1:
             frames = frames[:1]  # the search had the very sum of squares of the refinement
-        found = [(frame, _mean_targets(poses, frame, points)) for frame in frames]
+        found = []
+        for frame in frames:
+            on_tool = _mean_targets(poses[rows], frame, points[rows])
+            placed = _placed(poses, on_tool, points, place, count)
+            placed[largest] = frame
+            found.append((placed, on_tool))
     return [
-        setup.kind.from_points(replace(setup, T_instrument_base=readonly(frame)), on_tool)
-        for frame, on_tool in found
+        kind.from_points(
+            replace(
+                setup,
+                T_instrument_base=readonly(frames[0]),
+                further_frames=readonly(frames[1:]) if count > 1 else None,
+            ),
+            on_tool,
+        )
+        for frames, on_tool in found
     ]
+
+
+def _placed(poses: Array, targets: Array, points: Array, place: np.ndarray, count: int) -> Array:
+    """T_instrument_base of each of `count` places in which targets on the tool are best seen:
+    (count, 4, 4).
+    """
+    predicted = transform_points(poses, targets)
+    seen = ~np.isnan(points[..., 0])
+    return np.array(
+        [
+            rigid_fit(predicted[rows][seen[rows]], points[rows][seen[rows]])
+            if rows.any()
+            else np.eye(4)
+            for rows in (place == g for g in range(count))
+        ]
+    )
 
 
 def frames_of_least_squares(

@@ -6,7 +6,8 @@ import numpy as np
 
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
 from calibtool.errormodel.operating_conditions import Conditions
-from calibtool.errors import InputError, check_number
+from calibtool.errors import InputError, check_choice, check_number
+from calibtool.measurement.instruments import INSTRUMENTS, Cell, unknown
 from calibtool.measurement.measurements import Measurements, Setup, Truth, check_targets
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
@@ -37,6 +38,8 @@ class Simulation:
                     description of the robot
     temperature_c   temperature of the links from the first to the last row, linear in between;
                     None: see `ActualRobot`
+    instrument      `points` (the targets, by a tracker) or one of `instruments.INSTRUMENTS`
+    places          of that instrument: placements, planes, boards, stations; of wires how many
     """
 
     seed: int = 0
@@ -49,11 +52,15 @@ class Simulation:
     same_robot: Truth | None = None
     payload_kg: tuple[float, float] | None = None
     temperature_c: tuple[float, float] | None = None
+    instrument: str = "points"
+    places: int = 1
 
     def __post_init__(self) -> None:
         check_number(self.seed, "seed", 0)
         check_number(self.configurations, "configurations", 1)
         check_number(self.noise, "noise", 0)
+        check_number(self.places, "places", 1)
+        check_choice(self.instrument, ("points", *INSTRUMENTS), "instrument")
 
 
 def simulate(robot: Robot, simulation: Simulation) -> Measurements:
@@ -82,6 +89,8 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
             setup = _random_setup(setup, setup_rng)
         truth = Truth(random_actual(robot, simulation.scales, robot_rng), setup)
 
+    if simulation.instrument != "points":
+        return _by_instrument(robot, simulation, truth.actual, configuration_rng)
     if simulation.at is not None:
         q = simulation.at
         robot.check_positions(q, "configurations")
@@ -140,6 +149,33 @@ def _check_closed(actual: ActualRobot, q: Array) -> None:
                 "at these joint positions "
                 f"({len(lost)} of {len(q)} rows); leave them out, or measure inside the workspace"
             )
+
+
+def _by_instrument(
+    robot: Robot, simulation: Simulation, actual: ActualRobot, rng: np.random.Generator
+) -> Measurements:
+    """What another instrument than a tracker reads, see `instruments`; its set-up is registered."""
+    if simulation.at is not None:
+        raise InputError("configurations: the instrument chooses where the arm is measured")
+    cell = Cell(robot, actual, simulation.workspace, simulation.noise)
+    read = INSTRUMENTS[simulation.instrument]
+    seen = read(cell, simulation.configurations, simulation.places, rng)
+    setup = replace(seen.setup, places=seen.places)
+    measurements = Measurements(
+        robot=robot,
+        q=readonly(seen.q),
+        points=readonly(seen.readings.points),
+        rotations=None if seen.readings.rotations is None else readonly(seen.readings.rotations),
+        setup=unknown(setup),
+        noise_position=max(simulation.noise, NO_NOISE),
+        noise_orientation=ORIENTATION_NOISE,
+        truth=Truth(actual, setup),
+        conditions=Conditions(direction=readonly(actual.directions(seen.q))),
+        deviations=seen.deviations,
+        values=None if seen.readings.values is None else readonly(seen.readings.values),
+        place=seen.readings.place,
+    )
+    return replace(measurements, setup=register(measurements))
 
 
 def observe(

@@ -6,6 +6,7 @@ from calibtool.errormodel.actual import ActualRobot
 from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.storage.shared_groups import (
     get,
+    get_indices,
     get_with_gaps,
     put,
     read_conditions,
@@ -18,7 +19,7 @@ from calibtool.storage.shared_groups import (
     write_errors,
     write_setup,
 )
-from calibtool.storage.texts import put_string
+from calibtool.storage.texts import put_string, put_text, texts
 
 
 def write_measurements(file: h5py.File, measurements: Measurements) -> None:
@@ -69,6 +70,22 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
             "configuration",
             "coordinate",
         )
+    if measurements.values is not None:
+        put(
+            group,
+            "values",
+            measurements.values,
+            "m",
+            "measured lengths",
+            "instrument",
+            "configuration",
+            "length",
+        )
+    if measurements.place is not None:
+        words = "labelled place of each row, from 0"
+        put(group, "place", measurements.place, "1", words, "", "configuration")
+    if measurements.findings:
+        put_text(group, "findings", measurements.findings, "what was wrong when they were made")
     write_setup(file.create_group("registration"), measurements.setup)
     if measurements.truth is not None:
         actual = measurements.truth.actual
@@ -100,6 +117,9 @@ def build_measurements(file: h5py.File) -> Measurements:
         noise_orientation=read_number(group, "noise_orientation_rad"),
         truth=truth,
         conditions=read_conditions(group, robot.n),
+        values=get_with_gaps(group, "values", -1, -1) if "values" in group else None,
+        place=get_indices(group, "place") if "place" in group else None,
+        findings=texts(group, "findings") if "findings" in group else (),
         deviations=get(group, "deviations", -1, -1) if "deviations" in group else None,
         provenance=read_provenance(file),
         commanded=get(group, "commanded_poses", -1, 4, 4) if "commanded_poses" in group else None,

@@ -13,7 +13,7 @@ from calibtool.measurement.measurements import Setup
 from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
-from calibtool.storage.texts import put_string, put_text, string, text
+from calibtool.storage.texts import put_string, put_text, string, text, texts
 
 
 def put(
@@ -97,7 +97,14 @@ def write_setup(group: h5py.Group, setup: Setup) -> None:
     put(group, "targets", setup.targets, "m", "target points on the tool", "tool", "target", "axis")
     put_string(group, "kind", setup.kind.id)
     for name, (_, unit, words) in setup.kind.arrays.items():
-        put(group, name, setup.arrays[name], unit, words, "tool", "row", "column")
+        labels = ("place", "row", "column")[-setup.arrays[name].ndim :]
+        put(group, name, setup.arrays[name], unit, words, "tool", *labels)
+    if setup.places:
+        put_text(group, "places", setup.places, "labels of the places")
+    if setup.further_frames is not None:
+        words = "poses of the robot base in further places of the instrument"
+        labels = ("place", "row", "column")
+        put(group, "further_frames", setup.further_frames, "m", words, "instrument", *labels)
 
 
 def read_setup(group: h5py.Group) -> Setup:
@@ -109,6 +116,10 @@ def read_setup(group: h5py.Group) -> Setup:
             name: get(group, name, *shape)
             for name, (shape, _, _) in KINDS[string(group, "kind")].arrays.items()
         },
+        places=texts(group, "places") if "places" in group else (),
+        further_frames=get(group, "further_frames", -1, 4, 4)
+        if "further_frames" in group
+        else None,
         frame_known=bool(group.attrs["frame_known"]),
         targets_known=bool(group.attrs["targets_known"]),
     )

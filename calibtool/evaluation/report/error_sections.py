@@ -186,7 +186,7 @@ def pose_test_section(subject: Subject) -> PageSection:
 
 def coverage_section(subject: Subject, judged: Measurements) -> PageSection:
     """Where the judged configurations lie among those of the training."""
-    rows, lines = [], []
+    rows, lines = [], [f"judged rows: {finding}" for finding in judged.findings]
     for name, calibration in subject.calibrations:
         found = coverage(calibration, judged.q)
         rows.append(

@@ -72,7 +72,7 @@ def scene_of(contents: Measurements | Calibration) -> Scene:
     nominal_pose = robot.mechanism.forward(q)
     if isinstance(contents, Measurements):
         targets, meaning = contents.setup.targets, "measured"
-        found, _ = measured_in_base(contents, contents.setup)
+        found = measured_in_base(contents, contents.setup).points
     else:
         targets, meaning = contents.setup.targets, "calibrated"
         found = transform_points(contents.forward(q), targets)

@@ -1,36 +1,44 @@
-"""Checks on import: errors in measurements that are found before anything is
-estimated from them.
-"""
+"""Checks at the door: what is wrong with measurements, before anything is estimated from them."""
 
 from calibtool.measurement.auxiliary import AuxiliaryReadings
+from calibtool.measurement.checks.clocks import clock_finding
 from calibtool.measurement.checks.design import design_findings
 from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.checks.kind_checks import kind_findings
 from calibtool.measurement.checks.measuring_process import condition_findings
-from calibtool.measurement.checks.nominal_fit import (
-    nominal_findings,
-    nominal_fit,
-    orientation_finding,
-)
+from calibtool.measurement.checks.nominal_findings import nominal_findings, orientation_finding
+from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.checks.target_distances import shape_findings
 from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.streams import JointStream
 
 __all__ = ["Finding", "check_measurements", "design_findings"]
 
 
 def check_measurements(
-    measurements: Measurements, auxiliary: AuxiliaryReadings | None = None
+    measurements: Measurements,
+    auxiliary: AuxiliaryReadings | None = None,
+    stream: JointStream | None = None,
 ) -> list[Finding]:
-    """All findings about measurements and their auxiliary readings, warnings first.
+    """Every finding about measurements and what was recorded beside them (auxiliary), warnings
+    first.
 
-    Nothing is changed and nothing is raised; a check whose data are missing is skipped. Row numbers
-    count from 1.
+    stream: where the joints came from, if they were taken from a stream at the stamps of the
+    points.
+
+    Nothing is changed and nothing raised: a check whose data are missing says nothing. Row
+    numbers count from 1.
     """
+    if measurements.kind not in ("points", "pose"):
+        return kind_findings(measurements)
     fit = nominal_fit(measurements, free=False)
     mistakes, wrong_rows = nominal_findings(measurements, fit)
     found = [*mistakes, *shape_findings(measurements, wrong_rows)]
     if not mistakes and (orientation := orientation_finding(measurements, fit)) is not None:
         found.append(orientation)
     found += condition_findings(measurements, fit, auxiliary or AuxiliaryReadings())
+    if (clocks := clock_finding(measurements, stream)) is not None:
+        found.append(clocks)
     repeats = any(
         finding.name == "repeatability" for finding in found
     )  # it counts the repeated rows too

@@ -5,34 +5,38 @@ and read positions.
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import stdtr
 
 from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.checks.design import repeated_groups
 from calibtool.measurement.checks.finding import Finding, Numbers, severity
 from calibtool.measurement.checks.nominal_fit import Fit, nominal_fit
-from calibtool.measurement.measurements import Measurements, Setup
-from calibtool.measurement.observation import observation_matrix
-from calibtool.robot.se3 import Array, adjoint, readonly, transform_points
+from calibtool.measurement.checks.unexplained import Unexplained
+from calibtool.measurement.measurements import Measurements
+from calibtool.robot.se3 import Array, readonly, transform_points
 
 _LOUD = 3.0  # repeated configurations may scatter by so many times the stated noise
 _RARE = 1e-3  # probability below which a trend is not chance
-_TOLERANCE = 1e-3  # m, and rad: geometric errors that a trend must not be mistaken for
+_MOST_ROWS = 1000  # enough for a trend
 _CLEAR = 5.0  # standard errors at which a drift or the better joint positions are named
 
 
 def condition_findings(
     measurements: Measurements, fit: Fit, auxiliary: AuxiliaryReadings
 ) -> list[Finding]:
-    """Repeatability, drift of reference points, trend with temperature, and which joint
-    positions explain more.
+    """Repeatability, drift of reference points, trend with temperature, and which joint positions
+    explain more.
 
     fit: the nominal robot registered to the measurements.
     """
     found = [_drift(measurements, auxiliary)]
     if np.isfinite(fit.rms):
+        found.append(_repeatability(measurements, fit))
+        if len(measurements) > _MOST_ROWS:
+            rows = np.linspace(0, len(measurements) - 1, _MOST_ROWS).astype(int)
+            measurements, auxiliary = measurements.rows(rows), auxiliary.rows(rows)
+            fit = replace(fit, residual=fit.residual[rows])
         found += [
-            _repeatability(measurements, fit),
             _temperature(measurements, fit, auxiliary),
             _commanded_or_read(measurements, auxiliary),
         ]
@@ -57,7 +61,8 @@ def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
     rows = len(groups) - len(size)
     message = (
         f"{rows} rows repeat the joint positions of another row: they scatter by "
-        f"{scatter * 1e3:.3g} mm per coordinate, stated noise {noise * 1e3:.3g} mm"
+        f"{scatter * 1e3:.3g} mm per coordinate, "
+        f"stated noise {noise * 1e3:.3g} mm"
     )
     numbers: Numbers = {
         "rows": rows,
@@ -108,7 +113,8 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
         speed = f" in {hours:.3g} h"
     message = (
         f"the reference points move by {span * 1e3:.3g} mm{speed} against the instrument: the base "
-        "or the instrument drifts; bring each row back by its reference points, or measure faster"
+        "or the instrument "
+        "drifts; bring each row back by its reference points, or measure faster"
     )
     return Finding("reference_drift", severity(span > noise), message, numbers)
 
@@ -116,29 +122,37 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
 def _temperature(
     measurements: Measurements, fit: Fit, auxiliary: AuxiliaryReadings
 ) -> Finding | None:
-    """Trend of the residual with temperature: drift along x, y, z of K_0, and growth
-    away from the base.
+    """Trend of the residual with temperature: drift along x, y, z of K_0, and growth away from
+    the base.
 
-    What a geometric error of the robot could explain is taken out first. The most significant of
-    the four counts, its p-value times four; the order of the rows is tried as well, because most
-    things that drift do so with time.
+    Errors of the robot, of any family and its tolerance, may explain a part: that is in the
+    standard errors (`Unexplained`).
+    The most significant of the four counts, its p-value times four: an arm that stays the same is
+    called drifting once in a
+    thousand sets, whatever the order of the rows. The order of the rows is tried as well, because
+    most things that drift do
+    so with time.
     """
     if auxiliary.temperature_c is None or np.ptp(auxiliary.temperature_c) < 0.1:
         return None
     outward = transform_points(
         measurements.robot.mechanism.forward(measurements.q), fit.setup.targets
     )
-    slopes, ratios = _trends(measurements, fit, outward, auxiliary.temperature_c)
-    order_ratios = _trends(measurements, fit, outward, np.arange(float(len(measurements))))[1]
-    strongest, span = int(np.argmax(ratios)), float(np.ptp(auxiliary.temperature_c))
+    slopes, sizes = _trends(measurements, fit, outward, auxiliary.temperature_c)
+    order_sizes = _trends(measurements, fit, outward, np.arange(float(len(measurements))))[1]
+    strongest, span = int(np.argmax(sizes)), float(np.ptp(auxiliary.temperature_c))
     slopes[3] *= float(np.linalg.norm(outward, axis=-1).mean())
-    p, change = min(1.0, 8 * float(ndtr(-ratios[strongest]))), abs(float(slopes[strongest])) * span
+    freedom = max(measurements.equations - 1, 1)
+    p, change = (
+        min(1.0, 8 * float(stdtr(freedom, -sizes[strongest]))),
+        abs(float(slopes[strongest])) * span,
+    )
     numbers: Numbers = {
         "range_k": span,
         "drift_mm_per_k": [float(slope) * 1e3 for slope in slopes[:3]],
         "growth_mm_per_k": float(slopes[3]) * 1e3,
-        "standard_errors": float(ratios[strongest]),
-        "standard_errors_by_row_order": float(order_ratios.max()),
+        "standard_errors": float(sizes[strongest]),
+        "standard_errors_by_row_order": float(order_sizes.max()),
         "p_value": p,
     }
     place = (
@@ -149,7 +163,7 @@ def _temperature(
         return Finding("temperature_trend", "note", message, numbers)
     kind = "the arm grows" if strongest == 3 else "the points drift"
     message = f"{kind} with temperature, by {change * 1e3:.3g} mm {place} (p = {p:.1g})"
-    if order_ratios.max() > ratios[strongest]:
+    if order_sizes.max() > sizes[strongest]:
         message += "; the order of the rows explains more than that: something drifts with time"
     return Finding(
         "temperature_trend", severity(change > measurements.noise_position), message, numbers
@@ -160,46 +174,17 @@ def _trends(
     measurements: Measurements, fit: Fit, outward: Array, values: Array
 ) -> tuple[Array, Array]:
     """Slopes (4,) of the residual over values (N,) along x, y, z and outward (N, m, 3); their
-    absolute values in standard errors.
+    sizes in standard errors.
     """
-    residual = without_geometry(measurements, fit.setup, fit.residual)
-    slopes, ratios = np.empty(4), np.empty(4)
+    unexplained = Unexplained.of(measurements, fit.setup)
+    slopes, sizes = np.empty(4), np.empty(4)
     directions = [*np.broadcast_to(np.eye(3)[:, None, None], (3, *outward.shape)), outward]
     for k, direction in enumerate(directions):
-        trend = ((values - values.mean())[:, None, None] * direction).reshape(residual.shape)
+        trend = ((values - values.mean())[:, None, None] * direction).reshape(fit.residual.shape)
         trend *= measurements.seen.repeat(3, axis=-1)
-        slopes[k], error = _slope(without_geometry(measurements, fit.setup, trend), residual)
-        ratios[k] = abs(slopes[k]) / max(error, 1e-300)
-    return slopes, ratios
-
-
-def without_geometry(measurements: Measurements, setup: Setup, series: Array) -> Array:
-    """A series (N, d) without what placement errors of the links (Eq. 10), of tolerance 1 mm and 1
-    mrad, explain of it.
-    """
-    frames = measurements.robot.mechanism.frames(measurements.q)
-    blocks = frames.seen(adjoint(frames.placed))
-    P = observation_matrix(setup, frames.tool)
-    seen = measurements.seen.repeat(3, axis=-1)
-    columns: Array = (
-        (P[:, None] @ blocks * seen[:, None, :, None]).transpose(0, 2, 1, 3).reshape(seen.size, -1)
-    )
-    size = _TOLERANCE / measurements.noise_position
-    normal_matrix = columns.T @ columns * size**2 + np.eye(columns.shape[1])
-    errors = np.linalg.solve(normal_matrix, columns.T @ series.ravel() * size**2)
-    return series - (columns @ errors).reshape(series.shape)
-
-
-def _slope(x: Array, y: Array) -> tuple[float, float]:
-    """Slope of y over x, both (N, d), and its standard error, which allows for rows that are
-    like the row before.
-    """
-    power = max(float((x**2).sum()), 1e-300)
-    slope = float((x * y).sum()) / power
-    scores = (x * (y - slope * x)).sum(axis=-1)
-    total = max(float(scores @ scores), 1e-300)
-    alike = float(np.clip(scores[1:] @ scores[:-1] / total, 0.0, 0.95))
-    return slope, float(np.sqrt(total * (1 + alike) / (1 - alike))) / power
+        slopes[k], error = unexplained.slope(trend, fit.residual)
+        sizes[k] = abs(slopes[k]) / max(error, 1e-300)
+    return slopes, sizes
 
 
 def _commanded_or_read(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding | None:
@@ -221,11 +206,8 @@ def _commanded_or_read(measurements: Measurements, auxiliary: AuxiliaryReadings)
     power = float((apart**2).sum())
     if power < 1e-30:
         return None
-    apart, whole = (
-        without_geometry(measurements, fits[0].setup, series)
-        for series in (apart, fits[0].residual)
-    )
-    share, error = _slope(apart, whole)
+    unexplained = Unexplained.of(measurements.points_alone(), fits[0].setup)
+    share, error = unexplained.slope(apart, fits[0].residual)
     used_read = np.abs(measurements.q - read).max() < np.abs(measurements.q - commanded).max()
     better_read = share > 0.5
     clear = abs(share - 0.5) > _CLEAR * error
@@ -237,8 +219,8 @@ def _commanded_or_read(measurements: Measurements, auxiliary: AuxiliaryReadings)
     )
     message = (
         "commanded and read joint positions differ by up to "
-        f"{_size(measurements, commanded - read)}; {verdict} ({fits[0].rms * 1e3:.4g} mm rms "
-        f"commanded, {fits[1].rms * 1e3:.4g} mm read)"
+        f"{_size(measurements, commanded - read)}; {verdict} "
+        f"({fits[0].rms * 1e3:.4g} mm rms commanded, {fits[1].rms * 1e3:.4g} mm read)"
     )
     if clear and better_read != used_read:
         message += f"; the file holds the {names[int(used_read)]} ones"

@@ -8,6 +8,7 @@ from calibtool.measurement.importing.assemble import (
     Understood,
     import_table,
     read_table,
+    template_of,
 )
 from calibtool.measurement.importing.column_map import ColumnMap, parse_column_map
 from calibtool.measurement.importing.commanded_targets import CommandedFile
@@ -28,4 +29,5 @@ __all__ = [
     "preview",
     "read_table",
     "select_rows",
+    "template_of",
 ]

@@ -1,5 +1,5 @@
-"""Instrument tables → measurements and their auxiliary; unknown parts of the set-up are
-registered afterwards.
+"""Instrument tables → measurements and their auxiliary; unknown parts of the set-up are registered
+afterwards.
 """
 
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calibtool.errormodel.operating_conditions import Conditions, directions
-from calibtool.errors import InputError, NoSolutionError
+from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.importing.column_map import ColumnMap, Frame
 from calibtool.measurement.importing.commanded_targets import (
@@ -17,26 +17,34 @@ from calibtool.measurement.importing.commanded_targets import (
     join_commanded,
     of_kept_rows,
 )
-from calibtool.measurement.importing.header import Stated, complete_map
-from calibtool.measurement.importing.joint_files import JOIN_TOLERANCE, Join, join_rows
+from calibtool.measurement.importing.header import Stated, complete_map, time_column
+from calibtool.measurement.importing.joint_files import JOIN_TOLERANCE, Join, join_rows, stamps
 from calibtool.measurement.importing.known_setup import known_setup
+from calibtool.measurement.importing.labels import label_pair
+from calibtool.measurement.importing.long_form import one_row_each
+from calibtool.measurement.importing.names import named
 from calibtool.measurement.importing.readings import (
     read_auxiliary,
     read_joints,
+    read_lengths,
     read_payload,
+    read_places,
     read_points,
     read_rotations,
 )
 from calibtool.measurement.importing.row_selection import choose_rows, line_ranges
 from calibtool.measurement.importing.sources import SourceTable, read_source
+from calibtool.measurement.importing.template import map_template
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import spread_rows
+from calibtool.measurement.streams import JointStream
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 from calibtool.tables import Table
 
+COMPENSATED = ("status", "left_mm", "left_mrad")  # what `compensate` adds to its rows
 REGISTRATION_ROWS = (
     20_000  # evenly spaced ones of a longer table; the set-up has at most some twenty unknowns
 )
@@ -49,6 +57,7 @@ class JointFile(NamedTuple):
     name: str
     join: Join = "index"
     tolerance_s: float = JOIN_TOLERANCE
+    encoding: str | None = None
 
 
 @dataclass(frozen=True)
@@ -61,24 +70,35 @@ class Understood:
     noise_stated: bool
     ignored: dict[str, list[str]]  # columns that nothing is read from, by file
     lines: np.ndarray  # (N,) in the measured table
+    notes: tuple[str, ...] = ()  # what had to be found out
+
+    @property
+    def said(self) -> list[str]:
+        """What people should know of how the files were read, one line each."""
+        unused = {name: columns for name, columns in self.ignored.items() if columns}
+        return [
+            *self.notes,
+            *(f"{name}: not used: {', '.join(columns)}" for name, columns in unused.items()),
+        ]
 
 
 class Imported(NamedTuple):
-    """Measurements, warnings, what stands beside the measurements, and how the files
-    were understood.
+    """Measurements, warnings, what stands beside the measurements, how the files were understood;
+    joints as a stream.
     """
 
     measurements: Measurements
     warnings: list[str]
     auxiliary: AuxiliaryReadings
     understood: Understood
+    stream: JointStream | None = None
 
     def split(
         self, rows: str | None, sample: int | None, seed: int
     ) -> "tuple[Imported, Imported | None]":
         """The chosen rows and the rest (None if there is none), see `rows.choose_rows`."""
-        taken, rest = choose_rows(len(self.measurements), rows, sample, seed)
-        return self.rows(taken), self.rows(rest) if len(rest) else None
+        taken, left = choose_rows(len(self.measurements), rows, sample, seed)
+        return self.rows(taken), self.rows(left) if len(left) else None
 
     def rows(self, index: np.ndarray) -> "Imported":
         """Some of the rows: their indices (k,)."""
@@ -86,6 +106,23 @@ class Imported(NamedTuple):
             measurements=self.measurements.rows(index),
             auxiliary=self.auxiliary.rows(index),
             understood=replace(self.understood, lines=self.understood.lines[index]),
+            stream=None if self.stream is None else self.stream.rows(index),
+        )
+
+    def with_clock_offset(self, offset: float) -> "Imported":
+        """The same with the joints taken from their stream at the stamps plus an offset, s.
+
+        Raises UsageError where there is no stream.
+        """
+        if self.stream is None:
+            raise UsageError("a clock offset needs joints as a stream: --joints FILE --join time")
+        stream = replace(self.stream, offset=offset)
+        q = readonly(stream.at(offset)[0])
+        conditions = replace(self.measurements.conditions, direction=readonly(stream.directions()))
+        return self._replace(
+            measurements=replace(self.measurements, q=q, conditions=conditions),
+            auxiliary=replace(self.auxiliary, q_commanded=q),
+            stream=stream,
         )
 
     def with_setup(self, setup: Setup) -> "Imported":
@@ -95,8 +132,8 @@ class Imported(NamedTuple):
     def registered(self) -> "Imported":
         """The same with the unknown parts of the set-up fitted to these rows (nominal robot).
 
-        Raises NoSolutionError for too few rows; a warning about the table goes along,
-        it may tell why.
+        Raises NoSolutionError for too few rows; a warning about the table goes along, it may tell
+        why.
         """
         used = self.measurements
         used = used.rows(spread_rows(len(used), REGISTRATION_ROWS))
@@ -117,8 +154,8 @@ def import_table(
     robot_targets: bool = False,
     joint_values: JointValues | None = None,
 ) -> Imported:
-    """Measurements from a table, registered to all of its rows:
-    `read_table(…).registered()`, which see.
+    """Measurements from a table, registered to all of its rows: `read_table(…).registered()`,
+    which see.
     """
     return read_table(
         data,
@@ -142,57 +179,90 @@ def read_table(
     format: str | None = None,
     sheet: str | None = None,
     layout: str | None = None,
+    encoding: str | None = None,
     stated: Stated = Stated(),
     joints: JointFile | None = None,
     joint_values: JointValues | None = None,
     commanded: CommandedFile | None = None,
+    board: bool = False,
 ) -> Imported:
-    """Measurements and auxiliary from the contents of a file; nothing of the set-up
-    is estimated yet.
+    """Measurements and auxiliary from the contents of a file; nothing of the set-up is estimated
+    yet.
 
     columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame:
     overrides the map's.
-    robot_targets: the targets are those of the robot's description, in their order. format, sheet,
-    layout: see `sources.read_source`. stated: units and convention where the header is silent.
-    joints: their own file. joint_values: whose they are where the header does not state it
-    (`Robot.joint_values`); overrides the map's. commanded: targets whose corrected joints the arm
-    was driven to. Raises InputError for a bad cell, column or target set, UsageError for options
-    that do not fit the file, and for joint values of which nothing states whose they are, where it
-    matters.
+    robot_targets: the targets are those of the robot's description, in their order. format,
+    sheet, layout: see
+    `sources.read_source`. stated: units and convention where the header is silent. joints: their
+    own file. joint_values:
+    whose they are where the header does not say it (`Robot.joint_values`); overrides the map's.
+    commanded: targets
+    whose corrected joints the arm was driven to.
+    Raises InputError for a bad cell, column or target set, UsageError for options that do not fit
+    the file, and for joint values of which nothing says whose they are, where it matters.
     """
     how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
-    source = read_source(data, name, format, sheet=sheet, layout=layout, **how)
+    source = read_source(data, name, format, sheet=sheet, layout=layout, encoding=encoding, **how)
+    notes = source.notes
     warnings: list[str] = []
     by = columns.join if columns else None
     targets: Table | None = None
     if commanded is not None:
         table, targets, warnings = join_commanded(source.table, commanded, by)
         source = replace(source, table=table)
+    of_joints = (
+        None if joints is None else read_source(joints.data, joints.name, encoding=joints.encoding)
+    )
+    if source.points is None and not (columns and (columns.targets or columns.pose)):
+        urdf = list(robot.chain.model.names)[1:]
+        table, note = one_row_each(
+            source.table, None if of_joints is None else of_joints.table, urdf
+        )
+        source, notes = replace(source, table=table), (*notes, *([note] if note else []))
     joint_table = source.table
-    if joints is not None:
-        joint_table = read_source(joints.data, joints.name).table
+    if joints is not None and of_joints is not None:
+        joint_table, notes = of_joints.table, notes + of_joints.notes
+        log = joint_table
         table, joint_table, unmatched = join_rows(
-            source.table, joint_table, joints.join, by, joints.tolerance_s
+            source.table, log, joints.join, by, joints.tolerance_s
         )
         if targets is not None:
             targets = of_kept_rows(targets, source.table, table)
         source, warnings = replace(source, table=table), warnings + unmatched
+    kept, left_out = _driven(joint_table)
+    if left_out:
+        joint_table, warnings = joint_table.take(kept), [*warnings, left_out]
+        source = replace(source, table=source.table.take(kept) if joints else joint_table)
+        targets = targets and targets.take(kept)
     mapped = columns is not None and columns.joints is not None
     complete = complete_map(source, joint_table, robot, columns, stated)
+    if board and complete.pose is not None:
+        pose = complete.pose.model_copy(update={"of": "board"})
+        complete = complete.model_copy(update={"pose": pose})
+    elif board:
+        raise UsageError("--board: the table holds no poses")
     assert complete.joints is not None
     stated_values = complete.joints.values
     if mapped and joint_values is not None:
         stated_values = joint_values
-    values = robot.joint_values(joint_table.name, stated_values, joint_values)
-    complete = complete.with_joint_values(values)
+    whose = robot.joint_values(joint_table.name, stated_values, joint_values)
+    complete = complete.with_joint_values(whose)
     assert complete.joints is not None
     table = source.table
     q = read_joints(joint_table, robot, complete.joints)
     points = read_points(table, complete)
     seen = ~np.isnan(points[..., 0])
+    values = None if complete.lengths is None else read_lengths(table, complete.lengths)
+    if values is not None:
+        seen = np.isfinite(values)
     if not seen.any(axis=-1).all():
         place = table.place(int(np.argmin(seen.any(axis=-1))))
         raise InputError(f"{place}: no target was measured in this row")
+    place_of, places = (
+        (None, ()) if complete.place is None else read_places(table, complete.place.column)
+    )
+    if complete.lengths is not None and complete.lengths.of == "distance":
+        place_of, places = None, ()  # the same fixed points for all rows
     rotations = None if complete.pose is None else readonly(read_rotations(table, complete.pose))
     auxiliary = read_auxiliary(table, joint_table, robot, complete, q)
     measurements = Measurements(
@@ -201,8 +271,16 @@ def read_table(
         points=readonly(points),
         rotations=rotations,
         setup=known_setup(
-            complete, robot, points, frame or complete.instrument.frame, robot_targets, name
+            complete,
+            robot,
+            points,
+            frame or complete.instrument.frame,
+            robot_targets,
+            name,
+            places,
         ),
+        values=None if values is None else readonly(values),
+        place=place_of,
         noise_position=complete.noise.position_mm * 1e-3,
         noise_orientation=complete.noise.orientation_mrad * 1e-3,
         conditions=Conditions(
@@ -214,6 +292,12 @@ def read_table(
         ),
         commanded=None if targets is None else commanded_poses(targets, robot, joint_values),
     )
+    stream = None
+    if joints is not None and joints.join == "time":
+        wanted, known = stamps(table, log, by)
+        stream = JointStream.of(known, read_joints(log, robot, complete.joints), wanted)
+        if len(stream.times) < 2 or stream.gaps().max() > 2 * joints.tolerance_s:
+            stream = None  # joints at rest, one row each
     warnings += _lacking(table, complete, seen) + _outside(joint_table, robot, measurements)
     understood = Understood(
         source=replace(source, table=replace(table, rows=[], lines=[])),
@@ -226,21 +310,57 @@ def read_table(
         ),
         joints_name=joint_table.name,
         noise_stated=columns is not None and "noise" in columns.model_fields_set,
-        ignored=_ignored(source, joint_table, complete),
+        ignored=_ignored(source, joint_table, complete, joints),
         lines=np.array(table.lines),
+        notes=notes,
     )
-    return Imported(measurements, warnings, auxiliary, understood)
+    imported = Imported(measurements, warnings, auxiliary, understood, stream)
+    return imported if stream is None else imported.with_clock_offset(0.0)
+
+
+def template_of(
+    data: bytes | str,
+    name: str,
+    robot: Robot,
+    stated: Stated = Stated(),
+    joints: JointFile | None = None,
+    **how: str | None,
+) -> str:
+    """A column map in TOML from the headers of a file and of the joints' own one, see
+    `read_table`.
+    """
+    source = read_source(data, name, **how)
+    table = source.table
+    if joints is not None:
+        table = read_source(joints.data, joints.name, encoding=joints.encoding).table
+    return map_template(source, table, robot, stated)
 
 
 def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
     """A warning per target that is missing somewhere, with every line."""
     return [
         f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in "
-        f"{int((~seen[:, i]).sum())} of {len(seen)} rows; their other targets count: line "
+        f"{int((~seen[:, i]).sum())} of {len(seen)} "
+        "rows; their other targets count: line "
         f"{line_ranges([table.lines[k] for k in _rows(~seen[:, i])])}"
         for i, target in enumerate(columns.targets)
         if not seen[:, i].all()
     ]
+
+
+def _driven(joints: Table) -> tuple[list[int], str | None]:
+    """Rows that got joints from `compensate`, and a warning about those that did not."""
+    if "status" not in joints.header:
+        return list(range(len(joints))), None
+    states = joints.texts("status")
+    kept = [row for row, status in enumerate(states) if status != "unreachable"]
+    if len(kept) == len(states):
+        return kept, None
+    lines = line_ranges([joints.lines[row] for row in range(len(states)) if row not in set(kept)])
+    return kept, (
+        f"{joints.name}: {len(states) - len(kept)} rows have the status unreachable and no joints; "
+        f"left out: line {lines}"
+    )
 
 
 def _whole(values: Array | None) -> bool:
@@ -263,28 +383,26 @@ def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str
     ]
 
 
-def _ignored(source: SourceTable, joints: Table, columns: ColumnMap) -> dict[str, list[str]]:
-    """Columns of each file that nothing is read from."""
+def _ignored(
+    source: SourceTable, joints: Table, columns: ColumnMap, joined: JointFile | None
+) -> dict[str, list[str]]:
+    """Columns of each file that nothing is read from, not even to find a row by."""
+    beside = set(COMPENSATED)
+    if joined is not None and joined.join != "index" and columns.join is not None:
+        beside |= {columns.join.measured, columns.join.joints}
+    elif joined is not None and joined.join == "name":
+        beside |= set(label_pair(source.table, joints) or ())
+    elif joined is not None and joined.join == "time":
+        found = (time_column(named(table)) for table in (source.table, joints))
+        beside |= {column.column for column in found if column}
     of_joints = {
         column for part in (columns.joints, columns.joints_read) if part for column in part.columns
     }
-    of_table = {column for target in columns.targets for column in target.columns}
-    of_table |= {column for reference in columns.references for column in reference.measured}
-    of_table |= {
-        part.column for part in (columns.time, columns.temperature, columns.payload) if part
-    }
-    if columns.pose is not None:
-        of_table |= {*columns.pose.position, *columns.pose.orientation}
-    keys = (
-        {columns.join.measured, columns.join.joints}
-        if columns.join
-        else {"name", "time_s", "time_ms", "time_iso"}
-    )
+    of_table = columns.columns - of_joints
     used = {source.table.name: of_table}
     used[joints.name] = used.get(joints.name, set()) | of_joints
     headers = {source.table.name: source.table.header, joints.name: joints.header}
-    separate = joints.name != source.table.name
     return {
-        name: [c for c in header if c and c not in used[name] and not (separate and c in keys)]
+        name: [c for c in header if c and c not in used[name] | beside]
         for name, header in headers.items()
     }

@@ -78,6 +78,7 @@ class PoseColumns(_Strict):
     orientation: Annotated[list[str], Field(min_length=3, max_length=4)]
     convention: str
     orientation_unit: AngleUnit | None = None  # needed unless the orientation is a quaternion
+    of: Literal["sensor", "board"] = "sensor"  # on the tool, or of a fixed board in its camera
 
     @field_validator("convention")
     @classmethod
@@ -90,6 +91,22 @@ class PoseColumns(_Strict):
         if self.orientation_unit is None and not self.convention.startswith("quaternion"):
             raise ValueError(f"{self.convention} needs orientation_unit = 'deg' or 'rad'")
         return self
+
+
+class LengthColumns(_Strict):
+    """Lengths instead of points: distances to fixed points (wires, a ball-bar), one column each, or
+    the height of the probe's tip above a plane.
+    """
+
+    columns: Annotated[list[str], Field(min_length=1)]
+    unit: LengthUnit
+    of: Literal["distance", "plane"] = "distance"
+
+
+class PlaceColumn(_Strict):
+    """Labels of the places that rows belong to: stations, placements, boards, planes."""
+
+    column: str
 
 
 class ReferenceColumns(_Strict):
@@ -152,6 +169,8 @@ class ColumnMap(_Strict):
     joints_read: JointColumns | None = None
     targets: list[TargetColumns] = []
     pose: PoseColumns | None = None
+    lengths: LengthColumns | None = None
+    place: PlaceColumn | None = None
     references: list[ReferenceColumns] = []
     time: TimeColumn | None = None
     temperature: TemperatureColumn | None = None
@@ -159,6 +178,19 @@ class ColumnMap(_Strict):
     join: JoinColumns | None = None
     instrument: Instrument = Instrument()
     noise: Noise = Noise()
+
+    @property
+    def columns(self) -> set[str]:
+        """Every column that the map speaks for."""
+        parts: list[list[str]] = [target.columns for target in self.targets]
+        parts += [reference.measured for reference in self.references]
+        parts += [part.columns for part in (self.joints, self.joints_read) if part]
+        single = (self.time, self.temperature, self.payload, self.place)
+        parts += [[part.column] for part in single if part]
+        parts += [self.lengths.columns] if self.lengths else []
+        if self.pose is not None:
+            parts.append([*self.pose.position, *self.pose.orientation])
+        return {column for part in parts for column in part}
 
     def with_joint_values(self, values: JointValues) -> "ColumnMap":
         """The same with whose joint values they are; those read back too, unless they state it."""
@@ -171,8 +203,8 @@ class ColumnMap(_Strict):
 
     @model_validator(mode="after")
     def _one_kind(self) -> "ColumnMap":
-        if self.targets and self.pose is not None:
-            raise ValueError("give either [[targets]] or [pose]")
+        if bool(self.targets) + (self.pose is not None) + (self.lengths is not None) > 1:
+            raise ValueError("give either [[targets]], [pose] or [lengths]")
         known = [target.on_tool_mm is not None for target in self.targets]
         if any(known) and not all(known):
             raise ValueError(

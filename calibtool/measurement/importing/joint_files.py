@@ -1,13 +1,15 @@
 """Joint values from a second file: which of its rows belongs to which measured row."""
 
-import re
 from typing import Literal, get_args
 
 import numpy as np
 
 from calibtool.errors import InputError
 from calibtool.measurement.importing.column_map import JoinColumns, TimeColumn
+from calibtool.measurement.importing.dates import seconds
 from calibtool.measurement.importing.header import time_column
+from calibtool.measurement.importing.labels import compared, label_pair
+from calibtool.measurement.importing.names import named
 from calibtool.measurement.importing.row_selection import line_ranges
 from calibtool.robot.se3 import Array
 from calibtool.tables import Table
@@ -15,7 +17,7 @@ from calibtool.tables import Table
 Join = Literal["index", "name", "time"]
 JOINS: tuple[str, ...] = get_args(Join)
 JOIN_TOLERANCE = 0.1  # s
-_ISO = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d+)?)?)Z?")
+_MOST_RANGES = 20  # of lines in a message
 
 
 def join_rows(
@@ -28,17 +30,22 @@ def join_rows(
     """Both tables with the rows that found a partner, in the order of the measured ones, and
     warnings about the others.
 
-    how: `index` by row order (equally many rows), `name` by a shared column (`name` unless
-    `columns` says which), `time` by the nearest stamp at most `tolerance_s` away. Every row without
-    a partner is named by its line in a warning. Raises InputError when nothing fits, the numbers of
-    rows differ (index), or a name stands twice in `joints`.
+    how: `index` by row order (equally many rows), `name` by the columns of names that agree (or
+    those
+    that `columns` says), `time` by the nearest stamp at most `tolerance_s` away. Rows without a
+    partner
+    are counted in a warning, and named by their lines where these are few; the rows of a log of
+    joints
+    between two measurements are no matter.
+    Raises InputError when nothing fits, the numbers of rows differ (index), or a name stands
+    twice in `joints`.
     """
     if how == "index":
         if len(measured) != len(joints):
             raise InputError(
                 f"{joints.name}: {len(joints)} rows, but {measured.name} has {len(measured)} "
-                "configurations; by row order both need as many (--join name or --join time finds "
-                "partners otherwise)"
+                "configurations; by row order "
+                "both need as many (--join name or --join time finds partners otherwise)"
             )
         return measured, joints, []
     partner = (
@@ -53,19 +60,25 @@ def join_rows(
     unused = np.setdiff1d(np.arange(len(joints)), partner[kept])
     warnings = [
         f"{table.name}: {len(rows)} of {len(table)} rows have no partner {reason} in {other.name} "
-        "and are left out: line " + line_ranges([table.lines[int(row)] for row in rows])
+        "and are left out" + _which(table, rows)
         for table, other, rows in (
             (measured, joints, np.flatnonzero(partner < 0)),
             (joints, measured, unused),
         )
-        if len(rows)
+        if len(rows) and not (how == "time" and table is joints and len(joints) > len(measured))
     ]
     return measured.take(kept), joints.take(partner[kept]), warnings
 
 
+def _which(table: Table, rows: np.ndarray) -> str:
+    """Their lines, where they are not too many to look at."""
+    lines = line_ranges([table.lines[int(row)] for row in rows])
+    return f": line {lines}" if lines.count(",") < _MOST_RANGES else ""
+
+
 def times(table: Table, column: TimeColumn) -> Array:
-    """Time stamps in s, (N,), NaN where empty; ISO 8601 counts from the epoch, without
-    a zone or with Z.
+    """Time stamps in s, (N,), NaN where empty; ISO 8601 counts from the epoch, without a zone or
+    with Z.
 
     Raises InputError for a stamp that cannot be read, by line.
     """
@@ -73,51 +86,46 @@ def times(table: Table, column: TimeColumn) -> Array:
         return table.optional_numbers([column.column])[:, 0] * (
             1e-3 if column.unit == "ms" else 1.0
         )
-    values = np.full(len(table), np.nan)
-    for row, text in enumerate(table.texts(column.column)):
-        if not text:
-            continue
-        match = _ISO.fullmatch(text)
-        try:
-            if match is None:
-                raise ValueError
-            values[row] = (
-                float(np.datetime64(match[1].replace(",", "."), "us").astype(np.int64)) * 1e-6
-            )
-        except ValueError:
-            raise InputError(
-                f"{table.place(row)}: column '{column.column}' holds '{text}'; expected an ISO "
-                "8601 time such as 2024-05-31T14:07:09.25, in UTC or without a zone"
-            ) from None
+    values, bad = seconds(table.texts(column.column))
+    if bad is not None:
+        text = table.texts(column.column)[bad]
+        raise InputError(
+            f"{table.place(bad)}: column '{column.column}' holds '{text}'; expected a date with a "
+            "time such as "
+            "2024-05-31T14:07:09.25 (ISO 8601, in UTC or without a zone) or 31.05.2024 14:07:09"
+        )
     return values
 
 
 def _by_name(measured: Table, joints: Table, columns: JoinColumns | None) -> np.ndarray:
-    pair = (columns.measured, columns.joints) if columns else ("name", "name")
+    found = (columns.measured, columns.joints) if columns else label_pair(measured, joints)
+    pair = found or ("name", "name")
     for table, column in zip((measured, joints), pair, strict=True):
         if column not in table.header:
             raise InputError(
                 f"{table.name}: no column '{column}' to join by; name it so, or give [join] "
-                "measured = …, joints = … in the --columns file"
+                "measured = …, joints = … "
+                "in the --columns file"
             )
+    wanted, known = compared(measured.texts(pair[0]), joints.texts(pair[1]))
     rows: dict[str, int] = {}
-    for row, name in enumerate(joints.texts(pair[1])):
+    for row, name in enumerate(known):
         if not name:
             continue
         if name in rows:
+            text = joints.texts(pair[1])[row]
             raise InputError(
-                f"{joints.place(row)}: '{name}' stands in line {joints.lines[rows[name]]} "
-                "already; keep one"
+                f"{joints.place(row)}: '{text}' stands in line {joints.lines[rows[name]]} already; "
+                "keep one"
             )
         rows[name] = row
-    return np.array([rows.get(name, -1) for name in measured.texts(pair[0])])
+    return np.array([rows.get(name, -1) for name in wanted])
 
 
-def _by_time(
-    measured: Table, joints: Table, columns: JoinColumns | None, tolerance_s: float
-) -> np.ndarray:
+def stamps(measured: Table, joints: Table, columns: JoinColumns | None) -> tuple[Array, Array]:
+    """Time stamps of both tables in s, NaN where empty. InputError where either has none."""
     if columns is None:
-        pair = (time_column(measured), time_column(joints))
+        pair = (time_column(named(measured)), time_column(named(joints)))
     elif columns.unit is None:
         raise InputError(
             "the --columns file: [join] needs unit = 's', 'ms' or 'iso' to join by time"
@@ -127,15 +135,22 @@ def _by_time(
             TimeColumn(column=columns.measured, unit=columns.unit),
             TimeColumn(column=columns.joints, unit=columns.unit),
         )
-    stamps = []
+    found = []
     for table, column in zip((measured, joints), pair, strict=True):
         if column is None:
             raise InputError(
                 f"{table.name}: no time stamps time_s, time_ms or time_iso to join by; name the "
-                "column so, or give [join] measured = …, joints = …, unit = … in the --columns file"
+                "column so, or give [join] "
+                "measured = …, joints = …, unit = … in the --columns file"
             )
-        stamps.append(times(table, column))
-    wanted, log = stamps
+        found.append(times(table, column))
+    return found[0], found[1]
+
+
+def _by_time(
+    measured: Table, joints: Table, columns: JoinColumns | None, tolerance_s: float
+) -> np.ndarray:
+    wanted, log = stamps(measured, joints, columns)
     filled = np.flatnonzero(~np.isnan(log))
     order = filled[np.argsort(log[filled], kind="stable")]
     if not len(order):

@@ -1,5 +1,7 @@
 """The part of the set-up that a table, its map and the options give; the rest is registered."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from calibtool.errors import InputError
@@ -10,7 +12,13 @@ from calibtool.robot.se3 import Array, readonly
 
 
 def known_setup(
-    columns: ColumnMap, robot: Robot, points: Array, frame: str, robot_targets: bool, name: str
+    columns: ColumnMap,
+    robot: Robot,
+    points: Array,
+    frame: str,
+    robot_targets: bool,
+    name: str,
+    labels: tuple[str, ...] = (),
 ) -> Setup:
     """What is known of the set-up; unknown parts stand at zero until they are registered.
 
@@ -33,10 +41,31 @@ def known_setup(
     whole = points[~np.isnan(points[..., 0]).any(axis=-1)]
     if len(whole):
         check_targets(whole[0], f"{name}: measured points")
-    return Setup(
+    places = len(labels) or 1
+    setup = Setup(
         T_instrument_base=readonly(np.eye(4)),
         targets=readonly(targets),
-        R_tool_sensor=readonly(np.eye(3)) if columns.pose is not None else None,
-        frame_known=frame == "base",
+        frame_known=frame == "base" and places == 1,
         targets_known=known,
+        places=labels,
     )
+    if columns.lengths is not None or (columns.pose is not None and columns.pose.of == "board"):
+        return _of_other_kinds(columns, replace(setup, frame_known=False), places)
+    frames = np.broadcast_to(np.eye(4), (places - 1, 4, 4))
+    return replace(
+        setup,
+        R_tool_sensor=readonly(np.eye(3)) if columns.pose is not None else None,
+        further_frames=readonly(frames.copy()) if places > 1 else None,
+    )
+
+
+def _of_other_kinds(columns: ColumnMap, setup: Setup, places: int) -> Setup:
+    """The set-up of distances, heights above planes or boards, with nothing known."""
+    if columns.lengths is None:
+        boards = np.broadcast_to(np.eye(4), (places, 4, 4))
+        return replace(
+            setup, T_tool_camera=readonly(np.eye(4)), T_base_boards=readonly(boards.copy())
+        )
+    if columns.lengths.of == "plane":
+        return replace(setup, planes=readonly(np.tile([0.0, 0.0, 1.0, 0.0], (places, 1))))
+    return replace(setup, anchors=readonly(np.zeros((len(columns.lengths.columns), 3))))

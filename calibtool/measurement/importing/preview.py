@@ -5,7 +5,7 @@ import numpy as np
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.importing.assemble import Imported
 from calibtool.measurement.importing.column_map import ColumnMap
-from calibtool.measurement.observation import residuals
+from calibtool.measurement.observation import measured_in_base
 from calibtool.robot.robot import Robot
 from calibtool.units import TO_SI
 
@@ -19,14 +19,14 @@ def preview(imported: Imported) -> str:
     The last lines say how well the nominal robot fits once the unknown parts of the set-up are
     registered: a wrong unit, order of joints or Euler convention shows there.
     """
-    measurements, _, _, understood = imported
+    measurements, understood = imported.measurements, imported.understood
     robot, columns, table = measurements.robot, understood.columns, understood.source.table
     facts = [
         ("robot", f"{robot.name}, {robot.n} joints"),
         ("file", f"{table.name}: {_spelling(imported)}"),
         (
             "configurations",
-            f"{len(measurements)}, {measurements.points.shape[1]} {_noun(imported)} each",
+            f"{len(measurements)}, {_each(imported)} each",
         ),
         ("joints", _joints(columns, robot)),
     ]
@@ -49,6 +49,13 @@ def preview(imported: Imported) -> str:
             f"{a} {sign} {b}" for a, b in zip(target.nominal or [], target.error or [], strict=True)
         ]
         facts.append((f"target {i + 1}", f"{', '.join(names)} [{target.unit}], {where}"))
+    if columns.lengths is not None:
+        lengths = columns.lengths
+        of = {"distance": "distances", "plane": "heights above a plane"}[lengths.of]
+        facts.append((of, f"{', '.join(lengths.columns)} [{lengths.unit}]"))
+    if columns.place is not None:
+        labels = ", ".join(measurements.setup.places) or "one alone, not used"
+        facts.append(("set-ups", f"{columns.place.column}: {labels}"))
     if columns.pose is not None:
         pose = columns.pose
         facts.append(("position", f"{', '.join(pose.position)} [{pose.unit}]"))
@@ -93,10 +100,16 @@ def _spelling(imported: Imported) -> str:
     )
 
 
-def _noun(imported: Imported) -> str:
-    if imported.measurements.rotations is not None:
-        return "6-D pose"
-    return "target" if imported.measurements.points.shape[1] == 1 else "targets"
+def _each(imported: Imported) -> str:
+    """What a row has."""
+    measurements = imported.measurements
+    if measurements.values is not None:
+        count = measurements.values.shape[1]
+        return f"{count} length{'s' if count > 1 else ''}"
+    if measurements.rotations is not None:
+        return "1 6-D pose"
+    count = measurements.points.shape[1]
+    return f"{count} target{'s' if count > 1 else ''}"
 
 
 def _joints(columns: ColumnMap, robot: Robot) -> str:
@@ -157,12 +170,12 @@ def _fit(imported: Imported) -> str:
     except NoSolutionError as error:
         return f"nominal robot: {error}"
     poses = measurements.robot.mechanism.forward(measurements.q)
-    residual = residuals(measurements, measurements.setup, poses)[
-        :, : 3 * measurements.points.shape[1]
-    ]
-    distances = (
-        np.linalg.norm(residual.reshape(len(residual), -1, 3), axis=-1)[measurements.seen] * 1e3
-    )
+    setup = measurements.setup
+    readings = measured_in_base(measurements, setup)
+    moved = setup.kind.displacements(readings, setup, poses)
+    values = measurements.values
+    seen = measurements.seen if values is None else np.isfinite(values)
+    distances = np.linalg.norm(moved, axis=-1)[seen] * 1e3
     return (
         f"nominal robot: {np.sqrt((distances**2).mean()):.3f} mm rms, {distances.max():.3f} mm max "
         "from the measured points" + ("" if measurements.setup.known else " after registration")

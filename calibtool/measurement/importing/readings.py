@@ -10,6 +10,7 @@ from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.importing.column_map import (
     ColumnMap,
     JointColumns,
+    LengthColumns,
     PayloadColumn,
     PoseColumns,
     TargetColumns,
@@ -48,9 +49,40 @@ def read_joints(table: Table, robot: Robot, joints: JointColumns) -> Array:
 
 def read_points(table: Table, columns: ColumnMap) -> Array:
     """Measured points (N, m, 3), m; NaN for a target whose cells are empty."""
+    if columns.lengths is not None:
+        return np.full((len(table), 1, 3), np.nan)
     if columns.pose is not None:
         return (table.numbers(columns.pose.position) * TO_SI[columns.pose.unit])[:, None, :]
     return np.stack([_target_points(table, target) for target in columns.targets], axis=1)
+
+
+def read_lengths(table: Table, lengths: LengthColumns) -> Array:
+    """Measured lengths (N, w), m; NaN for an empty cell. InputError for a distance below zero."""
+    values = np.concatenate(
+        [table.optional_numbers([column]) * TO_SI[lengths.unit] for column in lengths.columns],
+        axis=-1,
+    )
+    if lengths.of == "distance" and (values <= 0).any():
+        row, column = (int(i) for i in np.argwhere(values <= 0)[0])
+        raise InputError(
+            f"{table.place(row)}: column '{lengths.columns[column]}' holds a distance that is not "
+            "above zero"
+        )
+    return values
+
+
+def read_places(table: Table, column: str) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    """Number of each row's label (N,) and the labels in their order; None for one alone.
+
+    Raises InputError for an empty cell.
+    """
+    texts = table.texts(column)
+    if "" in texts:
+        raise InputError(f"{table.place(texts.index(''))}: column '{column}' is empty")
+    labels = tuple(dict.fromkeys(texts))
+    if len(labels) == 1:
+        return None, ()
+    return np.array([labels.index(text) for text in texts]), labels
 
 
 def read_rotations(table: Table, pose: PoseColumns) -> Array:

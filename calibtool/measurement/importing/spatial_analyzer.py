@@ -90,7 +90,7 @@ def parse_points(text: str, name: str, layout: str | None = None) -> PointList:
                 f"stands in line {seen[target].line} already; keep one, or {_REMEDY}"
             )
         seen[target] = point
-    targets = _ordered(list(dict.fromkeys(target for _, target in keys)))
+    targets = in_order(list(dict.fromkeys(target for _, target in keys)))
     if layout is None and len(targets) > max(len(configurations), 3):
         raise InputError(
             f"{name}: read as {len(configurations)} configurations of {len(targets)} "
@@ -205,7 +205,10 @@ def _labels(keys: Sequence[tuple[str, ...]]) -> list[str]:
     return ["::".join(key) for key in keys]
 
 
-def _ordered(targets: list[str]) -> list[str]:
+def in_order(targets: list[str]) -> list[str]:
+    """Targets in the order of the numbers at the end of their names if all have different ones,
+    otherwise as they are.
+    """
     numbers = [re.search(r"\d{1,18}$", target) for target in targets]
     values = [int(match[0]) for match in numbers if match]
     if len(set(values)) < len(targets):

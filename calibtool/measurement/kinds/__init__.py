@@ -3,10 +3,24 @@
 A new kind is one more line here.
 """
 
+from calibtool.measurement.kinds.board import BoardPose
+from calibtool.measurement.kinds.distance import Distances
 from calibtool.measurement.kinds.kind import Kind, Readings
+from calibtool.measurement.kinds.plane import PlaneProbe
 from calibtool.measurement.kinds.points import TargetPoints
 from calibtool.measurement.kinds.pose import SensorPose
 
-__all__ = ["KINDS", "Kind", "Readings", "SensorPose", "TargetPoints"]
+__all__ = [
+    "KINDS",
+    "BoardPose",
+    "Distances",
+    "Kind",
+    "PlaneProbe",
+    "Readings",
+    "SensorPose",
+    "TargetPoints",
+]
 
-KINDS: dict[str, Kind] = {kind.id: kind for kind in (TargetPoints(), SensorPose())}
+KINDS: dict[str, Kind] = {
+    kind.id: kind for kind in (TargetPoints(), SensorPose(), BoardPose(), Distances(), PlaneProbe())
+}

@@ -5,11 +5,12 @@ set-up.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, inverse, readonly
 
 if TYPE_CHECKING:
     from calibtool.measurement.measurements import Setup
@@ -20,10 +21,14 @@ class Readings(NamedTuple):
 
     points     (N, m, 3) m; NaN for a point that was not seen
     rotations  (N, 3, 3) or None
+    values     (N, w) lengths, m; NaN for one that was not read; None for kinds without
+    place      (N,) number of the labelled place that the row belongs to; None: all to the first
     """
 
     points: Array
     rotations: Array | None = None
+    values: Array | None = None
+    place: np.ndarray | None = None
 
     @property
     def seen(self) -> np.ndarray:
@@ -35,64 +40,105 @@ class Readings(NamedTuple):
 class Kind(ABC):
     """A kind of observation.
 
-    A row has d coordinates in K_0, in m and rad; predicted poses are T_base_tool (N, 4, 4).
+    A row has d coordinates, in m and rad; predicted poses are T_base_tool (N, 4, 4). The set-up may
+    have several labelled places (stations of an instrument, placements of a gauge, boards, planes),
+    one of which a row belongs to.
 
     id      name in files
     words   description; `{m}` stands for the number of points
-    arrays  of the set-up beside the targets, by name: (shape, unit, description)
+    arrays  of the set-up beside frame and targets, by name: (shape, unit, description), -1 for any
+            length
     """
 
     id: ClassVar[str]
     words: ClassVar[str]
     arrays: ClassVar[dict[str, tuple[tuple[int, ...], str, str]]] = {}
+    of_points: ClassVar[bool] = True
 
     @abstractmethod
-    def names(self, points: int) -> tuple[str, ...]:
-        """Names (d,) of the free elements of the set-up on the tool, as many as coordinates of a
-        row.
-        """
+    def coordinates(self, setup: Setup) -> int:
+        """Number of coordinates d of a row."""
+
+    @abstractmethod
+    def names(self, setup: Setup) -> tuple[str, ...]:
+        """Names (k,) of the free elements of the set-up beside the instrument's first frame."""
 
     @abstractmethod
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
-        """Measured minus predicted in K_0: (N, d); 0 for what was not seen."""
+        """Measured minus predicted: (N, d); 0 for what was not seen."""
 
     @abstractmethod
-    def matrix(self, setup: Setup, T_base_tool: Array) -> Array:
+    def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         """∂(observation)/∂δy: (N, d, 6)."""
 
     @abstractmethod
-    def moved(self, setup: Setup, step: Array) -> Setup:
-        """Set-up after a step (d,) of its free elements.
+    def columns(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
+        """∂(observation)/∂(free elements): (N, d, k)."""
 
-        Displacements and left-multiplied rotations in the tool frame.
-        """
+    @abstractmethod
+    def moved(self, setup: Setup, step: Array) -> Setup:
+        """The set-up after a step (k,) of its free elements."""
 
     @abstractmethod
     def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
         """1/σ of every coordinate (N, d) from the stated noise, 0 for what was not seen."""
 
-    @abstractmethod
+    def lengths(self, setup: Setup) -> np.ndarray:
+        """Which coordinates are lengths, the others angles: (d,) bool."""
+        return np.ones(self.coordinates(setup), dtype=bool)
+
+    def in_axes(self, setup: Setup, rows: Array, place: np.ndarray | None) -> Array:
+        """Rows (N, d, k) along the axes in which the noise of single coordinates is stated."""
+        return rows
+
+    def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
+        """Residuals as displacements of points in K_0: (N, ·, 3), m."""
+        left = self.residuals(readings, setup, T_base_tool)[:, self.lengths(setup)]
+        return left.reshape(len(left), -1, 3)
+
+    # --- registration ---
+
+    def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
+        """Set-ups to start a registration from, where the kind is not one of points."""
+        return []
+
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
-        """The readings as points (N, k, 3) of targets (k, 3) on the tool, to start a registration.
+        """The readings as points (N, k, 3) of targets (k, 3) on the tool, the start of a
+        registration.
 
-        arm: distance in m at which a rotation counts as much as a displacement.
+        arm: the distance in m at which an orientation error has the same weight as a position
+        error.
         """
+        raise NotImplementedError
 
-    @abstractmethod
     def from_points(self, setup: Setup, targets: Array) -> Setup:
-        """Set-up from targets (k, 3) that were found for `as_points`."""
+        """The set-up with targets (k, 3) that were found for `as_points`."""
+        raise NotImplementedError
+
+    # --- other frames ---
 
     @abstractmethod
     def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
-        """The set-up in another tool frame; T_new_tool (4, 4): pose of the present one in it, m."""
+        """The set-up in another tool frame.
 
-    def columns(self, setup: Setup, T_base_tool: Array) -> Array:
-        """∂(observation)/∂(free elements): (N, d, d).
-
-        Displacements and left-multiplied rotations in the tool frame, three by three.
+        T_new_tool (4, 4), m: pose of the present tool frame in the new one.
         """
-        d = len(self.names(len(setup.targets)))
-        columns = np.zeros((len(T_base_tool), d // 3, 3, d // 3, 3))
-        for block in range(d // 3):
-            columns[:, block, :, block, :] = T_base_tool[:, :3, :3]
-        return columns.reshape(len(T_base_tool), d, d)
+
+    def in_base(self, setup: Setup, T_new_base: Array) -> Setup:
+        """The set-up in another base frame.
+
+        T_new_base (4, 4), m: pose of the present base frame in the new one.
+        """
+        T_base_new = inverse(T_new_base)
+        further = setup.further_frames
+        return replace(
+            setup,
+            T_instrument_base=readonly(setup.T_instrument_base @ T_base_new),
+            further_frames=None if further is None else readonly(further @ T_base_new),
+        )
+
+
+def of_place(arrays: np.ndarray, place: np.ndarray | None, count: int) -> Array:
+    """The array of each row's place: (G, …) → (count, …)."""
+    found: Array = arrays[np.zeros(count, dtype=int) if place is None else place]
+    return found

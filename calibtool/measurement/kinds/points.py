@@ -1,4 +1,4 @@
-"""Target points on the tool, some of which may be unseen in a row (Eqs. 18, 19)."""
+"""Target points on the tool, of which a row may have seen some (Eqs. 18, 19)."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibtool.measurement.kinds.kind import Kind, Readings
+from calibtool.measurement.kinds.instrument import InstrumentKind
+from calibtool.measurement.kinds.kind import Readings
 from calibtool.robot.se3 import Array, readonly, skew, transform_points
 
 if TYPE_CHECKING:
     from calibtool.measurement.measurements import Setup
 
 
-class TargetPoints(Kind):
+class TargetPoints(InstrumentKind):
     """d = 3 m: x, y, z of each point."""
 
     id, words = "points", "{m} target points"
 
-    def names(self, points: int) -> tuple[str, ...]:
+    def on_tool(self, points: int) -> tuple[str, ...]:
         return tuple(f"target{i + 1}.{c}" for i in range(points) for c in "xyz")
 
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
@@ -29,14 +30,14 @@ class TargetPoints(Kind):
         residual[~readings.seen.repeat(3, axis=-1)] = 0.0
         return residual
 
-    def matrix(self, setup: Setup, T_base_tool: Array) -> Array:
+    def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         """P of Eq. 18, with rows [I, −[p_i]×]."""
         points = transform_points(T_base_tool, setup.targets)
         count, m = points.shape[:2]
         identity = np.broadcast_to(np.eye(3), (count, m, 3, 3))
         return np.concatenate([identity, -skew(points)], axis=-1).reshape(count, 3 * m, 6)
 
-    def moved(self, setup: Setup, step: Array) -> Setup:
+    def moved_on_tool(self, setup: Setup, step: Array) -> Setup:
         return replace(setup, targets=readonly(setup.targets + step.reshape(-1, 3)))
 
     def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:

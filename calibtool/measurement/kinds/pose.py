@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from calibtool.measurement.kinds.kind import Kind, Readings
+from calibtool.measurement.kinds.instrument import InstrumentKind
+from calibtool.measurement.kinds.kind import Readings
 from calibtool.measurement.kinds.points import TargetPoints
 from calibtool.measurement.rotation_search import nearest_rotation
 from calibtool.robot.se3 import Array, exp6, log3, readonly
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 _POINT = TargetPoints()
 
 
-class SensorPose(Kind):
+class SensorPose(InstrumentKind):
     """d = 6: x, y, z of the sensor and a rotation vector; the set-up holds its orientation on the
     tool.
     """
@@ -26,8 +27,8 @@ class SensorPose(Kind):
     id, words = "pose", "6-D pose"
     arrays: ClassVar = {"R_tool_sensor": ((3, 3), "1", "orientation of the 6-D sensor")}
 
-    def names(self, points: int) -> tuple[str, ...]:
-        return (*_POINT.names(points), "sensor.rx", "sensor.ry", "sensor.rz")
+    def on_tool(self, points: int) -> tuple[str, ...]:
+        return (*_POINT.on_tool(points), "sensor.rx", "sensor.ry", "sensor.rz")
 
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
         assert readings.rotations is not None
@@ -35,15 +36,18 @@ class SensorPose(Kind):
         turned = log3(readings.rotations @ np.swapaxes(predicted, -1, -2))
         return np.concatenate([_POINT.residuals(readings, setup, T_base_tool), turned], axis=-1)
 
-    def matrix(self, setup: Setup, T_base_tool: Array) -> Array:
+    def lengths(self, setup: Setup) -> np.ndarray:
+        return np.arange(6) < 3
+
+    def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
         """The rows of a point, followed by [0, I]."""
         turns = np.broadcast_to(np.hstack([np.zeros((3, 3)), np.eye(3)]), (len(T_base_tool), 3, 6))
         return np.concatenate([_POINT.matrix(setup, T_base_tool), turns], axis=1)
 
-    def moved(self, setup: Setup, step: Array) -> Setup:
+    def moved_on_tool(self, setup: Setup, step: Array) -> Setup:
         turn = exp6(np.concatenate([np.zeros(3), step[-3:]]))[:3, :3]
         return replace(
-            _POINT.moved(setup, step[:-3]), R_tool_sensor=readonly(turn @ _sensor(setup))
+            _POINT.moved_on_tool(setup, step[:-3]), R_tool_sensor=readonly(turn @ _sensor(setup))
         )
 
     def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:

@@ -1,0 +1,58 @@
+"""Checks of observations other than points and poses: lengths, heights, boards."""
+
+import numpy as np
+
+from calibtool.errors import NoSolutionError
+from calibtool.measurement.checks.design import design_findings
+from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.kinds.kind import of_place
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.observation import residuals
+from calibtool.measurement.registration import register
+from calibtool.robot.se3 import Array, transform_points
+
+_GROSS = 3e-2  # of the length of the arm
+_LINE = 0.02  # extent across a line over that along it
+
+
+def kind_findings(measurements: Measurements) -> list[Finding]:
+    """The nominal robot that misses the readings by far, planes touched along a line only, and the
+    design.
+    """
+    robot, setup = measurements.robot, measurements.setup
+    poses = robot.mechanism.forward(measurements.q)
+    try:
+        setup = register(measurements, poses)
+        left = residuals(measurements, setup, poses)[:, setup.kind.lengths(setup)]
+        rms = float(np.sqrt((left**2).mean()))
+    except NoSolutionError:
+        rms = np.inf
+    found = _lines(measurements, setup, poses) if measurements.kind == "plane" else []
+    if rms > _GROSS * robot.length and not found:
+        message = (
+            f"the nominal robot explains the readings to {rms * 1e3:.3g} mm rms only; check the "
+            "robot, its zero positions, the joint columns with their units and signs, and that "
+            "rows of joints and of readings belong together"
+        )
+        found.append(Finding("nominal_robot", "warning", message, {"rms_mm": rms * 1e3}))
+    found += design_findings(robot, measurements.q)
+    return sorted(found, key=lambda finding: finding.severity != "warning")
+
+
+def _lines(measurements: Measurements, setup: Setup, poses: Array) -> list[Finding]:
+    """Planes whose points lie on a line."""
+    assert setup.planes is not None
+    points, found = transform_points(poses, setup.targets)[:, 0], []
+    own = of_place(np.arange(len(setup.planes)), measurements.place, len(points))
+    for g in range(len(setup.planes)):
+        part = points[own == g]
+        extents = np.linalg.svd(part - part.mean(axis=0), compute_uv=False)
+        if len(part) >= 3 and extents[1] > _LINE * extents[0]:
+            continue
+        label = measurements.places[g] if measurements.places else "the plane"
+        message = (
+            f"all {len(part)} points of {label} lie on a line: its turn about that line stays "
+            "unknown; touch it beside the line too"
+        )
+        found.append(Finding("plane_of_a_line", "warning", message, {"plane": g + 1}))
+    return found

@@ -1,0 +1,69 @@
+"""How much of a series some cause explains, beside what errors of the robot could (generalised
+least squares).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibtool.errormodel.families import BY_ID
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.errormodel.tolerances import Tolerances
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.observation import observation_matrix, target_columns
+from calibtool.robot.se3 import Array
+
+_FREE = 0.1  # m and rad: what a set-up that is not known may be off by
+_ORDERS = {"harmonics": 2}  # of families that have several
+
+
+@dataclass(frozen=True, eq=False)
+class Unexplained:
+    """The covariance of residuals (N, d) of an arm with errors of every family, each of its
+    tolerance, and noise.
+
+    A   (N d, p) what an error of one tolerance, or a free set-up, does, over the stated noise
+    K   (p, p) (AᵀA + I)⁻¹
+    """
+
+    A: Array
+    K: Array
+
+    @classmethod
+    def of(cls, measurements: Measurements, setup: Setup) -> "Unexplained":
+        """For the points of measurements (orientations left aside) in a set-up."""
+        robot = measurements.robot
+        context = RobotErrors.of(robot).context(measurements.q, measurements.conditions)
+        tolerances, blocks = Tolerances.of_robot(robot), []
+        for family in BY_ID.values():
+            if family.by_row or not family.known(context.rows):
+                continue
+            shape = family.shape(family.joints(robot), _ORDERS.get(family.id, 1))
+            size = np.ravel(family.tolerance(robot, tolerances, shape))
+            blocks.append(family.columns(shape, context) * size)
+        seen = measurements.seen.repeat(3, axis=-1)[..., None]
+        tool, place = context.frames.tool, measurements.place
+        if not setup.frame_known:  # a registration takes up what it likes
+            blocks.append(np.broadcast_to(_FREE * np.eye(6), (len(tool), 6, 6)))
+        columns = observation_matrix(setup, tool, place) @ np.concatenate(blocks, axis=-1)
+        free = _FREE * target_columns(setup, tool, place)
+        A = (np.concatenate([columns, free], axis=-1) * seen).reshape(seen.size, -1)
+        A /= measurements.noise_position
+        return cls(A, np.linalg.inv(A.T @ A + np.eye(A.shape[1])))
+
+    def slope(self, x: Array, y: Array) -> tuple[float, float]:
+        """Slope of y over x, both (N, d), and its standard error, the scale of the covariance
+        estimated.
+        """
+        x, y = x.ravel(), y.ravel()
+        weighted = self._weighted(x)
+        power = max(float(x @ weighted), 1e-300)
+        slope = float(weighted @ y) / power
+        left = y - slope * x
+        variance = float(left @ self._weighted(left)) / max(len(left) - 1, 1)
+        return slope, float(np.sqrt(max(variance, 0.0) / power))
+
+    def _weighted(self, series: Array) -> Array:
+        """The inverse covariance times a series, up to the noise: (N d,)."""
+        result: Array = series - self.A @ (self.K @ (self.A.T @ series))
+        return result

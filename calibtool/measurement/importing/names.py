@@ -1,0 +1,86 @@
+"""Columns by the names of docs/file-formats.md, whatever instruments and controllers call them;
+capitals do not matter.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from calibtool.errors import InputError
+from calibtool.measurement.importing.joint_names import joint_names
+from calibtool.measurement.importing.point_names import point_names
+from calibtool.measurement.importing.spelling import spelt, split_unit, with_unit
+from calibtool.tables import Table
+
+_WORDS = {
+    spelling: word
+    for word, spellings in {
+        "temperature": "temp,temperature,temperatur,arm temp,arm temperature",
+        "payload": "payload,load,mass,nutzlast",
+        "rx": "rx,rot x,rotx,rotation x",
+        "ry": "ry,rot y,roty,rotation y",
+        "rz": "rz,rot z,rotz,rotation z",
+        "qw": "qw,q w,quat w,quatw,orientation w,quaternion w",
+        "qx": "qx,q x,quat x,quatx,orientation x,quaternion x",
+        "qy": "qy,q y,quat y,quaty,orientation y,quaternion y",
+        "qz": "qz,q z,quat z,quatz,orientation z,quaternion z",
+        "time": "time,timestamp,time stamp,zeit,zeitstempel,datum,date,datetime,date time,uhrzeit,"
+        "datum uhrzeit,stamp",
+        "time_iso": "time iso",
+        "distance": "distance,dist,abstand,length,wire,wire length,range",
+        "station": "station,standpunkt,aufstellung,stand",
+        "placement": "placement,aufnahme,gauge",
+        "board": "board,tafel",
+        "plane": "plane,ebene",
+        "status": "status",
+        **{name: name for name in ("roll", "pitch", "yaw", *"abcwproet")},
+    }.items()
+    for spelling in spellings.split(",")
+}
+_NEED_UNIT = ("temperature", "payload")
+
+
+@dataclass(frozen=True)
+class Named:
+    """A table under the names of docs/file-formats.md, and what its file calls them (by those
+    names).
+    """
+
+    table: Table
+    original: dict[str, str]
+
+    def has(self, columns: Iterable[str]) -> bool:
+        """Whether there are all of these columns."""
+        return all(column in self.original for column in columns)
+
+
+def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -> Named:
+    """The table's columns under plain names; one that says nothing keeps its own.
+
+    joints: names of the joints in the URDF, in their order. taken: columns that a map speaks for,
+    left out.
+    Raises InputError where two columns mean the same.
+    """
+    spoken_for = set(taken)
+    free = [column for column in table.header if column and column not in spoken_for]
+    place = f"{table.name}:{table.header_line}"
+    meant = joint_names(free, joints)
+    meant |= point_names([column for column in free if column not in meant], place)
+    for column in free:
+        word = _WORDS.get(spelt(column))
+        unit = split_unit(column)[1]
+        if column not in meant and word is not None and (unit or word not in _NEED_UNIT):
+            meant[column] = with_unit(word, unit)
+    original: dict[str, str] = {}
+    for column in free:
+        name = meant.get(column, column)
+        if name in original:
+            raise InputError(
+                f"{place}: columns '{original[name]}' and '{column}' both mean {name}; rename one, "
+                "or map the columns with "
+                "--columns MAP.toml"
+            )
+        original[name] = column
+    header = [
+        meant.get(column, column) if column in original.values() else "" for column in table.header
+    ]
+    return Named(replace(table, header=header), original)

@@ -1,0 +1,103 @@
+"""Columns of measured points under any of their names: X1 Y1 Z1, `T1 X (mm)`, SMR_A X [mm], x y
+z.
+"""
+
+import re
+from collections.abc import Sequence
+
+from calibtool.errors import InputError
+from calibtool.measurement.importing.spelling import split_unit, with_unit
+
+_OWN = re.compile(r"(?:t\d+_(?:nominal_|error_)?|ref\d+_)?[xyz](?:_(?:mm|m|in))?")
+_AXIS_LAST = re.compile(r"(?P<who>.*?)(?:(?<![a-z])|(?<=\b[tp]))(?P<axis>[xyz])")
+_AXIS_FIRST = re.compile(r"(?P<axis>[xyz])(?![a-z])(?P<who>.*)")
+_NUMBERED = re.compile(r"[a-z]* ?0*(\d{1,9})")
+_WORDS = """
+    t p pos position point coord coordinate coordinates koordinate meas measured measurement actual
+    act ist mess messwert value translation tracker laser target smr prism reflector probe sensor
+    punkt
+"""
+_PLAIN = set(_WORDS.split())
+_ROBOT = {"robot", "tcp", "flange", "tool", "cart", "cartesian", "base", "world"}
+_OTHERS = """
+    nominal nom soll theoretical theo design cmd command commanded d delta dev deviation error err
+    diff abweichung sigma std stdev rms unc uncertainty u v vel velocity speed acc acceleration f
+    force torque moment n normal q r rot quat rotation euler orientation ref reference
+"""
+_OTHER = set(_OTHERS.split())  # values that are no measured point
+
+
+def point_names(columns: Sequence[str], place: str) -> dict[str, str]:
+    """What columns mean: `x_mm`, `t2_y_mm`, `x` … Robots' own positions count only where nothing
+    else was measured.
+
+    Raises InputError where two columns mean the same, or two sets of columns may be the measured
+    points.
+    """
+    meant = {column: column.lower() for column in columns if _OWN.fullmatch(column.lower())}
+    groups: dict[tuple[str, str | None], dict[str, str]] = {}
+    for column in columns:
+        name, unit = split_unit(column)
+        who_axis = None if column in meant and column[0] in "tTrR" else _who_axis(name)
+        if who_axis is None:
+            continue
+        axes = groups.setdefault((who_axis[0], unit), {})
+        if axes.setdefault(who_axis[1], column) != column:
+            raise InputError(
+                f"{place}: columns '{axes[who_axis[1]]}' and '{column}' mean the same; rename one, "
+                "or map the columns with "
+                "--columns MAP.toml"
+            )
+    whole = {key: axes for key, axes in groups.items() if len(axes) == 3}
+    plain, numbered, others, robot = _sorted(list(whole))
+    alike = len({who for who, _ in plain}) <= 1  # in two units it is still one point
+    kinds = [kind for kind in (plain, numbered, others) if kind]
+    if len(kinds) > 1 or not alike or (not kinds and len(robot) > 1):
+        sets = [whole[kind[0]]["x"] for kind in kinds] if len(kinds) > 1 else []
+        sets = sets or [whole[key]["x"] for key in plain or robot]
+        raise InputError(
+            f"{place}: more than one set of columns may be the measured points, those of "
+            f"{' and of '.join(repr(c) for c in sets)}; map the columns with --columns MAP.toml"
+        )
+    for key in plain or ([] if kinds or any(c[0] in "tT" for c in meant) else robot):
+        meant |= {column: with_unit(axis, key[1]) for axis, column in whole[key].items()}
+    for number, key in [(_number(key[0]), key) for key in numbered] or enumerate(others, start=1):
+        meant |= {c: with_unit(f"t{number}_{axis}", key[1]) for axis, c in whole[key].items()}
+    return meant
+
+
+def _who_axis(name: str) -> tuple[str, str] | None:
+    """Whose coordinate a name without unit is, in small letters, and the axis."""
+    name = re.sub(r"(?<=[a-z])(?=[XYZ]$)", " ", name)  # posX
+    lower = re.sub(r"[\s_.\-/:]+", " ", name.lower()).strip()
+    match = _AXIS_LAST.fullmatch(lower) or _AXIS_FIRST.fullmatch(lower)
+    if match is None or re.search(r"[\[\](){}<>]", lower):  # a unit that nobody knows
+        return None
+    who = match["who"].strip()
+    return (
+        None
+        if set(who.split()) & _OTHER or re.fullmatch(r"ref ?\d+", who)
+        else (who, match["axis"])
+    )
+
+
+def _number(who: str) -> int:
+    match = _NUMBERED.fullmatch(who)
+    assert match is not None
+    return int(match[1])
+
+
+def _sorted(
+    keys: list[tuple[str, str | None]],
+) -> tuple[list[tuple[str, str | None]], ...]:
+    """One unnamed point; numbered ones; those under other names; the robot's own position."""
+    kinds: tuple[list[tuple[str, str | None]], ...] = ([], [], [], [])
+    for key in keys:
+        words = set(key[0].split())
+        if words <= _PLAIN:
+            kinds[0].append(key)
+        elif words & _ROBOT:
+            kinds[3].append(key)
+        else:
+            kinds[1 if _NUMBERED.fullmatch(key[0]) else 2].append(key)
+    return kinds

@@ -1,0 +1,82 @@
+"""Lines round the header that are no rows: what an instrument says of itself first, and a line of
+units below.
+"""
+
+import re
+
+from calibtool.measurement.importing.spelling import UNITS
+from calibtool.tables import split_lines
+
+_DELIMITERS = ("\t", ";", ",", " ")
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?")
+_MOST_LINES = 500  # among which a header is looked for
+_COMMENT = re.compile(r"\s*(?:#|//|%|;)\s*")
+
+
+def without_preamble(lines: list[str], delimiter: str | None = None) -> tuple[list[str], bool]:
+    """The lines with those before the header left empty, and whether there were any; numbers of
+    lines stay.
+
+    The header is the line before the first row, and has as many cells as the row: names, not
+    numbers. A line of units below
+    it is taken into its names (`X [mm]`), and a comment sign before it is dropped.
+    """
+    head = lines[:_MOST_LINES]
+    filled = [i for i, line in enumerate(head) if line.strip(" \t;,\r")]
+    for position, row in enumerate(filled[1:], start=1):
+        for sign in (delimiter,) if delimiter else _DELIMITERS:
+            cells = _cells(head[row], sign)
+            if len(cells) < 2 or not _is_row(cells):
+                continue
+            units: list[str] = []
+            header = filled[position - 1]
+            names = _cells(head[header], sign)
+            if position > 1 and len(names) == len(cells) and _all_units(names):
+                units, header = names, filled[position - 2]
+                names = _cells(head[header], sign)
+            names = _uncommented(names, head[header], len(cells), sign)
+            if len(names) != len(cells) or _is_row(names) or len([n for n in names if n]) < 2:
+                continue
+            result = list(lines)
+            before = [i for i in filled if i < header]
+            for i in before:
+                result[i] = ""
+            if units:
+                names = [
+                    f"{n} [{u.strip('[]()')}]" if u else n
+                    for n, u in zip(names, units, strict=True)
+                ]
+                result[filled[position - 1]] = ""
+            if units or names != _cells(head[header], sign):
+                quoted = [f'"{n}"' if sign in n else n for n in names]
+                result[header] = sign.join(quoted)
+            return result, bool(before)
+    return lines, False
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    try:
+        return next(split_lines([line], delimiter), [])
+    except Exception:  # broken quotes: no row
+        return []
+
+
+def _is_row(cells: list[str]) -> bool:
+    """At least half of the cells, and two of them, are numbers."""
+    numbers = sum(bool(_NUMBER.fullmatch(cell)) for cell in cells)
+    return numbers >= 2 and 2 * numbers >= len([cell for cell in cells if cell])
+
+
+def _all_units(cells: list[str]) -> bool:
+    """A line of units under the names."""
+    units = [cell.strip("[]()").lower() for cell in cells if cell not in ("", "-")]
+    return len(units) >= 2 and all(unit in UNITS for unit in units)
+
+
+def _uncommented(names: list[str], line: str, count: int, delimiter: str) -> list[str]:
+    """Names of a header behind a comment sign, where they are as many as the cells of a row."""
+    match = _COMMENT.match(line)
+    if match and match.end() and line.lstrip()[0] in "#%/":
+        bare = _cells(line[match.end() :], delimiter)
+        return bare if len(bare) == count else names
+    return names

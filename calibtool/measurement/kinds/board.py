@@ -1,0 +1,131 @@
+"""Poses of boards fixed in the cell, seen by a camera on the tool: residuals in the camera's frame,
+where their noise is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from calibtool.measurement.kinds.instrument import COMPONENTS
+from calibtool.measurement.kinds.kind import Kind, Readings, of_place
+from calibtool.measurement.rotation_search import nearest_rotation
+from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, readonly, skew
+
+if TYPE_CHECKING:
+    from calibtool.measurement.measurements import Setup
+
+
+class BoardPose(Kind):
+    """d = 6: x, y, z of the board's origin in the camera, and a rotation vector there."""
+
+    id, words = "board", "poses of a board in a camera on the tool"
+    arrays: ClassVar = {
+        "T_tool_camera": ((4, 4), "m", "pose of the camera on the tool"),
+        "T_base_boards": ((-1, 4, 4), "m", "poses of the boards in K_0"),
+    }
+
+    def coordinates(self, setup: Setup) -> int:
+        return 6
+
+    def lengths(self, setup: Setup) -> np.ndarray:
+        return np.arange(6) < 3
+
+    def names(self, setup: Setup) -> tuple[str, ...]:
+        boards = range(1, len(_boards(setup)) + 1)
+        return (
+            *(f"camera.{c}" for c in COMPONENTS),
+            *(f"board{g}.{c}" for g in boards for c in COMPONENTS),
+        )
+
+    def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
+        assert readings.rotations is not None
+        board = self._board(setup, T_base_tool, readings.place)
+        turned = log3(readings.rotations @ np.swapaxes(board[:, :3, :3], -1, -2))
+        return np.concatenate([readings.points[:, 0] - board[:, :3, 3], turned], axis=-1)
+
+    def matrix(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
+        camera = inverse(T_base_tool @ _camera(setup))
+        return -_at(self._board(setup, T_base_tool, place)) @ adjoint(camera)
+
+    def columns(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> Array:
+        board = self._board(setup, T_base_tool, place)
+        own = np.zeros(len(board), dtype=int) if place is None else place
+        moving = _at(board) @ adjoint(board)
+        boards = [moving * (own == g)[:, None, None] for g in range(len(_boards(setup)))]
+        return np.concatenate([-_at(board), *boards], axis=-1)
+
+    def moved(self, setup: Setup, step: Array) -> Setup:
+        steps = exp6(step.reshape(-1, 6))
+        return replace(
+            setup,
+            T_tool_camera=readonly(_camera(setup) @ steps[0]),
+            T_base_boards=readonly(_boards(setup) @ steps[1:]),
+        )
+
+    def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
+        sigma = np.repeat([noise_position, noise_orientation], 3)
+        return np.broadcast_to(1.0 / sigma, (len(readings.points), 6)).copy()
+
+    def displacements(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
+        left = self.residuals(readings, setup, T_base_tool)[:, :3]
+        turns = (T_base_tool @ _camera(setup))[:, :3, :3]
+        found: Array = -(turns @ left[..., None])[..., 0][:, None]
+        return found
+
+    def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
+        """The camera's origin and the tips of its axes in the board's frame: four points."""
+        assert readings.rotations is not None
+        turned = np.swapaxes(readings.rotations, -1, -2)
+        origin = -(turned @ readings.points[:, 0, :, None])[..., 0]
+        tips = origin[:, None] + arm * np.swapaxes(turned, -1, -2)
+        camera = _camera(setup)
+        on_tool = camera[:3, 3] + arm * camera[:3, :3].T
+        return np.concatenate([origin[:, None], tips], axis=1), np.concatenate(
+            [camera[None, :3, 3], on_tool]
+        )
+
+    def from_points(self, setup: Setup, targets: Array) -> Setup:
+        camera = np.eye(4)
+        camera[:3, :3] = nearest_rotation((targets[1:] - targets[:1]).T)
+        camera[:3, 3] = targets[0]
+        boards = inverse(setup.frames)
+        return replace(
+            setup,
+            T_tool_camera=readonly(camera),
+            T_base_boards=readonly(boards),
+            T_instrument_base=readonly(np.eye(4)),
+            further_frames=None,
+        )
+
+    def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
+        return replace(setup, T_tool_camera=readonly(T_new_tool @ _camera(setup)))
+
+    def in_base(self, setup: Setup, T_new_base: Array) -> Setup:
+        boards = readonly(T_new_base @ _boards(setup))
+        return replace(super().in_base(setup, T_new_base), T_base_boards=boards)
+
+    def _board(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None) -> Array:
+        """Predicted poses of the rows' boards in the camera (N, 4, 4)."""
+        boards = of_place(_boards(setup), place, len(T_base_tool))
+        found: Array = inverse(T_base_tool @ _camera(setup)) @ boards
+        return found
+
+
+def _camera(setup: Setup) -> Array:
+    assert setup.T_tool_camera is not None
+    return setup.T_tool_camera
+
+
+def _boards(setup: Setup) -> Array:
+    assert setup.T_base_boards is not None
+    return setup.T_base_boards
+
+
+def _at(board: Array) -> Array:
+    """What a twist of the camera's frame does to a pose (N, 4, 4): position and turn (N, 6, 6)."""
+    moved = np.tile(np.eye(6), (len(board), 1, 1))
+    moved[:, :3, 3:] = -skew(board[:, :3, 3])
+    return moved

@@ -1,0 +1,118 @@
+"""Several set-ups: labels in a table, several files, lengths and boards instead of points."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import answer, refused, run, stored, write_table
+
+CASES = Path(__file__).parents[1] / "imports"
+UR10 = ("--robot", "ur10")
+
+
+@pytest.fixture(autouse=True)
+def _beside_the_files() -> None:
+    for name in ("stations", "two_sockets", "touched_table", "ball_bar", "camera_sees_board"):
+        shutil.copy(CASES / f"{name}.csv", Path.cwd())
+
+
+def test_a_station_for_every_label() -> None:
+    assert run("import", "stations.csv", *UR10, "-o", "m.h5").stderr == ""
+    assert np.array_equal(np.bincount(stored("m.h5", "measurements/place")), [24, 24])
+    assert stored("m.h5", "registration/further_frames").shape == (1, 4, 4)
+    assert answer("info", "m.h5")["places"] == ["A", "B"]
+    value = answer("identify", "m.h5", "-o", "c.h5")
+    assert value["base"]["residual_rms_mm"] < 0.08  # 0.05 mm of noise
+    text = Path("stations.csv").read_text().splitlines()
+    Path("moved.csv").write_text("\n".join([text[0], *text[30:], *text[1:10]]))  # B, then A
+    run("import", "moved.csv", *UR10, "-o", "a.h5")
+    message = refused(3, "evaluate", "c.h5", "--on", "a.h5")
+    assert "evaluate with --refit-setup" in message
+    judged = answer("evaluate", "c.h5", "--on", "a.h5", "--refit-setup")["methods"]
+    assert judged[1]["position_mm"]["rms"] < 0.5 * judged[0]["position_mm"]["rms"]
+
+
+def test_files_are_set_ups_of_their_own() -> None:
+    """Two files of one table with labels give what the table gives."""
+    run("import", "stations.csv", *UR10, "-o", "m.h5")
+    run("import", "stations.csv", *UR10, "--rows", "1:24", "-o", "a.h5")
+    run("import", "stations.csv", *UR10, "--rows", "25:48", "-o", "b.h5")
+    run("identify", "m.h5", "-o", "one.h5", "--no-backlash")
+    run("identify", "a.h5", "b.h5", "-o", "two.h5", "--no-backlash")
+    one, two = (stored(f"{n}.h5", "model/errors/placements") for n in ("one", "two"))
+    assert np.abs(one - two).max() < 1e-6
+    run("import", "touched_table.csv", *UR10, "-o", "t.h5")
+    message = refused(3, "identify", "a.h5", "t.h5", "-o", "n.h5")
+    assert message == "t.h5: the kind of observation differs from a.h5; identify them apart"
+
+
+def test_a_gauge_in_three_places() -> None:
+    header, *rows = Path("two_sockets.csv").read_text().split()
+    labels = [f"p{k // 16}" for k in range(48)]
+    lines = [[label, *row.split(",")] for label, row in zip(labels, rows, strict=True)]
+    write_table("labelled.csv", ["Placement", *header.split(",")], lines)
+    assert run("import", "labelled.csv", *UR10, "-o", "m.h5").stderr == ""
+    assert answer("identify", "m.h5", "-o", "c.h5")["base"]["residual_rms_mm"] < 0.08
+
+
+@pytest.mark.parametrize(
+    ("name", "observation"),
+    [("touched_table", "heights above planes"), ("ball_bar", "distances to fixed points")],
+)
+def test_one_number_per_row(name: str, observation: str) -> None:
+    assert run("import", f"{name}.csv", *UR10, "-o", "m.h5").stderr == ""
+    assert answer("info", "m.h5")["observation"] == observation
+    if name == "ball_bar":
+        assert "16 equations for 18 unknowns" in refused(4, "identify", "m.h5", "-o", "c.h5")
+        return
+    value = answer("identify", "m.h5", "-o", "c.h5")
+    assert value["base"]["residual_rms_mm"] < 0.1
+    judged = answer("evaluate", "c.h5", "--on", "m.h5")["methods"]
+    assert judged[1]["position_mm"]["rms"] < judged[0]["position_mm"]["rms"]
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("touched_table", ["32, 1 length each", "z_mm [mm]", "heights above a plane"]),
+        ("ball_bar", ["16, 1 length each", "distance_mm [mm]"]),
+        ("stations", ["48, 1 target each", "station: A, B", "nominal robot: 0."]),
+    ],
+)
+def test_a_dry_run_says_what_was_understood(name: str, says: list[str]) -> None:
+    shown = run("import", f"{name}.csv", *UR10, "--dry-run").stdout
+    for text in says:
+        assert text in shown
+    assert "mm max from the measured points after registration" in shown
+
+
+def test_a_wire_of_negative_length_is_refused_by_line() -> None:
+    text = Path("ball_bar.csv").read_text().splitlines()
+    text[3] = text[3].replace("300.00000", "-300.00000")
+    Path("ball_bar.csv").write_text("\n".join(text))
+    message = refused(3, "import", "ball_bar.csv", *UR10, "-o", "m.h5")
+    assert message == (
+        "ball_bar.csv:4: column 'distance_mm' holds a distance that is not above zero"
+    )
+
+
+def test_a_board_in_a_camera_on_the_flange() -> None:
+    assert run("import", "camera_sees_board.csv", *UR10, "--board", "-o", "m.h5").stderr == ""
+    assert answer("info", "m.h5")["observation"] == "poses of a board in a camera on the tool"
+    value = answer("identify", "m.h5", "-o", "c.h5")
+    assert value["base"]["residual_rms_mm"] < 0.15  # its noise is 0.1 mm
+    message = refused(2, "import", "stations.csv", *UR10, "--board", "-o", "n.h5")
+    assert message == "--board: the table holds no poses"
+
+
+@pytest.mark.parametrize("kind", ["contact", "distance", "plane", "board", "camera"])
+def test_every_instrument_is_simulated_and_used(kind: str) -> None:
+    options = ("--observe", kind, "--places", "2", "-n", "60", "--seed", "3")
+    run("simulate", "ur5", *options, "-o", "m.h5")
+    run("identify", "m.h5", "-o", "c.h5")
+    judged = answer("evaluate", "c.h5", "--on", "m.h5")
+    assert judged["kind"] == "predicted"
+    before, after = (entry["position_mm"]["mean"] for entry in judged["methods"])
+    assert after < 0.5 * before
+    assert refused(2, "simulate", "ur5", "--observe", "sonar").startswith("--observe: unknown")
