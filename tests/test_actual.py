@@ -19,6 +19,7 @@ from calibtool.errormodel.temperature import STEEL_EXPANSION
 from calibtool.errormodel.twists import twist_columns
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.gravity_torque import gravity_torque
+from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, relative_error
 
@@ -122,7 +123,8 @@ def test_small_errors_agree_with_the_linear_columns_to_second_order(
 ) -> None:
     robot = load_robot(name)
     chain, q = robot.chain, random_positions(robot, rng, 5)
-    frames = poe_frames(chain.placements, chain.twists, q)
+    plain = poe_frames(chain.placements, chain.twists, q)
+    frames = Frames(plain.before, plain.after, plain.tool)
     drawn = actual(robot, *kinds)
 
     def left_over(scale: float) -> float:

@@ -48,7 +48,7 @@ def sample_configurations(
 
 
 def spread_rows(count: int, most: int) -> np.ndarray:
-    """Indices of at most `most` of `count` rows, evenly spread from the first to the last."""
+    """Indices (k,) of at most `most` of `count` rows, evenly spread from the first to the last."""
     return np.linspace(0, count - 1, min(count, most)).astype(int)
 
 

@@ -19,8 +19,9 @@ _STEPS = 60
 def closed_configuration(
     mechanism: ClosedMechanism, tree: Tree, names: tuple[str, ...], place: str
 ) -> Array:
-    """The closed configuration next to the given one, actuated joints as given; InputError if it is
-    not next to it.
+    """The closed configuration (J,) next to the given one, with the actuated joints as given.
+
+    Raises InputError if it is not next to it.
     """
     start = tree.closed_at.copy()
     for follower in tree.followers:

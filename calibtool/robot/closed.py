@@ -104,11 +104,11 @@ class ClosedMechanism(Mechanism):
         return pose, jacobian
 
     def frames(self, q: Array) -> Frames:
-        """Every frame, and what a twist of it does to the tool (`Frames.transfer`), NaN for rows
-        that do not close.
+        """Every frame for q (N, n), and what a twist of it does to the tool (`Frames.transfer`).
 
-        With Λ = J_p C_p⁻¹ and K_ℓ = Λ_ℓ W_ℓ: H_i = s_tool(i) I − Σ_ℓ σ_ℓ(i) K_ℓ for a joint, K_ℓ
-        for the cut frame A and −K_ℓ for B, I for the tool.
+        NaN for rows that do not close. With Λ = J_p C_p⁻¹ and K_ℓ = Λ_ℓ W_ℓ the transfer is
+        H_i = s_tool(i) I − Σ_ℓ σ_ℓ(i) K_ℓ for a joint, K_ℓ for the cut frame A and −K_ℓ for B, and
+        I for the tool.
         """
         tree = self.tree
         parts = []

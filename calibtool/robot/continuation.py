@@ -48,7 +48,7 @@ class Closing:
 
     @classmethod
     def of(cls, tree: Tree, theta: Array) -> Self:
-        """Nothing closed yet."""
+        """Nothing closed yet, at θ (N, J)."""
         count, ends = len(theta), len(tree.carriers) + 1
         return cls(
             theta.copy(),
@@ -60,7 +60,7 @@ class Closing:
         )
 
     def put(self, rows: np.ndarray, other: Self) -> None:
-        """Write the rows of another one."""
+        """Write the rows (k,) of another one."""
         for name in ("theta", "ok", "last", "ends", "jacobian", "follow"):
             getattr(self, name)[rows] = getattr(other, name)
 
@@ -185,7 +185,7 @@ class Starts:
 
     @classmethod
     def of(cls, equations: Equations, tree: Tree) -> Self:
-        """The starts of a mechanism that closes at `Tree.closed_at`."""
+        """The starts of a mechanism that closes at `Tree.closed_at` (J,)."""
         n = tree.n
         shape = (max(1, int(_CELLS ** (1.0 / n) + 1e-9)),) * n
         low, width = tree.lower[:n], (tree.upper[:n] - tree.lower[:n]) / np.array(shape)

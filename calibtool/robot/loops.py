@@ -112,8 +112,7 @@ class Tree:
 
     @cached_property
     def signs(self) -> Array:
-        """σ_ℓ(i) of loop ℓ: 1 where joint i moves frame B alone, −1 where it moves A alone: (L, "
-        "J)."""
+        """σ_ℓ(i) (L, J) of loop ℓ: 1 where joint i moves frame B alone, −1 where A alone."""
         pairs = zip(self.carriers[::2], self.carriers[1::2], strict=True)
         return np.array([self.support(b) - self.support(a) for a, b in pairs]).reshape(
             -1, self.joints

@@ -51,8 +51,9 @@ class Frames:
 
     @property
     def placed(self) -> Array:
-        """The frames that placements put somewhere: before the joints, cut frames, the tool: (N, n
-        + 2L + 1, 4, 4).
+        """The frames that placements put somewhere (N, n + 2L + 1, 4, 4).
+
+        Those before the joints, the cut frames, the tool.
         """
         parts = [self.before, *([] if self.cuts is None else [self.cuts]), self.tool[:, None]]
         return np.concatenate(parts, axis=1)
