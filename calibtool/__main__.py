@@ -12,6 +12,7 @@ DOING = {
     "evaluate": ("evaluating", ""),
     "compensate": ("compensating", "with"),
     "export": ("exporting", ""),
+    "serve": ("serving", "with"),
     "report": ("reporting", "on"),
     "study": ("studying", ""),
     "view": ("drawing", ""),

@@ -1,5 +1,6 @@
 """Robots as they come: kinds of files, the tool, locked branches, implausible numbers."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -234,7 +235,6 @@ def test_a_urdf_is_told_by_its_contents_and_read_by_its_encoding(
 @pytest.mark.parametrize(
     ("name", "data", "word"),
     [
-        ("a.xacro", arm().replace('"0 0 0.3"', '"0 0 ${h}"'), "a xacro file"),
         ("scene.xml", '<mujoco model="arm"><worldbody/></mujoco>', "an MJCF of MuJoCo"),
         ("model.sdf", '<sdf version="1.6"><model name="a"/></sdf>', "an SDF of Gazebo"),
         ("mesh.urdf", "<COLLADA/>", "a COLLADA mesh"),
@@ -257,6 +257,34 @@ def test_what_is_no_robot_is_refused_with_what_it_is(
         read(data, name)
     assert word in str(caught.value)
     assert name in str(caught.value)
+
+
+def test_without_xacrodoc_the_way_to_expand_a_file_is_said(
+    monkeypatch: pytest.MonkeyPatch, read: Callable[..., Robot]
+) -> None:
+    monkeypatch.setitem(sys.modules, "xacrodoc", None)
+    for name in ("arm.xacro", "arm.urdf"):
+        with pytest.raises(InputError, match=rf"{name}: a xacro file.* xacro {name} > robot.urdf"):
+            read(arm().replace('"0 0 0.3"', '"0 0 ${h}"'), name)
+
+
+def test_a_xacro_file_is_expanded_where_xacrodoc_is_installed(
+    read: Callable[..., Robot],
+) -> None:
+    pytest.importorskip("xacrodoc")
+    text = (
+        arm()
+        .replace('"0 0 0.3"', '"0 0 ${3 * h}"')
+        .replace(
+            '<link name="base"/>', '<xacro:property name="h" value="0.1"/><link name="base"/>', 1
+        )
+    )
+    text = text.replace("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ')
+    robot, plain = read(text, "sample.xacro"), read(arm())
+    assert "a bare xacro file" in str(robot.source.description.assumed)
+    np.testing.assert_allclose(robot.mechanism.forward(Q), plain.mechanism.forward(Q), atol=1e-12)
+    with pytest.raises(InputError, match="xacro cannot expand it"):
+        read(text.replace("3 * h", "no_such_property"), "sample.xacro")
 
 
 def test_a_link_with_two_parents_is_named_with_its_joints(read: Callable[..., Robot]) -> None:

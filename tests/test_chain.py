@@ -14,7 +14,8 @@ from calibtool.robot.chain import build_chain
 from calibtool.robot.description import Source, parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
-from calibtool.robot.urdf import last_frame
+from calibtool.robot.tool import chosen
+from calibtool.robot.tree import urdf_tree
 
 ZIGZAG = """
 <robot name="zigzag">
@@ -131,7 +132,9 @@ def test_limits_are_those_written_in_the_urdf(robot: Robot) -> None:
         joint.get("name"): joint
         for joint in ElementTree.fromstring(robot.source.urdf_text).findall("joint")
     }
-    assert not robot.source.description.limits
+    kinematics = robot.source.description.kinematics
+    numbers = kinematics.chain or kinematics.dh  # their URDF is made with [limits]
+    assert numbers or not robot.source.description.limits
     for name, low, high in zip(
         list(robot.chain.model.names)[1:], robot.lower, robot.upper, strict=True
     ):
@@ -183,8 +186,11 @@ def test_the_base_frame_of_the_universal_robots_is_turned_by_half_a_circle() -> 
 
 
 def test_the_tool_of_a_bare_urdf_is_its_last_link() -> None:
-    assert last_frame(ZIGZAG, "zigzag") == "tip"
-    assert last_frame(load_robot("fanuc-m1000ia").source.urdf_text, "fanuc") == "tool0"
+    for text, tool in (
+        (ZIGZAG, "tip"),
+        (load_robot("fanuc-m1000ia").source.urdf_text, "tool0"),
+    ):
+        assert chosen(urdf_tree(text, "arm"), "arm").tool == tool
 
 
 def test_arrays_of_a_chain_cannot_be_changed(fanuc: Robot) -> None:

@@ -21,7 +21,7 @@ from calibtool.cli.options import (
 )
 from calibtool.errors import UsageError
 
-GEOMETRIES = ("urdf", "ros2-urdf", "dh", "mdh", "ur-yaml", "offsets")
+GEOMETRIES = ("urdf", "ros2-urdf", "dh", "mdh", "ur-yaml", "offsets", "kuka-machine")
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -39,6 +39,7 @@ SUFFIXES = {
     ".urdf": "urdf",
     ".yaml": "ur-yaml",
     ".yml": "ur-yaml",
+    ".dat": "kuka-machine",
 }
 # What each format calls its precisions, double first.
 PRECISIONS = {"c": ("double", "float"), "st": ("LREAL", "REAL"), "onnx": ("double", "float")}
@@ -50,9 +51,10 @@ def export(
         str | None,
         typer.Option(
             "--format",
-            metavar="json|c|st|onnx|urdf|ros2-urdf|dh|mdh|ur-yaml|offsets",
+            metavar="json|c|st|onnx|urdf|ros2-urdf|dh|mdh|ur-yaml|offsets|kuka-machine",
             help="json (complete), c (C99 and header), st (IEC 61131-3), onnx (network); geometry "
-            "alone: urdf, ros2-urdf, dh, mdh, ur-yaml, offsets (default: the suffix of -o tells).",
+            "alone: urdf, ros2-urdf, dh, mdh, ur-yaml, offsets, kuka-machine (default: the "
+            "suffix of -o tells).",
         ),
     ] = None,
     precision: Annotated[
@@ -81,8 +83,9 @@ def export(
     For C, -o NAME.c also writes NAME.h; NAME, or --prefix, starts every symbol, and names the
     function block of NAME.st. A calibration with payload or temperature is written for those of the
     options. A geometry is fitted again to the calibrated robot: URDF, tables of DH parameters (dh,
-    mdh: modified), the calibration.yaml of a UR arm, joint offsets. What a format does not hold is
-    listed on stderr and in the file. docs/export.md describes each format.
+    mdh: modified), the calibration.yaml of a UR arm, joint offsets, machine data of a KUKA arm.
+    What a format does not hold is listed on stderr and in the file. docs/export.md describes each
+    format.
 
     Example: calibtool export calibration.h5 --format c -o compensator.c
     """
@@ -159,6 +162,10 @@ def _geometry(calibration: "Calibration", format: str, values: "JointValues") ->
         from calibtool.export.as_ur_yaml import calibration_as_ur_yaml
 
         contents, missing = calibration_as_ur_yaml(calibration)
+    elif format == "kuka-machine":
+        from calibtool.export.as_kuka_machine import calibration_as_kuka_machine
+
+        contents, missing = calibration_as_kuka_machine(calibration)
     else:
         from calibtool.export.as_offsets import calibration_as_offsets
 

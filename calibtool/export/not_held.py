@@ -24,19 +24,27 @@ def not_held(
     """
     robot, q = calibration.robot, calibration.q
     whole, tool = calibration.forward(q), held.forward(q)
-    if max(_sizes(whole, tool).max(axis=0)) > _NOTHING:
+    if together := all_together(whole, tool):
         for name, part in _parts(calibration, () if basis is None else ("placements", "offsets")):
             alone = fitted_geometry(robot, part.forward, q, basis).forward(q)
             position, orientation = _sizes(part.forward(q), alone).max(axis=0)
             if max(position, orientation) > _NOTHING:
                 yield f"{name}: up to {position * 1e3:.4f} mm, {orientation * 1e3:.4f} mrad alone"
-        mean, most = _sizes(whole, tool).mean(axis=0) * 1e3, _sizes(whole, tool).max(axis=0) * 1e3
-        yield (
-            f"all together: {mean[0]:.4f} mm, {mean[1]:.4f} mrad in the mean, "
-            f"up to {most[0]:.4f} mm, {most[1]:.4f} mrad"
-        )
+        yield from together
     if left_out(calibration):
         yield left_out(calibration)
+
+
+def all_together(whole: Array, held: Array) -> list[str]:
+    """A line for how far poses (N, 4, 4) are from those that a format holds, none for nothing."""
+    sizes = _sizes(whole, held)
+    if sizes.max() <= _NOTHING:
+        return []
+    mean, most = sizes.mean(axis=0) * 1e3, sizes.max(axis=0) * 1e3
+    return [
+        f"all together: {mean[0]:.4f} mm, {mean[1]:.4f} mrad in the mean, "
+        f"up to {most[0]:.4f} mm, {most[1]:.4f} mrad"
+    ]
 
 
 def _parts(calibration: Calibration, more: tuple[str, ...]) -> Iterator[tuple[str, Calibration]]:

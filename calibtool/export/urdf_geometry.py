@@ -30,10 +30,8 @@ def urdf_geometry(calibration: Calibration, basis: Array | None = None) -> Robot
     count the same. There are no errors where those found are not better than none on other samples,
     by two standard errors of the mean weighted pose error. basis: see `fitted_geometry`.
     """
-    robot, known = calibration.robot, calibration.q
-    sample, judged = np.split(_sample(calibration, 2 * _SAMPLE), 2)
-    as_many = known[np.linspace(0, len(known) - 1, _SAMPLE).round().astype(int)]
-    q = np.concatenate([sample, as_many])
+    robot, q = calibration.robot, fit_configurations(calibration)
+    judged = _sample(calibration, 2 * _SAMPLE)[_SAMPLE:]
     q, judged = q[calibration.closes(q)], judged[calibration.closes(judged)]
     fitted = fitted_geometry(robot, calibration.forward, q, basis)
     drawing = RobotErrors.of(robot)
@@ -44,6 +42,13 @@ def urdf_geometry(calibration: Calibration, basis: Array | None = None) -> Robot
     )
     gain = before - after
     return fitted if gain.mean() > 2.0 * gain.std() / np.sqrt(len(gain)) else drawing
+
+
+def fit_configurations(calibration: Calibration) -> Array:
+    """Configurations of the calibration and as many of where they lie, (2 · 500, n) in rad or m."""
+    known = calibration.q
+    as_many = known[np.linspace(0, len(known) - 1, _SAMPLE).round().astype(int)]
+    return np.concatenate([_sample(calibration, 2 * _SAMPLE)[:_SAMPLE], as_many])
 
 
 def full_basis(robot: Robot) -> Array:

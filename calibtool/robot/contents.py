@@ -7,20 +7,28 @@ from typing import Literal
 from calibtool.errors import InputError
 from calibtool.robot.constant_placements import chain_urdf, near_frames
 from calibtool.robot.denavit_hartenberg import dh_text, is_dh, read_dh, steps_of
+from calibtool.robot.kuka_machine import (
+    AXES,
+    SIGNS,
+    is_machine_data,
+    machine_steps,
+    read_machine_data,
+)
 from calibtool.robot.markup import decoded_xml, is_xml, parse_xml
 from calibtool.robot.ur_frames import FRAMES, ur_frames
 
-Kind = Literal["toml", "urdf", "xacro", "dh", "ur-yaml"]
+Kind = Literal["toml", "urdf", "xacro", "dh", "ur-yaml", "kuka-machine"]
 # What nobody wrote a robot.toml for, in the line of what was assumed.
 WHAT: dict[Kind, str] = {
     "urdf": "a bare URDF",
     "xacro": "a bare xacro file",
     "dh": "a bare table of DH parameters",
     "ur-yaml": "a bare calibration of a UR arm, without limits",
+    "kuka-machine": "bare machine data of a KUKA arm",
 }
 ACCEPTED = (
-    "a robot is a robot.toml, a URDF, a xacro file, a table of DH parameters or the "
-    "calibration.yaml of a UR arm"
+    "a robot is a robot.toml, a URDF, a xacro file, a table of DH parameters, the "
+    "calibration.yaml of a UR arm or the $machine.dat of a KUKA arm"
 )
 _BYTES = (
     (b"\x89HDF\r\n", "an HDF5 file, such as measurements or a calibration"),
@@ -67,6 +75,8 @@ def told(data: bytes, path: Path) -> tuple[Kind, str]:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
+        if b"$TIRORO" in data:  # KUKA's controllers write their comments in their own code page
+            return "kuka-machine", data.decode("latin-1")
         raise InputError(f"{place}: not a UTF-8 text file; {ACCEPTED}") from None
     if path.suffix == ".toml":
         return "toml", text
@@ -82,6 +92,8 @@ def told(data: bytes, path: Path) -> tuple[Kind, str]:
             "that it does not name; give it with compensate --controller, or the "
             "calibration.yaml of the driver here"
         )
+    if is_machine_data(text):
+        return "kuka-machine", text
     if _YAML.search(text):
         return "ur-yaml", text
     if _TOML.search(text):
@@ -120,6 +132,10 @@ def as_urdf_text(kind: Kind, text: str, path: Path) -> str:
         return chain_urdf(
             near_frames(steps_of(table, table.convention)), slides, "dh", table.limits
         )
+    if kind == "kuka-machine":
+        data = read_machine_data(text, place)
+        axes = [[sign * part for part in axis] for sign, axis in zip(SIGNS, AXES, strict=True)]
+        return chain_urdf(machine_steps(data), [False] * 6, "kuka", data.limits, axes)
     if kind == "ur-yaml":
         return chain_urdf(ur_frames(text, place), [False] * len(FRAMES), "ur")
     return text

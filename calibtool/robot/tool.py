@@ -29,8 +29,9 @@ _NO_TOOL = re.compile(
 )
 _GRIPS = re.compile(
     r"\b(?:gripper|grip|fingers?|fingertips?|thumb|index|middle|ring|little|pinky|phalanx|distal|proximal|knuckles?|"
-    r"jaws?|claws?|pincers?|tongs?|piston|cylinder|rod|suction)\b"
+    r"jaws?|claws?|pincers?|tongs?|suction)\b"
 )
+_PISTON = re.compile(r"\b(?:piston|cylinder|rod)\b")
 _TURNS = re.compile(r"\b(?:rotation|rotate|rot|roll|pitch|yaw|wrist)\b")
 _BASE = re.compile(r"\b(?:base|mobile|world|odom|virtual|theta|yaw|footprint)\b")
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
@@ -145,9 +146,9 @@ def _gripping(tree: Tree) -> set[str]:
     found = set()
     for joint in (each for each in tree.joints if each.moves):
         words = f"{_words(joint.name)} / {_words(joint.child)}"
-        if (_GRIPS.search(_words(joint.name)) and not _TURNS.search(words)) or (
-            _GRIPS.search(_words(joint.child)) and joint.kind == "prismatic"
-        ):
+        named = _GRIPS.search(_words(joint.name)) or _PISTON.search(_words(joint.name))
+        slides = _GRIPS.search(_words(joint.child)) and joint.kind == "prismatic"
+        if (named and not _TURNS.search(words)) or slides:
             found.add(joint.name)
         if joint.follows is None:
             continue

@@ -216,6 +216,7 @@ def test_geometries_are_robots_again_and_list_what_they_leave_out(files: Files) 
     run("export", files.local_poe, "--format", "offsets", "-o", "offsets.csv")
     assert "joint,offset,correction,unit,values" in Path("offsets.csv").read_text()
     assert "six revolute joints" in refused(3, "export", files.local_poe, "-o", "x.yaml")
+    assert "six revolute joints" in refused(3, "export", files.local_poe, "-o", "x.dat")
     assert "the dh's joints are the serial chain's" in refused(
         2, "export", files.local_poe, "--format", "dh", "--joint-values", "controller"
     )
