@@ -129,7 +129,8 @@ def _temperature(
     standard errors (`Unexplained`).
     The most significant of the four counts, its p-value times four: an arm that stays the same is
     called drifting in
-    at most 1 % of sets (benchmarks/drift.py), whatever the order of the rows. The order of the rows is tried as well, because
+    at most 1 % of sets (benchmarks/drift.py), whatever the order of the rows. The order of the
+    rows is tried as well, because
     most things that drift do
     so with time.
     """
