@@ -3,7 +3,7 @@ thermometer rises.
 
     python benchmarks/drift.py [--seeds 100]
 
-The stated rate is 0.1 % of sets (docs/file-formats.md). Arms with geometric errors alone, and with
+The stated rate is 1 % of sets (docs/file-formats.md). Arms with geometric errors alone, and with
 gear, gravity and backlash errors too, 0.05 mm noise, 30 rows, one target or three. `seen` is how
 often a true drift of 0.2 mm over the rows is named.
 """

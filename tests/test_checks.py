@@ -290,9 +290,7 @@ def test_an_instrument_that_was_moved_in_between(
 
 
 def test_rows_of_a_steady_arm_in_order_of_travel_do_not_drift() -> None:
-    """The stated error rate is 0.1 %: of 24 sets of a moving thermometer none is a drift (2 %
-    chance of one).
-    """
+    """The stated error rate is 1 %: of 24 sets of a rising thermometer none is a drift."""
     for name in ("ur10", "fanuc-m1000ia"):
         robot = load_robot(name)
         home = robot.home(robot.workspace(None)[1])

@@ -401,7 +401,7 @@ def test_a_wrong_key_or_value_of_the_map_is_named(change: tuple[str, str], messa
             TRIPLE_MAP + '[pose]\nposition = ["a", "b", "c"]\nunit = "mm"\n'
             'orientation = ["d", "e", "f", "g"]\n'
             'convention = "quaternion-wxyz"\n',
-            r"give either \[\[targets\]\] or \[pose\]",
+            r"give either \[\[targets\]\], \[pose\] or \[lengths\]",
         ),
         (
             JOINT_MAP + '[[targets]]\nunit = "mm"\n',

@@ -128,8 +128,9 @@ def _temperature(
     Errors of the robot, of any family and its tolerance, may explain a part: that is in the
     standard errors (`Unexplained`).
     The most significant of the four counts, its p-value times four: an arm that stays the same is
-    called drifting once in a
-    thousand sets, whatever the order of the rows. The order of the rows is tried as well, because
+    called drifting in
+    at most 1 % of sets (benchmarks/drift.py), whatever the order of the rows. The order of the
+    rows is tried as well, because
     most things that drift do
     so with time.
     """

@@ -60,7 +60,13 @@ class Unexplained:
         power = max(float(x @ weighted), 1e-300)
         slope = float(weighted @ y) / power
         left = y - slope * x
-        variance = float(left @ self._weighted(left)) / max(len(left) - 1, 1)
+        apart = self._weighted(left)
+        B = (self.A.T @ self.A) @ self.K
+        noise = len(left) - 2 * np.trace(B) + (B * B.T).sum()  # trace of the square of the weights
+        # The noise alone as well: errors smaller than their tolerances would make it look smaller.
+        variance = max(
+            float(left @ apart) / max(len(left) - 1, 1), float(apart @ apart) / max(noise, 1.0)
+        )
         return slope, float(np.sqrt(max(variance, 0.0) / power))
 
     def _weighted(self, series: Array) -> Array:
