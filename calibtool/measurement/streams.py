@@ -25,7 +25,9 @@ class JointStream:
 
     @classmethod
     def of(cls, times: Array, q: Array, stamps: Array) -> "JointStream":
-        """A stream from times (L,), q (L, n) and stamps (N,), rows in any order, those without a stamp left out, of equal stamps the
+        """A stream from times (L,), q (L, n) and stamps (N,), rows in any order.
+
+        Rows without a stamp are left out, of equal stamps the
         first kept.
         """
         order = np.argsort(times, kind="stable")

@@ -123,7 +123,10 @@ def _by_name(measured: Table, joints: Table, columns: JoinColumns | None) -> np.
 
 
 def stamps(measured: Table, joints: Table, columns: JoinColumns | None) -> tuple[Array, Array]:
-    """Time stamps (N,) and (L,) of both tables in s, NaN where empty. InputError where either has none."""
+    """Time stamps (N,) and (L,) of both tables in s, NaN where empty.
+
+    InputError where either has none.
+    """
     if columns is None:
         pair = (time_column(named(measured)), time_column(named(joints)))
     elif columns.unit is None:
