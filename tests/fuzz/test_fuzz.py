@@ -11,6 +11,7 @@ from watched import watched
 from calibtool.errors import CalibtoolError
 
 SLOW = {
+    "import",
     "hdf5-measurements",
     "hdf5-calibration",
     "urdf",
