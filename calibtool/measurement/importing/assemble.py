@@ -256,7 +256,7 @@ def read_table(
         points = np.where(zero[..., None], np.nan, points)
         warnings.append(
             f"{table.name}: 0, 0, 0 was taken for 'not seen' in {int(zero.sum())} places: line "
-            f"{line_ranges([table.lines[k] for k in np.flatnonzero(zero.any(axis=-1))])}"
+            f"{line_ranges([table.lines[k] for k in np.flatnonzero(zero.any(axis=-1)).tolist()])}"
         )
     seen = ~np.isnan(points[..., 0])
     values = None if complete.lengths is None else read_lengths(table, complete.lengths)
