@@ -9,7 +9,7 @@ import numpy as np
 
 from calibtool.errormodel.conditions import REFERENCE_C, Conditions
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.gravity import gravity_torque
+from calibtool.robot.gravity import gravity_torque, weight_moments
 from calibtool.robot.mechanism import Frames
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, adjoint, readonly
@@ -34,6 +34,11 @@ class Rows:
     def nominal(self) -> Frames:
         """Frames of the nominal robot."""
         return self.robot.mechanism.frames(self.q)
+
+    @cached_property
+    def moment(self) -> Array:
+        """Moments of the links' weight about the joints (N, n, 3) in K_0, N m."""
+        return weight_moments(self.robot, self.nominal)
 
     @property
     def payload(self) -> Array:
@@ -75,6 +80,14 @@ def offset_columns(frames: Frames, twists: Array) -> Array:
     return np.moveaxis((adjoint(frames.after) @ twists[:, :, None])[..., 0], 1, 2)
 
 
+def turn_columns(frames: Array, turns: Array) -> Array:
+    """Columns of small turns about the origins of frames (N, n, 4, 4), turns (N, n, 3, k) in them: (N, 6, n k)."""
+    turned = frames[..., :3, :3] @ turns
+    shifts = np.cross(frames[..., :3, 3, None], turned, axis=-2)
+    columns = np.concatenate([shifts, turned], axis=-2)
+    return np.moveaxis(columns, 1, 2).reshape(len(frames), 6, -1)
+
+
 @dataclass(frozen=True, eq=False)
 class Sizes:
     """Sizes of simulated errors, SI: lengths and angles of the geometry, and the size of any other kind."""
@@ -98,6 +111,7 @@ class Family(ABC):
     always  identified unless told otherwise
     needs   what rows must tell for it to be known, for people
     by_row  whether it changes placements from row to row
+    turns   whether it turns joint frames from row to row (`turn`)
     grows   whether evidence may also enlarge its tolerances: what has a physical scale only gets smaller
     """
 
@@ -113,6 +127,7 @@ class Family(ABC):
     always: ClassVar[bool] = False
     needs: ClassVar[str] = "joint positions"
     by_row: ClassVar[bool] = False
+    turns: ClassVar[bool] = False
     grows: ClassVar[bool] = True
 
     # --- its parameters ---
@@ -148,6 +163,14 @@ class Family(ABC):
         """Elements with the same number have tolerances of one scale, which evidence may change: (*shape) int."""
         return np.zeros(shape, dtype=int)
 
+    def sections(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Elements with the same number are parameters together or not at all: (*shape) int."""
+        return np.zeros(shape, dtype=int)
+
+    def trimmed(self, free: np.ndarray) -> np.ndarray:
+        """Which elements are parameters, in the smallest shape that holds them."""
+        return free
+
     def known(self, rows: Rows) -> bool:
         """Whether these rows can show the family: what it depends on was recorded."""
         return True
@@ -168,6 +191,13 @@ class Family(ABC):
     def placed(self, value: Array, placements: Array, rows: Rows | None) -> Array:
         """Joint placements M_j (n+1, 4, 4), or (N, n+1, 4, 4) where the family changes them from row to row."""
         return placements
+
+    def turn(self, value: Array, rows: Rows) -> Array | float:
+        """Small turns of the joint frames F0_j about their origins, rotation vectors in them (N, n, 3), rad.
+
+        Those of all families are added, and stand between the growth of the links and δζ_j.
+        """
+        return 0.0
 
     def twisted(self, value: Array, twists: Array) -> Array:
         """Joint twists (n, 6)."""
@@ -198,6 +228,11 @@ class Family(ABC):
     @abstractmethod
     def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:
         """A value of a simulated robot."""
+
+
+def sections_of_joints(shape: tuple[int, ...]) -> np.ndarray:
+    """Every joint by itself, the first axis of a shape."""
+    return np.broadcast_to(np.arange(shape[0]).reshape(-1, *[1] * (len(shape) - 1)), shape)
 
 
 class JointFunctions(Family):

@@ -71,27 +71,18 @@ def normal_equations(
     return NormalEquations(information, gradient, float(sizes @ row_weight), equations, sizes)
 
 
-def held_out_sizes(
-    measurements: Measurements,
-    parameters: Parameters,
-    state: State,
-    covariance: Array,
-    noise_factor: float,
-) -> Array:
-    """Squared residuals over the stated noise that every configuration would have if the others alone were fitted. (N,)
-
-    r_k without k is (1 − A_k C A_kᵀ/σ²)⁻¹ r_k, exact for the quadratic model: no fit is repeated. covariance C (p, p).
-    """
-    sizes = np.empty(len(measurements))
-    for rows, part, context in _chunks(measurements, state):
-        pose_columns = parameters.pose_columns(context)
-        columns, left = linearised(
-            part, state.setup, context.frames.tool, pose_columns, bool(parameters.targets)
-        )
-        hat = columns @ covariance @ np.swapaxes(columns, 1, 2) / noise_factor**2
-        alone = np.linalg.solve(np.eye(left.shape[1]) - hat, left[..., None])[..., 0]
-        sizes[rows] = (alone**2).sum(axis=-1)
-    return sizes
+def linearised_rows(
+    measurements: Measurements, parameters: Parameters, state: State
+) -> tuple[Array, Array]:
+    """Columns (N, d, p) and residuals (N, d) of every configuration over the stated noise, at a state."""
+    context = state.errors.context(measurements.q, measurements.conditions)
+    return linearised(
+        measurements,
+        state.setup,
+        context.frames.tool,
+        parameters.pose_columns(context),
+        bool(parameters.targets),
+    )
 
 
 def _chunks(

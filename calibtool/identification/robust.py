@@ -10,8 +10,8 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
 from calibtool.robot.se3 import Array
 
-LossFunction = Literal["squared", "huber", "cauchy"]
-LOSS_FUNCTIONS = ("squared", "huber", "cauchy")
+LossFunction = Literal["isolated", "squared", "huber", "cauchy"]
+LOSS_FUNCTIONS = ("isolated", "squared", "huber", "cauchy")
 
 _HUBER, _CAUCHY = 1.5, 2.5  # in typical residuals of a row
 _FALSE_ALARM = 0.01  # chance that any row of a clean set is flagged
@@ -19,25 +19,25 @@ _CLUSTER_SIGNIFICANCE = 0.01
 
 
 def row_weights(sizes: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
-    """Weight of each row's squared residuals (N,), 1 for rows that fit; sizes (N,) squared, of d (N,) coordinates."""
+    """Weight of each row's squared residuals (N,), 1 for rows that fit; sizes (N,) squared, of d (N,) coordinates.
+
+    `isolated` leaves all rows alone but those that would be flagged: clean data lose nothing.
+    """
+    if loss_function == "squared":
+        return np.ones(len(sizes))
+    if loss_function == "isolated":
+        return np.minimum(1.0, _limit(sizes, d) / np.maximum(sizes, 1e-30))
     relative: Array = np.sqrt(sizes / d) / _robust_scale(sizes, d)
     if loss_function == "huber":
         return np.minimum(1.0, _HUBER / np.maximum(relative, 1e-12))
-    if loss_function == "cauchy":
-        return 1.0 / (1.0 + (relative / _CAUCHY) ** 2)
-    return np.ones(len(sizes))
+    return 1.0 / (1.0 + (relative / _CAUCHY) ** 2)
 
 
 def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flagged:
     """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set; nothing is changed."""
-    from scipy.special import (
-        chdtri,
-    )  # scipy.stats takes as long to import as everything else together
-
     d = (weights(measurements) > 0).sum(axis=-1)
     scale = _robust_scale(sizes, d)
-    limit = chdtri(d, _FALSE_ALARM / len(sizes))
-    rows = np.flatnonzero(sizes / scale**2 > limit)
+    rows = np.flatnonzero(sizes > _limit(sizes, d))
     left = residuals(
         measurements, state.setup, state.frames(measurements.q, measurements.conditions).tool
     )
@@ -52,6 +52,16 @@ def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flag
         ),
         cluster=_cluster(measurements, rows),
     )
+
+
+def _limit(sizes: Array, d: np.ndarray) -> Array:
+    """Squared sizes (N,) above which a row is flagged: chance has one in a hundred clean sets exceed them."""
+    from scipy.special import (
+        chdtri,
+    )  # scipy.stats takes as long to import as everything else together
+
+    limit: Array = chdtri(d, _FALSE_ALARM / len(sizes)) * _robust_scale(sizes, d) ** 2
+    return limit
 
 
 def _robust_scale(sizes: Array, d: np.ndarray) -> float:
