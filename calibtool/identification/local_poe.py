@@ -22,6 +22,7 @@ from calibtool.measurement.observation import (
 from calibtool.robot.model import Robot
 from calibtool.robot.se3 import Array, readonly
 
+_SHOWN = 100.0  # 1 over m and rad: a direction is shown where its standard deviation is below 10 mm and 10 mrad
 RANK_TOLERANCE = 1e-8  # of the largest singular value; the exact redundancies lie near 1e-16
 
 
@@ -63,7 +64,7 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
         nonlocal rank, last, singular_values, null_space
         u, s, vt = np.linalg.svd(system[0].reshape(-1, parameters.count), full_matrices=False)
         if not rank:  # that of the nominal design: errors must not make it look better
-            rank = numerical_rank(s)
+            rank = int((s > max(RANK_TOLERANCE * s[0], _SHOWN)).sum())
             singular_values, null_space = s, vt[rank:]
         step = vt[:rank].T @ ((u[:, :rank].T @ system[1].ravel()) / s[:rank])
         last = np.abs(step).max()
