@@ -1,4 +1,7 @@
-"""Time of one correction by the generated C code, on this machine. Run: python benchmarks/c_code.py [compiler flags]"""
+"""Time of one correction by the generated C code, on this machine.
+
+Run: python benchmarks/c_code.py [compiler flags]
+"""
 
 import os
 
@@ -42,7 +45,9 @@ int main(void)
             sum += (double)q_m[0];
         }
         clock_gettime(CLOCK_MONOTONIC, &end);
-        const double taken = ((double)(end.tv_sec - start.tv_sec) * 1e9 + (double)(end.tv_nsec - start.tv_nsec)) / count;
+        const double nanoseconds = (double)(end.tv_sec - start.tv_sec) * 1e9
+            + (double)(end.tv_nsec - start.tv_nsec);
+        const double taken = nanoseconds / count;
         best = taken < best ? taken : best;
     }
     printf("%.0f\\n", best);
@@ -69,7 +74,9 @@ def nanoseconds(calibration: Calibration, precision: Precision, flags: list[str]
 
 
 def with_harmonics(calibration: Calibration, orders: int) -> Calibration:
-    """The calibration with every joint-motion function: `orders` random harmonics per joint, wind-up, and a network."""
+    """The calibration with every joint-motion function: `orders` random harmonics per joint,
+    wind-up, and a network.
+    """
     rng = np.random.default_rng(0)
     n = calibration.robot.n
     harmonics, gravity = rng.normal(size=(n, 2 * orders)) * 1e-4, rng.random(n) * 1e-6
@@ -103,7 +110,7 @@ def main() -> None:
     for name, calibration in cases.items():
         taken = [
             nanoseconds(calibration, precision, flags) / 1e3 for precision in ("double", "single")
-        ]  # type: ignore[arg-type]
+        ]
         print(f"| {name} | {taken[0]:.2f} µs | {taken[1]:.2f} µs | 5 µs |")
 
 

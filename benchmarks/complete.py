@@ -1,8 +1,10 @@
-"""The complete model over seeds: accuracy on fresh configurations, distance to the Cramér–Rao bound, times.
+"""The complete model over seeds: accuracy on fresh configurations, distance to the
+Cramér–Rao bound, times.
 
 Run: python benchmarks/complete.py [--seeds 20] [--first-seed 0] [--only accuracy|times].
-fanuc-m1000ia, whole joint range, 0.05 mm noise, 1,000 fresh configurations. Reductions are of the part
-that the joints can correct; the last column keeps the poses that the actual arm, shorter than drawn, cannot reach.
+fanuc-m1000ia, whole joint range, 0.05 mm noise, 1,000 fresh configurations. Reductions are of the
+part that the joints can correct; the last column keeps the poses that the actual arm, shorter than
+drawn, cannot reach.
 """
 
 import os
@@ -28,7 +30,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import observation_matrix, weights
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import at_point
+from calibtool.robot.damped_least_squares import at_point
 
 PHYSICAL = ("geometric", "gear", "gravity", "thermal")
 BAYES = TrainingOptions(regularisation="bayes")
@@ -36,7 +38,9 @@ GEOMETRY = BaseOptions("complete", CompleteOptions(orders={"harmonics": 0, "grav
 
 
 def bound(measurements: Measurements, fresh: Measurements) -> float:
-    """Mean position error that no unbiased estimator can beat, m: Cramér–Rao at the true errors (δζ, δξ, δq)."""
+    """Mean position error that no unbiased estimator can beat, m: Cramér–Rao at the true
+    errors (δζ, δξ, δq).
+    """
     assert measurements.truth is not None
     robot, setup = measurements.robot, measurements.truth.setup
     parameters = Parameters.of(robot, setup, twists=1)
@@ -57,10 +61,12 @@ def bound(measurements: Measurements, fresh: Measurements) -> float:
 def accuracy(seeds: range) -> None:
     robot = load_robot("fanuc-m1000ia")
     print(
-        f"Reduction in % of the nominal robot's error on 1,000 fresh configurations, median of {len(seeds)} seeds (worst)\n"
+        "Reduction in % of the nominal robot's error on 1,000 fresh configurations, median of "
+        f"{len(seeds)} seeds (worst)\n"
     )
     print(
-        "| errors | configurations | method | position max | orientation max | position mean | mean / bound | whole max |"
+        "| errors | configurations | method | position max | orientation max | position mean | "
+        "mean / bound | whole max |"
     )
     print("|---|---|---|---|---|---|---|---|")
     worst_ratio = 0.0
@@ -82,7 +88,7 @@ def accuracy(seeds: range) -> None:
             evaluation = evaluate(methods, fresh)
             entries = evaluation.as_json()["methods"]
             assert isinstance(entries, list)
-            parts = evaluation.correctable
+            parts = [result.correctable for result in evaluation.results]
             lowest = bound(measurements, fresh) if kinds == ("geometric",) else np.nan
             before = evaluation.methods[0].position_size.max()
             for entry, part, whole in zip(
@@ -108,17 +114,20 @@ def accuracy(seeds: range) -> None:
             )
             last = "" if np.isnan(median[3]) else f"{-median[3]:.2f} ({-worst[3]:.2f})"
             print(
-                f"| {'+'.join(kinds)} | {count} | {name} | {cells} | {last} | {median[4]:.1f} ({worst[4]:.1f}) |"
+                f"| {'+'.join(kinds)} | {count} | {name} | {cells} | {last} | {median[4]:.1f} "
+                f"({worst[4]:.1f}) |"
             )
     print(
-        f"\nDefault against its base, mean position error, worst seed of all: {100 * (worst_ratio - 1):+.2f} %"
+        "\nDefault against its base, mean position error, worst seed of all: "
+        f"{100 * (worst_ratio - 1):+.2f} %"
     )
 
 
 def times() -> None:
     robot = load_robot("fanuc-m1000ia")
     print(
-        "\n| configurations | complete identification | default train | peak memory |\n|---|---|---|---|"
+        "\n| configurations | complete identification | default train | peak memory |\n"
+        "|---|---|---|---|"
     )
     for count in (50, 1000, 3000, 10_000):
         measurements = simulate(

@@ -1,7 +1,9 @@
-"""Payload and temperature as families of errors: one fit over all loads against one per load, and a drift against none.
+"""Payload and temperature as families of errors: one fit over all loads against one per load, and a
+drift against none.
 
-Run: python benchmarks/conditions.py [--seeds 10] [--configurations 100]. Prints Markdown tables of mean position errors on
-500 fresh rows, predicted against true poses: median over the seeds, and the smallest and largest.
+Run: python benchmarks/conditions.py [--seeds 10] [--configurations 100]. Prints Markdown tables of
+mean position errors on 500 fresh rows, predicted against true poses: median over the seeds, and the
+smallest and largest.
 """
 
 import argparse
@@ -31,11 +33,13 @@ def measured(
     more: Mapping[str, object] = {**rows, **again}
     return simulate(
         load_robot("ur10"), Simulation(seed=seed, configurations=count, scales=scales, **more)
-    )  # type: ignore[arg-type]
+    )
 
 
 def error(calibration: Calibration, fresh: Measurements, blind: bool = False) -> float:
-    """Mean position error of predicted poses, mm; `blind`: the calibration is not told payload and temperature."""
+    """Mean position error of predicted poses, mm; `blind`: the calibration is not told payload
+    and temperature.
+    """
     assert fresh.truth is not None
     truth = fresh.truth.actual.forward(fresh.q, fresh.conditions)
     found = calibration.forward(fresh.q, None if blind else fresh.conditions)
@@ -47,7 +51,9 @@ def without(family: str) -> BaseOptions:
 
 
 def payload(seed: int, count: int) -> list[float]:
-    """Per load: one fit over 0 to 10 kg, a fit of its own, and a fit over all that is not told the mass."""
+    """Per load: one fit over 0 to 10 kg, a fit of its own, and a fit over all that is
+    not told the mass.
+    """
     every = measured(("payload",), seed, count, None, payload_kg=(LOADS[0], LOADS[-1]))
     one, blind = identify(every), identify(every, without("payload"))
     row = []
@@ -59,7 +65,9 @@ def payload(seed: int, count: int) -> list[float]:
 
 
 def temperature(seed: int, count: int) -> list[float]:
-    """A fit with a drift, one without any, and one with the drift that is not told the temperature."""
+    """A fit with a drift, one without any, and one with the drift that is
+    not told the temperature.
+    """
     drifting = measured(("thermal",), seed, count, None, temperature_c=DRIFT)
     steady = measured(("thermal",), seed, count, None, temperature_c=(DRIFT[0], DRIFT[0]))
     fresh = measured(("thermal",), seed + 1000, 500, drifting, temperature_c=DRIFT)
@@ -84,12 +92,14 @@ def main() -> None:
     loads = np.array([payload(seed, options.configurations) for seed in range(options.seeds)])
     drifts = np.array([temperature(seed, options.configurations) for seed in range(options.seeds)])
     print(
-        "| judged at | one fit, mm | a fit of its own, mm | ratio | not told, mm |\n|---|---|---|---|---|"
+        "| judged at | one fit, mm | a fit of its own, mm | ratio | not told, mm |\n"
+        "|---|---|---|---|---|"
     )
     for k, load in enumerate(LOADS):
         one, own, blind = loads[:, 3 * k : 3 * k + 3].T
         print(
-            f"| {load:g} kg | {spread(one)} | {spread(own)} | {spread(one / own)} | {spread(blind)} |"
+            f"| {load:g} kg | {spread(one)} | {spread(own)} | {spread(one / own)} | "
+            f"{spread(blind)} |"
         )
     print(
         "\n| with the drift, mm | without a drift, mm | ratio | not told, mm |\n|---|---|---|---|"

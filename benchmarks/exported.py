@@ -1,12 +1,14 @@
 """The promise of exported code: under the calibrated model no row is worse than uncorrected.
 
-Run: python benchmarks/exported.py [--rows 2000] [--configurations 60] [--seed 0] [--robots ur5,panda].
-Every carried robot with every kind of error: the complete model and its network from configurations of the whole
-joint range (`complete`) and of the default workspace (`complete, workspace`), and a network alone on the nominal
-robot from the latter (`nominal, workspace`). Fresh rows of the whole joint range through the compiled C code, double
-and float, and through the Structured Text, which Python runs.
-`worse`: rows whose weighted pose error under the calibrated model grew. `ok, above`: rows with status ok that leave
-more than 5 times the median of all rows, of all components or of those that the joints can correct.
+Run: python benchmarks/exported.py [--rows 2000] [--configurations 60] [--seed 0] [--robots
+ur5,panda]. Every built-in robot with every kind of error: the complete model and its network from
+configurations of the whole joint range (`complete`) and of the default workspace (`complete,
+workspace`), and a network alone on the nominal robot from the latter (`nominal, workspace`). Fresh
+rows of the whole joint range through the compiled C code, double and float, and through the
+Structured Text, which Python runs.
+`worse`: rows whose weighted pose error under the calibrated model grew. `ok, above`: rows with
+status ok that leave more than 5 times the median of all rows, of all components or of those that
+the joints can correct.
 """
 
 import os
@@ -30,7 +32,7 @@ from exported import STATUS
 from structured_text import FunctionBlock
 
 from calibtool.calibration import Calibration, train
-from calibtool.compensation.weighed import Task, weighted_error
+from calibtool.compensation.weighted_error import Task, weighted_error
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.export.c_code import calibration_as_c
@@ -39,7 +41,7 @@ from calibtool.export.structured_text import calibration_as_structured_text
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LOOP = """
@@ -90,7 +92,9 @@ def by_structured_text(calibration: Calibration, q: Array) -> tuple[Array, Array
 
 
 def sizes(calibration: Calibration, q: Array, commanded: Array) -> Array:
-    """Weighted pose error of the calibrated robot at q against the nominal one: of all, of the task. (2, N), rad."""
+    """Weighted pose error of the calibrated robot at q against the nominal one: of all, of the
+    task. (2, N), rad.
+    """
     robot = calibration.robot
     aim = robot.mechanism.forward(commanded)
     error = weighted_error(calibration.forward(q), aim, robot.length)
@@ -111,7 +115,8 @@ def main() -> None:
     parser.add_argument("--robots", default=",".join(robot_names()))
     options = parser.parse_args()
     print(
-        "| robot | base | code | worse | ok, above | largest changes deg | left / before, median | status |"
+        "| robot | base | code | worse | ok, above | largest changes deg | left / before, "
+        "median | status |"
     )
     print("|---|---|---|---|---|---|---|---|")
     worse = above = rows = 0
@@ -156,13 +161,15 @@ def main() -> None:
                 status = ", ".join(f"{count} {word}" for word, count in counts.most_common())
                 share = np.median(after[1]) / max(float(np.median(before[1])), 1e-300)
                 print(
-                    f"| {name} | {label} | {code} | {grown} | {high} | {shown} | {share:.3f} | {status} |",
+                    f"| {name} | {label} | {code} | {grown} | {high} | {shown} | "
+                    f"{share:.3f} | {status} |",
                     flush=True,
                 )
                 if code != "C float":
                     worse, above, rows = worse + grown, above + high, rows + len(commanded)
     print(
-        f"\nDouble precision: {rows} rows, worse than uncorrected {worse}, ok but above 5 medians {above}"
+        f"\nDouble precision: {rows} rows, worse than uncorrected {worse}, ok but above 5 "
+        f"medians {above}"
     )
 
 

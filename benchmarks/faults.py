@@ -2,8 +2,9 @@
 
 Run: python benchmarks/faults.py [--tries 100] [--command NAME]... [--json]
 
-TRIES kills of every writing command at random moments, half as many at random steps of the writing, a quarter of the other
-faults that chance decides, the rest once. A row per fault and command goes to stdout.
+TRIES kills of every writing command at random moments, half as many at random steps of the
+writing, a quarter of the other faults that chance decides, the rest once. A row per fault and
+command goes to stdout.
 """
 
 import os
@@ -120,7 +121,9 @@ class Bench:
         )
 
     def asked_to_end(self, name: str, new: dict[str, bytes], steps: int) -> Iterator[Row]:
-        """SIGINT and SIGTERM at a random step: as above, nothing is left over, and the exit code says so."""
+        """SIGINT and SIGTERM at a random step: as above, nothing is left over, and the
+        exit code says so.
+        """
         writer = WRITERS[name]
         for number, code in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
             outcomes, codes = [], Counter[int]()
@@ -209,7 +212,9 @@ class Bench:
         return Row.of("a read-only folder", name, outcomes, "as before, exit code 2")
 
     def surroundings(self, name: str, new: dict[str, bytes]) -> Iterator[Row]:
-        """The bytes are those of a plain process; what also has an answer for a closed stdout writes nothing and says so."""
+        """The bytes are those of a plain process; what also has an answer for a closed stdout
+        writes nothing and says so.
+        """
         writer = WRITERS[name]
         for fault, chosen in SURROUNDINGS.items():
             german = "de_DE" in fault
@@ -296,7 +301,10 @@ class Bench:
                 yield Row.of(f"stdout: {name}", words.split()[0], [noisy or wrong], quiet)
 
     def interrupted_at_the_start(self) -> Iterator[Row]:
-        """Ctrl-C while a real process starts. The first moments belong to the interpreter itself."""
+        """Ctrl-C while a real process starts.
+
+        The first moments belong to the interpreter itself.
+        """
         command = [
             sys.executable,
             "-m",
@@ -337,7 +345,8 @@ class Bench:
 def becoming_nobody() -> None:
     """Root may write everywhere."""
     if os.geteuid() == 0:
-        # Nobody may not even read where root's Python stands: what is imported late is imported now.
+        # Nobody may not even read where root's Python stands: what is imported late
+        # is imported now.
         version("calibtool")
         os.setresuid(65534, 65534, 65534)
 

@@ -16,8 +16,8 @@ import numpy as np
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.frame import FRAMES, FrameName, taught_frame
 from calibtool.calibration.uncertainty import predicted_uncertainty
-from calibtool.compensation.program import read_configurations
 from calibtool.compensation.solve import compensate_joints
+from calibtool.compensation.targets import read_configurations
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.evaluation.compare import evaluate
@@ -46,7 +46,7 @@ def sample() -> None:
     """The figures of the sample in both frames."""
     folder, robot = shipped("data") / "sample", load_robot("fanuc-m1000ia")
 
-    def imported(name: str):  # type: ignore[no-untyped-def]
+    def imported(name: str):
         table = folder / name
         return import_table(table.read_bytes(), name, robot, joint_values="controller").measurements
 
@@ -59,11 +59,11 @@ def sample() -> None:
         "targets.csv, mm"
     )
     for name in FRAMES:
-        chosen = calibration.in_frame(name)  # type: ignore[arg-type]
+        chosen = calibration.in_frame(name)
         nominal = evaluate([("c", chosen)], verification).methods[0].position_size.mean()
         figures = [
             nominal * 1e3,
-            np.sqrt((scene_of(chosen).sizes ** 2).mean()) * 1e3,
+            np.sqrt((scene_of(chosen).error_rms ** 2).mean()) * 1e3,
             moved(chosen, targets).max() * 1e3,
             compensate_program(chosen, program, "seam.ls", "fanuc-ls").largest_mm,
             predicted_uncertainty(chosen, targets).position.max() * 1e3,

@@ -1,10 +1,13 @@
-"""Mutated files through every reader: exceptions other than calibtool's, hangs, memory, crashes of the process.
+"""Mutated files through every reader: exceptions other than calibtool's, hangs, memory, crashes
+of the process.
 
-Run: python benchmarks/fuzz.py --inputs 100000 --reader csv --seed 0   (without --reader: all of them, one after the other)
-Every input follows from reader, seed and number, so that `--first NUMBER --inputs 1` makes one again. A worker process has
-1 GiB more than it started with, every input 5 s of the processor; after a crash or an endless loop a new one goes on.
-What Python opens, runs or connects to in between is a finding too (tests/fuzz/watched.py). Findings, one per place, are kept
-in --findings FOLDER. A Markdown row per reader goes to stdout.
+Run: python benchmarks/fuzz.py --inputs 100000 --reader csv --seed 0
+
+Without --reader all readers are run, one after the other. Every input follows from reader, seed and
+number, so that `--first NUMBER --inputs 1` makes one again. A worker process has 1 GiB more than it
+started with, every input 5 s of the processor; after a crash or an endless loop a new one goes on.
+What Python opens, runs or connects to in between is a finding too (tests/fuzz/watched.py).
+Findings, one per place, are kept in --findings FOLDER. A Markdown row per reader goes to stdout.
 """
 
 import os
@@ -42,7 +45,9 @@ class Hang(BaseException):
 
 
 def place(error: BaseException) -> str:
-    """Kind and deepest line of the project's own in a traceback: what makes two findings the same."""
+    """Kind and deepest line of the project's own in a traceback: what
+    makes two findings the same.
+    """
     frames = traceback.extract_tb(error.__traceback__)
     own = [
         f for f in frames if f.filename.startswith(PACKAGE) and "site-packages" not in f.filename
@@ -60,7 +65,9 @@ def seconds_of(pid: int | None) -> float:
 
 
 def work(name: str, seed: int, first: int, end: int, state: Any, found: Connection) -> None:
-    """The worker: inputs first … end; state holds the number of the input at work, the worst seconds and its number."""
+    """The worker: inputs first … end; state holds the number of the input at work, the worst
+    seconds and its number.
+    """
     reader = READERS[name]
     seeds = reader.seeds()
     for data in seeds:  # caches are filled before the clock starts
@@ -110,7 +117,9 @@ def work(name: str, seed: int, first: int, end: int, state: Any, found: Connecti
 
 
 def fuzz(name: str, inputs: int, seed: int, first: int, folder: Path | None) -> dict[str, Any]:
-    """All inputs of one reader: how many were valid, the worst seconds, the most memory, what was found."""
+    """All inputs of one reader: how many were valid, the worst seconds, the most
+    memory, what was found.
+    """
     context = mp.get_context("fork")
     state = context.Array("d", 6, lock=False)
     findings: dict[str, list[Any]] = {}
@@ -192,7 +201,8 @@ def main() -> None:
     options = parser.parse_args()
     if not options.json:
         print(
-            "| reader | inputs | of them valid | worst time | more memory | findings |\n|---|---|---|---|---|---|"
+            "| reader | inputs | of them valid | worst time | more memory | findings |\n"
+            "|---|---|---|---|---|---|"
         )
     for name in options.reader or READERS:
         row = fuzz(name, options.inputs, options.seed, options.first, options.findings)

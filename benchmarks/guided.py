@@ -1,10 +1,14 @@
-"""Coverage-guided fuzzing of the readers with atheris: inputs that reach new code are kept and mutated further.
+"""Coverage-guided fuzzing of the readers with atheris: inputs that reach new code are kept and
+mutated further.
 
-Run: python benchmarks/guided.py --seconds 60 [--reader csv] [--findings DIR] [--json]   (pip install atheris, Linux)
-Inputs are mutated by libFuzzer and, every second one, by tests/fuzz/mutations.py. An answer or one line of a calibtool error
-is right; another exception, 5 s of the processor or 1 GiB more than at the start is a finding, and ends the reader's run:
-its input is kept in DIR. Two of the parsers below calibtool, tomllib and csv's Python part, are guided as well; those in C
-are not, so that HDF5 files and workbooks are left to benchmarks/fuzz.py. A Markdown row per reader goes to stdout.
+Run: python benchmarks/guided.py --seconds 60 [--reader csv] [--findings DIR] [--json]
+
+Needs atheris (pip install atheris) and Linux. Inputs are mutated by libFuzzer and, every second
+one, by tests/fuzz/mutations.py. An answer or one line of a calibtool error is right; another
+exception, 5 s of the processor or 1 GiB more than at the start is a finding, and ends the reader's
+run: its input is kept in DIR. Two of the parsers below calibtool, tomllib and csv's Python part,
+are guided as well; those in C are not, so that HDF5 files and workbooks are left to
+benchmarks/fuzz.py. A Markdown row per reader goes to stdout.
 """
 
 import os
@@ -59,7 +63,9 @@ _FINAL = re.compile(r"^stat::(\w+):\s+(\d+)", re.MULTILINE)
 
 
 def explore(name: str, seeds: Path, folder: Path, seconds: int, seed: int) -> None:
-    """The process that is ended by libFuzzer: `seconds` of inputs for one reader, or one finding."""
+    """The process that is ended by libFuzzer: `seconds` of inputs for one
+    reader, or one finding.
+    """
     import atheris
 
     with atheris.instrument_imports(include=["calibtool", "tomllib", "csv"]):
@@ -110,7 +116,9 @@ def explore(name: str, seeds: Path, folder: Path, seconds: int, seed: int) -> No
 
 
 def guided(name: str, seconds: int, seed: int, folder: Path) -> dict[str, Any]:
-    """One reader: inputs, branches of code that the seeds reach and that were reached at last, what was found."""
+    """One reader: inputs, branches of code that the seeds reach and that were reached at
+    last, what was found.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     before = set(folder.iterdir())
     with tempfile.TemporaryDirectory() as seeds:
@@ -162,7 +170,8 @@ def main() -> None:
         return
     if not options.json:
         print(
-            "| reader | inputs | kept | seeds reach | reached | findings |\n|---|---|---|---|---|---|"
+            "| reader | inputs | kept | seeds reach | reached | findings |\n"
+            "|---|---|---|---|---|---|"
         )
     for name in options.reader or GUIDED:
         row = guided(name, options.seconds, options.seed, options.findings.resolve())

@@ -1,9 +1,10 @@
 """Inverse kinematics over the whole joint range, beside other solvers in one run.
 
-Run: python benchmarks/inverse.py [--poses 10000] [--peer PYTHON]. Poses of uniform joint positions inside the limits,
-singular ones included, all in one call or 500 in each. "no seed": any branch; "near seed": from 0.05 rad beside the answer.
-Beside it roboticstoolbox-python's `ik_LM` (PYTHON is an interpreter that has it) and, on the first 500 and from home,
-Pinocchio's example loop (CLIK). Time is that of one CPU.
+Run: python benchmarks/inverse.py [--poses 10000] [--peer PYTHON]. Poses of uniform joint positions
+inside the limits, singular ones included, all in one call or 500 in each. "no seed": any branch;
+"near seed": from 0.05 rad beside the answer. Beside it roboticstoolbox-python's `ik_LM` (PYTHON is
+an interpreter that has it) and, on the first 500 and from home, Pinocchio's example loop (CLIK).
+Time is that of one CPU.
 """
 
 import os
@@ -22,14 +23,16 @@ import pinocchio as pin
 
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import inverse_kinematics
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse
 
 FEW = 500
 
 
 def clik(robot: Robot, targets: Array, seed: Array) -> tuple[np.ndarray, float]:
-    """The closed loop of Pinocchio's documentation (gain 0.1, damping 1e-12, 1,000 steps), as it stands there."""
+    """The closed loop of Pinocchio's documentation (gain 0.1, damping 1e-12, 1,000 steps), as
+    it stands there.
+    """
     model, data = robot.chain.model, robot.chain.model.createData()
     tool = robot.chain.placements[-1]
     reached = np.zeros(len(targets), dtype=bool)
@@ -58,7 +61,8 @@ import numpy as np
 import roboticstoolbox as rtb
 given = np.load(sys.argv[1])
 parts = []
-for placement, twist, low, high in zip(given["placements"], given["twists"], given["lower"], given["upper"]):
+joints = zip(*(given[name] for name in ("placements", "twists", "lower", "upper")))
+for placement, twist, low, high in joints:
     axis = int(np.argmax(np.abs(twist[3:])))
     turn = (rtb.ET.Rx, rtb.ET.Ry, rtb.ET.Rz)[axis]
     parts += [rtb.ET.SE3(placement), turn(flip=bool(twist[3 + axis] < 0), qlim=[low, high])]
@@ -70,7 +74,9 @@ np.savez(sys.argv[2], q=np.array(found), seconds=time.process_time() - start)
 
 
 def toolbox(robot: Robot, targets: Array, python: str) -> tuple[np.ndarray, float]:
-    """roboticstoolbox-python's compiled `ik_LM` with its defaults: random starts, up to 100 searches, tolerance 1e-6."""
+    """roboticstoolbox-python's compiled `ik_LM` with its defaults: random starts, up to 100
+    searches, tolerance 1e-6.
+    """
     chain = robot.chain
     with tempfile.TemporaryDirectory() as folder:
         given, found = Path(folder, "given.npz"), Path(folder, "found.npz")
@@ -128,7 +134,8 @@ def main() -> None:
 def row(robot: str, solver: str, reached: np.ndarray, seconds: float) -> None:
     share = f"{int(reached.sum())} ({100 * reached.mean():.1f} %)"
     print(
-        f"| {robot} | {solver} | {len(reached)} | {share} | {seconds / len(reached) * 1e6:.0f} µs |",
+        f"| {robot} | {solver} | {len(reached)} | {share} | "
+        f"{seconds / len(reached) * 1e6:.0f} µs |",
         flush=True,
     )
 

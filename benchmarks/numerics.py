@@ -1,4 +1,5 @@
-"""Figures at the edges of floating point: singularities, sizes, many turns, targets almost on a line, extreme noise.
+"""Figures at the edges of floating point: singularities, sizes, many turns, targets almost on a
+line, extreme noise.
 
 Run: python benchmarks/numerics.py [--json]
 
@@ -42,7 +43,7 @@ from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.measurements import check_targets
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
 Table = list[list[str]]  # a header and rows
@@ -64,7 +65,7 @@ def singularities() -> Table:
         calibration = calibrated(name)
         q = towards(calibration.robot, joint)
         for method in ("exact", "one-step"):
-            result = compensate_joints(calibration, q, method)  # type: ignore[arg-type]
+            result = compensate_joints(calibration, q, method)
             ok = result.status == OK
             left = [
                 f"{result.position[rows_].max() * 1e3:.1e}" if rows_.any() else "–"
@@ -78,7 +79,9 @@ def singularities() -> Table:
 
 
 def sizes() -> Table:
-    """Errors and noise in proportion to the arm; judged at fresh configurations without noise, those corrected in full."""
+    """Errors and noise in proportion to the arm; judged at fresh configurations without noise,
+    those corrected in full.
+    """
     rows = [
         [
             "robot",
@@ -120,7 +123,9 @@ def sizes() -> Table:
 
 
 def turns() -> Table:
-    """The last three joints of a FANUC M-1000iA turned further by whole turns: digits that are lost."""
+    """The last three joints of a FANUC M-1000iA turned further by whole turns:
+    digits that are lost.
+    """
     rows = [["turned by rad", "nominal pose", "calibrated pose", "corrected joints rad"]]
     calibration = calibrated("fanuc-m1000ia")
     robot, q = calibration.robot, calibration.q[:10]
@@ -138,8 +143,10 @@ def turns() -> Table:
 
 
 def collinear() -> Table:
-    """Three targets on 0.2 m, the middle one `width` times 0.2 m off the line; 40 configurations, noise 0.05 mm."""
-    rows = [["off the line", "at the door", "largest error of the complete model, forced, mm"]]
+    """Three targets on 0.2 m, the middle one `width` times 0.2 m off the line; 40
+    configurations, noise 0.05 mm.
+    """
+    rows = [["off the line", "when read", "largest error of the complete model, forced, mm"]]
     fanuc = load_robot("fanuc-m1000ia")
     data = simulate(fanuc, Simulation(seed=1, workspace=fanuc.workspace(None)[1]))
     data = data.rows(np.arange(40))
@@ -154,7 +161,7 @@ def collinear() -> Table:
     return rows
 
 
-def _off(data, targets: Array) -> float:  # type: ignore[no-untyped-def]
+def _off(data, targets: Array) -> float:
     found = identify(seen_with(data, targets), "complete")
     return float(
         np.linalg.norm(
@@ -164,7 +171,9 @@ def _off(data, targets: Array) -> float:  # type: ignore[no-untyped-def]
 
 
 def noise() -> Table:
-    """FANUC M-1000iA, 40 configurations: the largest error at the measured ones, before and after."""
+    """FANUC M-1000iA, 40 configurations: the largest error at the measured
+    ones, before and after.
+    """
     rows = [["noise", "nominal mm", "complete mm"]]
     fanuc = load_robot("fanuc-m1000ia")
     for size in (0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6):

@@ -1,6 +1,8 @@
-"""The paper's experiment over seeds: 100 configurations, half for training, and 1,000 fresh ones of the same robot.
+"""The paper's experiment over seeds: 100 configurations, half for training, and 1,000 fresh ones
+of the same robot.
 
-Run: python benchmarks/paper.py [--seeds 20]. Prints a table in Markdown: median and worst reduction over the seeds.
+Run: python benchmarks/paper.py [--seeds 20]. Prints a table in Markdown: median and worst
+reduction over the seeds.
 """
 
 import argparse
@@ -25,7 +27,9 @@ STATISTICS = (
 
 
 def methods(measurements: Measurements, seed: int) -> list[tuple[str, Calibration]]:
-    """The calibrations compared; the base model alone sees the 50 training configurations only, like the networks."""
+    """The calibrations compared; the base model alone sees the 50 training configurations only,
+    like the networks.
+    """
     training_rows, _ = split_rows(len(measurements), 0.5, np.random.default_rng(seed))
     return [
         (
@@ -38,7 +42,14 @@ def methods(measurements: Measurements, seed: int) -> list[tuple[str, Calibratio
         ),
         ("local POE, 50 configurations", identify(measurements.rows(training_rows), "local-poe")),
         ("local POE, 100 configurations", identify(measurements, "local-poe")),
-        ("network on local POE", train(measurements, "local-poe", TrainingOptions(seed=seed))),
+        (
+            "network on local POE",
+            train(
+                measurements,
+                "local-poe",
+                TrainingOptions(regularisation="early-stopping", seed=seed),
+            ),
+        ),
         (
             "complete (default)",
             train(measurements, "complete", TrainingOptions(regularisation="bayes", seed=seed)),

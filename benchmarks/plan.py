@@ -1,8 +1,9 @@
 """Selected configurations against random ones over seeds, and the time of a selection.
 
-Run: python benchmarks/plan.py [--seeds 10] [--first-seed 0] [--only accuracy|limits|times] [--workspace full|machining].
-fanuc-m1000ia, complete model, 0.05 mm noise, 1,000 fresh configurations of the same workspace. Reductions are of the
-part that the joints can correct. Random sets of one seed measure the same actual robot as the selected ones.
+Run: python benchmarks/plan.py [--seeds 10] [--first-seed 0] [--only accuracy|limits|times]
+[--workspace full|machining]. fanuc-m1000ia, complete model, 0.05 mm noise, 1,000 fresh
+configurations of the same workspace. Reductions are of the part that the joints can correct. Random
+sets of one seed measure the same actual robot as the selected ones.
 """
 
 import os
@@ -24,7 +25,7 @@ from calibtool.identification.parameters import Parameters
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints
-from calibtool.planning.knowledge import Knowledge
+from calibtool.planning.information import Knowledge
 from calibtool.planning.plan import make_plan
 from calibtool.planning.selection import select
 from calibtool.robot.catalogue import load_robot
@@ -39,7 +40,8 @@ def accuracy(seeds: range, workspace: str) -> None:
     knowledge = Knowledge.of_tolerances(robot, NOISE)
     print(f"\n{workspace}: reduction in %, median of {len(seeds)} seeds (worst)\n")
     print(
-        "| errors | set | position max | position mean | orientation max | mean error mm |\n|---|---|---|---|---|---|"
+        "| errors | set | position max | position mean | orientation max | mean error mm |\n"
+        "|---|---|---|---|---|---|"
     )
     for kinds in (("geometric",), ("geometric", "gear", "gravity", "thermal")):
         results: dict[str, list[list[float]]] = {}
@@ -74,11 +76,11 @@ def accuracy(seeds: range, workspace: str) -> None:
             )
             entries = evaluation.as_json()["methods"]
             assert isinstance(entries, list)
-            for entry, part in zip(entries[1:], evaluation.correctable[1:], strict=True):
+            for entry, result in zip(entries[1:], evaluation.results[1:], strict=True):
                 found = entry["reduction_percent"]
                 cells = [found[s] for s in ("position_max", "position_mean", "orientation_max")]
                 results.setdefault(entry["name"], []).append(
-                    [*cells, -part.position_size.mean() * 1e3]
+                    [*cells, -result.correctable.position_size.mean() * 1e3]
                 )
         for name, rows in results.items():
             median, worst = np.median(rows, axis=0), np.min(rows, axis=0)
@@ -92,7 +94,9 @@ def accuracy(seeds: range, workspace: str) -> None:
 
 
 def limits(seeds: range) -> None:
-    """What 15 configurations can tell of the geometric errors: predicted deviations; some designs know of no others."""
+    """What 15 configurations can tell of the geometric errors: predicted deviations; some designs
+    know of no others.
+    """
     robot = load_robot("fanuc-m1000ia")
     space = robot.workspace("full")[1]
     whole = Knowledge.of_tolerances(robot, NOISE)
@@ -123,7 +127,8 @@ def limits(seeds: range) -> None:
             deviation = geometry.after(geometry.rows(chosen)).target_deviation(judged)
             results.setdefault(name, []).append(deviation.mean() * 1e3)
     print(
-        f"\nPredicted deviation of the targets from the geometric errors, whole range, {len(seeds)} seeds\n"
+        "\nPredicted deviation of the targets from the geometric errors, whole range, "
+        f"{len(seeds)} seeds\n"
     )
     print("| set | mean mm |\n|---|---|")
     for name, values in results.items():

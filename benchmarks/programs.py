@@ -1,10 +1,12 @@
-"""Programs of 50,000 targets in every language: time, memory, and what is left of the error, computed apart.
+"""Programs of 50,000 targets in every language: time, memory, and what is left of the
+error, computed apart.
 
 Run: python benchmarks/programs.py [TARGETS]
 
-The command line corrects each program in a process of its own. What it wrote is read back with a regular expression, and
-Pinocchio drives the calibrated arm there, a URDF from `export`: to the joints of joint targets, and for poses to those that
-its own Newton iterations with the nominal URDF find. The rows that are looked at are drawn with a seed.
+The command line corrects each program in a process of its own. What it wrote is read back with a
+regular expression, and Pinocchio drives the calibrated arm there, a URDF from `export`: to the
+joints of joint targets, and for poses to those that its own Newton iterations with the nominal URDF
+find. The rows that are looked at are drawn with a seed.
 """
 
 import contextlib
@@ -35,7 +37,7 @@ from calibtool.programs.formats import PROGRAM_FORMATS, coupling_of, reader
 from calibtool.programs.frames import pose
 from calibtool.programs.motions import Move
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.storage import to_bytes
 
@@ -61,11 +63,17 @@ def fanuc_ls(robot: Robot, q: Array) -> str:
     ):
         if k % 2 == 0:
             parts = [f"J{j + 1}= {value:9.3f} deg" for j, value in enumerate(degrees)]
-            body = f"\tUF : 0, UT : 0,\t\r\n\t{f',{chr(9)}'.join(parts[:3])},\r\n\t{f',{chr(9)}'.join(parts[3:])}\r\n"
+            body = (
+                f"\tUF : 0, UT : 0,\t\r\n\t{f',{chr(9)}'.join(parts[:3])},\r\n"
+                f"\t{f',{chr(9)}'.join(parts[3:])}\r\n"
+            )
         else:
             now = posture(robot, q[k], np.deg2rad(degrees))
             zero = posture(robot, np.zeros(6), np.zeros(6))
-            letters = f"{'F' if now.flexed else 'N'} {'U' if now.bent == zero.bent else 'D'} {'T' if now.front else 'B'}"
+            letters = (
+                f"{'F' if now.flexed else 'N'} {'U' if now.bent == zero.bent else 'D'} "
+                f"{'T' if now.front else 'B'}"
+            )
             angles = Rotation.from_matrix(T[k, :3, :3]).as_euler("xyz", degrees=True)
             body = f"\tUF : 0, UT : 0,\t\tCONFIG : '{letters}, 0, 0, 0',\r\n"
             place = [f"{a} = {v * 1e3:9.3f}  mm" for a, v in zip("XYZ", T[k, :3, 3], strict=True)]
@@ -82,7 +90,8 @@ def kuka_krl(robot: Robot, q: Array) -> str:
     for k, degrees in enumerate(np.rad2deg(q)):
         if k % 2 == 0:
             lines.append(
-                f"PTP {{{', '.join(f'A{j + 1} {v:.3f}' for j, v in enumerate(degrees))}}} C_PTP ; point {k}"
+                f"PTP {{{', '.join(f'A{j + 1} {v:.3f}' for j, v in enumerate(degrees))}}} "
+                f"C_PTP ; point {k}"
             )
             continue
         now = posture(robot, q[k], q[k])
@@ -113,7 +122,8 @@ def abb_rapid(robot: Robot, q: Array) -> str:
         now, zero = posture(robot, q[k], q[k]), posture(robot, np.zeros(6), np.zeros(6))
         cfx = (not now.front) << 2 | (now.bent != zero.bent) << 1 | (not now.flexed)
         lines.append(
-            f"    MoveL [[{place}],[{turn}],[{quadrants},{cfx}],{unused}],v100,z10,tool0; ! point {k}"
+            "    MoveL "
+            f"[[{place}],[{turn}],[{quadrants},{cfx}],{unused}],v100,z10,tool0; ! point {k}"
         )
     return "\n".join([*lines, "  ENDPROC", "ENDMODULE", ""])
 
@@ -139,7 +149,8 @@ def ros2_trajectory(robot: Robot, q: Array) -> str:
     names = [str(name) for name in robot.chain.model.names[1:]]
     order = sorted(range(robot.n), key=lambda j: names[j])
     points = "".join(
-        f"- positions: [{', '.join(f'{joints[j]:.6f}' for j in order)}]  # {k}\n  time_from_start: {{sec: {k}}}\n"
+        f"- positions: [{', '.join(f'{joints[j]:.6f}' for j in order)}]  # {k}\n"
+        f"  time_from_start: {{sec: {k}}}\n"
         for k, joints in enumerate(q)
     )
     return f"joint_names: [{', '.join(names[j] for j in order)}]\npoints:\n{points}"
@@ -155,7 +166,9 @@ WRITERS: dict[str, Callable[[Robot, Array], str]] = {
 
 
 def read_joints(robot: Robot, text: str, program_format: str, near: Array) -> Array:
-    """Nominal joint positions of a program's targets, poses solved on their branch from `near` (N, n)."""
+    """Nominal joint positions of a program's targets, poses solved on their branch
+    from `near` (N, n).
+    """
     controller = Controller(robot, coupling_of(robot, program_format, None))
     rows = []
     program = reader(program_format)(text, robot)
@@ -184,7 +197,7 @@ def calibrations(robot: Robot) -> tuple[Calibration, Calibration]:
     return identify(measurements, "nominal"), identify(measurements, "local-poe")
 
 
-# --- an independent look at the result ------------------------------------------------------------------------------
+# --- an independent look at the result ------------------------------------------------------------
 
 
 def _line(*parts: str) -> str:
@@ -216,7 +229,9 @@ LOOKED_AT = 500
 
 
 def written(text: str, program_format: str, robot: Robot) -> list[Array]:
-    """Joints of the chain (n,) in rad, or T_base_tool (4, 4), of every target; `set_tcp` is none."""
+    """Joints of the chain (n,) in rad, or T_base_tool (4, 4), of every
+    target; `set_tcp` is none.
+    """
     names = [str(name) for name in robot.chain.model.names[1:]]
     place = np.argsort(np.argsort(names))  # ROS 2 programs list the joints in alphabetical order
     found: list[Array] = []
@@ -281,7 +296,9 @@ class Arm:
 def largest_error(
     robot: Robot, calibration: Calibration, before: str, after: str, program_format: str
 ) -> float:
-    """Of some changed targets the largest distance in m between where the calibrated arm is and where it was to be."""
+    """Of some changed targets the largest distance in m between where the calibrated arm is and
+    where it was to be.
+    """
     urdf = calibration_as_urdf(calibration)[0]
     tool = f"{robot.source.description.kinematics.tool_frame}_calibrated"
     nominal = Arm(robot.source.urdf_text, robot)
@@ -324,7 +341,8 @@ def corrected(calibration: Path, program: Path, output: Path) -> tuple[float, fl
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 50_000
     print(
-        "| language | targets | changed | seconds | processor seconds | MiB | largest error left, µm |"
+        "| language | targets | changed | seconds | processor seconds | MiB | largest "
+        "error left, µm |"
     )
     print("|---|---|---|---|---|---|---|")
     for program_format in PROGRAM_FORMATS:
@@ -343,7 +361,8 @@ def main() -> None:
         changed = sum(not np.array_equal(one, other) for one, other in pairs)
         error = largest_error(robot, calibration, text, after, program_format)
         print(
-            f"| {program_format} | {count} | {changed} | {seconds:.1f} | {cpu:.1f} | {mib:.0f} | {error * 1e6:.2f} |"
+            f"| {program_format} | {count} | {changed} | {seconds:.1f} | {cpu:.1f} | {mib:.0f} | "
+            f"{error * 1e6:.2f} |"
         )
 
 

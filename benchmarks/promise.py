@@ -3,8 +3,8 @@
 Run: python benchmarks/promise.py [--json] [--quick]
 
 Every calibration is made from 100 configurations over the whole joint range of a robot with every
-kind of error (`--errors all`): the complete model, and a network on the nominal robot. Judged is what
-the calibrated model says at fresh rows of the whole range. docs/numerics.md shows the tables.
+kind of error (`--errors all`): the complete model, and a network on the nominal robot. Judged is
+what the calibrated model says at fresh rows of the whole range. docs/numerics.md shows the tables.
 """
 
 import os
@@ -23,14 +23,14 @@ from calibtool.compensation.jumps import CorrectionPath
 from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.solve import Compensation, Method, compensate_joints
 from calibtool.compensation.status import OK, OUT_OF_LIMITS, UNCORRECTED
-from calibtool.compensation.weighed import Task, weighted_error
+from calibtool.compensation.weighted_error import Task, weighted_error
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 Table = list[list[str]]  # a header and rows
@@ -57,7 +57,7 @@ def calibrated(name: str, base: str) -> Calibration:
     return (
         identify(data, base)
         if base == "complete"
-        else train(data, base, TrainingOptions(restarts=1))
+        else train(data, base, TrainingOptions(regularisation="early-stopping", restarts=1))
     )
 
 

@@ -1,7 +1,8 @@
 """The public real sets in ../shared/real (see data/README.md): errors on rows that no fit has seen.
 
-Run: python benchmarks/real.py [FOLDER]. UR5: trained on random grid rows, judged on the 20 random poses, 10 draws.
-UR10: trained on 1,000 random rows, judged on the other 495, 5 draws; and with repeated configurations on one side of it.
+Run: python benchmarks/real.py [FOLDER]. UR5: trained on random grid rows, judged on the 20 random
+poses, 10 draws. UR10: trained on 1,000 random rows, judged on the other 495, 5 draws; and with
+repeated configurations on one side of it.
 """
 
 import sys

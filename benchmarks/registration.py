@@ -1,11 +1,14 @@
-"""Registration from anywhere: 1,000 instruments at random poses and 1,000 random starts, one answer each time.
+"""Registration from anywhere: 1,000 instruments at random poses and 1,000 random starts, one
+answer each time.
 
-Run: python benchmarks/registration.py [RUNS]. Robots with errors of every kind and 0.05 mm of noise, 40 configurations; the
-instrument within 5 m in any orientation, the targets (or the sensor of a 6-D instrument) anywhere within 1 m of the tool.
-Columns: starts that end in the answer when handed to `register`; the largest distance of their answers from the first one;
-starts that would end there alone (the search from that rotation only; for a 6-D instrument the refinement from that set-up),
-which is why the program does not rely on one start; set-ups found where they really are (within 0.03, robot errors
-included); the residual before any calibration. Then circle fits of joints 1 and 2 (10 rows each) against the true frame.
+Run: python benchmarks/registration.py [RUNS]. Robots with errors of every kind and 0.05 mm of
+noise, 40 configurations; the instrument within 5 m in any orientation, the targets (or the sensor
+of a 6-D instrument) anywhere within 1 m of the tool. Columns: starts that end in the answer when
+handed to `register`; the largest distance of their answers from the first one; starts that would
+end there alone (the search from that rotation only; for a 6-D instrument the refinement from that
+set-up), which is why the program does not rely on one start; set-ups found where they really are
+(within 0.03, robot errors included); the residual before any calibration. Then circle fits of
+joints 1 and 2 (10 rows each) against the true frame.
 """
 
 import sys
@@ -78,7 +81,8 @@ def apart(a: Setup, b: Setup) -> float:
 def main() -> None:
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
     print(
-        "| robot | instrument | same answer | largest difference m | start alone | set-ups found | nominal mm rms |"
+        "| robot | instrument | same answer | largest difference m | start alone | set-ups found | "
+        "nominal mm rms |"
     )
     print("|---|---|---|---|---|---|---|")
     for name in ("fanuc-m1000ia", "ur5"):
@@ -98,7 +102,8 @@ def main() -> None:
                 start = random_setup(kind, rng)
                 differences.append(apart(register(measurements, start=start), answer))
                 lonely += apart(alone(measurements, start, poses), answer) < 1e-6
-                # The same robot, seen by an instrument elsewhere: the frame is the true one but for the robot's errors.
+                # The same robot, seen by an instrument elsewhere: the frame is the true one but for
+                # the robot's errors.
                 elsewhere = register(measured(actual, start, q, rng))
                 off = inverse(elsewhere.T_instrument_base) @ start.T_instrument_base
                 found += bool(np.abs(off - np.eye(4)).max() < 0.03)
@@ -106,12 +111,13 @@ def main() -> None:
             rms = float(np.sqrt((left**2).sum() / (len(q) * len(answer.targets))))
             same = sum(difference < 1e-6 for difference in differences)
             print(
-                f"| {name} | {kind} | {same} of {runs} | {max(differences):.1e} | {lonely} of {runs} | "
-                f"{found} of {runs} | {rms * 1e3:.3f} |",
+                f"| {name} | {kind} | {same} of {runs} | {max(differences):.1e} | "
+                f"{lonely} of {runs} | {found} of {runs} | {rms * 1e3:.3f} |",
                 flush=True,
             )
     print(
-        "\n| robot | circles: direction of joint 1 mrad, median (max) | circles: base mm, median (max) |\n|---|---|---|"
+        "\n| robot | circles: direction of joint 1 mrad, median (max) | circles: base mm, median "
+        "(max) |\n|---|---|---|"
     )
     for name in ("fanuc-m1000ia", "ur5"):
         robot = load_robot(name)

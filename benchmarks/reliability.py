@@ -1,14 +1,18 @@
-"""Everything that is tried to break calibtool, and the pages that say so: docs/reliability.md and docs/numerics.md.
+"""All attempts to break calibtool, and the pages about them: docs/reliability.md, docs/numerics.md.
 
-Run: python benchmarks/reliability.py [--workers N] [--resume] [--peers PYTHON]   hours of one CPU; goes on with --resume
-     python benchmarks/reliability.py --inputs 5000 --tries 10                     less of everything; --resume makes it more
-     python benchmarks/reliability.py --quick                                      minutes; the pages go to stdout
-     python benchmarks/reliability.py --page                                       the pages again, nothing is run
+Run: python benchmarks/reliability.py [--workers N] [--resume] [--peers PYTHON]
+         takes hours of one CPU; goes on with --resume
+     python benchmarks/reliability.py --inputs 5000 --tries 10
+         less of everything; --resume makes it more
+     python benchmarks/reliability.py --quick
+         takes minutes; the pages go to stdout
+     python benchmarks/reliability.py --page
+         the pages again, nothing is run
 
 Coverage-guided fuzzing needs atheris (pip install atheris) and is left as it was without it.
-Every part (a reader, a writing command, the laws, the numerics) is a process of its own; its figures are kept in
-benchmarks/pages/figures.json as soon as it ends. The side-by-side tables are those of docs/peers.md, measured again with
---peers PYTHON (see benchmarks/peers/README.md).
+Every part (a reader, a writing command, the laws, the numerics) is a process of its own; its
+figures are kept in benchmarks/pages/figures.json as soon as it ends. The side-by-side tables are
+those of docs/peers.md, measured again with --peers PYTHON (see benchmarks/peers/README.md).
 """
 
 import argparse
@@ -44,7 +48,9 @@ Figures = dict[
 
 @dataclass(frozen=True)
 class Part:
-    """A process of its own: its command, and how much it tries, to know whether it was done already."""
+    """A process of its own: its command, and how much it tries, to know whether it
+    was done already.
+    """
 
     command: list[str]
     amount: int
@@ -74,7 +80,10 @@ def parts(inputs: int, tries: int, seconds: int, thorough: bool) -> dict[str, Pa
 
 
 def performed(part: Part) -> dict[str, Any]:
-    """The figures of a part. CalledProcessError if it failed by itself, which findings do not make it do."""
+    """The figures of a part.
+
+    CalledProcessError if it failed by itself, which findings do not make it do.
+    """
     words = [sys.executable, str(HERE / part.command[0]), *part.command[1:], "--json"]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True, env=environment)

@@ -1,11 +1,13 @@
-"""Every carried robot with every kind of error: how much of it a calibration from 60 configurations takes away.
+"""Every built-in robot with every kind of error: how much of it a calibration from 60
+configurations takes away.
 
 Run: python benchmarks/robots.py [--seeds 5] [--configurations 60] [--robots ur5,panda].
-Geometric, gear, gravity, backlash and thermal errors of the default sizes, 0.05 mm noise, the complete model with a
-Bayesian network (the default of `train`), 300 fresh configurations. Mean position error of the part that the joints can
-correct. Backlash takes the direction of each joint's last motion, which rows in the order of motion tell: the column
-`backlash` is the mean position error that it makes alone in percent of the nominal robot's, `without backlash` the
-reduction on the same robot when it has none. Median (worst) of the seeds.
+Geometric, gear, gravity, backlash and thermal errors of the default sizes, 0.05 mm noise, the
+complete model with a Bayesian network (the default of `train`), 300 fresh configurations. Mean
+position error of the part that the joints can correct. Backlash takes the direction of each joint's
+last motion, which rows in the order of motion tell: the column `backlash` is the mean position
+error that it makes alone in percent of the nominal robot's, `without backlash` the reduction on the
+same robot when it has none. Median (worst) of the seeds.
 """
 
 import os
@@ -26,7 +28,7 @@ from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 BAYES = TrainingOptions(regularisation="bayes")
 WITHOUT_BACKLASH = tuple(kind for kind in ERROR_KINDS if kind != "backlash")
@@ -69,7 +71,9 @@ def trial(
     seed: int,
     kinds: tuple[str, ...],
 ) -> tuple[float, float, float, float]:
-    """Mean position error before and after, that of backlash alone, and what no joint can correct, mm."""
+    """Mean position error before and after, that of backlash alone, and what no joint
+    can correct, mm.
+    """
     basis = Simulation(
         seed=seed, configurations=configurations, workspace=workspace, scales=ErrorScales(kinds)
     )
@@ -77,7 +81,9 @@ def trial(
     assert measurements.truth is not None
     fresh = simulate(robot, replace(basis, configurations=300, same_robot=measurements.truth))
     evaluation = evaluate([("complete", train(measurements, "complete", BAYES))], fresh)
-    nominal, complete = (1e3 * part.position_size.mean() for part in evaluation.correctable)
+    nominal, complete = (
+        1e3 * result.correctable.position_size.mean() for result in evaluation.results
+    )
     actual = measurements.truth.actual
     still = replace(actual, errors=actual.errors.without("backlash"))
     moved = actual.forward(fresh.q)[:, :3, 3] - still.forward(fresh.q)[:, :3, 3]
@@ -93,7 +99,8 @@ def main() -> None:
     parser.add_argument("--robots", default=",".join(robot_names()))
     options = parser.parse_args()
     print(
-        "| robot | workspace | nominal mm | left mm | uncorrectable mm | backlash % | reduction % | without backlash % |"
+        "| robot | workspace | nominal mm | left mm | uncorrectable mm | backlash % | reduction % "
+        "| without backlash % |"
     )
     print("|---|---|---|---|---|---|---|---|")
     for name in options.robots.split(","):

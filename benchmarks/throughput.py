@@ -1,8 +1,9 @@
 """Rows per second and memory of `calibtool compensate` through the command line, CSV in and out.
 
-Run: python benchmarks/throughput.py [--rows 1000000]. fanuc-m1000ia, joint rows of the default workspace; one process, one
-thread. Start-up (about half a second) counts; CPU seconds are user and system time, which other programs on the machine
-disturb less. Bytecode is kept, as an installation does.
+Run: python benchmarks/throughput.py [--rows 1000000]. fanuc-m1000ia, joint rows of the default
+workspace; one process, one thread. Start-up (about half a second) counts; CPU seconds are user
+and system time, which other programs on the machine disturb less. Bytecode is kept, as an
+installation does.
 """
 
 import argparse
@@ -64,7 +65,8 @@ def main() -> None:
             measurements,
         )
         print(
-            "| calibration | method | rows/s, wall | rows/s, CPU | peak memory |\n|---|---|---|---|---|"
+            "| calibration | method | rows/s, wall | rows/s, CPU | peak memory |\n"
+            "|---|---|---|---|---|"
         )
         for base in ("nominal", "complete"):
             calibration = str(Path(folder, f"{base}.h5"))
@@ -75,7 +77,8 @@ def main() -> None:
                 )
                 name = "network on nominal" if base == "nominal" else "complete"
                 print(
-                    f"| {name} | {method} | {count / wall:,.0f} | {count / cpu:,.0f} | {peak:.0f} MiB |",
+                    f"| {name} | {method} | {count / wall:,.0f} | {count / cpu:,.0f} | "
+                    f"{peak:.0f} MiB |",
                     flush=True,
                 )
 

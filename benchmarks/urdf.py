@@ -1,10 +1,11 @@
-"""The calibrated URDF against the best that any URDF can do, for every carried robot.
+"""The calibrated URDF against the best that any URDF can do, for every built-in robot.
 
 Run: python benchmarks/urdf.py [--seeds 3] [--configurations 60] [--robots ur5,panda].
-Every kind of error, 0.05 mm noise, the complete model from 60 configurations of the workspace. Mean
-position and orientation errors against the actual robot at 2,000 fresh configurations: of the drawing
-(`nominal`), of the complete model itself, of the exported URDF, read again, and of the best URDF, fitted
-to the actual robot at these very configurations. `of the best`: URDF over best URDF. Worst seed.
+Every kind of error, 0.05 mm noise, the complete model from 60 configurations of the workspace.
+Mean position and orientation errors against the actual robot at 2,000 fresh configurations: of the
+drawing (`nominal`), of the complete model itself, of the exported URDF, read again, and of the
+best URDF, fitted to the actual robot at these very configurations. `of the best`: URDF over best
+URDF. Worst seed.
 """
 
 import os
@@ -26,7 +27,7 @@ from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
 
 FRESH = 2000
@@ -76,7 +77,8 @@ def main() -> None:
     parser.add_argument("--robots", default=",".join(robot_names()))
     options = parser.parse_args()
     print(
-        "| robot | workspace | nominal | complete | URDF | best URDF | of the best, mm | of the best, mrad |"
+        "| robot | workspace | nominal | complete | URDF | best URDF | of the best, mm | of "
+        "the best, mrad |"
     )
     print("|---|---|---|---|---|---|---|---|")
     worst = np.zeros(2)
@@ -94,7 +96,8 @@ def main() -> None:
                 f"{position:.3f} mm, {turn:.2f} mrad" for position, turn in trials[seed]
             )
             print(
-                f"| {name} | {workspace_name} | {cells} | {' | '.join(f'{s:.2f}' for s in shares.max(axis=0))} |"
+                f"| {name} | {workspace_name} | {cells} | "
+                f"{' | '.join(f'{s:.2f}' for s in shares.max(axis=0))} |"
             )
             worse = [found for found in trials if (found[2] > found[0]).any()]
             for found in worse:

@@ -1,4 +1,4 @@
-"""The entry point: says at once what is being done, then loads the command line, which takes longer."""
+"""The entry point: prints what is being done, then loads the command line, which takes longer."""
 
 import sys  # and nothing else before main: Ctrl-C meets Python's own handler until then
 
@@ -21,7 +21,9 @@ DOING = {
 
 
 def first_line(arguments: list[str]) -> str | None:
-    """What is said on a terminal before anything is imported: `training on measurements.h5 …`."""
+    """Line that is printed on a terminal before anything is imported: `training on
+    measurements.h5 …`.
+    """
     words = [word for word in arguments if word not in ("-v", "--verbose", "--debug")]
     if not words or words[0] not in DOING or {"-q", "--quiet", "-h", "--help"} & set(words):
         return None
@@ -34,7 +36,7 @@ def first_line(arguments: list[str]) -> str | None:
 
 
 def _without_traceback(kind: type[BaseException], error: BaseException, trace: object) -> None:
-    """Ctrl-C before the command line is loaded: Python ends by the signal, and has nothing to say."""
+    """Ctrl-C before the command line is loaded: Python ends by the signal, without output."""
     if not issubclass(kind, KeyboardInterrupt):
         sys.__excepthook__(kind, error, trace)  # type: ignore[arg-type]
 

@@ -1,4 +1,4 @@
-"""The main job from end to end, with the paper's settings, on the carried FANUC M-1000iA."""
+"""The main job from end to end, with the paper's settings, on the built-in FANUC M-1000iA."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +17,7 @@ from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.storage import to_bytes
 from calibtool.tables import format_table
 
@@ -31,7 +31,8 @@ Write = Callable[[str, bytes | str], None]
 def run_demo(
     seed: int, provenance: dict[str, str], write: Write, report: Callable[[str], None]
 ) -> dict[str, object]:
-    """Simulate, identify, train, evaluate and report on fresh configurations, compensate a line, export; the evaluation.
+    """Simulate, identify, train, evaluate and report on fresh configurations, compensate a line,
+    export; the evaluation.
 
     `write` receives every file by name, `report` a line before every step.
     """
@@ -56,13 +57,14 @@ def run_demo(
 
     report("identify   local POE formula (Eq. 11)")
     report(
-        "train      network on the nominal robot (the paper); complete model, network where it helps"
+        "train      network on the nominal robot (the paper); complete model, network "
+        "where it helps"
     )
     options = TrainingOptions(seed=seed)
     calibrations: list[tuple[str, Calibration]] = [
         ("paper", train(measurements, "nominal", options)),
         ("local-poe", identify(measurements, "local-poe")),
-        ("complete", train(measurements, "complete", replace(options, regularisation="bayes"))),
+        ("complete", train(measurements, options=options)),
     ]
     calibrations = [
         (name, replace(calibration, provenance=provenance)) for name, calibration in calibrations
@@ -98,7 +100,9 @@ def run_demo(
 
 
 def _straight_line(robot: Robot) -> str:
-    """100 poses along y through the middle of the workspace, with the tool held still: a CSV of poses."""
+    """100 poses along y through the middle of the workspace, with the tool held
+    still: a CSV of poses.
+    """
     workspace = robot.workspace(None)[1]
     T = robot.mechanism.forward(robot.home(workspace)[None])[0]
     quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)

@@ -1,4 +1,7 @@
-"""Every failure that a user can meet, with its exit code. A message is one line: place, what is wrong, remedy."""
+"""Every failure that a user can meet, with its exit code.
+
+A message is one line: place, what is wrong, remedy.
+"""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -6,7 +9,9 @@ from math import inf
 
 
 def printable(text: str) -> str:
-    """The text with escapes for what is no printable character: words of a file must not move a terminal's cursor."""
+    """The text with escapes for what is no printable character: words of a file must not move a
+    terminal's cursor.
+    """
     if text.isprintable():
         return text
     return "".join(
@@ -15,7 +20,10 @@ def printable(text: str) -> str:
 
 
 class CalibtoolError(Exception):
-    """Root of all failures that calibtool foresees. The message is made one line of printable characters."""
+    """Root of all failures that calibtool foresees.
+
+    The message is made one line of printable characters.
+    """
 
     exit_code = 1
 
@@ -48,7 +56,9 @@ class AcceptanceError(CalibtoolError):
 
 
 def near_names(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: the near names (upper and lower case alike), or all when none is near."""
+    """The end of a message about an unknown name: the near names (upper and lower case alike), or
+    all when none is near.
+    """
     names = list(known)
     folded = [other.casefold() for other in names]
     if name.casefold() in folded:

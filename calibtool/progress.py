@@ -7,11 +7,14 @@ T = TypeVar("T")
 
 
 class Progress(Protocol):
-    """A callback of long loops: gives back the items it gets; `what` says what they are. `tqdm.tqdm` is one."""
+    """A callback of long loops: gives back the items it gets; `what` says what they are.
+
+    `tqdm.tqdm` is one.
+    """
 
     def __call__(self, items: Iterable[T], what: str, /) -> Iterable[T]: ...
 
 
 def silent(items: Iterable[T], what: str, /) -> Iterable[T]:
-    """The default: nobody looks on."""
+    """The default: progress is not shown."""
     return items

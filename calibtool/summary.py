@@ -1,18 +1,17 @@
-"""What a robot or a file holds, as plain dictionaries: the JSON of `robots` and `info`, and their text."""
+"""Contents of a robot or a file as dictionaries: JSON and text of `robots` and `info`."""
 
 import numpy as np
 
 from calibtool.calibration import Calibration
+from calibtool.calibration.fit_summary import loss_reduction
 from calibtool.calibration.frame_report import frame_report
 from calibtool.calibration.learning_curve import LearningCurve
 from calibtool.equivalent.joints import equivalent_robot
-from calibtool.equivalent.training import TrainingReport
-from calibtool.identification.model import Identification, Posterior
+from calibtool.identification.identification import Posterior
 from calibtool.identification.report import parameter_rows, strongest_correlations
-from calibtool.measurement.checks import design_findings
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.robot.coupling import coupling_text
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log6
 
 
@@ -28,12 +27,14 @@ def robot_entry(robot: Robot) -> dict[str, object]:
 
 
 def robot_summary(robot: Robot) -> dict[str, object]:
-    """Joints with limits and axes, targets, workspaces, virtual joints and notes; units in the keys."""
+    """Joints with limits and axes, targets, workspaces, virtual joints and notes;
+    units in the keys.
+    """
     description = robot.source.description
     home = robot.mechanism.forward(robot.home(robot.workspace(None)[1])[None])[0]
     joints = []
     for j, prismatic in enumerate(robot.prismatic):
-        factor, unit = (1e3, "mm") if prismatic else (180.0 / np.pi, "deg")
+        factor, unit = robot.display_unit(j)
         twist = robot.chain.twists[j]
         joints.append(
             {
@@ -112,7 +113,7 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         base_summary["flagged"] = {
             "configurations": [int(row) + 1 for row in flagged.rows],
             "residual_mm": [float(f"{v * 1e3:.6g}") for v in flagged.position],
-            "standard_deviations": [float(f"{v:.6g}") for v in flagged.size],
+            "standard_deviations": [float(f"{v:.6g}") for v in flagged.deviation],
             "cluster": flagged.cluster,
             "dropped": flagged.dropped,
         }
@@ -136,7 +137,7 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
             "restarts": len(training.restart_losses),
             "iterations": training.history.chosen,
             "stopped": training.history.reason,
-            "loss_reduction_percent": _loss_reduction(training),
+            "loss_reduction_percent": loss_reduction(training),
         }
     return {
         "kind": "calibration",
@@ -149,115 +150,6 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         "registration": _setup_summary(calibration.setup),
         "frame": None if (report := frame_report(calibration)) is None else report.as_json(),
     }
-
-
-def calibration_lines(calibration: Calibration) -> list[str]:
-    """A few lines for people: what was determined, how well it fits, what is suspicious, whether the network helps."""
-    base, training = calibration.base, calibration.training
-    noise = f"stated noise {calibration.noise_position * 1e3:.3g} mm"
-    fit = f"residual {base.residual_rms[0] * 1e3:.3g} mm rms per coordinate, {noise}"
-    if base.residual_rms[1] is not None:
-        fit += f"; {base.residual_rms[1] * 1e3:.3g} mrad, stated {calibration.noise_orientation * 1e3:.3g}"
-    result = [
-        f"{base.model}: {calibration.robot.name}, {calibration.configurations} configurations, {fit}"
-    ]
-    if base.posterior is not None:
-        result += _complete_lines(calibration)
-    elif base.model == "local-poe":
-        result += _rank_lines(base)
-    report = frame_report(calibration)
-    result += [] if report is None else report.lines()
-    result += [str(finding) for finding in design_findings(calibration.robot, calibration.q)]
-    if base.flagged is not None and len(base.flagged.rows):
-        result += _flagged_lines(calibration)
-    validation = calibration.validation
-    if validation is not None:
-        verdict = f"cross-validated gain {validation}"
-        members = (
-            "" if training is None else f"{training.effective:.1f} effective weights of a member"
-        )
-        used = (
-            f"{len(calibration.networks)} members, {members}"
-            if calibration.networks
-            else "not used"
-        )
-        result.append(f"network: {used} ({verdict})")
-    elif training is not None:
-        gain = _loss_reduction(training)
-        judged = "validation" if len(training.validation_rows) else "training"
-        if calibration.network is None:
-            result.append(f"network: not used, it does not lower the {judged} loss ({gain:+.1f} %)")
-        else:
-            result.append(
-                f"network: {training.hidden} hidden nodes, {training.loss} loss, {training.optimiser}, iteration "
-                f"{training.history.chosen}, {judged} loss {-gain:+.1f} %"
-            )
-    return result
-
-
-def _rank_lines(base: Identification) -> list[str]:
-    result = []
-    if base.parameters:
-        kept = base.singular_values[: base.rank]
-        result.append(
-            f"rank {base.rank} of {base.parameters} parameters ({base.observable_rank} could be determined), "
-            f"singular values {kept[-1]:.3g} to {kept[0]:.3g}, {base.iterations} iterations"
-        )
-    if base.unobservable:
-        missing = base.observable_rank - base.rank
-        result.append(
-            f"warning: {missing} directions are not observable from these configurations, such as {base.unobservable[0]}"
-        )
-    return result
-
-
-def _complete_lines(calibration: Calibration) -> list[str]:
-    base = calibration.base
-    posterior = base.posterior
-    assert posterior is not None
-    parameters = posterior.parameters
-    told = [
-        part.family.told(calibration.robot, base.errors[part.family.id], part.free)
-        for part in parameters.parts
-        if not part.family.always
-    ]
-    functions = ", ".join(told) or "geometry alone"
-    estimated = posterior.noise_factor * calibration.noise_position * 1e3
-    result = [
-        f"{posterior.effective:.1f} of {base.observable_rank} directions determined ({parameters.count} parameters), "
-        f"{functions}, estimated noise {estimated:.3g} mm, {base.iterations} iterations"
-    ]
-    if not 0.5 <= posterior.noise_factor <= 2.0:
-        result.append(
-            f"warning: the residuals say {estimated:.3g} mm of noise, stated are {calibration.noise_position * 1e3:.3g} mm: "
-            "either the statement is wrong or the robot does what the model cannot describe"
-        )
-    if base.unobservable:
-        names = ", ".join(base.unobservable[:6]) + (" …" if len(base.unobservable) > 6 else "")
-        result.append(
-            f"{len(base.unobservable)} parameters stay at their tolerance (not observable here): {names}"
-        )
-    return result
-
-
-def _flagged_lines(calibration: Calibration) -> list[str]:
-    flagged = calibration.base.flagged
-    assert flagged is not None
-    done = (
-        "left out"
-        if flagged.dropped
-        else "kept; --loss-function cauchy lowers their weight, --drop-flagged leaves them out"
-    )
-    count = len(flagged.rows)
-    result = [f"warning: {count} {'row does' if count == 1 else 'rows do'} not fit ({done})"]
-    order = np.argsort(-flagged.size)[:5]
-    result += [
-        f"  configuration {flagged.rows[k] + 1}: {flagged.position[k] * 1e3:.3g} mm, {flagged.size[k]:.1f} times the noise"
-        for k in order
-    ]
-    if flagged.cluster:
-        result.append(f"  {flagged.cluster}")
-    return result
 
 
 def _posterior_summary(calibration: Calibration, posterior: Posterior) -> dict[str, object]:
@@ -286,12 +178,6 @@ def _posterior_summary(calibration: Calibration, posterior: Posterior) -> dict[s
             for a, b, value in strongest_correlations(posterior)
         ],
     }
-
-
-def _loss_reduction(training: TrainingReport) -> float:
-    """Reduction of the loss by the best network, in percent."""
-    without = training.loss_without
-    return 100.0 * (1.0 - float(training.restart_losses.min()) / without) if without > 0 else 0.0
 
 
 def learning_curve_summary(curve: LearningCurve) -> dict[str, object]:

@@ -1,4 +1,6 @@
-"""Tables with units in their headers: reading text into rows, rows into numbers, and messages that name line and column."""
+"""Tables with units in their headers: reading text into rows, rows into numbers, and messages that
+name line and column.
+"""
 
 import csv
 import io
@@ -12,7 +14,7 @@ import numpy as np
 
 from calibtool.errors import InputError, near_names
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST, TO_SI, joint_and_factor, joint_column, without_values
 
@@ -24,7 +26,9 @@ LONG_LINE = 100_000  # characters; csv refuses cells a little longer than this
 
 
 class Lines(Sequence[list[str]]):
-    """Rows of cells, split from their lines of text when they are asked for: a million rows fit in memory as text."""
+    """Rows of cells, split from their lines of text when they are asked for: a million rows fit
+    in memory as text.
+    """
 
     def __init__(self, lines: list[str], delimiter: str) -> None:
         self._lines, self._delimiter = lines, delimiter
@@ -45,7 +49,9 @@ class Lines(Sequence[list[str]]):
         return split_lines(self._lines, self._delimiter)
 
     def floats(self, rows: slice, columns: Sequence[int], decimal: str) -> Array | None:
-        """Some columns of some rows as numbers, quickly; None when a cell is no number below LARGEST (look closer then)."""
+        """Some columns of some rows as numbers, quickly; None when a cell is no number below
+        LARGEST (look closer then).
+        """
         lines = self._lines[rows]
         if decimal != ".":
             lines = [line.replace(decimal, ".") for line in lines]
@@ -69,7 +75,7 @@ class Lines(Sequence[list[str]]):
 
 
 def split_lines(lines: Iterable[str], delimiter: str) -> Iterator[list[str]]:
-    """Stripped cells of lines; blanks separate without leaving empty cells, other delimiters respect quotes."""
+    """Stripped cells of lines; blanks give no empty cells, other delimiters respect quotes."""
     if delimiter == " ":
         return (line.split() for line in lines)
     return ([cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter))
@@ -99,7 +105,10 @@ class Table:
         return self.header.index(column)
 
     def numbers(self, columns: Sequence[str]) -> Array:
-        """The named columns as numbers, (N, len(columns)). InputError names the first bad cell by line and column."""
+        """The named columns as numbers, (N, len(columns)).
+
+        InputError names the first bad cell by line and column.
+        """
         return self._numbers(columns, optional=False)
 
     def optional_numbers(self, columns: Sequence[str]) -> Array:
@@ -179,7 +188,8 @@ class Table:
                 if not finite:
                     holds = f"holds '{text}'" if text.strip() else "is empty"
                     return InputError(
-                        f"{self.place(int(rows[row]))}: column '{column}' {holds}; expected a number"
+                        f"{self.place(int(rows[row]))}: column '{column}' {holds}; "
+                        "expected a number"
                     )
         return InputError(f"{self.name}: a cell is not a number")
 
@@ -187,11 +197,12 @@ class Table:
 def parse_table(
     text: str, name: str, delimiter: str | None = None, decimal: str | None = None
 ) -> Table:
-    """A table from text with one header line; empty lines are skipped, a byte order mark is dropped.
+    """A table from text with one header line; empty lines are skipped, a byte order
+    mark is dropped.
 
-    delimiter: found in the header (tab, semicolon, comma, otherwise blanks) unless given. decimal: '.' or ','; a comma is
-    recognised only where it is not the delimiter. Raises InputError for an empty table, a repeated column or a row of
-    another length.
+    delimiter: found in the header (tab, semicolon, comma, otherwise blanks) unless given. decimal:
+    '.' or ','; a comma is recognised only where it is not the delimiter. Raises InputError for an
+    empty table, a repeated column or a row of another length.
     """
     return next(read_tables(text_lines(text), name, delimiter, decimal))
 
@@ -203,7 +214,7 @@ def read_tables(
     decimal: str | None = None,
     batch: int | None = None,
 ) -> Iterator[Table]:
-    """The same from any number of lines, as tables of `batch` rows (all of them unless given) under one header."""
+    """The same for any number of lines, as tables of `batch` rows under one header."""
     source = iter(lines)
     passed, first = 0, ""
     for line in source:
@@ -251,7 +262,7 @@ def read_tables(
 
 
 def _plain(lines: list[str], delimiter: str, columns: int) -> bool:
-    """Whether all lines are rows of as many cells, without quotes: nothing has to be looked at one by one."""
+    """Whether all lines are rows of as many cells, without quotes."""
     if (
         delimiter == " "
         or columns < 2
@@ -278,7 +289,10 @@ def check_header(header: Sequence[str], place: str) -> None:
 def _records(
     lines: Iterable[tuple[int, str]], name: str, delimiter: str
 ) -> Iterator[tuple[int, str, int]]:
-    """Number, text and number of cells of every line that is not empty. InputError for broken quotes."""
+    """Number, text and number of cells of every line that is not empty.
+
+    InputError for broken quotes.
+    """
     if delimiter == " ":
         yield from ((number, line, len(line.split())) for number, line in lines if line.strip())
         return
@@ -315,7 +329,7 @@ def number(value: float) -> str:
     return "" if np.isnan(value) else f"{value:.15g}"
 
 
-# --- joint positions ------------------------------------------------------------------------------------------------
+# --- joint positions ------------------------------------------------------------------------------
 
 
 class Joints(NamedTuple):
@@ -332,7 +346,10 @@ class Joints(NamedTuple):
 
 
 def joint_columns_of(table: Table, robot: Robot) -> list[str] | None:
-    """The header's joint columns in the order of the joints; None when it has none at all. InputError if some lack."""
+    """The header's joint columns in the order of the joints; None when it has none at all.
+
+    InputError if some lack.
+    """
     found: dict[int, str] = {}
     for column in table.header:
         plain, _ = without_values(column)
@@ -381,8 +398,8 @@ def joint_positions(
         if unit == "rad" and np.abs(q[:, j]).max() > bound:
             row = int(np.argmax(np.abs(q[:, j]) > bound))
             raise InputError(
-                f"{table.place(row)}: column '{columns[j]}' holds {q[row, j]:g} rad, which looks like degrees; "
-                f"name the column j{j + 1}_deg, or give its unit with --columns"
+                f"{table.place(row)}: column '{columns[j]}' holds {q[row, j]:g} rad, which looks "
+                f"like degrees; name the column j{j + 1}_deg, or give its unit with --columns"
             )
     return q
 
@@ -392,8 +409,8 @@ def joints_from_header(
 ) -> Joints | None:
     """Joint positions (N, n) in rad or m by the header's names; None when it has no joint columns.
 
-    joint_values: whose they are where the header does not say it. Raises UsageError where nothing
-    says it and it matters (`Robot.joint_values`), InputError for a bad header or cell.
+    joint_values: whose they are where the header does not state it. Raises UsageError where nothing
+    states it and it matters (`Robot.joint_values`), InputError for a bad header or cell.
     """
     columns = joint_columns_of(table, robot)
     if columns is None:
@@ -408,7 +425,7 @@ def unit_of(column: str) -> str:
     return column.rsplit("_", 1)[1]
 
 
-# --- poses ----------------------------------------------------------------------------------------------------------
+# --- poses ----------------------------------------------------------------------------------------
 
 _ORIENTATIONS = {
     "quaternion": ("qw", "qx", "qy", "qz"),
@@ -418,7 +435,9 @@ _ORIENTATIONS = {
 
 
 def pose_columns_of(table: Table) -> tuple[list[str], list[str]] | None:
-    """Position and orientation columns (`x_mm …`, one of the three orientation forms); None when a part is missing."""
+    """Position and orientation columns (`x_mm …`, one of the three orientation forms); None when a
+    part is missing.
+    """
     for unit in ("mm", "m"):
         position = [f"{axis}_{unit}" for axis in "xyz"]
         if all(column in table.header for column in position):
@@ -434,7 +453,9 @@ def pose_columns_of(table: Table) -> tuple[list[str], list[str]] | None:
 
 
 def poses_from_header(table: Table) -> tuple[Array, list[str]] | None:
-    """Poses (N, 4, 4) in metres and their columns by the header's names, None when the header has no complete pose."""
+    """Poses (N, 4, 4) in metres and their columns by the header's names, None when the header has
+    no complete pose.
+    """
     found = pose_columns_of(table)
     if found is None:
         return None

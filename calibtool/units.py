@@ -1,4 +1,4 @@
-"""Units at the borders: names of columns and options carry them, the inside is metres and radians."""
+"""Units at the borders: columns and options name them; inside are metres and radians."""
 
 import math
 import re
@@ -15,13 +15,13 @@ _STATED_COLUMN = re.compile(r"(j[1-9]\d{0,5})_(serial|controller)(_[a-z]+)")
 
 
 def joint_column(name: str) -> tuple[int, str] | None:
-    """Joint index (from 0) and unit of a header such as `j3_deg`; None when `name` is no joint header."""
+    """Joint index (from 0) and unit of a header such as `j3_deg`; None for others."""
     match = _JOINT_COLUMN.fullmatch(name.strip())
     return (int(match[1]) - 1, match[2]) if match else None
 
 
 def without_values(name: str) -> tuple[str, str | None]:
-    """A joint header without the word that says whose values it holds, and that word.
+    """A joint header without the word that states whose values it holds, and that word.
 
     `j3_controller_deg` is `j3_deg` and `controller`; every other name is itself and None.
     """
@@ -30,9 +30,11 @@ def without_values(name: str) -> tuple[str, str | None]:
 
 
 def joint_values(values: dict[str, float], prismatic: list[bool], place: str) -> list[float]:
-    """Values named like table columns, `{j1_deg = 10, j2_mm = 5}`, in the order of the joints, in rad or m.
+    """Values named like table columns, `{j1_deg = 10, j2_mm = 5}`, in the order of the
+    joints, in rad or m.
 
-    Raises InputError for a name that is no joint of this robot, a unit that does not fit the joint, or a missing joint.
+    Raises InputError for a name that is no joint of this robot, a unit that does not fit the joint,
+    or a missing joint.
     """
     result: dict[int, float] = {}
     for name, value in values.items():
@@ -47,12 +49,13 @@ def joint_values(values: dict[str, float], prismatic: list[bool], place: str) ->
 
 
 def joint_and_factor(name: str, prismatic: list[bool], place: str) -> tuple[int, float]:
-    """Joint index and factor to SI of a joint header, checked against the robot's joints (InputError otherwise)."""
+    """Joint index and factor to SI of a joint header; InputError if it is no joint."""
     parsed = joint_column(name)
     n = len(prismatic)
     if parsed is None:
         raise InputError(
-            f"{place}: '{name}' is no joint name; expected j1_deg … j{n}_deg (or _rad; _mm, _m if prismatic)"
+            f"{place}: '{name}' is no joint name; expected j1_deg … j{n}_deg (or _rad; _mm, "
+            "_m if prismatic)"
         )
     index, unit = parsed
     if index >= n:

@@ -1,4 +1,6 @@
-"""Writes docs/commands.md from the help of the commands: `python docs/generate.py`, or `make docs`."""
+"""Writes docs/commands.md from the help of the commands: `python
+docs/generate.py`, or `make docs`.
+"""
 
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -19,27 +21,36 @@ _NOT_SHOWN = ("help", "install_completion", "show_completion")
 
 
 def page() -> str:
-    """The whole page, from the commands themselves and not from their rendered help, which differs by version."""
+    """The whole page, from the commands themselves and not from their rendered help, which
+    differs by version.
+    """
     group: Any = get_command(app)
     links = [f"[{name}](#{name})" for name in group.commands]
     parts = [
         _INTRODUCTION,
         " ·\n".join(" · ".join(links[i : i + 6]) for i in range(0, len(links), 6)) + "\n",
-        _section("calibtool", group, str(group.help), app.registered_callback.callback),  # type: ignore[union-attr]
+        _section("calibtool", group, str(group.help), app.registered_callback.callback),
         f"\n{group.epilog}\n",
     ]
     functions = {command.name: command.callback for command in app.registered_commands}
-    parts += [_section(name, command, command.help, functions[name]) for name, command in group.commands.items()]
+    parts += [
+        _section(name, command, command.help, functions[name])
+        for name, command in group.commands.items()
+    ]
     return "".join(parts)
 
 
 def _section(name: str, command: Any, text: str, function: Any) -> str:
     paragraphs = [" ".join(part.split()) for part in text.strip().split("\n\n")]
-    examples = [part.removeprefix("Example: ") for part in paragraphs if part.startswith("Example: ")]
+    examples = [
+        part.removeprefix("Example: ") for part in paragraphs if part.startswith("Example: ")
+    ]
     lines = [f"\n## {name}", *(part for part in paragraphs if not part.startswith("Example: "))]
     lines += [f"```text\n{example}\n```" for example in examples]
     hints = get_type_hints(function)
-    rows = [_row(each, hints.get(each.name)) for each in command.params if each.name not in _NOT_SHOWN]
+    rows = [
+        _row(each, hints.get(each.name)) for each in command.params if each.name not in _NOT_SHOWN
+    ]
     table = ["| argument or option | default | |", "|---|---|---|", *rows]
     return "\n\n".join([*lines, "\n".join(table)]) + "\n"
 
@@ -47,11 +58,23 @@ def _section(name: str, command: Any, text: str, function: Any) -> str:
 def _row(parameter: Any, hint: object) -> str:
     """One line of the table: names with what they take, default, help."""
     option = parameter.param_type_name == "option"
-    names = ", ".join(f"`{name}`" for name in (*parameter.opts, *parameter.secondary_opts)) if option else ""
+    names = (
+        ", ".join(f"`{name}`" for name in (*parameter.opts, *parameter.secondary_opts))
+        if option
+        else ""
+    )
     takes = "" if "bool" in str(hint) else parameter.metavar or _takes(hint)
     default = "required" if parameter.required and option else parameter.default
-    shown = "" if default is None or default is False or isinstance(default, list | tuple) else f"{default}"
-    cells = [" ".join(filter(None, (names, f"`{takes}`" if takes else ""))), shown, str(parameter.help or "")]
+    shown = (
+        ""
+        if default is None or default is False or isinstance(default, list | tuple)
+        else f"{default}"
+    )
+    cells = [
+        " ".join(filter(None, (names, f"`{takes}`" if takes else ""))),
+        shown,
+        str(parameter.help or ""),
+    ]
     return "| " + " | ".join(" ".join(cell.split()).replace("|", r"\|") for cell in cells) + " |"
 
 

@@ -15,9 +15,10 @@ from calibtool.equivalent.training import TrainingOptions
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
-# The same cases every time; HYPOTHESIS_PROFILE=thorough draws twenty times as many, new ones every time.
+# The same cases every time; HYPOTHESIS_PROFILE=thorough draws twenty times as many, new
+# ones every time.
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.register_profile("thorough", max_examples=2000, deadline=None, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
@@ -35,7 +36,9 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_pyfunc_call() -> Generator[None, object, object]:
-    """Randomness is an argument: nothing draws from numpy's global generator, which pytest-randomly seeds."""
+    """Randomness is an argument: nothing draws from numpy's global generator, which
+    pytest-randomly seeds.
+    """
     before = np.random.get_state()[1:]  # noqa: NPY002
     result = yield
     after = np.random.get_state()[1:]  # noqa: NPY002
@@ -47,7 +50,7 @@ def pytest_pyfunc_call() -> Generator[None, object, object]:
 
 @pytest.fixture(params=ROBOTS)
 def robot(request: pytest.FixtureRequest) -> Robot:
-    """Every carried robot in turn."""
+    """Every built-in robot in turn."""
     return load_robot(request.param)
 
 

@@ -9,7 +9,9 @@ Array = NDArray[np.float64]
 
 
 def finite_differences(function: Callable[[Array], Array], x: Array, step: float = 1e-5) -> Array:
-    """Central differences of order four of `function` at x (k,), last axis = x: output shape (…, k)."""
+    """Central differences of order four of `function` at x (k,), last axis = x:
+    output shape (…, k).
+    """
     columns = []
     for i in range(len(x)):
         e = np.zeros_like(x)
@@ -28,7 +30,9 @@ def assert_derivative(
     tolerance: float = 1e-8,
     step: float = 1e-5,
 ) -> None:
-    """`derivative` (…, k) is that of `function` at x (k,), within `tolerance` of the largest element."""
+    """`derivative` (…, k) is that of `function` at x (k,), within `tolerance` of the
+    largest element.
+    """
     expected = finite_differences(function, x, step)
     assert derivative.shape == expected.shape
     scale = max(1.0, float(np.abs(expected).max()))

@@ -1,9 +1,11 @@
-"""Serial chains as data, written as URDF text: the robots of tests that draw or make up their own."""
+"""Serial chains as data, written as URDF text: the robots of tests that
+draw or make up their own.
+"""
 
 from dataclasses import dataclass
 
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LIMITS = {
@@ -40,7 +42,9 @@ class DrawnChain:
         scale: float = 1.0,
         tolerance_mm: float | None = None,
     ) -> Robot:
-        """base: xyz and rpy (6,) of the chain on a further link `world`; scale: of every length, also the tolerance."""
+        """base: xyz and rpy (6,) of the chain on a further link `world`; scale: of every length,
+        also the tolerance.
+        """
         key = f'base_frame = "{base_frame}"\n' if base_frame else ""
         limits = "".join(
             f"j{i + 1}_mm = [{-400 * scale!r}, {600 * scale!r}]\n"
@@ -49,7 +53,8 @@ class DrawnChain:
         )
         points = [[float(c) * scale for c in point] for point in self.targets_mm]
         toml = (
-            f'name = "drawn"\ntitle = "drawn"\n[kinematics]\nurdf = "robot.urdf"\ntool_frame = "{tool_name}"\n{key}'
+            'name = "drawn"\ntitle = "drawn"\n[kinematics]\nurdf = "robot.urdf"\n'
+            f'tool_frame = "{tool_name}"\n{key}'
             f"[targets]\npoints_mm = {points}\n[limits]\n{limits}"
             f"[tolerances]\nlength_mm = {scale if tolerance_mm is None else tolerance_mm!r}\n"
         )
@@ -90,7 +95,10 @@ def _joint(
     def words(values: tuple) -> str:
         return " ".join(repr(float(value)) for value in values)
 
-    parts = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{words(xyz)}" rpy="{words(rpy)}"/>'
+    parts = (
+        f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{words(xyz)}" '
+        f'rpy="{words(rpy)}"/>'
+    )
     if axis is not None:
         parts += f'<axis xyz="{words(axis)}"/>'
     if kind in LIMITS:

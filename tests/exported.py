@@ -1,4 +1,6 @@
-"""Calibrations for the tests of exports: small, quick to make, and with every part that an export may have."""
+"""Calibrations for the tests of exports: small, quick to make, and with every part that an
+export may have.
+"""
 
 from dataclasses import replace
 from functools import cache
@@ -13,7 +15,7 @@ from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
 REGULAR = (
@@ -48,9 +50,11 @@ CASES = [
 
 @cache
 def calibrated(name: str, base: str, network: bool) -> Calibration:
-    """A calibration from 60 simulated configurations; the network is a small random one where none was worth keeping.
+    """A calibration from 60 simulated configurations; the network is a small random one where none
+    was worth keeping.
 
-    `everything`: random geometric errors of all kinds, 32 harmonics per revolute joint, and wind-up under gravity.
+    `everything`: random geometric errors of all kinds, 32 harmonics per revolute joint, and
+    wind-up under gravity.
     """
     robot = load_robot(name)
     measurements = simulate(
@@ -59,7 +63,9 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     model = "nominal" if base == "nominal" else "local-poe"
     if not network:
         return identify(measurements, model)
-    calibration = train(measurements, model, TrainingOptions(restarts=2))
+    calibration = train(
+        measurements, model, TrainingOptions(regularisation="early-stopping", restarts=2)
+    )
     rng = np.random.default_rng(1)
     if calibration.network is None:
         scale = np.full(calibration.equivalent.p, 1e-3)
@@ -91,7 +97,10 @@ def anywhere(calibration: Calibration, count: int) -> Array:
 
 
 def undisturbed(calibration: Calibration, q: Array) -> np.ndarray:
-    """Rows far from singularities in which no joint is held: rounding is not magnified there. (N,) bool"""
+    """Rows far from singularities in which no joint is held: rounding is not magnified there.
+
+    (N,) bool
+    """
     proposal, _ = Linearised.at(calibration, q, None, default_bounds(calibration)).proposed()
     lower, upper = proposal.box
     inside = ((proposal.change > lower) & (proposal.change < upper)).all(axis=1) | (
@@ -101,7 +110,9 @@ def undisturbed(calibration: Calibration, q: Array) -> np.ndarray:
 
 
 def weighted_sizes(calibration: Calibration, q: Array, commanded: Array) -> Array:
-    """Size of the weighted pose error of the calibrated robot at q against the nominal one at `commanded`, rad: (N,)."""
+    """Size of the weighted pose error of the calibrated robot at q against the nominal one at
+    `commanded`, rad: (N,).
+    """
     robot = calibration.robot
     pose, aim = calibration.forward(q), robot.mechanism.forward(commanded)
     turn = Rotation.from_matrix(pose[:, :3, :3] @ np.swapaxes(aim[:, :3, :3], 1, 2)).magnitude()

@@ -1,4 +1,6 @@
-"""What a stranger makes of an exported JSON file: its `formula` in numpy and scipy, nothing of calibtool."""
+"""What a stranger makes of an exported JSON file: its `formula` in numpy and scipy,
+nothing of calibtool.
+"""
 
 import numpy as np
 from scipy.linalg import expm

@@ -1,11 +1,13 @@
-"""The plain product of exponentials (Eq. 7) by scipy's matrix exponential: an independent way to every frame of a chain."""
+"""The plain product of exponentials (Eq. 7) by scipy's matrix exponential: an independent way to
+every frame of a chain.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import expm
 
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 
@@ -19,7 +21,9 @@ class PlainFrames:
 
 
 def poe_frames(placements: Array, twists: Array, q: Array) -> PlainFrames:
-    """T(q) = Π_j M_j exp(ξ_j q_j) · M_{n+1} with every frame on the way, with nothing of the package in it."""
+    """T(q) = Π_j M_j exp(ξ_j q_j) · M_{n+1} with every frame on the way, with nothing of
+    the package in it.
+    """
     vx, vy, vz, wx, wy, wz = np.moveaxis(twists, -1, 0)
     o = np.zeros(len(twists))
     hats = np.array([[o, -wz, wy, vx], [wz, o, -wx, vy], [-wy, wx, o, vz], [o, o, o, o]])

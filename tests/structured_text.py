@@ -1,6 +1,7 @@
-"""Structured Text as Python: an independent way to run an exported function block. Only what such blocks use.
+"""Structured Text as Python: an independent way to run an exported function block.
 
-Assignments, IF, FOR with BY, RETURN, arrays from 1 (indices are checked, which Python alone would not do), REAL and LREAL.
+Only what such blocks use. Assignments, IF, FOR with BY, RETURN, arrays from 1 (indices are checked,
+which Python alone would not do), REAL and LREAL.
 """
 
 import math
@@ -12,8 +13,11 @@ from typing import Any
 
 import numpy as np
 
-_TOKEN = re.compile(r"\(\*.*?\*\)|\s+|(?P<number>\d+\.\d+(?:[eE][+-]?\d+)?)|(?P<whole>\d+)|(?P<word>[A-Za-z_]\w*)|"
-                    r"(?P<sign>:=|\.\.|<=|>=|<>|[-+*/()\[\],;:<>=])", re.DOTALL)  # fmt: skip
+_TOKEN = re.compile(
+    r"\(\*.*?\*\)|\s+|(?P<number>\d+\.\d+(?:[eE][+-]?\d+)?)|(?P<whole>\d+)"
+    r"|(?P<word>[A-Za-z_]\w*)|(?P<sign>:=|\.\.|<=|>=|<>|[-+*/()\[\],;:<>=])",
+    re.DOTALL,
+)
 _OPERATORS = {"=": "==", "<>": "!=", "AND": " and ", "OR": " or ", "NOT": " not "}
 _FUNCTIONS = {
     "ABS": abs,
@@ -43,7 +47,9 @@ class Grid(dict[Any, Any]):
 
 
 class FunctionBlock:
-    """One instance: call it with q, and read q_corrected and status; variables keep their values between calls."""
+    """One instance: call it with q, and read q_corrected and status; variables keep their
+    values between calls.
+    """
 
     def __init__(self, text: str) -> None:
         self.tokens = deque(_tokens(text))
@@ -171,7 +177,9 @@ class FunctionBlock:
             lines.append(f"{pad}pass")
 
     def _expression(self, *ends: str, first: str | None = None) -> str:
-        """Tokens up to one of `ends`; operators bind as in Python, but for NOT, which stands before a bracket only."""
+        """Tokens up to one of `ends`; operators bind as in Python, but for NOT, which stands
+        before a bracket only.
+        """
         parts = []
         token = first or self._next()
         while token not in ends:

@@ -1,4 +1,6 @@
-"""The actual robot of a simulation: every effect is what its formula says, of its stated size, and switched on alone."""
+"""The actual robot of a simulation: every effect is what its formula says, of its stated size, and
+switched on alone.
+"""
 
 from dataclasses import replace
 
@@ -8,16 +10,16 @@ from derivatives import assert_derivative, finite_differences
 from poe import expm_chain, poe_frames, random_positions
 
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
-from calibtool.errormodel.conditions import REFERENCE_C
 from calibtool.errormodel.families import ERROR_KINDS, FAMILIES
 from calibtool.errormodel.family import Rows, offset_columns
+from calibtool.errormodel.operating_conditions import REFERENCE_C
 from calibtool.errormodel.placements import placement_columns
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.temperature import STEEL_EXPANSION
 from calibtool.errormodel.twists import twist_columns
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.gravity import gravity_torque
-from calibtool.robot.model import Robot
+from calibtool.robot.gravity_torque import gravity_torque
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, relative_error
 
 
@@ -182,7 +184,9 @@ def test_gear_errors_have_the_stated_spread_and_slides_have_no_gears(
 
 
 def potential_energy(robot: Robot, q: Array) -> float:
-    """Σ m g h over the links, J; for a URDF without masses of uniform links of 1 kg/m from joint to joint."""
+    """Σ m g h over the links, J; for a URDF without masses of uniform links of 1 kg/m
+    from joint to joint.
+    """
     after = poe_frames(robot.chain.placements, robot.chain.twists, q[None]).after[0]
     inertias = list(robot.chain.model.inertias)[1:]
     weightless = sum(inertia.mass for inertia in inertias) == 0
@@ -317,7 +321,8 @@ def test_ten_kelvin_on_a_metre_of_steel_are_an_eighth_of_a_millimetre(fanuc: Rob
 
 
 def test_heat_and_geometric_errors_multiply(fanuc: Robot, rng: np.random.Generator) -> None:
-    # M grown, then exp6(δζ): relative to the cold robot every placement is the growth in front of the same error.
+    # M grown, then exp6(δζ): relative to the cold robot every placement is the growth in front
+    # of the same error.
     both, cold = actual(fanuc, "geometric", "thermal"), actual(fanuc, "geometric")
     grown = fanuc.chain.placements.copy()
     grown[:, :3, 3] *= 1 + 10.0 * STEEL_EXPANSION

@@ -1,4 +1,6 @@
-"""The house: rooms import earlier rooms only, the library knows nothing of its command line, and heavy imports wait."""
+"""The architecture: rooms import earlier rooms only, the library knows nothing of its command line,
+and heavy imports wait.
+"""
 
 import ast
 import re
@@ -13,8 +15,8 @@ import calibtool
 
 PACKAGE = Path(calibtool.__file__).resolve().parent
 
-# Data flows from left to right; a room is a folder or a single module. `tables` comes before `measurement`, whose import
-# of instrument files reads them.
+# Data flows from left to right; a room is a folder or a single module. `tables` comes before
+# `measurement`, whose import of instrument files reads them.
 ROOMS = (
     "errors",
     "units",
@@ -95,7 +97,9 @@ def test_a_room_imports_only_itself_and_earlier_rooms(name: str) -> None:
 
 
 def test_the_order_is_needed() -> None:
-    """Each room but the first is imported by none before it, and all but the front door by some after it."""
+    """Each room but the first is imported by none before it, and all but the command line
+    by some after it.
+    """
     used = {name: set() for name in ROOMS}
     for path, tree in modules():
         for module in imported(tree, path):
@@ -131,7 +135,7 @@ def test_the_library_does_not_know_that_it_has_a_command_line(path: Path, tree: 
             assert "SystemExit" not in ast.dump(node.exc), f"{path}:{node.lineno}"
 
 
-def test_only_storage_knows_hdf5() -> None:
+def test_only_storage_imports_h5py() -> None:
     assert {room(path) for path, tree in modules() if "h5py" in tops(tree, path)} == {"storage"}
 
 
@@ -146,7 +150,7 @@ def test_nothing_outside_its_module_names_a_language() -> None:
                 assert f'NAME = "{name}"' in path.read_text(encoding="utf-8"), path
 
 
-def test_only_plots_knows_matplotlib() -> None:
+def test_only_plots_imports_matplotlib() -> None:
     assert {path.parent.name for path, tree in modules() if "matplotlib" in tops(tree, path)} == {
         "plots"
     }
@@ -165,7 +169,9 @@ def test_nothing_is_pickled_and_only_verbose_messages_ask_the_clock() -> None:
 
 
 def test_randomness_is_an_argument() -> None:
-    """Generators are made from seeds or passed in; numpy's global one and the standard library's are not used."""
+    """Generators are made from seeds or passed in; numpy's global one and the standard
+    library's are not used.
+    """
     for path, tree in modules():
         assert "random" not in tops(tree, path), path
         for node in ast.walk(tree):
@@ -177,12 +183,17 @@ def test_randomness_is_an_argument() -> None:
                     assert called == "np.random.SeedSequence", f"{path}:{node.lineno}: {called}"
 
 
-def test_every_module_and_public_name_of_the_library_says_what_it_is() -> None:
+def test_every_module_and_public_name_of_the_library_states_what_it_is() -> None:
     for path, tree in LIBRARY:
         assert ast.get_docstring(tree) or not tree.body, f"{path} has no docstring"
         for node in tree.body:
             if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
                 assert ast.get_docstring(node), f"{path}:{node.lineno}: {node.name}"
+
+
+def test_no_two_modules_of_the_library_share_a_name() -> None:
+    names = [path.stem for path, _ in LIBRARY if path.stem != "__init__"]
+    assert sorted(names) == sorted(set(names))
 
 
 @pytest.mark.parametrize("module", ["calibtool", "calibtool.cli", "calibtool.errors"])
@@ -194,7 +205,12 @@ def test_heavy_libraries_wait_until_they_are_needed(module: str) -> None:
 
 
 def test_compensation_starts_without_scipy() -> None:
-    """Importing it takes longer than correcting 10,000 rows: the functions that need it import it."""
-    code = "import sys, calibtool.storage, calibtool.compensation.stream; print('scipy' in sys.modules)"
+    """Importing it takes longer than correcting 10,000 rows: the functions
+    that need it import it.
+    """
+    code = (
+        "import sys, calibtool.storage, calibtool.compensation.stream; print('scipy' "
+        "in sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

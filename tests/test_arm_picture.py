@@ -1,11 +1,13 @@
-"""The picture of an arm: every joint named in every view, inside the picture, the same bytes every time."""
+"""The picture of an arm: every joint named in every view, inside the picture, the same
+bytes every time.
+"""
 
 import numpy as np
 import pytest
 from matplotlib.text import Text
 
 from calibtool.evaluation.plots import draw_arm
-from calibtool.evaluation.plots.arm import arm_figure
+from calibtool.evaluation.plots.arm_picture import arm_figure
 from calibtool.robot.catalogue import load_robot
 
 
@@ -32,7 +34,7 @@ def test_points_stand_where_kinematics_puts_them() -> None:
     np.testing.assert_allclose(targets.get_xydata(), expected[:, [0, 2]] * 1e3, atol=1e-9)
 
 
-def test_the_picture_is_the_same_every_time_and_says_whose_it_is() -> None:
+def test_the_picture_is_the_same_every_time_and_states_whose_it_is() -> None:
     robot = load_robot("planar-3r")
     assert draw_arm(robot, "svg") == draw_arm(robot, "svg")
     words = " ".join(

@@ -1,4 +1,6 @@
-"""Backlash by the direction of motion: identified, carried along with rows, taken up on paths, named in exports."""
+"""Backlash by the direction of motion: identified, kept with rows, taken up on paths,
+named in exports.
+"""
 
 import io
 import json
@@ -11,12 +13,12 @@ from derivatives import assert_derivative
 
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
-from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.stream import StreamOptions, compensate_text
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.backlash import backlash_text
-from calibtool.errormodel.conditions import Conditions, directions
 from calibtool.errormodel.families import ERROR_KINDS
+from calibtool.errormodel.operating_conditions import Conditions, directions
 from calibtool.errors import InputError
 from calibtool.evaluation.compare import evaluate
 from calibtool.export.as_json import calibration_as_json
@@ -51,7 +53,7 @@ def calibrated(name: str = "fanuc-m1000ia") -> Calibration:
     return identify(measured(name), "complete")
 
 
-# --- directions -----------------------------------------------------------------------------------------------------
+# --- directions -----------------------------------------------------------------------------------
 
 
 def test_a_joint_that_stands_still_stays_on_its_side() -> None:
@@ -63,7 +65,9 @@ def test_a_joint_that_stands_still_stays_on_its_side() -> None:
 
 @pytest.mark.parametrize("creep", [0.4e-6, 0.9e-6, 0.11e-6])
 def test_a_joint_that_creeps_back_is_on_the_other_side(creep: float) -> None:
-    """Steps that no row takes for motion add up: measured from where the joint last counted as moved."""
+    """Steps that no row takes for motion add up: measured from where the joint last
+    counted as moved.
+    """
     forth = np.linspace(0.0, 0.1, 5)
     back = 0.1 - creep * np.arange(1, 60)
     q = np.concatenate([forth, back])[:, None]
@@ -146,7 +150,7 @@ def test_a_file_tells_directions_by_its_order_before_rows_are_chosen() -> None:
     )
 
 
-# --- identification -------------------------------------------------------------------------------------------------
+# --- identification -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "gantry"])
@@ -236,7 +240,7 @@ def test_people_see_half_widths_in_mrad_and_mm() -> None:
     )
 
 
-# --- compensation ---------------------------------------------------------------------------------------------------
+# --- compensation ---------------------------------------------------------------------------------
 
 
 def joint_csv(q: Array) -> str:
@@ -296,7 +300,9 @@ def test_poses_in_order_are_a_path_too() -> None:
 
 
 def test_steps_smaller_than_their_corrections_are_taken_up_as_they_are_driven() -> None:
-    """Creeping along, a correction turns some joints round: the side counts from which the actual robot's joints come."""
+    """Creeping along, a correction turns some joints round: the side counts from which the actual
+    robot's joints come.
+    """
     fresh = measured(count=80, fresh=True)
     assert fresh.truth is not None
     actual = fresh.truth.actual
@@ -328,7 +334,7 @@ def test_an_evaluation_drives_with_the_backlash_taken_up() -> None:
     assert predicted.position_size.mean() < 0.6 * unknown.position_size.mean()
 
 
-def test_trajectories_take_up_backlash_and_other_programs_say_that_they_do_not() -> None:
+def test_trajectories_take_up_backlash_and_other_programs_state_that_they_do_not() -> None:
     robot = load_robot("fanuc-m1000ia")
     q = np.array(
         [
@@ -360,10 +366,10 @@ def test_trajectories_take_up_backlash_and_other_programs_say_that_they_do_not()
     assert any("backlash" in note for note in result.notes)
 
 
-# --- exports --------------------------------------------------------------------------------------------------------
+# --- exports --------------------------------------------------------------------------------------
 
 
-def test_exports_say_that_backlash_is_not_in_them() -> None:
+def test_exports_state_that_backlash_is_not_in_them() -> None:
     text = backlash_text(calibrated().robot, calibrated().base.errors["backlash"])
     exported = json.loads(calibration_as_json(calibrated()))
     assert (

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from calibtool.calibration import Calibration, check_same_robot, fitting_setup, identify, train
-from calibtool.calibration.model import CrossValidation
+from calibtool.calibration.calibration import CrossValidation
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError
 from calibtool.measurement.measurements import Measurements, Setup
@@ -15,7 +15,7 @@ from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 
@@ -28,7 +28,9 @@ def trained(name: str, base: str = "nominal") -> tuple[Calibration, Array]:
     robot = load_robot(name)
     workspace = robot.workspace(None)[1]
     measurements = simulate(robot, Simulation(seed=1, workspace=workspace, configurations=60))
-    calibration = train(measurements, base, TrainingOptions(restarts=1))
+    calibration = train(
+        measurements, base, TrainingOptions(regularisation="early-stopping", restarts=1)
+    )
     return calibration, sample_configurations(robot, workspace, 5, np.random.default_rng(9))
 
 
@@ -38,7 +40,8 @@ def test_the_calibrated_pose_is_the_base_model_s_moved_by_the_network(name: str)
     assert calibration.network is not None
     robot, n = calibration.robot, calibration.robot.n
     for k in range(len(q)):
-        # The spatial Jacobian of actuated joints by differences, and Ad(T) columns of virtual ones, written out.
+        # The spatial Jacobian of actuated joints by differences, and Ad(T) columns of virtual
+        # ones, written out.
         pose = robot.mechanism.forward(q[k : k + 1])[0]
         columns = []
         for j in range(n):
@@ -97,11 +100,19 @@ def test_pose_and_jacobian_agree_with_the_pose_alone(
 def test_an_identified_base_is_used_as_it_is(
     fanuc_measurements: Measurements, fanuc_local_poe: Calibration
 ) -> None:
-    calibration = train(fanuc_measurements, fanuc_local_poe, TrainingOptions(restarts=1))
+    calibration = train(
+        fanuc_measurements,
+        fanuc_local_poe,
+        TrainingOptions(regularisation="early-stopping", restarts=1),
+    )
     assert np.array_equal(
         calibration.base.errors["placements"], fanuc_local_poe.base.errors["placements"]
     )
-    by_name = train(fanuc_measurements, "local-poe", TrainingOptions(restarts=1))
+    by_name = train(
+        fanuc_measurements,
+        "local-poe",
+        TrainingOptions(regularisation="early-stopping", restarts=1),
+    )
     q = fanuc_measurements.q[:5]
     assert np.array_equal(calibration.forward(q), by_name.forward(q))
 
@@ -123,7 +134,11 @@ def test_a_base_for_another_robot_is_refused(other: str, fanuc_local_poe: Calibr
     with pytest.raises(
         InputError, match=f"for 'fanuc-m1000ia', but the measurements for '{other}'"
     ):
-        train(measurements, fanuc_local_poe, TrainingOptions(restarts=1))
+        train(
+            measurements,
+            fanuc_local_poe,
+            TrainingOptions(regularisation="early-stopping", restarts=1),
+        )
 
 
 def test_a_robot_is_the_same_by_its_kinematics_and_not_by_its_name(fanuc: Robot) -> None:
@@ -144,7 +159,7 @@ def test_a_robot_is_the_same_by_its_kinematics_and_not_by_its_name(fanuc: Robot)
         check_same_robot(fanuc, longer, "a", "b")
 
 
-# --- set-ups ---------------------------------------------------------------------------------------------------------
+# --- set-ups --------------------------------------------------------------------------------------
 
 
 def test_an_unknown_setup_is_that_of_the_calibration(fanuc: Robot) -> None:
@@ -155,7 +170,8 @@ def test_an_unknown_setup_is_that_of_the_calibration(fanuc: Robot) -> None:
     setup = fitting_setup(calibration, again)
     poses = setup.T_instrument_base @ calibration.forward(again.q)
     predicted = np.einsum("kab,mb->kma", poses[:, :3, :3], setup.targets) + poses[:, None, :3, 3]
-    # δξ and δq are not all representable; the set-up must not add anything of its own size (metres).
+    # δξ and δq are not all representable; the set-up must not add anything of its
+    # own size (metres).
     assert np.abs(predicted - again.points).max() < 2e-3
 
 
@@ -195,5 +211,5 @@ def test_targets_of_another_number_do_not_fit(fanuc: Robot, fanuc_network: Calib
         (1e-9, 1e-9, "+0.0 ± 0.0 %"),
     ],
 )
-def test_a_small_gain_is_told_with_two_decimals(gain: float, error: float, told: str) -> None:
+def test_a_small_gain_is_reported_with_two_decimals(gain: float, error: float, told: str) -> None:
     assert str(CrossValidation(5, gain, error)) == told

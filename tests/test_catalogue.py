@@ -1,4 +1,6 @@
-"""The carried robots: they load, they are the machines of their data sheets, and a user's own files work as well."""
+"""The built-in robots: they load, they are the machines of their data sheets, and a user's own
+files work as well.
+"""
 
 import shutil
 from pathlib import Path
@@ -10,7 +12,7 @@ from poe import poe_frames, random_positions
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot, robot_names, shipped
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 
@@ -41,7 +43,7 @@ def test_every_folder_of_robots_is_a_robot_of_that_name() -> None:
         assert load_robot(name).name == name
 
 
-def test_the_robots_that_were_promised_are_carried() -> None:
+def test_the_promised_robots_are_built_in() -> None:
     promised = {
         "fanuc-m1000ia",
         "fanuc-m900ib-700",
@@ -149,9 +151,9 @@ def test_the_last_three_axes_of_a_fanuc_meet_in_a_point_and_the_tool_looks_forwa
     np.testing.assert_allclose(centre, centre[:1].repeat(20, axis=0), atol=1e-12)
 
 
-# --- Universal Robots: published Denavit-Hartenberg parameters of the CB series, from the frame `base` ---
+# --- Universal Robots: published Denavit-Hartenberg parameters of the CB series -------------------
 
-# d1, a2, a3, d4, d5, d6 in m; twists α = π/2, 0, 0, π/2, −π/2, 0
+# From the frame `base`: d1, a2, a3, d4, d5, d6 in m; twists α = π/2, 0, 0, π/2, −π/2, 0
 UNIVERSAL = {
     "ur3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
     "ur5": (0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),

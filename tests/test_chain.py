@@ -12,7 +12,7 @@ from calibtool.errors import InputError
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.chain import build_chain
 from calibtool.robot.description import Source, parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.robot.urdf import last_frame
 
@@ -30,13 +30,16 @@ ZIGZAG = """
     <parent link="world"/><child link="wall"/><origin xyz="1 2 3" rpy="0.3 1.2 -0.5"/>
   </joint>
   <joint name="a" type="continuous">
-    <parent link="wall"/><child link="upper"/><origin xyz="0.1 0 0.2" rpy="0.1 0.2 0.3"/><axis xyz="1 2 2"/>
+    <parent link="wall"/><child link="upper"/>
+    <origin xyz="0.1 0 0.2" rpy="0.1 0.2 0.3"/><axis xyz="1 2 2"/>
   </joint>
   <joint name="b" type="continuous">
-    <parent link="upper"/><child link="lower"/><origin xyz="0 0.4 0" rpy="0 0 0.5"/><axis xyz="0 0 -1"/>
+    <parent link="upper"/><child link="lower"/>
+    <origin xyz="0 0.4 0" rpy="0 0 0.5"/><axis xyz="0 0 -1"/>
   </joint>
   <joint name="c" type="prismatic">
-    <parent link="lower"/><child link="rod"/><origin xyz="0 0 0.3" rpy="0.2 0 0"/><axis xyz="0 3 4"/>
+    <parent link="lower"/><child link="rod"/>
+    <origin xyz="0 0 0.3" rpy="0.2 0 0"/><axis xyz="0 3 4"/>
     <limit lower="-0.2" upper="0.6" effort="1" velocity="1"/>
   </joint>
   <joint name="end" type="fixed">
@@ -58,7 +61,9 @@ def zigzag(kinematics: str = "") -> Source:
 
 
 def pinocchio_itself(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """T_base_tool and gravity torques of the robot's joints from the unchanged URDF model, by `pin.integrate`."""
+    """T_base_tool and gravity torques of the robot's joints from the unchanged URDF model, by
+    `pin.integrate`.
+    """
     kinematics = robot.source.description.kinematics
     model = pin.buildModelFromXML(robot.source.urdf_text)
     data = model.createData()

@@ -1,18 +1,20 @@
-"""Checks at the door: each finds the damage that was done, with its numbers, and clean measurements raise no warning."""
+"""Checks on import: each finds the damage that was done, with its numbers, and clean measurements
+raise no warning.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.checks import Finding, check_measurements, design_findings
-from calibtool.measurement.companions import Companions
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import measured_in_base
 from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 SIX = ("fanuc-m1000ia", "ur5")
@@ -22,7 +24,7 @@ def measured(robot: Robot, count: int = 40, **options: object) -> Measurements:
     return simulate(
         robot,
         Simulation(seed=1, configurations=count, workspace=robot.workspace(None)[1], **options),
-    )  # type: ignore[arg-type]
+    )
 
 
 def damaged(
@@ -63,7 +65,7 @@ def test_clean_measurements_raise_no_warning(robot: Robot, unregistered: bool) -
         assert warned(check_measurements(simulate(robot, simulation))) == []
 
 
-# --- targets --------------------------------------------------------------------------------------------------------
+# --- targets --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("unregistered", [False, True])
@@ -141,7 +143,7 @@ def test_targets_in_another_order_than_the_robots(
     assert named(found, "target_order", "note").numbers["order"] == [i + 1 for i in order]
 
 
-def test_a_frame_that_is_not_where_it_was_said(fanuc: Robot) -> None:
+def test_a_frame_that_is_not_where_it_was_stated(fanuc: Robot) -> None:
     clean = measured(fanuc)
     found = check_measurements(
         replace(clean, points=readonly(clean.points + np.array([0.5, 0.0, 0.0])))
@@ -149,7 +151,7 @@ def test_a_frame_that_is_not_where_it_was_said(fanuc: Robot) -> None:
     assert named(found, "given_setup").numbers["rms_mm"] == pytest.approx(500, rel=0.02)
 
 
-# --- what the nominal robot would explain ---------------------------------------------------------------------------
+# --- what the nominal robot would explain ---------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SIX)
@@ -225,7 +227,7 @@ def test_orientations_in_another_convention(fanuc: Robot) -> None:
     named(check_measurements(inverted), "orientation_convention")
 
 
-# --- design ---------------------------------------------------------------------------------------------------------
+# --- design ---------------------------------------------------------------------------------------
 
 
 def test_a_joint_that_never_moves(fanuc: Robot) -> None:
@@ -269,7 +271,7 @@ def test_repeated_configurations_give_the_repeatability(fanuc: Robot) -> None:
     assert named(design_findings(fanuc, q), "repeated_configurations", "note").numbers["rows"] == 80
 
 
-# --- companions -----------------------------------------------------------------------------------------------------
+# --- auxiliary -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.3e-3])
@@ -279,13 +281,13 @@ def test_drift_of_the_base_against_the_instrument(fanuc: Robot, drift: float) ->
     fixed = rng.uniform(-1, 1, (2, 3)) + rng.normal(size=(40, 2, 3)) * 0.03e-3
     fixed += np.linspace(0, 1, 40)[:, None, None] * [0.0, 0.0, drift]
     fixed[::3] = np.nan  # not measured every time
-    companions = Companions(time_s=np.arange(40) * 90.0, reference_points=fixed)
+    auxiliary = AuxiliaryReadings(time_s=np.arange(40) * 90.0, reference_points=fixed)
     found = named(
-        check_measurements(clean, companions), "reference_drift", "warning" if drift else "note"
+        check_measurements(clean, auxiliary), "reference_drift", "warning" if drift else "note"
     )
     if drift:
         assert found.numbers["moved_mm"] == pytest.approx(0.27, abs=0.06)
-        assert found.numbers["first_to_last_mm"][2] > 0.2  # type: ignore[index]
+        assert found.numbers["first_to_last_mm"][2] > 0.2
         assert "0.925 h" in found.message
 
 
@@ -295,10 +297,10 @@ def test_trend_with_temperature(fanuc: Robot, growth: float) -> None:
     temperature = 20 + 15 * np.linspace(0, 1, 100)
     points = clean.points * (1 + growth * (temperature - 20))[:, None, None]
     found = check_measurements(
-        replace(clean, points=readonly(points)), Companions(temperature_c=temperature)
+        replace(clean, points=readonly(points)), AuxiliaryReadings(temperature_c=temperature)
     )
     trend = named(found, "temperature_trend", "warning" if growth else "note")
-    assert (trend.numbers["p_value"] < 1e-3) == bool(growth)  # type: ignore[operator]
+    assert (trend.numbers["p_value"] < 1e-3) == bool(growth)
 
 
 def test_commanded_or_read_positions(fanuc: Robot) -> None:
@@ -306,17 +308,17 @@ def test_commanded_or_read_positions(fanuc: Robot) -> None:
     read = measured(fanuc, 60).q
     commanded = read + rng.normal(size=read.shape) * 0.5e-3
     robot_was_at_read = simulate(fanuc, Simulation(at=read))
-    both = Companions(q_commanded=commanded, q_read=read)
+    both = AuxiliaryReadings(q_commanded=commanded, q_read=read)
     found = named(check_measurements(robot_was_at_read, both), "commanded_or_read", "note")
     share, error = found.numbers["share_of_read"], found.numbers["share_standard_error"]
-    assert abs(share - 1) < 4 * error < 1  # type: ignore[operator]
-    assert found.numbers["read_rms_mm"] < found.numbers["commanded_rms_mm"]  # type: ignore[operator]
+    assert abs(share - 1) < 4 * error < 1
+    assert found.numbers["read_rms_mm"] < found.numbers["commanded_rms_mm"]
     file_of_commanded = replace(robot_was_at_read, q=readonly(commanded))
     assert (
         "the file holds the commanded ones"
         in named(check_measurements(file_of_commanded, both), "commanded_or_read").message
     )
-    same = Companions(q_commanded=read, q_read=read)
+    same = AuxiliaryReadings(q_commanded=read, q_read=read)
     assert "commanded_or_read" not in names(check_measurements(robot_was_at_read, same))
 
 
@@ -332,22 +334,24 @@ def test_the_checks_change_nothing_and_survive_anything(fanuc: Robot) -> None:
     assert np.isfinite(points).all()
 
 
-def test_reference_points_seen_a_few_times_say_nothing_of_drift(fanuc: Robot) -> None:
+def test_reference_points_seen_a_few_times_state_nothing_of_drift(fanuc: Robot) -> None:
     fixed = np.full((40, 1, 3), np.nan)
     fixed[::8] = np.linspace(0, 1, 5)[:, None, None]
     assert "reference_drift" not in names(
-        check_measurements(measured(fanuc), Companions(reference_points=fixed))
+        check_measurements(measured(fanuc), AuxiliaryReadings(reference_points=fixed))
     )
 
 
 def test_a_drift_in_time_is_not_taken_for_the_temperature(fanuc: Robot) -> None:
-    """Points that drift with the rows while a thermometer follows roughly: the order of the rows explains more."""
+    """Points that drift with the rows while a thermometer follows roughly: the order of the
+    rows explains more.
+    """
     clean, rng = measured(fanuc, 100), np.random.default_rng(5)
     time = np.linspace(0, 1, 100)
     points = clean.points + time[:, None, None] * [0.0, 0.0, 1e-3]
     temperature = 20 + 5 * time + rng.normal(size=100)
     found = check_measurements(
-        replace(clean, points=readonly(points)), Companions(temperature_c=temperature)
+        replace(clean, points=readonly(points)), AuxiliaryReadings(temperature_c=temperature)
     )
     assert "something drifts with time" in named(found, "temperature_trend").message
 
@@ -357,8 +361,10 @@ def test_read_positions_are_compared_with_the_file_s_where_no_commanded_ones_are
 ) -> None:
     rng = np.random.default_rng(4)
     measurements = measured(fanuc, 60)
-    others = Companions(q_read=measurements.q + rng.normal(size=measurements.q.shape) * 0.5e-3)
+    others = AuxiliaryReadings(
+        q_read=measurements.q + rng.normal(size=measurements.q.shape) * 0.5e-3
+    )
     share = named(check_measurements(measurements, others), "commanded_or_read", "note").numbers[
         "share_of_read"
     ]
-    assert abs(share) < 0.3  # type: ignore[arg-type]
+    assert abs(share) < 0.3

@@ -1,4 +1,6 @@
-"""Circle fits: the axes of joints 1 and 2 in the instrument's frame, and where the instrument stands by them."""
+"""Circle fits: the axes of joints 1 and 2 in the instrument's frame, and where the
+instrument stands by them.
+"""
 
 from dataclasses import replace
 
@@ -12,14 +14,16 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 EXACT = ErrorScales(length=0.0, angle=0.0)
 
 
 def circles(robot: Robot) -> Array:
-    """Twelve rows of joint 1, twelve of joint 2, elsewhere than joint 1's first row, and ten of everything."""
+    """Twelve rows of joint 1, twelve of joint 2, elsewhere than joint 1's first row, and
+    ten of everything.
+    """
     q = np.tile(robot.home(robot.workspace(None)[1]), (34, 1))
     q[:12, 0] += np.linspace(-0.8, 0.8, 12)
     q[12:24, 0] += 0.3
@@ -62,7 +66,9 @@ def test_with_errors_and_noise_it_is_a_good_start(name: str) -> None:
 
 
 def test_axis_of_a_circle() -> None:
-    """By hand: radius 0.5 about a line through (1, 2, 3) along a slanted axis; two targets, one of them not always seen."""
+    """By hand: radius 0.5 about a line through (1, 2, 3) along a slanted axis; two targets, one of
+    them not always seen.
+    """
     turn = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix()
     angles = np.linspace(0.1, 1.2, 9)
     flat = np.stack([0.5 * np.cos(angles), 0.5 * np.sin(angles), np.full(9, 0.1)], axis=-1)

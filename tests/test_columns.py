@@ -11,7 +11,7 @@ from calibtool.errormodel.family import offset_columns
 from calibtool.errormodel.placements import placement_columns
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.twists import twist_columns
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, relative_error
 
 
@@ -31,7 +31,9 @@ def assert_columns(
     columns: Array,
     q: Array,
 ) -> None:
-    """`columns` (6, k) are the derivative of log6(T(moved(x)) · T(errors)⁻¹) by x (k,), at q (1, n)."""
+    """`columns` (6, k) are the derivative of log6(T(moved(x)) · T(errors)⁻¹) by x
+    (k,), at q (1, n).
+    """
     start = errors.frames(q).tool
     assert_derivative(
         lambda x: relative_error(moved(x).frames(q).tool, start)[0],

@@ -1,4 +1,6 @@
-"""Methods side by side: a perfect calibration leaves nothing, nothing is fitted where it is judged, and the JSON."""
+"""Methods side by side: a perfect calibration leaves nothing, nothing is fitted where it is
+judged, and the JSON.
+"""
 
 import json
 from dataclasses import replace
@@ -11,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.calibration.guard import coverage
-from calibtool.compensation.program import OutsidePolicy
+from calibtool.compensation.targets import OutsidePolicy
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.evaluation.compare import evaluate
@@ -48,7 +50,7 @@ def perfect(measurements: Measurements) -> Calibration:
     return replace(calibration, base=base)
 
 
-# --- compensated -----------------------------------------------------------------------------------------------------
+# --- compensated ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("unregistered", [False, True])
@@ -58,12 +60,12 @@ def test_a_calibration_that_holds_the_truth_leaves_nothing(name: str, unregister
     evaluation = evaluate([("perfect", perfect(first))], fresh)
     nominal, best = evaluation.methods
     assert evaluation.kind == "compensated"
-    assert evaluation.marked == [0, 0]
+    assert [r.marked for r in evaluation.results] == [0, 0]
     assert best.position_size.max() < 1e-9
     assert best.orientation_size is not None
     assert best.orientation_size.max() < 2e-9
     assert nominal.position_size.mean() > 1e-4
-    entry = evaluation.as_json()["methods"][1]  # type: ignore[index]
+    entry = evaluation.as_json()["methods"][1]
     assert min(entry["reduction_percent"].values()) > 99.99
 
 
@@ -101,7 +103,7 @@ def test_one_step_is_a_little_worse_than_exact() -> None:
     calibration = perfect(first)
     exact, stepped = (
         evaluate([("c", calibration)], fresh, method=m).methods[1] for m in ("exact", "one-step")
-    )  # type: ignore[arg-type]
+    )
     nominal = evaluate([], fresh).methods[0]
     assert (
         exact.position_size.max() < stepped.position_size.max() < 0.05 * nominal.position_size.max()
@@ -114,7 +116,8 @@ ALL_SIX = (0, 1, 2, 3, 4, 5)
 def nearest_by_scipy(
     fresh: Measurements, row: int, components: tuple[int, ...] = ALL_SIX
 ) -> np.ndarray:
-    """The pose of the actual robot nearest to the commanded one: (4, 4), by an independent minimiser.
+    """The pose of the actual robot nearest to the commanded one: (4, 4), by an
+    independent minimiser.
 
     components: of the displacement and the turn along the axes of the commanded tool.
     """
@@ -147,7 +150,7 @@ def test_what_no_joint_can_correct_is_reported_apart() -> None:
             fresh, row, (0, 1, 2, 5)
         )  # a SCARA corrects x, y, z and the turn about z
         assert np.allclose(beyond.position[row, 0], (nearest - commanded[row])[:3, 3], atol=1e-9)
-    best = evaluation.correctable[1]
+    best = evaluation.results[1].correctable
     assert best.position_size.max() < 1e-8
     assert best.orientation_size is not None
     assert best.orientation_size.max() < 1e-8
@@ -177,13 +180,14 @@ def test_poses_that_a_shorter_arm_cannot_reach() -> None:
     commanded = robot.mechanism.forward(q[:1])[0]
     assert np.linalg.norm((nearest - commanded)[:3, 3]) > 1e-4
     assert np.allclose(beyond.position[0, 0], (nearest - commanded)[:3, 3], atol=1e-6)
-    assert evaluation.marked == [0, 1]
-    # Near the stretched arm the correction is damped: the corrected joints come near the nearest pose.
+    assert [r.marked for r in evaluation.results] == [0, 1]
+    # Near the stretched arm the correction is damped: the corrected joints come near
+    # the nearest pose.
     assert (
-        evaluation.correctable[1].position_size.max()
-        < 0.02 * evaluation.correctable[0].position_size.max()
+        evaluation.results[1].correctable.position_size.max()
+        < 0.02 * evaluation.results[0].correctable.position_size.max()
     )
-    entry = evaluation.as_json()["methods"][1]  # type: ignore[index]
+    entry = evaluation.as_json()["methods"][1]
     assert entry["reduction_percent"]["position_max"] > 98
     assert entry["position_mm"]["max"] > 0.1
 
@@ -192,10 +196,13 @@ def test_doubtful_rows_are_counted() -> None:
     first, _ = simulated()
     q = np.deg2rad([[0.0, -80.0, 100.0, -110.0, -90.0, 0.0], [0.0, -80.0, 100.0, -110.0, 0.1, 0.0]])
     again = simulate(first.robot, Simulation(seed=1, at=q, same_robot=first.truth))
-    assert evaluate([("c", identify(first, "local-poe"))], again).marked == [0, 1]
+    assert [r.marked for r in evaluate([("c", identify(first, "local-poe"))], again).results] == [
+        0,
+        1,
+    ]
 
 
-# --- predicted -------------------------------------------------------------------------------------------------------
+# --- predicted ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("unregistered", [False, True])
@@ -274,7 +281,8 @@ def test_a_6d_sensor_is_compared_by_its_position_and_turn() -> None:
     assert truth is not None
     poses = truth.actual.forward(first.q)
     pose_measured = Measurements(
-        first.robot, first.q, poses[:, None, :3, 3], poses[:, :3, :3], Setup(np.eye(4), np.zeros((1, 3)), np.eye(3)),
+        first.robot, first.q, poses[:, None, :3, 3], poses[:, :3, :3], Setup(np.eye(4), np.zeros((1,
+            3)), np.eye(3)),
         1e-5, 1e-5,
     )  # fmt: skip
     nominal, best = evaluate([("perfect", perfect(first))], pose_measured).methods
@@ -289,7 +297,7 @@ def test_a_6d_sensor_is_compared_by_its_position_and_turn() -> None:
     assert np.allclose(nominal.orientation_size, turn, atol=1e-12)
 
 
-# --- contract --------------------------------------------------------------------------------------------------------
+# --- contract -------------------------------------------------------------------------------------
 
 
 def test_the_json_has_the_keys_of_the_contract() -> None:
@@ -338,9 +346,13 @@ def test_a_calibration_for_another_robot_is_refused() -> None:
 
 
 def test_rows_unlike_the_training_are_predicted_by_the_base_on_request() -> None:
-    """Where a network never was it is left out, and only there; or the whole judgement is refused."""
+    """Where a network never was it is left out, and only there; or the
+    whole judgement is refused.
+    """
     first, fresh = simulated("planar-3r")
-    trained = train(first, "local-poe", TrainingOptions(restarts=1, hidden=2))
+    trained = train(
+        first, "local-poe", TrainingOptions(regularisation="early-stopping", restarts=1, hidden=2)
+    )
     assert trained.networks
     everywhere = simulate(
         first.robot, Simulation(seed=1, configurations=15, same_robot=first.truth)

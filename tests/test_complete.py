@@ -18,7 +18,7 @@ from calibtool.identification.robust import row_weights
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, observe, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import log3, readonly, transform_points
 
 PHYSICAL = ("geometric", "gear", "gravity", "thermal")
@@ -28,14 +28,14 @@ def measured(
     robot: Robot, count: int = 50, seed: int = 0, **options: object
 ) -> tuple[Measurements, Measurements]:
     """Measurements over the whole joint range, and fresh ones of the same robot."""
-    first = simulate(robot, Simulation(seed=seed, configurations=count, **options))  # type: ignore[arg-type]
+    first = simulate(robot, Simulation(seed=seed, configurations=count, **options))
     return first, simulate(robot, Simulation(seed=seed, configurations=300, same_robot=first.truth))
 
 
 def position_errors(calibration_forward: object, fresh: Measurements) -> np.ndarray:
     assert fresh.truth is not None
     actual = fresh.truth.actual.forward(fresh.q)
-    return np.linalg.norm((calibration_forward(fresh.q) - actual)[:, :3, 3], axis=-1)  # type: ignore[operator]
+    return np.linalg.norm((calibration_forward(fresh.q) - actual)[:, :3, 3], axis=-1)
 
 
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "ur5", "panda", "scara", "gantry"])
@@ -137,7 +137,7 @@ def test_gross_errors_are_flagged_and_weigh_less(fanuc: Robot, loss_function: st
     points = measurements.points.copy()
     points[bad] += 5e-3
     spoiled = replace(measurements, points=readonly(points))
-    options = CompleteOptions(loss_function=loss_function)  # type: ignore[arg-type]
+    options = CompleteOptions(loss_function=loss_function)
     robust = identify(spoiled, BaseOptions("complete", options))
     assert robust.base.flagged is not None
     assert set(bad) <= set(robust.base.flagged.rows)
@@ -168,7 +168,8 @@ def test_one_gross_row_moves_nothing_and_is_listed(fanuc: Robot, row: int, gross
 
 
 def test_bending_and_wobble_are_found_where_they_are(fanuc: Robot) -> None:
-    """What is found predicts fresh poses better than the same without it, and is not found on an arm that is stiff."""
+    """What is found predicts fresh poses better than the same without it, and is not found on an
+    arm that is stiff."""
     for kind in ("bending", "wobble"):
         scales = ErrorScales(("geometric", kind), sizes={kind: 0.3e-3})
         measurements, fresh = measured(fanuc, 80, scales=scales)
@@ -225,7 +226,9 @@ def test_a_joint_that_never_moves_is_named_and_the_rest_is_usable(fanuc: Robot) 
 def test_what_measurements_could_determine_is_that_of_the_design(
     robot: Robot, harmonics: int
 ) -> None:
-    """Six of every joint and of the base (δζ, δξ and δq overlap), sine and cosine of every order of turning joints."""
+    """Six of every joint and of the base (δζ, δξ and δq overlap), sine and cosine of every order
+    of turning joints.
+    """
     turning = robot.n - sum(robot.prismatic)
     expected = 6 * (robot.n + 1) + 2 * harmonics * turning
     options = CompleteOptions(

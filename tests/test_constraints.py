@@ -1,4 +1,6 @@
-"""Constraints of a plan: every accepted configuration keeps them, checked by sampling points of the arm."""
+"""Constraints of a plan: every accepted configuration keeps them, checked by sampling
+points of the arm.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from calibtool.planning.constraints import (
     inside,
     links,
 )
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import transform_points
 
 BOX = (1.0, -3.0, -2.0, 3.0, -0.4, 3.0)

@@ -21,14 +21,14 @@ from calibtool.controller import ControllerModel, read_controller_model
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 HERE = Path(__file__).parent / "controllers"
 Q = np.random.default_rng(5).uniform(-np.pi, np.pi, (12, 6))
 
 
 def read(text: str, robot: str = "ur5", **more: str) -> ControllerModel:
-    return read_controller_model(text, "file", load_robot(robot), **more)  # type: ignore[arg-type]
+    return read_controller_model(text, "file", load_robot(robot), **more)
 
 
 def refused(text: str, robot: str = "ur5", **more: str) -> str:
@@ -214,10 +214,10 @@ def test_both_conventions_are_the_arm(rows: list[list[object]], convention: str)
 def test_units_theta_and_constant_rows() -> None:
     """In m and rad; a base row takes back a turned zero of joint 1, a tool row holds the flange."""
     rows = [["base", 0, 0, 0, -0.3]]
-    rows += [[j, a / 1e3, np.deg2rad(alpha), d / 1e3, 0.0] for j, a, alpha, d, _ in STANDARD]  # type: ignore[operator, arg-type]
+    rows += [[j, a / 1e3, np.deg2rad(alpha), d / 1e3, 0.0] for j, a, alpha, d, _ in STANDARD]
     rows[1][4], rows[6][3] = 0.3, 0.0
     rows.append(["tool", 0, 0, 0.0823, 0])
-    model = read(dh_csv(rows, "joint,a_m,alpha_rad,d_m,theta_rad"), dh="standard")  # type: ignore[arg-type]
+    model = read(dh_csv(rows, "joint,a_m,alpha_rad,d_m,theta_rad"), dh="standard")
     np.testing.assert_allclose(model.mechanism.forward(Q), forward(UR5, Q), atol=1e-12)
 
 

@@ -19,7 +19,7 @@ from calibtool.programs.controller_poses import worse_than_untouched
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
 from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly, transform_points
 
 
@@ -160,7 +160,9 @@ def test_joint_targets_are_corrected_alike_whatever_the_controller_s_model() -> 
 
 
 def test_a_start_beside_a_pose_chooses_the_branch_and_stays() -> None:
-    """The controller solves the written pose near `qnear`, and the actual tool is where it was asked to be."""
+    """The controller solves the written pose near `qnear`, and the actual tool is where it
+    was asked to be.
+    """
     made, q = arm(3), commands(2)
     poses = nominal().forward(q)
     lines = []
@@ -236,14 +238,14 @@ def test_poses_for_a_controller_that_may_have_a_model_of_its_own(kind: str, word
     assert corrected(known, "movej([0, -1.4, 1.7, -1.9, -1.6, 0])\n", None).changed == 1
 
 
-def test_robots_that_say_nothing_of_it_are_taken_as_drawn() -> None:
+def test_robots_that_state_nothing_of_it_are_taken_as_drawn() -> None:
     made = arm(3)
     silent = replace(made, calibration=replace(made.calibration, robot=described(None)))
     assert corrected(silent, script(nominal().forward(commands(1))), None).changed == 1
 
 
 @pytest.mark.parametrize("name", ["ur3", "ur5", "ur10"])
-def test_every_carried_ur_says_it(name: str) -> None:
+def test_every_built_in_ur_states_it(name: str) -> None:
     known = load_robot(name).source.description.controller
     assert known is not None
     assert known.factory_calibration == "always"

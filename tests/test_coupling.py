@@ -1,4 +1,6 @@
-"""Coupled joint values: what a controller shows and what the chain does, there and back, and wrong descriptions."""
+"""Coupled joint values: what a controller shows and what the chain does, there and back, and
+wrong descriptions.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from poe import poe_frames
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 
 def planar(coupling: str) -> Robot:
@@ -21,7 +23,9 @@ def planar(coupling: str) -> Robot:
 
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "fanuc-m900ib-700"])
 def test_joint_2_of_a_fanuc_leaves_the_forearm_as_it_leans(name: str) -> None:
-    """J3 is the forearm's angle to the horizon: with J3 kept, J2 shifts the forearm and does not turn it."""
+    """J3 is the forearm's angle to the horizon: with J3 kept, J2 shifts the forearm and
+    does not turn it.
+    """
     robot = load_robot(name)
     shown = np.deg2rad([[10, -20, 15, 5, 30, 7], [10, 35, 15, 5, 30, 7]])
     forearm = poe_frames(robot.chain.placements, robot.chain.twists, robot.to_serial(shown)).after[
@@ -67,7 +71,7 @@ def test_without_a_coupling_values_are_as_they_are() -> None:
         ("matrix = [[0, 1, 0], [1, 0, 0], [0, 0, 1]]", "q1 = J2, q2 = J1"),
     ],
 )
-def test_what_differs_is_said(coupling: str, text: str) -> None:
+def test_what_differs_is_reported(coupling: str, text: str) -> None:
     """In the message for unstated values, and in the names of the columns of those joints."""
     robot = planar(coupling)
     with pytest.raises(
@@ -80,7 +84,7 @@ def test_what_differs_is_said(coupling: str, text: str) -> None:
     assert robot.columns(None) == ["j1_deg", "j2_deg", "j3_deg"]
 
 
-def test_what_header_and_option_say_is_weighed() -> None:
+def test_what_header_and_option_state_is_weighed() -> None:
     robot = planar("add = { j3 = { j2 = 1 } }")
     assert robot.joint_values("t", None, "controller") == "controller"
     assert robot.joint_values("t", "serial", None) == "serial"

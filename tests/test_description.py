@@ -1,4 +1,6 @@
-"""robot.toml: what is wrong in it is said in one line, with its place, before anything is computed."""
+"""robot.toml: what is wrong in it is said in one line, with its place,
+before anything is computed.
+"""
 
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
@@ -16,7 +18,7 @@ from calibtool.robot.description import (
     read_source,
     source_from_urdf,
 )
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 LINKS = """
   <link name="base_link"/>
@@ -361,7 +363,7 @@ def test_a_joint_and_a_link_may_share_a_name(tmp_path: Path) -> None:
     assert (robot.mechanism.forward(np.array(q)) == plain.mechanism.forward(np.array(q))).all()
 
 
-def test_without_example_robot_data_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_example_robot_data_the_remedy_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> None:
         raise PackageNotFoundError(name)
 
@@ -382,7 +384,7 @@ def test_a_tolerance_of_a_joint_that_is_not_there_is_refused(tmp_path: Path) -> 
         described(4)
 
 
-def test_without_a_temporary_folder_the_remedy_is_said(
+def test_without_a_temporary_folder_the_remedy_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = crane(tmp_path)

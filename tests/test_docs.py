@@ -1,10 +1,14 @@
-"""The documentation is true: links lead somewhere, the index is complete, the reference is fresh, the examples run."""
+"""The documentation is true: links lead somewhere, the index is complete, the reference is fresh,
+the examples run.
+"""
 
 import contextlib
 import importlib.util
 import io
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +78,7 @@ def test_the_pages_of_reliability_show_the_kept_figures() -> None:
         )
 
 
-def test_the_figures_of_reliability_say_that_the_laws_held() -> None:
+def test_the_figures_of_reliability_state_that_the_laws_held() -> None:
     figures = json.loads((ROOT / "benchmarks" / "pages" / "figures.json").read_text("utf-8"))
     rows = {
         name: part["rows"]
@@ -97,28 +101,52 @@ def test_the_command_reference_is_fresh() -> None:
     )
 
 
+def library_blocks() -> list[str]:
+    text = (ROOT / "docs" / "library.md").read_text("utf-8")
+    return re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+
+
 def test_the_examples_of_the_library_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(
-        r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text("utf-8"), re.DOTALL
-    )
-    assert len(blocks) == 9
     names: dict[str, object] = {}
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out):
-        for block in blocks:
+    printed = []
+    for block in library_blocks():
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out):
             exec(block, names)
-    said = out.getvalue().splitlines()
-    assert said[1] == "(50, 6) {'ok'}"
-    assert said[2].startswith("[] []")
-    assert said[3] == "fanuc-m1000ia 40"
-    assert said[4].startswith("measured [")
-    assert [line for line in said if line.startswith(("networks", "folds"))] == [
+        printed.append(out.getvalue().splitlines())
+    arrays, steps, real, files, proof, network, models, programs, controller, errors, pages = (
+        printed
+    )
+    assert arrays[0].startswith("complete: ur5, 30 configurations, residual")
+    assert any(line.startswith("parameters:") for line in arrays)
+    assert float(arrays[-1].split()[-2]) < 0.3
+    assert (tmp_path / "corrected.csv").read_text().count(",") == 5
+    assert steps[-1] == "(50, 6) {'ok'}"
+    assert real[0].startswith("[] []")
+    assert files[0].startswith("<Calibration of fanuc-m1000ia: complete, 40 configurations")
+    assert proof[0].startswith("measured [")
+    assert [line for line in network if line.startswith(("networks", "folds"))] == [
         "networks: 1 of 1",
         "folds: 1 of 2",
         "folds: 2 of 2",
     ]
-    assert said[-3] == "4 of 4"
-    assert said[-2].startswith("b'movel(p[-0.4")
-    assert said[-1].startswith("2 unknown robot 'fanuk-m1000ia'; did you mean ")
-    assert len(blocks[0].split("\n\n")[1].strip().splitlines()) <= 10
+    assert models
+    assert programs[-1] == "4 of 4"
+    assert controller[-1].startswith("b'movel(p[-0.4")
+    assert errors[-1].startswith("2 unknown robot 'fanuk-m1000ia'; did you mean ")
+    assert pages == ["4 rows"]
+
+
+def test_the_examples_of_the_library_have_the_right_types(tmp_path: Path) -> None:
+    script = tmp_path / "library.py"
+    script.write_text("\n".join(library_blocks()), encoding="utf-8")
+    options = ["--ignore-missing-imports", "--follow-imports=silent", "--config-file="]
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", *options, "--cache-dir", ROOT / ".mypy_cache", script],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+    )
+    assert done.returncode == 0, done.stdout

@@ -1,4 +1,6 @@
-"""Bayesian networks: nothing where there is nothing to learn, something where there is; the verdict of cross-validation."""
+"""Bayesian networks: nothing where there is nothing to learn, something where there is; the verdict
+of cross-validation.
+"""
 
 from dataclasses import replace
 
@@ -10,7 +12,7 @@ from calibtool.calibration.guard import coverage
 from calibtool.calibration.learning_curve import learning_curve
 from calibtool.calibration.transfer import refit
 from calibtool.calibration.uncertainty import predicted_uncertainty
-from calibtool.compensation.program import guarded
+from calibtool.compensation.targets import guarded
 from calibtool.equivalent.bayesian import train_bayesian
 from calibtool.equivalent.loss import task_loss
 from calibtool.equivalent.network import Network
@@ -19,7 +21,7 @@ from calibtool.errormodel.actual import ActualRobot
 from calibtool.errors import InputError, NoSolutionError, UsageError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import exp6, inverse, log3, transform_points
 
 BAYES = TrainingOptions(regularisation="bayes", restarts=2)
@@ -40,7 +42,7 @@ def test_noise_alone_has_no_effective_weights() -> None:
     assert np.sqrt(np.mean(run.network(q) ** 2)) < 0.2
 
 
-def test_a_smooth_function_and_its_noise_are_told_apart() -> None:
+def test_a_smooth_function_and_its_noise_are_distinguished() -> None:
     rng = np.random.default_rng(1)
     q, G = rng.uniform(-1, 1, (150, 6)), rng.normal(size=(150, 9, 6))
     teacher = Network.initial(q, np.full(6, 50.0), 4, rng)
@@ -135,7 +137,9 @@ def test_without_two_sizes_that_can_be_fitted_there_is_no_learning_curve(
 def test_members_that_disagree_add_their_scatter_to_the_uncertainty(
     fanuc_measurements: Measurements, paper: Calibration
 ) -> None:
-    """The covariance between the members' poses, each computed by itself; about their mean, to first order."""
+    """The covariance between the members' poses, each computed by itself; about their
+    mean, to first order.
+    """
     q, alone = paper.q[:6], identify(fanuc_measurements, "complete")
     ensemble = replace(alone, networks=paper.networks)
     added = (
@@ -157,7 +161,9 @@ def test_uncertainty_needs_a_posterior(fanuc_local_poe: Calibration) -> None:
 def test_a_calibration_moves_to_a_tool_with_one_target_and_to_another_instrument(
     fanuc: Robot,
 ) -> None:
-    """Of a known set-up a shift of the only target is found; of an unknown one, the set-up itself is."""
+    """Of a known set-up a shift of the only target is found; of an unknown one, the
+    set-up itself is.
+    """
     first = simulate(fanuc, Simulation(configurations=60))
     old = identify(first, "complete")
     again = replace(

@@ -1,4 +1,6 @@
-"""Normal equations: the products that skip the columns of harmonics, and what a row left out would leave over."""
+"""Normal equations: the products that skip the columns of harmonics, and what a row left out
+would leave over.
+"""
 
 from dataclasses import replace
 
@@ -6,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibtool.errormodel.actual import ErrorScales
-from calibtool.identification.equations import normal_equations, row_sizes
+from calibtool.identification.equations import normal_equations, row_squares
 from calibtool.identification.fitting import Fit
 from calibtool.identification.held_out import HeldOut
 from calibtool.identification.parameters import Parameters, State
@@ -54,10 +56,10 @@ def test_they_are_the_products_of_the_columns(name: str, unregistered: bool) -> 
     assert np.abs(found.gradient - gradient).max() < 1e-12 * np.abs(gradient).max()
     assert found.squares == pytest.approx(row_weight @ (r**2).sum(axis=-1))
     assert found.equations == pytest.approx(row_weight.sum() * r.shape[1])
-    assert np.allclose(found.row_sizes, row_sizes(measurements, state))
+    assert np.allclose(found.row_squares, row_squares(measurements, state))
 
 
-def test_rows_weigh_as_they_are_told_and_missing_targets_not_at_all() -> None:
+def test_rows_weigh_as_they_are_given_and_missing_targets_not_at_all() -> None:
     measurements = simulate(load_robot("ur5"), Simulation(configurations=12))
     points = measurements.points.copy()
     points[3, 1] = np.nan
@@ -104,7 +106,8 @@ def test_a_row_left_out_is_predicted_as_a_fit_of_the_others_would() -> None:
 
 
 def test_held_out_rows_without_a_section_are_those_of_the_smaller_model() -> None:
-    """Conditioning the larger model on zeros against the smaller model's own equations; repeats are held out together."""
+    """Conditioning the larger model on zeros against the smaller model's own equations; repeats
+    are held out together."""
     small = ErrorScales(("geometric", "gear"), length=1e-5, angle=1e-5, sizes={"gear": 1e-5})
     robot = load_robot("ur5")
     once = simulate(robot, Simulation(configurations=20, scales=small))

@@ -1,4 +1,6 @@
-"""Families of errors: what each does to the robot, computed apart; columns are derivatives; conditions are used."""
+"""Families of errors: what each does to the robot, computed apart; columns are derivatives;
+conditions are used.
+"""
 
 from dataclasses import replace
 
@@ -9,9 +11,9 @@ from poe import expm_chain, random_positions
 
 from calibtool.calibration import identify
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
-from calibtool.errormodel.conditions import REFERENCE_C, Conditions
 from calibtool.errormodel.families import BY_ID, ERROR_KINDS, FAMILIES
 from calibtool.errormodel.family import Family
+from calibtool.errormodel.operating_conditions import REFERENCE_C, Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.evaluation.compare import evaluate
@@ -20,7 +22,7 @@ from calibtool.identification.parameters import Parameters
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, relative_error
 
 STEP = {
@@ -81,7 +83,7 @@ def test_columns_are_derivatives_away_from_the_nominal_robot(
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.id)
-def test_a_family_says_the_same_of_every_element(fanuc: Robot, family: Family) -> None:
+def test_a_family_states_the_same_of_every_element(fanuc: Robot, family: Family) -> None:
     shape = family.shape(6, 2)
     size = int(np.prod(shape))
     names = family.names(shape, family.ascii)
@@ -105,11 +107,13 @@ def test_values_of_another_shape_or_family_are_refused(fanuc: Robot) -> None:
         RobotErrors.of(fanuc, friction=np.zeros(6))
 
 
-# --- payload and temperature, computed apart -------------------------------------------------------------------------
+# --- payload and temperature, computed apart ------------------------------------------------------
 
 
 def test_a_mass_winds_joints_up_and_bends_them_by_its_moment(rng: np.random.Generator) -> None:
-    """c m along the axis, b m across it, m = (p_tool − p_joint) × weight; poses by scipy's matrix exponential."""
+    """c m along the axis, b m across it, m = (p_tool − p_joint) × weight; poses by scipy's
+    matrix exponential.
+    """
     robot, mass = load_robot("ur5"), 7.0
     chain, q = robot.chain, random_positions(robot, rng, 1)
     wind, bend = rng.uniform(1, 3, (2, 6)) * 1e-6
@@ -190,7 +194,7 @@ def test_conditions_that_cannot_be_are_refused(kwargs: dict, what: str) -> None:
         replace(measurements, conditions=Conditions(**kwargs))
 
 
-# --- identified ------------------------------------------------------------------------------------------------------
+# --- identified -----------------------------------------------------------------------------------
 
 
 def simulated(
@@ -201,13 +205,13 @@ def simulated(
     )
     return simulate(
         load_robot("ur5"), Simulation(seed=seed, configurations=count, scales=scales, **more)
-    )  # type: ignore[arg-type]
+    )
 
 
 def again(measurements: Measurements, **more: object) -> Measurements:
     simulation = Simulation(
         seed=77, configurations=300, same_robot=measurements.truth, noise=0.0, **more
-    )  # type: ignore[arg-type]
+    )
     return simulate(measurements.robot, simulation)
 
 
@@ -223,10 +227,10 @@ def test_evidence_finds_what_depends_on_the_row_and_predicts_by_it(
 ) -> None:
     measurements = simulated((kind,), **condition)
     calibration = identify(measurements, "complete")
-    assert family in calibration.base.posterior.parameters.orders  # type: ignore[union-attr]
+    assert family in calibration.base.posterior.parameters.orders
     fresh = again(measurements, **condition)
     poses = calibration.forward(fresh.q, fresh.conditions)
-    truth = fresh.truth.actual.forward(fresh.q, fresh.conditions)  # type: ignore[union-attr]
+    truth = fresh.truth.actual.forward(fresh.q, fresh.conditions)
     left = np.linalg.norm((poses - truth)[:, :3, 3], axis=-1).mean()
     blind = identify_complete(measurements, CompleteOptions(orders={family: 0})).errors.forward(
         fresh.q
@@ -239,10 +243,10 @@ def test_nothing_is_found_where_nothing_depends_on_the_row() -> None:
     found = identify_complete(
         simulated((), payload_kg=(0.0, 10.0), temperature_c=(20.0, 35.0))
     ).posterior
-    assert not {"payload", "temperature"} & set(found.parameters.orders)  # type: ignore[union-attr]
+    assert not {"payload", "temperature"} & set(found.parameters.orders)
 
 
-def test_a_family_is_refused_where_nobody_wrote_down_what_it_depends_on() -> None:
+def test_a_family_is_refused_where_its_condition_is_unknown() -> None:
     for family, words in (("payload", "mass"), ("temperature", "temperatures")):
         with pytest.raises(InputError, match=words):
             identify_complete(simulated(()), CompleteOptions(orders={family: 1}))
@@ -266,11 +270,13 @@ def test_corrections_are_for_the_payload_and_temperature_of_every_row() -> None:
 
 def identify_complete_without(measurements: Measurements, like: object) -> object:
     base = identify_complete(measurements, CompleteOptions(orders={"payload": 0, "temperature": 0}))
-    return replace(like, base=base)  # type: ignore[type-var]
+    return replace(like, base=base)
 
 
-def test_the_description_says_where_the_robot_hangs_and_what_it_carries() -> None:
-    """Upside down everything bends the other way; a payload of the description holds where rows do not say otherwise."""
+def test_the_description_states_where_the_robot_hangs_and_what_it_carries() -> None:
+    """Upside down everything bends the other way; a payload of the description holds where rows do
+    not state otherwise.
+    """
     source = load_robot("ur5").source
     rng = np.random.default_rng(0)
 

@@ -1,4 +1,6 @@
-"""A message is one line of printable characters, whatever words of a file are in it, and nothing of it is lost."""
+"""A message is one line of printable characters, whatever words of a file are in it, and
+nothing of it is lost.
+"""
 
 import pytest
 from hypothesis import given
@@ -17,7 +19,7 @@ EVERY = (CalibtoolError, UsageError, InputError, NoSolutionError, AcceptanceErro
 
 
 @given(st.text())
-def test_whatever_a_file_says_is_told_in_one_printable_line(text: str) -> None:
+def test_whatever_a_file_states_is_printed_in_one_printable_line(text: str) -> None:
     for kind in EVERY:
         message = str(kind(text))
         assert message.isprintable()

@@ -47,7 +47,9 @@ def test_an_indefinite_matrix_is_refused(bad: float) -> None:
 
 @pytest.mark.parametrize("noise", [1e-8, 2e-9])
 def test_a_noise_that_rounding_drowns_is_an_error_and_no_number(noise: float) -> None:
-    """A planar arm does not show the height of its base: the prior of 1 m stands beside a noise of 10 nm."""
+    """A planar arm does not show the height of its base: the prior of 1 m stands beside
+    a noise of 10 nm.
+    """
     measurements = simulate(
         load_robot("planar-3r"), Simulation(noise=noise, unregistered=True, configurations=40)
     )

@@ -86,7 +86,7 @@ def test_a_workbook_is_known_by_its_contents_and_a_damaged_one_is_refused() -> N
         read_source(b"a,b\n1,2\n", "t.csv", sheet="one")
 
 
-def test_without_openpyxl_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_openpyxl_the_remedy_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     data = workbook(one=ROWS)
     monkeypatch.setitem(sys.modules, "openpyxl", None)
     with pytest.raises(

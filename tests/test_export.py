@@ -1,6 +1,8 @@
-"""Exported corrections compute what `one_step` computes: a reader of the JSON file alone, and the compiled C code.
+"""Exported corrections compute what `one_step` computes: a reader of the JSON file alone, and the
+compiled C code.
 
-After a wanted change of the templates: CALIBTOOL_UPDATE_GOLDEN=1 pytest tests/test_export.py, and read the diff.
+After a wanted change of the templates: CALIBTOOL_UPDATE_GOLDEN=1 pytest tests/test_export.py,
+and read the diff.
 """
 
 import ctypes
@@ -26,8 +28,8 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network
-from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.families import BY_ID
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import UsageError
@@ -53,7 +55,7 @@ SINGLE_CASES = [case for case in CASES if case[1] == "everything" or case[0] in 
 CORRECTING = [case for case in CASES if case[1:] != ("nominal", False)]
 GOLDEN = Path(__file__).parent / "golden"
 
-# --- JSON -----------------------------------------------------------------------------------------------------------
+# --- JSON -----------------------------------------------------------------------------------------
 
 
 def joints_from_json(c: dict, q: Array) -> Array:
@@ -108,7 +110,7 @@ def test_json_holds_every_number_exactly_and_is_deterministic() -> None:
     assert text == calibration_as_json(calibration)
 
 
-# --- C --------------------------------------------------------------------------------------------------------------
+# --- C --------------------------------------------------------------------------------------------
 
 
 LOOP = """
@@ -236,7 +238,10 @@ def test_compiled_c_corrects_nothing_where_nothing_was_identified(compiled: Call
 
 @pytest.mark.parametrize("case", CORRECTING, ids=str)
 def test_compiled_c_makes_no_row_worse(case: tuple[str, str, bool], compiled: Callable) -> None:
-    """Judged by the calibrated model itself. A joint moves by no more than the bound, rows left alone say so."""
+    """Judged by the calibrated model itself.
+
+    A joint moves by no more than the bound, rows left alone say so.
+    """
     calibration = calibrated(*case)
     q = anywhere(calibration, 10_000)
     found, codes = run(compiled(calibration), q)
@@ -318,7 +323,10 @@ def library(
 def test_whatever_comes_in_no_large_number_comes_out(
     library: tuple[Calibration, str, Any], data: st.DataObject
 ) -> None:
-    """Not a number, infinite or beyond 1e6: the same bits come back. Anything else moves by the bound at most."""
+    """Not a number, infinite or beyond 1e6: the same bits come back.
+
+    Anything else moves by the bound at most.
+    """
     calibration, precision, code = library
     n, kind = calibration.robot.n, np.float64 if precision == "double" else np.float32
     extremes = st.sampled_from(
@@ -375,7 +383,9 @@ def test_generated_code_is_the_golden_file() -> None:
 
 
 def round_numbers() -> Calibration:
-    """A made-up calibration of numbers that no processor rounds: not trained, no rotation in its placements' errors."""
+    """A made-up calibration of numbers that no processor rounds: not trained, no rotation in its
+    placements' errors.
+    """
     calibration = calibrated("planar-3r", "local-poe", False)
     chain = calibration.robot.chain
     shifts = np.array([[1.0, 0, 0], [0, 2.0, 0], [0, 0, -1.0], [0, 0, 3.0]]) / 1024
@@ -432,10 +442,10 @@ def test_all_symbols_of_c_code_begin_with_the_prefix(compiled: Callable, tmp_pat
     }
 
 
-# --- coupled joint values --------------------------------------------------------------------------------------------
+# --- coupled joint values -------------------------------------------------------------------------
 
 
-def test_json_holds_the_coupling_and_says_what_it_is() -> None:
+def test_json_holds_the_coupling_and_states_what_it_is() -> None:
     value = json.loads(calibration_as_json(calibrated("fanuc-m1000ia", "nominal", True)))
     q = np.array(value["joint_coupling"]) @ [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
     np.testing.assert_allclose(q, [0.1, 0.2, 0.5, 0.4, 0.5, 0.6])  # serial q3 = J3 + J2
@@ -498,7 +508,7 @@ def test_a_controller_s_positions_that_are_not_finite_come_back_as_they_are(
 
 
 @pytest.mark.parametrize("values", ["serial", "controller"])
-def test_exported_code_says_whose_joint_values_it_takes(values: JointValues) -> None:
+def test_exported_code_states_whose_joint_values_it_takes(values: JointValues) -> None:
     calibration = calibrated("fanuc-m1000ia", "nominal", True)
     header, _ = calibration_as_c(calibration, "arm", joint_values=values)
     text = calibration_as_structured_text(calibration, "arm", joint_values=values)

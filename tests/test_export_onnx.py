@@ -48,7 +48,7 @@ def test_the_model_is_the_mean_of_the_networks(
     pytest.importorskip("onnx", reason="onnx is not installed")
     calibration = ensemble("scara", "local-poe")
     q = anywhere(calibration, 10_000).astype(dtype)
-    found = outputs(calibration_as_onnx(calibration, precision), q)  # type: ignore[arg-type]
+    found = outputs(calibration_as_onnx(calibration, precision), q)
     expected = np.mean([network(q.astype(float)) for network in calibration.networks], axis=0)
     assert set(found) == {"rho"}
     assert found["rho"].dtype == dtype

@@ -1,4 +1,6 @@
-"""The calibrated URDF, loaded by Pinocchio, has the calibrated geometry, and says what it leaves out."""
+"""The calibrated URDF, loaded by Pinocchio, has the calibrated geometry, and says
+what it leaves out.
+"""
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -16,14 +18,16 @@ from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import robot_names
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
 
 ROBOTS = robot_names()
 
 
 def geometric(name: str, twists: str) -> Calibration:
-    """Random placement errors and offsets, and twist errors that only displace the axes, of any kind, or none."""
+    """Random placement errors and offsets, and twist errors that only displace the axes, of
+    any kind, or none.
+    """
     calibration = calibrated(name, "local-poe", False)
     chain, rng = calibration.robot.chain, np.random.default_rng(5)
     n = calibration.robot.n
@@ -106,7 +110,9 @@ def test_a_urdf_is_nearer_to_the_calibrated_robot_than_the_drawing(
 
 
 def best_of_any_urdf(calibration: Calibration, q: Array) -> float:
-    """Mean weighted pose error after scipy has moved every origin as it likes, for the poses at q themselves."""
+    """Mean weighted pose error after scipy has moved every origin as it likes, for the poses
+    at q themselves.
+    """
     robot, wanted = calibration.robot, calibration.forward(q)
 
     def errors(x: Array) -> Array:
@@ -133,7 +139,9 @@ def test_hardly_any_urdf_is_nearer_to_the_calibrated_robot(name: str, tmp_path: 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_origins_stay_where_they_would_only_be_fitted_to_noise(seed: int, tmp_path: Path) -> None:
-    """Ripple of a joint so fine that no origin takes anything of it up: the drawing is as near as any URDF."""
+    """Ripple of a joint so fine that no origin takes anything of it up: the drawing is as
+    near as any URDF.
+    """
     calibration = geometric("ur5", "none")
     n = calibration.robot.n
     ripple = np.zeros((n, 800))
@@ -157,7 +165,8 @@ def test_what_a_urdf_cannot_hold_is_listed(name: str, tmp_path: Path) -> None:
         for f in (np.mean, np.max)
     )
     assert missing[-1] == (
-        f"all together: {mean[0]:.4f} mm, {mean[1]:.4f} mrad in the mean, up to {most[0]:.4f} mm, {most[1]:.4f} mrad"
+        f"all together: {mean[0]:.4f} mm, {mean[1]:.4f} mrad in the mean, up to {most[0]:.4f} mm, "
+        f"{most[1]:.4f} mrad"
     )
     assert [line.split(":")[0] for line in missing[:-1]] == ["twist errors"]
     assert all(line in text for line in missing)
@@ -211,7 +220,9 @@ def robot_of(text: str, calibration: Calibration, **kinematics: str) -> Robot:
 
 
 def with_errors(calibration: Calibration, robot: Robot, seed: int) -> Calibration:
-    """A calibration of another robot of the same joints, with random placement errors and offsets."""
+    """A calibration of another robot of the same joints, with random
+    placement errors and offsets.
+    """
     rng, n = np.random.default_rng(seed), robot.n
     errors = RobotErrors.of(
         robot, placements=rng.normal(size=(n + 1, 6)) * 1e-3, offsets=rng.normal(size=n) * 1e-3
@@ -261,7 +272,9 @@ def test_a_tool_that_is_the_last_moving_link_becomes_a_link_of_its_own(tmp_path:
 
 
 def test_a_second_link_for_the_same_tool_gets_another_name(tmp_path: Path) -> None:
-    """Who keeps the description keeps its tool frame: the first export's own link is in the file already."""
+    """Who keeps the description keeps its tool frame: the first export's own link is in
+    the file already.
+    """
     calibration, tool = tool_on_the_last_moving_link()
     robot = robot_of(calibration_as_urdf(calibration)[0], calibration)
     again = with_errors(calibration, robot, 1)

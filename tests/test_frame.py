@@ -27,7 +27,7 @@ from calibtool.export.rendering import compensator_values
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly
 from calibtool.storage import read_calibration, to_bytes
 
@@ -122,7 +122,7 @@ def test_urdf_and_view_and_corrections_are_in_the_frame(frame: FrameName) -> Non
     )
     exported = Robot.from_source(replace(robot.source, urdf_text=text, description=described))
     np.testing.assert_allclose(exported.mechanism.forward(q), pose, atol=1e-9)
-    sizes = scene_of(calibration).sizes
+    sizes = scene_of(calibration).error_rms
     assert 0.5 * apart < sizes.mean() < 2 * apart
     corrected = compensate_joints(calibration, q).q
     np.testing.assert_allclose(calibration.forward(corrected), nominal, atol=1e-7)
@@ -131,7 +131,7 @@ def test_urdf_and_view_and_corrections_are_in_the_frame(frame: FrameName) -> Non
 def test_taught_corrections_are_smaller_than_fitted_ones() -> None:
     moved = {}
     for frame in FRAMES:
-        calibration = arm("fanuc-m1000ia", frame)  # type: ignore[arg-type]
+        calibration = arm("fanuc-m1000ia", frame)
         nominal = calibration.robot.mechanism
         before, after = calibration.q, compensate_joints(calibration, calibration.q).q
         change = nominal.forward(after) - nominal.forward(before)
@@ -142,12 +142,12 @@ def test_taught_corrections_are_smaller_than_fitted_ones() -> None:
 
 def test_the_choice_is_kept_in_the_file_with_both_frames() -> None:
     for frame in FRAMES:
-        calibration = arm(frame=frame)  # type: ignore[arg-type]
+        calibration = arm(frame=frame)
         again = read_calibration(io.BytesIO(to_bytes(calibration)), "c.h5")
         assert again.frame is not None
         assert again.frame.name == frame
         for name in FRAMES:
-            a, b = calibration.in_frame(name), again.in_frame(name)  # type: ignore[arg-type]
+            a, b = calibration.in_frame(name), again.in_frame(name)
             assert np.array_equal(a.forward(a.q), b.forward(b.q))
 
 
@@ -172,7 +172,7 @@ def test_a_damaged_frame_is_refused(change: Callable[[h5py.Group], None], messag
         read_calibration(io.BytesIO(buffer.getvalue()), "c.h5")
 
 
-def test_the_report_says_what_scipy_says_of_the_frames() -> None:
+def test_the_report_states_what_scipy_states_of_the_frames() -> None:
     calibration = arm()
     report = frame_report(calibration)
     assert report is not None
@@ -203,7 +203,7 @@ def test_a_known_set_up_and_the_nominal_base_leave_nothing_to_choose() -> None:
         assert calibration.in_frame("taught") is calibration
         assert frame_report(calibration) is None
     with pytest.raises(UsageError, match="frame: unknown 'tought'; did you mean taught"):
-        identify(free, "local-poe", "tought")  # type: ignore[arg-type]
+        identify(free, "local-poe", "tought")
 
 
 @pytest.mark.parametrize("frame", [None, *FRAMES])

@@ -1,11 +1,13 @@
-"""Frames on the way to the tool, against the product of exponentials written with scipy's matrix exponential."""
+"""Frames on the way to the tool, against the product of exponentials written with scipy's
+matrix exponential.
+"""
 
 import numpy as np
 import pytest
 from poe import expm_chain, poe_frames, random_positions
 
 from calibtool.errormodel.robot_errors import RobotErrors
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-3, 0.1])

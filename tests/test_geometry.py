@@ -1,4 +1,6 @@
-"""The mechanism with geometric errors is the product of exponentials with these errors in it, for finite motions."""
+"""The mechanism with geometric errors is the product of exponentials with these errors in it,
+for finite motions.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from poe import expm_chain, random_positions
 
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, relative_error
 
 
@@ -25,7 +27,10 @@ def single_exponential(twist: Array) -> Array:
 
 
 def by_definition(robot: Robot, errors: RobotErrors, q: Array) -> Array:
-    """METHOD §2 as it stands: M_j exp(δζ_j), exp((ξ_j + δξ_j)(q_j + δq_j)), with scipy's matrix exponential."""
+    """The model of the paper (Eq. 8) as written: M_j exp(δζ_j), exp((ξ_j + δξ_j)(q_j + δq_j)),
+    with scipy's
+    matrix exponential.
+    """
     placements = np.array(
         [
             M @ single_exponential(x)

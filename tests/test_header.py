@@ -14,7 +14,7 @@ ROW = "10,20,30,1,2,3"
 
 
 def read(header: str, *rows: str, **stated: str) -> Imported:
-    return read_table("\n".join([header, *(rows or (ROW,))]), "t.csv", ARM, stated=Stated(**stated))  # type: ignore[arg-type]
+    return read_table("\n".join([header, *(rows or (ROW,))]), "t.csv", ARM, stated=Stated(**stated))
 
 
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("m", 1.0), ("in", 0.0254)])
@@ -44,7 +44,7 @@ def test_a_length_has_the_unit_of_its_header_or_the_stated_one(
         ),
     ],
 )
-def test_a_unit_that_nobody_stated_is_asked_for(header: str, message: str) -> None:
+def test_a_unit_that_is_not_stated_is_asked_for(header: str, message: str) -> None:
     with pytest.raises(InputError, match=rf"^t\.csv: {message}"):
         read(header)
 
@@ -131,6 +131,9 @@ def test_a_map_may_leave_to_the_header_what_the_header_says() -> None:
 
 
 def test_euler_angles_of_a_map_need_their_unit() -> None:
-    toml = 'pose = { position = ["x", "y", "z"], unit = "mm", orientation = ["a", "b", "c"], convention = "zyx" }'
+    toml = (
+        'pose = { position = ["x", "y", "z"], unit = "mm", orientation = ["a", "b", "c"], '
+        'convention = "zyx" }'
+    )
     with pytest.raises(InputError, match=r"^map\.toml: pose: zyx needs orientation_unit"):
         parse_column_map(toml, "map.toml")

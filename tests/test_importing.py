@@ -1,4 +1,6 @@
-"""Instrument tables become measurements: by header or by map, in every convention, with warnings and clear errors."""
+"""Instrument tables become measurements: by header or by map, in every convention, with warnings
+and clear errors.
+"""
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 Array = np.ndarray
 
@@ -68,7 +70,7 @@ def three_targets_csv(points: Array) -> str:
 
 def imported(text: str, toml: str | None = None, **options: object) -> Measurements:
     column_map = None if toml is None else parse_column_map(toml, "map.toml")
-    measurements, warnings, *_ = import_table(text, "table.csv", UR5, column_map, **options)  # type: ignore[arg-type]
+    measurements, warnings, *_ = import_table(text, "table.csv", UR5, column_map, **options)
     assert warnings == []
     return measurements
 
@@ -79,7 +81,7 @@ TRIPLE_MAP = JOINT_MAP + "".join(
 )
 
 
-# --- points ----------------------------------------------------------------------------------------------------------
+# --- points ---------------------------------------------------------------------------------------
 
 
 def test_joints_and_points_arrive_in_radians_and_metres() -> None:
@@ -201,7 +203,7 @@ def test_stated_noise_is_taken_over() -> None:
     assert np.isclose(measurements.noise_orientation, 0.3e-3)
 
 
-# --- poses -----------------------------------------------------------------------------------------------------------
+# --- poses ----------------------------------------------------------------------------------------
 
 SENSOR = Rotation.from_rotvec([0.3, 0.2, -2.5]).as_matrix()
 ORIGIN = np.array([0.02, -0.05, 0.12])
@@ -262,9 +264,12 @@ def test_all_conventions_give_the_same_poses_and_the_same_sensor(convention: str
     cells = joint_cells() | {f"p{a}": position[:, i] for i, a in enumerate("xyz")}
     cells |= {name: values[:, i] for i, name in enumerate(names)}
     toml = JOINT_MAP + '[pose]\nposition = ["px", "py", "pz"]\nunit = "mm"\n'
-    toml += f'orientation = [{", ".join(repr(n) for n in names)}]\nconvention = "{convention}"\norientation_unit = "rad"\n'
+    toml += (
+        f'orientation = [{", ".join(repr(n) for n in names)}]\nconvention = "{convention}"\n'
+        'orientation_unit = "rad"\n'
+    )
     measurements = imported(csv(cells), toml)
-    assert np.abs(measurements.rotations - rotation.as_matrix()).max() < 1e-9  # type: ignore[operator]
+    assert np.abs(measurements.rotations - rotation.as_matrix()).max() < 1e-9
     setup = measurements.setup
     assert setup.R_tool_sensor is not None
     assert np.abs(setup.T_instrument_base - instrument()).max() < 1e-8
@@ -315,7 +320,7 @@ def test_a_convention_with_the_wrong_number_of_columns_is_refused() -> None:
         imported(csv(cells), toml)
 
 
-# --- what is wrong is named ------------------------------------------------------------------------------------------
+# --- what is wrong is named -----------------------------------------------------------------------
 
 
 def test_degrees_in_a_radian_column_are_noticed() -> None:
@@ -351,7 +356,7 @@ def test_a_missing_column_is_named_with_its_near_ones() -> None:
         imported(text.replace("t3_z_mm", "other"))
 
 
-def test_a_table_without_joints_or_points_says_what_it_lacks() -> None:
+def test_a_table_without_joints_or_points_states_what_it_lacks() -> None:
     with pytest.raises(InputError, match="no joint columns j1_deg"):
         imported(csv(named("t1_", np.ones((N, 3)))))
     with pytest.raises(InputError, match="no measured points"):
@@ -393,8 +398,8 @@ def test_a_wrong_key_or_value_of_the_map_is_named(change: tuple[str, str], messa
     ("toml", "message"),
     [
         (
-            TRIPLE_MAP
-            + '[pose]\nposition = ["a", "b", "c"]\nunit = "mm"\norientation = ["d", "e", "f", "g"]\n'
+            TRIPLE_MAP + '[pose]\nposition = ["a", "b", "c"]\nunit = "mm"\n'
+            'orientation = ["d", "e", "f", "g"]\n'
             'convention = "quaternion-wxyz"\n',
             r"give either \[\[targets\]\] or \[pose\]",
         ),
@@ -454,7 +459,9 @@ def test_rows_outside_the_joint_limits_are_kept_with_a_warning() -> None:
 
 
 def test_a_long_table_is_imported_whole_and_registered_to_a_part_of_its_rows() -> None:
-    """More rows than a block of reading and than registration takes: every row arrives, and the set-up is found."""
+    """More rows than a block of reading and than registration takes: every row arrives, and the
+    set-up is found.
+    """
     count = 20_500
     rows = three_targets_csv(points_mm(UR5.targets, instrument())).splitlines()
     text = "\n".join([rows[0], *(rows[1 + k % N] for k in range(count))])
@@ -463,7 +470,7 @@ def test_a_long_table_is_imported_whole_and_registered_to_a_part_of_its_rows() -
     assert np.abs(measurements.setup.T_instrument_base - instrument()).max() < 1e-8
 
 
-# --- rows ------------------------------------------------------------------------------------------------------------
+# --- rows -----------------------------------------------------------------------------------------
 
 ALL = imported(three_targets_csv(points_mm(UR5.targets, instrument())))
 
@@ -496,7 +503,7 @@ def test_chosen_rows_and_the_rest_are_a_partition(
     assert taken == sorted(taken)
 
 
-def test_all_rows_are_chosen_unless_told_otherwise() -> None:
+def test_all_rows_are_chosen_by_default() -> None:
     chosen, rest = select_rows(ALL, None, None, 0)
     assert positions_of(chosen) == list(range(N))
     assert len(rest) == 0
@@ -519,7 +526,7 @@ def test_a_sample_larger_than_the_rows_is_wrong_usage() -> None:
         select_rows(ALL, "1:3", 4, 0)
 
 
-# --- whose joint values ----------------------------------------------------------------------------------------------
+# --- whose joint values ---------------------------------------------------------------------------
 
 
 def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> None:
@@ -548,7 +555,7 @@ def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> 
         np.testing.assert_allclose(again.q, measured.q, atol=1e-12)
         other = {"controller": "serial", "serial": "controller"}[values]
         with pytest.raises(UsageError, match=f"header says that the joint values are {values}"):
-            import_table(stated, "t", fanuc, frame="base", joint_values=other)  # type: ignore[arg-type]
+            import_table(stated, "t", fanuc, frame="base", joint_values=other)
     targets = "".join(
         f'[[targets]]\nmeasured = ["t{i}_x_m", "t{i}_y_m", "t{i}_z_m"]\nunit = "m"\n'
         for i in (1, 2, 3)
@@ -571,7 +578,7 @@ def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> 
     np.testing.assert_array_equal(overridden.q, measured.q)
 
 
-# --- not seen --------------------------------------------------------------------------------------------------------
+# --- not seen -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("cells", [[(3, 1)], [(0, 0), (0, 2), (11, 1)]])

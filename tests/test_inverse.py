@@ -7,9 +7,9 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import at_point, scale_rows
+from calibtool.robot.damped_least_squares import at_point, scale_rows
 from calibtool.robot.inverse import InverseResult, inverse_kinematics, solve_poses
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, translation
 
 
@@ -18,7 +18,9 @@ def forward(robot: Robot, q: Array) -> Array:
 
 
 def weighted_error(robot: Robot, q: Array, target: Array) -> Array:
-    """|(translation of the tool point / length, angle of rotation)|, written with traces and norms: (N,)."""
+    """|(translation of the tool point / length, angle of rotation)|, written with traces
+    and norms: (N,).
+    """
     pose = forward(robot, q)
     distance = np.linalg.norm(pose[:, :3, 3] - target[:, :3, 3], axis=-1) / robot.length
     relative = target[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2)
@@ -131,7 +133,7 @@ def test_a_pose_out_of_reach_is_not_reached(name: str) -> None:
     result = inverse_kinematics(robot, target, starts=3)
     assert not result.reached[0]
     assert result.position[0] / robot.length + result.orientation[0] > 0.01
-    # What is said to be left is what is left.
+    # The reported remaining error is the actual one.
     left = np.hypot(result.position / robot.length, result.orientation)
     np.testing.assert_allclose(left, weighted_error(robot, result.q, target), rtol=1e-6)
     assert robot.within_limits(result.q)[0]
@@ -204,7 +206,7 @@ def test_beyond_a_stretched_elbow_the_nearest_pose_is_found(
 
 
 def test_what_no_joint_can_turn_is_left_and_no_shift_is_given_for_it() -> None:
-    # A planar arm cannot tilt: what is left of a rotation about x is that rotation.
+    # A planar arm cannot tilt: the remaining error of a rotation about x is that rotation.
     robot = load_robot("planar-3r")
     q = np.array([[0.3, 0.8, -0.4]])
     pose = forward(robot, q)

@@ -1,4 +1,6 @@
-"""The equivalent robot: six independent joint motion errors everywhere in the workspace, virtual ones fixed in the tool."""
+"""The equivalent robot: six independent joint motion errors everywhere in the workspace, virtual
+ones fixed in the tool.
+"""
 
 from itertools import combinations
 
@@ -13,7 +15,7 @@ from calibtool.errors import InputError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 SMALL = [name for name in robot_names() if load_robot(name).n < 6]
@@ -63,7 +65,9 @@ def with_virtual_joints(name: str, joints: str) -> Robot:
 
 @pytest.mark.parametrize("name", ["gantry", "planar-3r", "scara", "ur5"])
 def test_columns_are_the_motions_that_the_joints_make(name: str) -> None:
-    """Actuated joints move the chain; a virtual joint moves the tool along or about its own axis."""
+    """Actuated joints move the chain; a virtual joint moves the tool
+    along or about its own axis.
+    """
     robot = load_robot(name)
     equivalent = equivalent_robot(robot)
     q = configurations(robot, 3)
@@ -97,7 +101,7 @@ def test_hardly_any_other_choice_of_virtual_joints_is_better_conditioned(name: s
     q = configurations(robot, 200)  # not those by which the choice was made
 
     def worst(joints: tuple[str, ...]) -> float:
-        sigma = scaled_singular_values(robot, EquivalentRobot(robot.n, joints), q)  # type: ignore[arg-type]
+        sigma = scaled_singular_values(robot, EquivalentRobot(robot.n, joints), q)
         return float(((1.0 / np.maximum(sigma, 1e-12) ** 2).sum(axis=-1) ** -0.5).min())
 
     chosen = worst(equivalent_robot(robot).virtual_joints)
@@ -106,12 +110,13 @@ def test_hardly_any_other_choice_of_virtual_joints_is_better_conditioned(name: s
 
 
 def test_a_scara_gets_turns_about_the_tool_s_x_and_y() -> None:
-    # METHOD §5
+    # docs/method.md, virtual joints
     assert set(equivalent_robot(load_robot("scara")).virtual_joints) == {"rx", "ry"}
 
 
 def test_a_planar_arm_gets_the_shift_and_the_turns_out_of_its_plane() -> None:
-    # Its tool's z points along the last link and x down (robots/planar-3r): x, ry and rz leave the plane.
+    # Its tool's z points along the last link and x down (robots/planar-3r): x, ry and rz
+    # leave the plane.
     robot = load_robot("planar-3r")
     tool = robot.mechanism.forward(configurations(robot, 1))[0, :3, :3]
     assert np.allclose(np.abs(tool[2]), [1, 0, 0], atol=1e-9)

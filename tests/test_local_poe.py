@@ -1,4 +1,6 @@
-"""The local-POE baseline: what can be recovered is, what cannot is said, and nothing else is claimed."""
+"""The local-POE baseline: what can be recovered is, what cannot is said, and nothing
+else is claimed.
+"""
 
 import re
 from dataclasses import replace
@@ -15,15 +17,15 @@ from calibtool.calibration.guard import coverage
 from calibtool.errormodel.actual import ActualRobot
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import NoSolutionError
+from calibtool.identification.identification import nominal_model
 from calibtool.identification.local_poe import identify_local_poe
-from calibtool.identification.model import nominal_model
 from calibtool.measurement.measurements import Measurements, Setup, Truth
 from calibtool.measurement.observation import residuals, weights
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, observe, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 
@@ -76,7 +78,9 @@ def design_configurations(robot: Robot, design: str) -> Array:
 
 @cache
 def sensitivity(name: str, design: str, locked: int | None = None) -> Array:
-    """∂(targets in K_0)/∂δζ (N·9, 6n+6) by differences of a product of exponentials written out here."""
+    """∂(targets in K_0)/∂δζ (N·9, 6n+6) by differences of a product of exponentials
+    written out here.
+    """
     robot = load_robot(name)
     q = design_configurations(robot, design)
     if locked is not None:
@@ -116,12 +120,13 @@ def sensitivity(name: str, design: str, locked: int | None = None) -> Array:
 
 
 def expected_rank(robot: Robot) -> int:
-    """Six for every frame, less the motions that commute with a joint's own: a turn about and a shift along a revolute
-    axis can be moved past it, three shifts and a turn past a prismatic one."""
+    """Six for every frame, less the motions that commute with a joint's own: a turn about and a
+    shift along a revolute axis can be moved past it, three shifts and a turn past a prismatic one.
+    """
     return 6 * (robot.n + 1) - sum(4 if prismatic else 2 for prismatic in robot.prismatic)
 
 
-# --- recovery --------------------------------------------------------------------------------------------------------
+# --- recovery -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "gantry", "panda", "planar-3r", "scara", "ur5"])
@@ -190,7 +195,7 @@ def test_poses_of_a_sensor_identify_the_robot_as_points_do(fanuc: Robot, known: 
     assert np.abs(after[:, :3, 3] - real[:, :3, 3]).max() < 1e-9
 
 
-# --- noise -----------------------------------------------------------------------------------------------------------
+# --- noise ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("unregistered", [False, True])
@@ -244,7 +249,7 @@ def test_a_smaller_noise_gives_a_smaller_error(fanuc: Robot) -> None:
     assert 5 < off[0] / off[1] < 20  # linear in the noise, which is the same but for its size
 
 
-# --- what can be observed --------------------------------------------------------------------------------------------
+# --- what can be observed -------------------------------------------------------------------------
 
 
 def test_as_many_parameters_are_found_as_frames_and_axes_leave(robot: Robot) -> None:
@@ -253,7 +258,7 @@ def test_as_many_parameters_are_found_as_frames_and_axes_leave(robot: Robot) -> 
     assert base.rank == base.observable_rank == expected_rank(robot)
     assert base.unobservable == ()
     if robot.n == 6:
-        assert base.rank == 30  # METHOD §4
+        assert base.rank == 30  # docs/method.md, local POE
 
 
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "gantry", "planar-3r", "scara"])
@@ -280,7 +285,8 @@ def test_a_joint_that_never_moves_leaves_directions_that_are_named(
     measurements = measured(truth, at=q, noise=0.05e-3)
     result = identify(measurements, "local-poe")
     base = result.base
-    # A locked revolute joint joins two frames into one: of their 12 parameters less two, six are left.
+    # A locked revolute joint joins two frames into one: of their 12 parameters less
+    # two, six are left.
     assert (base.rank, base.observable_rank) == (26, 30)
     assert len(base.unobservable) == 4
     assert np.isfinite(base.errors["placements"]).all()
@@ -299,7 +305,8 @@ def test_named_directions_are_those_that_a_better_design_would_see(
     q = measured(truth_of(fanuc)).q.copy()
     q[:, locked] = 0.3
     base = identify_local_poe(measured(truth_of(fanuc), at=q, noise=0.05e-3))
-    # All directions that this design misses and the whole joint range shows, without the exact redundancies.
+    # All directions that this design misses and the whole joint range shows, without the
+    # exact redundancies.
     seen = np.linalg.svd(sensitivity("fanuc-m1000ia", "full"))[2][:30]
     here = np.linalg.svd(sensitivity("fanuc-m1000ia", "workspace", locked))[2][:26]
     missing = np.linalg.svd(seen - seen @ here.T @ here)[2][:4]
@@ -329,14 +336,15 @@ def test_the_step_has_no_component_that_the_data_cannot_see(fanuc: Robot) -> Non
     assert np.linalg.norm(step) < np.linalg.norm(truth)
 
 
-# --- no solution -----------------------------------------------------------------------------------------------------
+# --- no solution ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("count", [1, 3, 4])
 def test_too_few_configurations_are_refused_with_a_number_that_is_enough(
     fanuc: Robot, count: int
 ) -> None:
-    # Three targets on a rigid tool show six things of a configuration, however many coordinates are read.
+    # Three targets on a rigid tool show six things of a configuration, however many
+    # coordinates are read.
     truth = truth_of(fanuc)
     with pytest.raises(NoSolutionError, match=f"{count} configurations give") as error:
         identify_local_poe(measured(truth, count))
@@ -354,7 +362,7 @@ def test_points_of_another_robot_do_not_converge(fanuc: Robot) -> None:
         identify_local_poe(shuffled)
 
 
-# --- nominal ---------------------------------------------------------------------------------------------------------
+# --- nominal --------------------------------------------------------------------------------------
 
 
 def test_the_nominal_model_is_the_drawing(fanuc_measurements: Measurements) -> None:
@@ -374,7 +382,8 @@ def test_the_nominal_model_is_the_drawing(fanuc_measurements: Measurements) -> N
 @pytest.mark.parametrize("jitter", [1e-3, 1e-4, 1e-5])
 @pytest.mark.parametrize("unregistered", [False, True])
 def test_joints_that_only_jitter_settle_with_less_shown(jitter: float, unregistered: bool) -> None:
-    """Directions that the noise hides are not estimated, and rows like those measured are inside."""
+    """Directions that the noise hides are not estimated, and rows like those measured are
+    inside."""
     robot = load_robot("ur10")
     home, rng = np.array([0.3, -1.2, 1.4, -0.8, 1.0, 0.4]), np.random.default_rng(0)
     q, again = (home + jitter * rng.normal(size=(100, 6)) for _ in range(2))

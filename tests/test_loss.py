@@ -17,7 +17,9 @@ LOSSES = {"task": task_loss, "joint": joint_loss}
 def problem(
     rng: np.random.Generator, n: int, d: int, K: int = 12
 ) -> tuple[Array, Array, Array, Network]:
-    """Configurations, weighted matrices of very unlike columns, weighted residuals, and a network."""
+    """Configurations, weighted matrices of very unlike columns, weighted
+    residuals, and a network.
+    """
     p = max(n, 6)
     q = rng.normal(size=(K, n))
     G = rng.normal(size=(K, d, p)) * 10.0 ** rng.uniform(2, 4, p)

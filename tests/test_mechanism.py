@@ -1,4 +1,6 @@
-"""Forward kinematics, Jacobians, the distance from a singularity and the damped solution of joint motions."""
+"""Forward kinematics, Jacobians, the distance from a singularity and the damped solution
+of joint motions.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from drawn import DrawnChain, DrawnJoint
 from poe import expm_chain, poe_frames, random_positions
 
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import (
+from calibtool.robot.damped_least_squares import (
     MIN_SINGULARITY_DISTANCE,
     at_point,
     damped_solution,
@@ -16,7 +18,7 @@ from calibtool.robot.damped import (
     singularity_distance,
 )
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, relative_error
 
 

@@ -55,8 +55,8 @@ def test_a_reduction_is_what_is_gone_in_percent() -> None:
     nominal = method("nominal", [[[4e-3, 0, 0]], [[8e-3, 0, 0]]], [[2e-3, 0, 0], [0, 4e-3, 0]])
     better = method("better", [[[1e-3, 0, 0]], [[0, 1e-3, 0]]], [[1e-3, 0, 0], [0, 0, 1e-3]])
     entry = summary(better, nominal)
-    assert entry["position_mm"]["mean"] == pytest.approx(1.0)  # type: ignore[index]
-    assert entry["orientation_mrad"]["max"] == pytest.approx(1.0)  # type: ignore[index]
+    assert entry["position_mm"]["mean"] == pytest.approx(1.0)
+    assert entry["orientation_mrad"]["max"] == pytest.approx(1.0)
     assert entry["reduction_percent"] == pytest.approx(
         {
             "position_mean": 100 * (1 - 1 / 6),
@@ -72,20 +72,20 @@ def test_a_reduction_is_what_is_gone_in_percent() -> None:
 
 def test_the_nominal_robot_is_reduced_by_nothing_and_a_worse_one_by_less() -> None:
     nominal = method("nominal", [[[1e-3, 0, 0]], [[3e-3, 0, 0]]])
-    assert set(summary(nominal, nominal)["reduction_percent"].values()) <= {0.0, None}  # type: ignore[attr-defined]
+    assert set(summary(nominal, nominal)["reduction_percent"].values()) <= {0.0, None}
     worse = method("worse", [[[2e-3, 0, 0]], [[6e-3, 0, 0]]])
-    assert summary(worse, nominal)["reduction_percent"]["position_mean"] == pytest.approx(-100.0)  # type: ignore[index]
+    assert summary(worse, nominal)["reduction_percent"]["position_mean"] == pytest.approx(-100.0)
 
 
 def test_an_orientation_that_is_not_seen_is_null() -> None:
     entry = summary(method("a", [[[1e-3, 0, 0]]]), method("nominal", [[[1e-3, 0, 0]]]))
     assert entry["orientation_mrad"] is None
-    assert not any(entry["reduction_percent"].get(f"orientation_{s}") for s in STATISTICS)  # type: ignore[attr-defined]
+    assert not any(entry["reduction_percent"].get(f"orientation_{s}") for s in STATISTICS)
 
 
 def test_a_perfect_nominal_robot_has_nothing_to_reduce() -> None:
     perfect = method("nominal", [[[0.0, 0, 0]], [[0.0, 0, 0]]])
-    assert set(summary(perfect, perfect)["reduction_percent"].values()) <= {0.0, None}  # type: ignore[attr-defined]
+    assert set(summary(perfect, perfect)["reduction_percent"].values()) <= {0.0, None}
 
 
 def test_error_rows_keep_sign_and_direction() -> None:

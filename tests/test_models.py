@@ -8,8 +8,8 @@ from poe import poe_frames, random_positions
 from calibtool.calibration import Calibration
 from calibtool.errormodel.actual import ErrorScales, random_actual
 from calibtool.errormodel.placements import placement_columns
-from calibtool.robot.gravity import gravity_model, gravity_torque
-from calibtool.robot.model import Robot
+from calibtool.robot.gravity_torque import gravity_model, gravity_torque
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
 
 
@@ -46,7 +46,7 @@ def test_an_actual_robot_is_its_model_at_its_configuration(
     )
 
 
-def test_a_calibration_says_what_its_model_leaves_out(
+def test_a_calibration_states_what_its_model_leaves_out(
     fanuc_local_poe: Calibration, fanuc_network: Calibration
 ) -> None:
     q = fanuc_local_poe.q[:5]

@@ -1,7 +1,8 @@
-"""Bounds at the edges of floating point and of good sense: singularities, sizes, turns, targets, noise, few rows.
+"""Bounds at the edges of floating point and of good sense: singularities, sizes, turns, targets,
+noise, few rows.
 
-docs/numerics.md lists them, by benchmarks/numerics.py. Every figure here is checked within a factor of about two of what was
-measured.
+docs/numerics.md lists them, by benchmarks/numerics.py. Every figure here is checked within a factor
+of about two of what was measured.
 """
 
 from dataclasses import replace
@@ -24,11 +25,15 @@ from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.measurements import Measurements, check_targets
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE, at_point, singularity_distance
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import (
+    MIN_SINGULARITY_DISTANCE,
+    at_point,
+    singularity_distance,
+)
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly, transform_points
 
-# --- singularities ---------------------------------------------------------------------------------------------------
+# --- singularities --------------------------------------------------------------------------------
 
 DISTANCES = np.concatenate([-(10.0 ** -np.arange(1, 9)), [0.0], 10.0 ** -np.arange(8, 0, -1)])
 SINGULAR = [
@@ -58,13 +63,13 @@ def towards_singularity(robot: Robot, joint: int) -> Array:
 
 @pytest.mark.parametrize(("name", "joint"), SINGULAR)
 @pytest.mark.parametrize("method", ["exact", "one-step"])
-def test_corrections_are_bounded_and_honest_near_singularities(
+def test_corrections_are_bounded_and_reported_near_singularities(
     name: str, joint: int, method: str
 ) -> None:
     calibration = calibrated(name)
     robot = calibration.robot
     q = towards_singularity(robot, joint)
-    result = compensate_joints(calibration, q, method)  # type: ignore[arg-type]
+    result = compensate_joints(calibration, q, method)
     assert np.isfinite(result.q).all()
     assert np.abs(result.q - q).max() < 0.1
     near = robot.singularity_distance(q) < MIN_SINGULARITY_DISTANCE / 2
@@ -80,7 +85,9 @@ def test_corrections_are_bounded_and_honest_near_singularities(
 
 @pytest.mark.parametrize(("name", "joint"), SINGULAR[:2])
 def test_exact_leaves_no_more_than_one_step_near_singularities(name: str, joint: int) -> None:
-    """Of the sum that the damping makes least: both are damped alike, exact finds what one step is aiming at."""
+    """Of the sum that the damping makes least: both are damped alike, exact finds what one
+    step is aiming at.
+    """
     calibration = calibrated(name)
     robot = calibration.robot
     q = towards_singularity(robot, joint)
@@ -89,7 +96,7 @@ def test_exact_leaves_no_more_than_one_step_near_singularities(name: str, joint:
     damping = np.maximum(0.0, DAMPED_BELOW - singularity_distance(columns, robot.length))
     cost = {}
     for method in ("exact", "one-step"):
-        result = compensate_joints(calibration, q, method)  # type: ignore[arg-type]
+        result = compensate_joints(calibration, q, method)
         length = np.linalg.norm(result.q - q, axis=-1)
         cost[method] = errors(calibration, result.q, q) ** 2 + (damping * length) ** 2 / 4
     assert (cost["exact"] <= cost["one-step"] * 1.05 + 1e-24).all()
@@ -97,7 +104,9 @@ def test_exact_leaves_no_more_than_one_step_near_singularities(name: str, joint:
 
 
 def errors(calibration: Calibration, corrected: Array, q: Array) -> Array:
-    """Weighted pose errors of the calibrated robot at corrected joints, against the nominal one at q: (N,)."""
+    """Weighted pose errors of the calibrated robot at corrected joints, against the
+    nominal one at q: (N,).
+    """
     pose, aim = calibration.forward(corrected), calibration.robot.mechanism.forward(q)
     turn = Rotation.from_matrix(pose[:, :3, :3] @ np.swapaxes(aim[:, :3, :3], -1, -2)).magnitude()
     return np.hypot(
@@ -113,7 +122,7 @@ def test_poses_at_a_singularity_have_a_verdict() -> None:
     assert np.isfinite(result.q[result.status != UNREACHABLE]).all()
 
 
-# --- sizes -----------------------------------------------------------------------------------------------------------
+# --- sizes ----------------------------------------------------------------------------------------
 
 STRAIGHT = (0.0, 0.0, 0.0)
 
@@ -148,7 +157,9 @@ TARGETS = ((100.0, 0.0, 20.0), (-50.0, 86.6, 20.0), (-50.0, -86.6, 20.0))
 def test_a_micro_manipulator_and_a_crane_are_calibrated_as_well(
     first: list[DrawnJoint], scale: float, tolerances: str
 ) -> None:
-    """Links of about 1 m times 0.005 and 50, slides of 1 m likewise; errors and noise grow with them."""
+    """Links of about 1 m times 0.005 and 50, slides of 1 m likewise; errors and
+    noise grow with them.
+    """
     tolerance = 1.0 if tolerances == "default" else scale
     robot = DrawnChain(tuple(first + WRIST), TOOL, TARGETS).robot(
         scale=scale, tolerance_mm=tolerance
@@ -189,20 +200,23 @@ def test_robots_that_differ_by_five_micrometres_are_not_the_same() -> None:
         evaluate([("other", identify(other, "nominal"))], data)
 
 
-# --- many turns ------------------------------------------------------------------------------------------------------
+# --- many turns -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("turned", "bound"), [(1e3, 1e-12), (1e4, 1e-11), (1e5, 1e-10), (1e6, 1e-9)]
 )
 def test_joint_values_of_many_turns_lose_digits_only(turned: float, bound: float) -> None:
-    """Metres and elements of rotations, on an arm of 3 m whose last three joints have turned so far."""
+    """Metres and elements of rotations, on an arm of 3 m whose last three joints
+    have turned so far.
+    """
     calibration = calibrated("fanuc-m1000ia")
     robot = calibration.robot
     q = calibration.q[:10]
     far = q + np.array([0, 0, 0, 1, 1, 1]) * round(turned / (2 * np.pi)) * 2 * np.pi
     np.testing.assert_allclose(robot.mechanism.forward(far), robot.mechanism.forward(q), atol=bound)
-    # With the same turns of every joint error the calibration says the same: only δξ grows with the turns.
+    # With the same turns of every joint error the calibration says the same: only δξ
+    # grows with the turns.
     steady = calibration.base.errors.without("twists")
     plain = replace(calibration, base=replace(calibration.base, errors=steady), networks=())
     np.testing.assert_allclose(plain.forward(far), plain.forward(q), atol=bound)
@@ -215,7 +229,7 @@ def test_joint_values_of_many_turns_lose_digits_only(turned: float, bound: float
     np.testing.assert_allclose(calibration.base_mechanism.forward(far), expected, atol=1e3 * bound)
 
 
-# --- targets almost on one line --------------------------------------------------------------------------------------
+# --- targets almost on one line -------------------------------------------------------------------
 
 
 def seen_with(data: Measurements, targets: Array) -> Measurements:
@@ -237,7 +251,8 @@ def test_targets_almost_on_a_line_are_refused_or_serve(
             check_targets(targets, "targets")
     elif width > 1.2e-3:
         check_targets(targets, "targets")
-    # The tolerances of the complete model take over what targets do not show: made by hand, such data serve too.
+    # The tolerances of the complete model take over what targets do not show: made by hand,
+    # such data serve too.
     data = fanuc_measurements.rows(np.arange(40))
     found = identify(seen_with(data, targets), "complete")
     assert data.truth is not None
@@ -245,7 +260,7 @@ def test_targets_almost_on_a_line_are_refused_or_serve(
     assert np.linalg.norm(off, axis=-1).max() < 0.2e-3
 
 
-# --- noise -----------------------------------------------------------------------------------------------------------
+# --- noise ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-15, 1e-9, 1e-3, 1.0, 1e3, 1e6])
@@ -278,7 +293,7 @@ def test_stated_noise_far_from_the_real_one_is_put_right(fanuc_measurements: Mea
     np.testing.assert_allclose(found.forward(q), right.forward(q), atol=0.05e-3)
 
 
-# --- one configuration, and the same one again -----------------------------------------------------------------------
+# --- one configuration, and the same one again ----------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -308,7 +323,7 @@ def test_few_configurations_are_fitted_or_refused(
 def test_a_network_is_trained_on_one_configuration_or_refused(
     base: str, regularisation: str, fanuc_measurements: Measurements
 ) -> None:
-    options = TrainingOptions(restarts=2, regularisation=regularisation)  # type: ignore[arg-type]
+    options = TrainingOptions(restarts=2, regularisation=regularisation)
     repeated = fanuc_measurements.rows(
         np.zeros(20, dtype=int)
     )  # the very same reading: fitted to the last digit

@@ -1,13 +1,15 @@
-"""Observability indices: against singular values worked out another way, and what they say of sets."""
+"""Observability indices: against singular values worked out another way,
+and what they say of sets.
+"""
 
 import numpy as np
 import pytest
 
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.planning.knowledge import Knowledge
-from calibtool.planning.observability import observability_indices
-from calibtool.robot.model import Robot
+from calibtool.planning.information import Knowledge
+from calibtool.planning.observability_indices import observability_indices
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import transform_points
 
 NOISE = 0.05e-3
@@ -21,7 +23,9 @@ def fanuc_configurations(fanuc: Robot) -> np.ndarray:
 def test_they_are_those_of_the_geometry_by_finite_differences(
     fanuc: Robot, fanuc_configurations: np.ndarray
 ) -> None:
-    """Target points of robots with one placement error each: 30 of 42 directions are seen, their singular values."""
+    """Target points of robots with one placement error each: 30 of 42 directions are seen, their
+    singular values.
+    """
     q, step = fanuc_configurations[:20], 1e-6
 
     def points(errors: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from calibtool.measurement.observation import (
     weights,
 )
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 KINDS = ("one target", "three targets", "6-D sensor")
@@ -56,7 +56,9 @@ def twist_matrix(twist: Array) -> Array:
 
 
 def predicted(setup: Setup, pose: Array, turned_from: Array) -> Array:
-    """Observation (d,) in K_0: target points, and the sensor's turn from a reference orientation."""
+    """Observation (d,) in K_0: target points, and the sensor's turn from
+    a reference orientation.
+    """
     parts = [pose[:3, :3] @ target + pose[:3, 3] for target in setup.targets]
     if setup.R_tool_sensor is not None:
         parts.append(
@@ -165,7 +167,9 @@ def test_weights_turn_the_stated_noise_into_one(kind: str, rng: np.random.Genera
 
 
 def test_deviations_of_axes_weigh_along_the_instrument_s_axes(rng: np.random.Generator) -> None:
-    """A row's squares are xᵀ C⁻¹ x with the covariance C of its points in K_0, and columns are weighed like residuals."""
+    """A row's squares are xᵀ C⁻¹ x with the covariance C of its points in K_0, and columns are
+    weighed like residuals.
+    """
     from calibtool.measurement.observation import linearised, weighted_residuals
     from calibtool.measurement.simulate import Simulation, simulate
 
@@ -193,7 +197,7 @@ def test_deviations_of_axes_weigh_along_the_instrument_s_axes(rng: np.random.Gen
     )
 
 
-def test_an_instrument_that_is_bad_along_one_axis_is_believed_along_the_others(
+def test_an_instrument_that_is_bad_along_one_axis_is_used_along_the_others(
     rng: np.random.Generator,
 ) -> None:
     from calibtool.calibration import identify
@@ -213,7 +217,7 @@ def test_an_instrument_that_is_bad_along_one_axis_is_believed_along_the_others(
         )
         for told in (replace(measurements, deviations=deviations), measurements):
             poses = identify(told, "complete").forward(fresh.q)
-            truth = fresh.truth.actual.forward(fresh.q)  # type: ignore[union-attr]
+            truth = fresh.truth.actual.forward(fresh.q)
             errors.append(np.linalg.norm((poses - truth)[:, :3, 3], axis=-1).mean())
     told, blind = np.reshape(errors, (3, 2)).T
     assert told.mean() < 0.5 * blind.mean()

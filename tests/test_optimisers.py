@@ -1,4 +1,6 @@
-"""The optimisers go downhill, arrive where they can, and hand back the iteration with the lowest validation loss."""
+"""The optimisers go downhill, arrive where they can, and hand back the iteration with the lowest
+validation loss.
+"""
 
 from collections.abc import Iterator
 
@@ -22,7 +24,9 @@ OPTIMISERS = {"lm": levenberg_marquardt, "gd": gradient_descent}
 
 
 def taught(seed: int, K: int = 80, noise: float = 0.0) -> tuple[Loss, Network, Network]:
-    """A loss whose data come from a network (the teacher), and another network of the same size to start from."""
+    """A loss whose data come from a network (the teacher), and another network of the same
+    size to start from.
+    """
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1, 1, (K, 3))
     G = rng.normal(size=(K, 6, 6))
@@ -114,7 +118,9 @@ def test_gradient_descent_gets_near_the_solution_with_patience() -> None:
 
 
 def scripted(values: list[float]) -> tuple[Loss, Network, object]:
-    """Steps that visit constant networks, whose validation losses are therefore known: value² · 6 for a zero target."""
+    """Steps that visit constant networks, whose validation losses are therefore known: value² · 6
+    for a zero target.
+    """
     rng = np.random.default_rng(0)
     q = rng.normal(size=(4, 2))
     network = Network.initial(q, np.ones(6), 2, rng)
@@ -140,7 +146,7 @@ def test_early_stopping_hands_back_the_lowest_validation_loss(
     values: list[float], lowest: int
 ) -> None:
     loss, network, steps = scripted(values)
-    best, history = run(steps, constant(network, 10.0), loss, loss, Stopping(100, 100, 1e-7))  # type: ignore[arg-type]
+    best, history = run(steps, constant(network, 10.0), loss, loss, Stopping(100, 100, 1e-7))
     assert history.chosen == lowest
     assert np.allclose(best(loss.q), values[lowest - 1])
     assert np.allclose(history.validation, [6 * v**2 for v in (10.0, *values)])
@@ -149,14 +155,14 @@ def test_early_stopping_hands_back_the_lowest_validation_loss(
 
 def test_the_first_network_is_kept_where_no_step_validates_better() -> None:
     loss, network, steps = scripted([2.0, 3.0, 4.0])
-    best, history = run(steps, constant(network, 1.0), loss, loss, Stopping(100, 100, 1e-7))  # type: ignore[arg-type]
+    best, history = run(steps, constant(network, 1.0), loss, loss, Stopping(100, 100, 1e-7))
     assert history.chosen == 0
     assert np.allclose(best(loss.q), 1.0)
 
 
 def test_patience_ends_a_run_that_no_longer_validates_better() -> None:
     loss, network, steps = scripted([2.0, 1.0, *[3.0] * 50])
-    _, history = run(steps, constant(network, 9.0), loss, loss, Stopping(100, 7, 1e-7))  # type: ignore[arg-type]
+    _, history = run(steps, constant(network, 9.0), loss, loss, Stopping(100, 7, 1e-7))
     assert history.chosen == 2
     assert len(history.training) == 1 + 2 + 7
     assert "no better validation loss in 7 iterations" in history.reason
@@ -164,7 +170,7 @@ def test_patience_ends_a_run_that_no_longer_validates_better() -> None:
 
 def test_a_run_has_a_largest_number_of_iterations() -> None:
     loss, network, steps = scripted([float(100 - i) for i in range(50)])
-    _, history = run(steps, constant(network, 200.0), loss, loss, Stopping(12, 100, 1e-7))  # type: ignore[arg-type]
+    _, history = run(steps, constant(network, 200.0), loss, loss, Stopping(12, 100, 1e-7))
     assert len(history.training) == 1 + 12
     assert history.reason == "12 iterations"
 

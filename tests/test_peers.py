@@ -1,4 +1,6 @@
-"""The scripts of benchmarks/peers: they compile, count honestly, and explain peers that are missing."""
+"""The scripts of benchmarks/peers: they compile, count honestly, and explain peers
+that are missing.
+"""
 
 import importlib
 import py_compile
@@ -49,12 +51,12 @@ def test_a_missing_peer_is_a_line_of_the_table(peer, tmp_path, capsys):
     geometry.table([tmp_path], 1)
     out = capsys.readouterr().out
     assert (
-        "nobody's tool | skipped: no_such_package is not installed (pip install -r benchmarks/peers/"
-        in out
+        "nobody's tool | skipped: no_such_package is not installed (pip install -r "
+        "benchmarks/peers/" in out
     )
 
 
-def test_run_says_why_a_table_is_missing(peer, monkeypatch):
+def test_run_states_why_a_table_is_missing(peer, monkeypatch):
     run = peer("run")
 
     def fails(arguments):

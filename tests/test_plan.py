@@ -7,12 +7,12 @@ from calibtool.calibration import identify
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints, inside
-from calibtool.planning.knowledge import Knowledge
+from calibtool.planning.information import Knowledge
+from calibtool.planning.joint_table import as_written, joint_table
 from calibtool.planning.plan import Plan, make_plan
 from calibtool.planning.selection import Criterion
-from calibtool.planning.table import as_written, joint_table
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.tables import joints_from_header, parse_table
 
 NOISE = 0.05e-3
@@ -61,7 +61,7 @@ def test_the_table_is_the_plan(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("criterion", ["d", "i"])
-def test_it_promises_more_than_random_ones(fanuc: Robot, criterion: Criterion) -> None:
+def test_it_predicts_more_than_random_ones(fanuc: Robot, criterion: Criterion) -> None:
     for workspace in ("full", "machining"):
         made = planned(fanuc, 15, criterion, workspace, refine=False)
         assert made.selected.target.mean() < 0.8 * made.random.target.mean()
@@ -79,8 +79,10 @@ def test_and_refinement_more_than_the_candidates(fanuc: Robot) -> None:
     assert volume(fine) < volume(rough) - 1.0
 
 
-def test_the_promise_is_kept(fanuc: Robot) -> None:
-    """Errors of an identification from 15 planned configurations, against 15 random ones, on the same robots."""
+def test_the_prediction_holds(fanuc: Robot) -> None:
+    """Errors of an identification from 15 planned configurations, against 15 random ones, on
+    the same robots.
+    """
     made = planned(fanuc, 15, workspace="full", refine=False)
     errors: dict[str, list[float]] = {"planned": [], "random": []}
     for seed in range(2):

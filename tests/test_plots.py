@@ -1,4 +1,6 @@
-"""Figures: whole pictures of the format asked for, the same bytes every time, with every method in them."""
+"""Figures: whole pictures of the format asked for, the same bytes every time, with
+every method in them.
+"""
 
 import io
 import re
@@ -15,16 +17,16 @@ from calibtool.errormodel.families import BY_ID
 from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.acceptance import parse_limit
 from calibtool.evaluation.compare import Evaluation
-from calibtool.evaluation.iso9283 import pose_test, repeated_poses
-from calibtool.evaluation.metrics import MethodErrors
+from calibtool.evaluation.metrics import MethodErrors, MethodResult
 from calibtool.evaluation.plots import FIGURES, ImageFormat, Subject, draw, image_format
-from calibtool.evaluation.plots.calibrations import joint_motions
-from calibtool.evaluation.plots.errors import magnification
+from calibtool.evaluation.plots.calibration_figures import joint_motions
+from calibtool.evaluation.plots.error_figures import magnification
 from calibtool.evaluation.plots.style import COLOURS
+from calibtool.evaluation.pose_test import pose_test, repeated_poses
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 WIDTH = 120.0
 
@@ -42,14 +44,16 @@ def evaluation(
         )
         for name in names
     ]
-    return Evaluation("ur5", rows, "compensated", methods, [0] * len(names))
+    return Evaluation(
+        "ur5", rows, "compensated", tuple(MethodResult(method, method) for method in methods)
+    )
 
 
 def judged(
     measurements: Measurements, names: list[str], oriented: bool = True, **extra: object
 ) -> Subject:
     """A subject with made-up errors at real configurations."""
-    return Subject([], measurements, evaluation(names, oriented, len(measurements)), **extra)  # type: ignore[arg-type]
+    return Subject([], measurements, evaluation(names, oriented, len(measurements)), **extra)
 
 
 def texts(svg: bytes) -> str:
@@ -177,14 +181,16 @@ def test_only_calibrations_with_a_network_are_drawn(
 
 
 def test_joint_motions_are_those_of_the_network_on_the_drawing(fanuc_network: Calibration) -> None:
-    """On the nominal robot, moving the joints by δρ gives the calibrated pose (Eq. 13), to first order."""
+    """On the nominal robot, moving the joints by δρ gives the calibrated pose (Eq.
+    13), to first order.
+    """
     q = fanuc_network.q[:20]
     moved = fanuc_network.robot.mechanism.forward(q + joint_motions(fanuc_network, q))
     np.testing.assert_allclose(moved, fanuc_network.forward(q), atol=3e-5)
 
 
 @pytest.mark.parametrize("kind", ["training", "motions", "parameters"])
-def test_what_is_not_there_is_said(kind: str, fanuc_local_poe: Calibration) -> None:
+def test_what_is_not_there_is_reported(kind: str, fanuc_local_poe: Calibration) -> None:
     with pytest.raises(InputError, match=r"no |only "):
         draw(kind, Subject([("poe", fanuc_local_poe)]), "png")
 
@@ -212,7 +218,9 @@ def test_every_family_of_parameters_is_drawn(fanuc_measurements: Measurements) -
 
 
 def test_everything_that_moves_a_joint_is_drawn_with_its_own_name(fanuc: Robot) -> None:
-    """Harmonics, wind-up and backlash of one arm: a panel each, and the harmonics as a curve over their joint."""
+    """Harmonics, wind-up and backlash of one arm: a panel each, and the harmonics as a curve
+    over their joint.
+    """
     scales = ErrorScales(("geometric", "gear", "gravity", "backlash"))
     measurements = simulate(fanuc, Simulation(configurations=60, scales=scales))
     options = CompleteOptions(orders={"harmonics": 2, "gravity": 1, "backlash": 1, "twists": 1})
@@ -246,7 +254,7 @@ def test_pose_accuracy_and_repeatability(fanuc_measurements: Measurements) -> No
     made = evaluation(["nominal", "a"], rows=20)
     poses = repeated_poses(rows.q, rows.robot.mechanism.forward(rows.q)[:, :3, 3])
     tested = Evaluation(
-        "x", 20, "predicted", made.methods, [0, 0], pose_test=pose_test(made.methods, poses)
+        "x", 20, "predicted", made.results, pose_test=pose_test(made.methods, poses)
     )
     found = written("iso9283", Subject([], rows, tested))
     for word in ("AP nominal", "AP a", "RP", "configuration 1", "position, mm"):
@@ -268,7 +276,9 @@ def test_the_same_picture_has_the_same_bytes_and_no_date(
 
 
 def test_letters_of_a_file_are_part_of_it(fanuc_measurements: Measurements) -> None:
-    """A journal's typesetter has other fonts: SVG letters are outlines, PDF letters whole TrueType ones."""
+    """A journal's typesetter has other fonts: SVG letters are outlines, PDF letters
+    whole TrueType ones.
+    """
     subject = judged(fanuc_measurements, ["nominal", "a"], oriented=False)
     assert texts(draw("distribution", subject, "svg", WIDTH)) == ""
     pdf = draw("distribution", subject, "pdf", WIDTH)

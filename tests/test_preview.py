@@ -14,7 +14,7 @@ UR5 = load_robot("ur5")
 def lines(text: str, toml: str | None = None, **options: object) -> dict[str, list[str]]:
     """The preview by its keys."""
     column_map = None if toml is None else parse_column_map(toml, "map.toml")
-    return keyed(import_table(text, "table.csv", UR5, column_map, **options))  # type: ignore[arg-type]
+    return keyed(import_table(text, "table.csv", UR5, column_map, **options))
 
 
 def keyed(imported: Imported) -> dict[str, list[str]]:
@@ -50,8 +50,10 @@ def test_nominal_points_with_their_errors_and_a_known_place_on_the_tool() -> Non
     cells = joint_cells() | named("nominal_", points) | named("error_", np.zeros_like(points))
     toml = (
         '[[targets]]\nnominal = ["nominal_x_mm", "nominal_y_mm", "nominal_z_mm"]\n'
-        'error = ["error_x_mm", "error_y_mm", "error_z_mm"]\nerror_is = "measured-minus-nominal"\nunit = "mm"\n'
-        'on_tool_mm = [100.0, 0.0, 50.0]\n[instrument]\nframe = "base"\n[noise]\nposition_mm = 0.02\n'
+        'error = ["error_x_mm", "error_y_mm", "error_z_mm"]\nerror_is = "measured-minus-nominal"\n'
+        'unit = "mm"\n'
+        'on_tool_mm = [100.0, 0.0, 50.0]\n[instrument]\nframe = "base"\n[noise]\n'
+        "position_mm = 0.02\n"
     )
     shown = lines(csv(cells, ";", ","), toml)
     assert shown["file"] == ["table.csv: table separated by semicolon, decimal comma"]
@@ -61,7 +63,7 @@ def test_nominal_points_with_their_errors_and_a_known_place_on_the_tool() -> Non
     assert shown["noise"] == ["0.02 mm per coordinate (stated)"]
 
 
-def test_rows_too_few_to_place_the_instrument_are_said() -> None:
+def test_rows_too_few_to_place_the_instrument_are_reported() -> None:
     points = points_mm(np.array([[0.1, 0.0, 0.05]]), instrument())[:2, 0]
     text = csv({name: values[:2] for name, values in joint_cells().items()} | named("", points))
     shown = keyed(read_table(text, "table.csv", UR5))

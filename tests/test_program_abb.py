@@ -1,4 +1,6 @@
-"""RAPID: what is found in modules, where it is used, what is left alone, and what is refused, by line."""
+"""RAPID: what is found in modules, where it is used, what is left alone, and what is
+refused, by line.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -7,12 +9,12 @@ import numpy as np
 import pytest
 
 from calibtool.programs.agreement import Position, positions
-from calibtool.programs.flow import Flow, follow
 from calibtool.programs.formats import reader
-from calibtool.programs.frames import Frames
+from calibtool.programs.frames import NamedFrames
+from calibtool.programs.motion_flow import Flow, follow
 from calibtool.programs.motions import Program
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 FOLDER = Path(__file__).parent / "programs"
 EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
@@ -31,7 +33,7 @@ def read(text: str, name: str = "fanuc-m1000ia") -> Program:
 def followed(text: str) -> tuple[Program, Flow, list[Position], dict[int, str]]:
     """The program, its uses, positions that can be corrected, and why others are left, by line."""
     program = read(text)
-    flow = follow(program, Frames())
+    flow = follow(program, NamedFrames())
     found, left = positions(program, flow)
     whys = {program.literals[number].line: why for number, why in left.items()}
     return program, flow, found, whys
@@ -47,7 +49,7 @@ def bad(text: str, name: str = "fanuc-m1000ia") -> dict[int, str]:
     """Errors by line."""
     program = read(text, name)
     return {r.line: r.why for r in program.remarks if r.bad} | {
-        literal.line: literal.left for literal in program.literals if literal.bad
+        literal.line: literal.not_corrected for literal in program.literals if literal.bad
     }
 
 
@@ -132,7 +134,7 @@ def test_arrays_and_switched_off_configurations() -> None:
     assert use.obeyed is False
 
 
-def test_an_instruction_that_does_not_end_or_close_is_said() -> None:
+def test_an_instruction_that_does_not_end_or_close_is_reported() -> None:
     def said(move: str) -> set[str]:
         return set(whys(f"MODULE A\nPROC m()\n {move}\nENDPROC\nENDMODULE\n").values())
 
@@ -374,9 +376,11 @@ def test_values_of_no_external_axis(external: str) -> None:
 
 def test_names_of_modules_and_routines_hide_others() -> None:
     text = (
-        f"MODULE A\nCONST robtarget p:={A};\nPROC one()\nVAR robtarget p:={B};\nMoveL p,v1,fine,tool0;\nENDPROC\n"
+        f"MODULE A\nCONST robtarget p:={A};\nPROC one()\nVAR robtarget p:={B};\n"
+        "MoveL p,v1,fine,tool0;\nENDPROC\n"
         f"PROC two()\nMoveL p,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
-        f"MODULE B\nLOCAL CONST robtarget p:={B};\nPROC three()\nMoveL p,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
+        f"MODULE B\nLOCAL CONST robtarget p:={B};\nPROC three()\nMoveL p,v1,fine,tool0;\nENDPROC\n"
+        "ENDMODULE\n"
     )
     program, flow, _, left = followed(text)
     assert left == {}
@@ -390,7 +394,8 @@ def test_names_of_modules_and_routines_hide_others() -> None:
 def test_arguments_of_routines() -> None:
     text = procedure("weld p,gun\\w:=fix;", "weld r,gun;", before=CELL).replace(
         "ENDMODULE",
-        "PROC weld(robtarget at,PERS tooldata t\\PERS wobjdata w)\nMoveL at,v1,fine,t\\WObj?w;\nENDPROC\nENDMODULE",
+        "PROC weld(robtarget at,PERS tooldata t\\PERS wobjdata w)\nMoveL at,v1,fine,t\\WObj?w;\n"
+        "ENDPROC\nENDMODULE",
     )
     program, flow, _, _ = followed(text)
     assert sorted(program.literals[use.literal].name for use in flow.uses) == ["p", "r"]
@@ -565,7 +570,8 @@ def test_a_position_whose_changed_copy_is_moved_to_serves_two_places(change: str
 
 @pytest.mark.parametrize("zeros", ["0,0,0,0,0,0", "0.0,-0,0,0.00,0,0"])
 def test_a_mastering_position_is_left(zeros: str) -> None:
-    text = procedure(f"MoveAbsJ [[{zeros}],{EXTERNAL}],v1,fine,tool0;", "MoveAbsJ home,v1,fine,tool0;",
+    text = procedure(f"MoveAbsJ [[{zeros}],{EXTERNAL}],v1,fine,tool0;",
+        "MoveAbsJ home,v1,fine,tool0;",
                      before=f"CONST jointtarget home:=[[{zeros}],{EXTERNAL}];")  # fmt: skip
     assert followed(text)[3] == dict.fromkeys((2, 4), "a mastering position: all joints are zero")
     assert not bad(text)

@@ -1,4 +1,6 @@
-"""Small programs with right answers that were computed apart from calibtool's solver and readers, see `RIGHT`."""
+"""Small programs with right answers that were computed apart from calibtool's solver and
+readers, see `RIGHT`.
+"""
 
 import re
 from collections.abc import Sequence
@@ -12,7 +14,7 @@ from calibtool.calibration import Calibration, identify
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.compensate import compensate_program
 from calibtool.programs.formats import detected
-from calibtool.programs.summary import CompensatedProgram
+from calibtool.programs.program_summary import CompensatedProgram
 from calibtool.robot.catalogue import load_robot
 
 FOLDER = Path(__file__).parent / "programs" / "cases"
@@ -21,9 +23,9 @@ NUMBER = re.compile(r"-?\d+\.\d+")
 JOINTS = (12.007, 14.056, -5.875, 7.961, -66.182, 14.965)
 HOME = (0.086828, -1.400321, 1.751188, -1.921143, -1.573112, 0.179126)
 # File → line → numbers after correction, or why the line is left. Computed with Pinocchio from the
-# nominal URDF and the one of `export --format urdf`: each literal solved on its branch in its frame and
-# tool, the calibrated arm brought to the same pose, and the nominal pose there stated: x, y, z or the
-# joints.
+# nominal URDF and the one of `export --format urdf`: each literal solved on its branch in its
+# frame and tool, the calibrated arm brought to the same pose, and the nominal pose there stated:
+# x, y, z or the joints.
 RIGHT: dict[str, dict[int, Sequence[float] | str]] = {
     "plain.mod": {3: (2301.123, 439.518, 608.298)},
     "arc_end.mod": {

@@ -1,4 +1,6 @@
-"""Programs through compensation: the identity changes no byte, corrections come back, all else stays, errors by line."""
+"""Programs through compensation: the identity changes no byte, corrections come back, all else
+stays, errors by line.
+"""
 
 import importlib.util
 import re
@@ -65,7 +67,7 @@ def robot_of(program_format: str) -> str:
     return str(bench().ROBOTS.get(program_format, bench().OTHER_ROBOT))
 
 
-# --- laws -----------------------------------------------------------------------------------------------------------
+# --- laws -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("program_format", PROGRAM_FORMATS)
@@ -107,7 +109,9 @@ def test_the_corrected_program_holds_the_corrected_joints(program_format: str) -
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_only_numbers_change(sample: str) -> None:
-    """With every number (and the blanks before it) taken out, both texts are the same; and comments are untouched."""
+    """With every number (and the blanks before it) taken out, both texts are the same; and
+    comments are untouched.
+    """
     data, program_format = program_of(sample)
     name = SAMPLES[sample]
     result = compensate_program(calibrations(name)[1], data, sample, program_format, nominal(name))
@@ -126,7 +130,9 @@ def test_only_numbers_change(sample: str) -> None:
 
 
 def test_columns_stay_columns() -> None:
-    """A number takes the blanks before it as far as they go: `-179.729` with six decimals is wider than its column."""
+    """A number takes the blanks before it as far as they go: `-179.729` with six decimals is wider
+    than its column.
+    """
     data, program_format = program_of("weld.ls")
     result = compensate_program(calibrations("fanuc-m1000ia")[1], data, "weld.ls", program_format)
     before, after = data.splitlines(), result.data.splitlines()
@@ -146,7 +152,7 @@ def test_bytes_of_any_encoding_pass_through() -> None:
         assert result.changed == 1
 
 
-# --- frames and tools -----------------------------------------------------------------------------------------------
+# --- frames and tools -----------------------------------------------------------------------------
 
 
 def test_frames_and_tools() -> None:
@@ -183,14 +189,15 @@ def test_default_frame_and_tool() -> None:
     result = compensate_program(calibration, text.encode(), "a", "kuka-krl")
     (remark,) = result.left_alone
     assert (
-        remark.why == "the program does not say its frame; give it with --frames, [frames.default]"
+        remark.why
+        == "the program does not state its frame; give it with --frames, [frames.default]"
     )
     assert result.data == text.encode()
     options = ProgramOptions(frames=read_frames("[frames.default]\n[tools.default]\n", "f"))
     assert compensate_program(calibration, text.encode(), "a", "kuka-krl", options).changed == 1
 
 
-# --- joint values, configuration data, options ----------------------------------------------------------------------
+# --- joint values, configuration data, options ----------------------------------------------------
 
 
 def test_joint_values_of_the_controller_and_of_the_chain() -> None:
@@ -211,8 +218,10 @@ def test_joint_values_of_the_controller_and_of_the_chain() -> None:
         np.testing.assert_allclose(np.rad2deg(target.values), expected, atol=1e-6)
 
 
-def test_a_turn_that_changes_is_written_and_said() -> None:
-    """A3 is commanded at 0, which T may call negative or not; once corrected only one of the two is true."""
+def test_a_turn_that_changes_is_written_and_reported() -> None:
+    """A3 is commanded at 0, which T may call negative or not; once corrected only one of
+    the two is true.
+    """
     data, program_format = program_of("drill.dat")
     results = [
         compensate_program(
@@ -258,8 +267,8 @@ def test_the_summary() -> None:
     )
     assert "weld.ls: left alone: a relative motion (INC in line 12): line 30 (P[3])" in lines
     assert (
-        "weld.ls: left alone: frame '3' is not known; give it with --frames, [frames.3]: line 45 (P[5])"
-        in lines
+        "weld.ls: left alone: frame '3' is not known; give it with --frames, [frames.3]: "
+        "line 45 (P[5])" in lines
     )
     assert "weld.ls: note: line 13: P[4] is corrected without its offset" in lines
 
@@ -272,7 +281,7 @@ def test_a_summary_of_many_lines_is_short() -> None:
     assert line.endswith(" and 30 more")
 
 
-# --- errors ---------------------------------------------------------------------------------------------------------
+# --- errors ---------------------------------------------------------------------------------------
 
 REST = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 GOOD = f"MoveAbsJ [[0,10,-10,0,-70,0],{REST}], v100, fine, tool0;"
@@ -307,7 +316,9 @@ def test_a_target_without_an_answer(line: str, error: type[Exception], why: str)
 
 
 def test_corrections_that_lead_over_a_limit() -> None:
-    """Targets at the very limit: where the correction leads over it, the joint stays there and the target is named."""
+    """Targets at the very limit: where the correction leads over it, the joint stays there and the
+    target is named.
+    """
     robot, calibration = load_robot("fanuc-m1000ia"), calibrations("fanuc-m1000ia")[1]
     held = []
     for j in range(3):
@@ -351,10 +362,15 @@ def test_outside_of_the_training_is_refused_on_request() -> None:
 
 @pytest.mark.parametrize("change", ["P[1]=LPOS", "IF R[1]=1,P[1,3]=R[2]"])
 def test_a_pose_that_is_left_beside_corrected_ones(change: str) -> None:
-    """The path has a step where FANUC's program assigns a position; beside joint targets alone there is none."""
+    """The path has a step where FANUC's program assigns a position; beside joint targets
+    alone there is none.
+    """
     calibration = calibrations("fanuc-m1000ia")[1]
     head = "{\n GP1:\n UF : 0, UT : 0, CONFIG : 'N U T, 0, 0, 0',\n"
-    place = " X = {} mm, Y = 438.964 mm, Z = 606.965 mm,\n W = -171.751 deg, P = 1.716 deg, R = -149.873 deg\n}};\n"
+    place = (
+        " X = {} mm, Y = 438.964 mm, Z = 606.965 mm,\n"
+        " W = -171.751 deg, P = 1.716 deg, R = -149.873 deg\n}};\n"
+    )
     joints = (
         "{\n GP1:\n UF : 0, UT : 0,\n"
         + ", ".join(f"J{k + 1}= {5 - 10 * k} deg" for k in range(6))
@@ -362,7 +378,10 @@ def test_a_pose_that_is_left_beside_corrected_ones(change: str) -> None:
     )
     first, pose_there = (f"P[{k}]{head}{place.format(x)}" for k, x in ((1, 2300.597), (2, 2280.0)))
     for second, steps in ((f"P[2]{joints}", 0), (pose_there, 1)):
-        code = f"/PROG A\n/MN\n1:J P[2] 20% FINE ;\n2:{change} ;\n3:L P[1] 100mm/sec FINE ;\n/POS\n{first}{second}/END\n"
+        code = (
+            f"/PROG A\n/MN\n1:J P[2] 20% FINE ;\n2:{change} ;\n3:L P[1] 100mm/sec FINE ;\n/POS\n"
+            f"{first}{second}/END\n"
+        )
         result = compensate_program(calibration, code.encode(), "a", "fanuc-ls")
         assert result.changed == 1
         assert result.inconsistent == steps
@@ -381,7 +400,7 @@ def test_zero_bytes_are_no_program() -> None:
         compensate_program(calibrations("ur5")[0], "def a():".encode("utf-16"), "a", "ur-script")
 
 
-def test_nothing_found_is_said() -> None:
+def test_nothing_found_is_reported() -> None:
     result = compensate_program(calibrations("ur5")[0], b"hello\n", "a", "fanuc-ls")
     assert result.data == b"hello\n"
     assert "no positions are written in it as fanuc-ls" in result.summary("a")[1]

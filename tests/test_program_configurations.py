@@ -1,4 +1,6 @@
-"""Configuration data: the controllers' definitions on arms built after them, and the branches that are found."""
+"""Configuration data: the controllers' definitions on arms built after them, and the
+branches that are found.
+"""
 
 from functools import cache
 from itertools import product
@@ -11,9 +13,10 @@ from calibtool.programs.configurations import Abb, Configuration, Digit, Fanuc, 
 from calibtool.programs.formats import coupling_of
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import source_from_urdf
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
-# Axes and origins of a KUKA arm at zero: A1 and the wrist's roll axes count clockwise, the arm lies stretched along x.
+# Axes and origins of a KUKA arm at zero: A1 and the wrist's roll axes count clockwise, the arm lies
+# stretched along x.
 KUKA = [
     ("0 0 -1", "0 0 0.675"),
     ("0 1 0", "0.26 0 0"),
@@ -31,8 +34,8 @@ def kuka() -> Robot:
     for k, (axis, origin) in enumerate(KUKA):
         limit = np.deg2rad(170 if k < 3 else 350)
         parts.append(
-            f'<link name="l{k + 1}"/><joint name="a{k + 1}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
-            f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
+            f'<link name="l{k + 1}"/><joint name="a{k + 1}" type="revolute"><parent '
+            f'link="l{k}"/><child link="l{k + 1}"/><origin xyz="{origin}"/><axis xyz="{axis}"/>'
             f'<limit lower="{-limit}" upper="{limit}" effort="0" velocity="0"/></joint>'
         )
     return Robot.from_source(source_from_urdf("".join([*parts, "</robot>"]), "k"))
@@ -60,7 +63,7 @@ def means(controller: Controller, configuration: Configuration, degrees: list[fl
     return configuration.branch(here, zero) and configuration.turns(q)
 
 
-# --- the controllers' definitions -----------------------------------------------------------------------------------
+# --- the controllers' definitions -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -102,7 +105,9 @@ def test_fanuc(degrees: list[float], text: str) -> None:
 
 
 def test_fanuc_couples_joints_2_and_3() -> None:
-    """J3 is the forearm's angle against the horizontal: with J3 unchanged, moving J2 does not tilt it."""
+    """J3 is the forearm's angle against the horizontal: with J3 unchanged, moving J2
+    does not tilt it.
+    """
     controller = fanuc()
     forearm = [
         controller.robot.mechanism.forward(
@@ -140,7 +145,7 @@ def test_abb(degrees: list[float], quadrants: tuple[int, int, int], cfx: int) ->
     assert not means(controller, Abb((digit(first + 1), digit(second), digit(third)), cfx), degrees)
 
 
-# --- what a correction changes --------------------------------------------------------------------------------------
+# --- what a correction changes --------------------------------------------------------------------
 
 
 def test_turn_bits_and_quadrants_follow_the_joints() -> None:
@@ -153,7 +158,7 @@ def test_turn_bits_and_quadrants_follow_the_joints() -> None:
     assert Abb(quadrants, 0).digits(q - np.deg2rad([1, 0, 0, 0, 0, 0])) == [(quadrants[0], -1)]
 
 
-# --- the branch of a pose -------------------------------------------------------------------------------------------
+# --- the branch of a pose -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

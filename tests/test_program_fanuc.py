@@ -1,4 +1,6 @@
-"""FANUC: what is found in programs, in which frame it is used, what is left alone, and what is refused, by line."""
+"""FANUC: what is found in programs, in which frame it is used, what is left alone, and what is
+refused, by line.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -7,12 +9,12 @@ import numpy as np
 import pytest
 
 from calibtool.programs.agreement import Position, positions
-from calibtool.programs.flow import Flow, follow
 from calibtool.programs.formats import read_program
-from calibtool.programs.frames import Frames, read_frames
-from calibtool.programs.motions import Program, Source
+from calibtool.programs.frames import NamedFrames, read_frames
+from calibtool.programs.motion_flow import Flow, follow
+from calibtool.programs.motions import Program, ProgramText
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 FOLDER = Path(__file__).parent / "programs"
 ANY_FRAME = read_frames(
@@ -26,12 +28,12 @@ def robot(name: str = "fanuc-m1000ia") -> Robot:
 
 
 def read(*texts: str, name: str = "fanuc-m1000ia") -> Program:
-    sources = [Source(f"{k}", text, edited=k == 0) for k, text in enumerate(texts)]
+    sources = [ProgramText(f"{k}", text, edited=k == 0) for k, text in enumerate(texts)]
     return read_program("fanuc-ls", sources, robot(name))
 
 
 def followed(
-    *texts: str, given: Frames = ANY_FRAME
+    *texts: str, given: NamedFrames = ANY_FRAME
 ) -> tuple[Program, Flow, list[Position], dict[str, str]]:
     """The program, its uses, positions that can be corrected, and why others are left, by name."""
     program = read(*texts)
@@ -52,7 +54,9 @@ def corrected(*texts: str) -> list[str]:
 
 
 def order(*texts: str) -> list[list[str]]:
-    """For every use of a position, in the order of the text: the position and those that the robot comes from."""
+    """For every use of a position, in the order of the text: the position and those that the
+    robot comes from.
+    """
     program, flow, _, _ = followed(*texts)
     names = [program.literals[use.literal].name for use in flow.uses]
     uses = [
@@ -73,14 +77,19 @@ def bad(text: str, name: str = "fanuc-m1000ia") -> dict[int, str]:
     """Errors by line."""
     program = read(text, name=name)
     remarks = {r.line: r.why for r in program.remarks if r.bad}
-    return remarks | {literal.line: literal.left for literal in program.literals if literal.bad}
+    return remarks | {
+        literal.line: literal.not_corrected for literal in program.literals if literal.bad
+    }
 
 
 POSE = (
     "\tUF : {uf}, UT : {ut},\t\tCONFIG : '{config}',\n\tX = 1500 mm, Y = 2 mm, Z = {z},\n"
     "\tW = 0 deg, P = 0 deg, R = 0 deg{more}\n"
 )
-JOINTS = "\tUF : F, UT : F,\n\tJ1= 1 deg, J2= 2 deg, J3= 3 deg,\n\tJ4= 4 deg, J5= -50 deg, J6= 6 deg{more}\n"
+JOINTS = (
+    "\tUF : F, UT : F,\n\tJ1= 1 deg, J2= 2 deg, J3= 3 deg,\n"
+    "\tJ4= 4 deg, J5= -50 deg, J6= 6 deg{more}\n"
+)
 
 
 def pose(
@@ -96,12 +105,12 @@ def written(*instructions: str, name: str = "A", attributes: str = "", **groups:
     return f"/PROG {name}\n/ATTR {attributes}\n/MN\n{lines}/POS\n{taught}/END\n"
 
 
-# --- positions -------------------------------------------------------------------------------------------------------
+# --- positions ------------------------------------------------------------------------------------
 
 
 def test_a_program() -> None:
     text = (FOLDER / "weld.ls").read_text(encoding="ascii")
-    program, _, found, whys = followed(text, given=Frames())
+    program, _, found, whys = followed(text, given=NamedFrames())
     literals = {program.literals[p.literal].line: program.literals[p.literal] for p in found}
     assert {line: (literal.kind, literal.name) for line, literal in literals.items()} == {
         21: ("joint", "P[1]"),
@@ -161,7 +170,8 @@ def test_a_position_that_is_not_closed_does_not_take_the_next_one() -> None:
         (pose(config="", z="******** mm"), "not taught"),
         (JOINTS.format(more="").replace("J2= 2", "J2= *"), "not taught"),
         (JOINTS.format(more="").replace("-50", "0").translate(str.maketrans("", "", "")), ""),
-        (pose().replace("X =", "RX =").replace("Y =", "RY =").replace("Z =", "RZ =").replace("W =", "RW =")
+        (pose().replace("X =", "RX =").replace("Y =", "RY =").replace("Z =", "RZ =").replace("W =",
+            "RW =")
          .replace("P =", "RP =").replace("R = 0 deg\n", "RR = 0 deg\n"), "remote TCP position"),
     ],
 )  # fmt: skip
@@ -180,7 +190,9 @@ def test_external_axes_of_zero_are_none_and_beside_joints_they_do_not_matter() -
 
 
 def test_other_groups_are_another_robot() -> None:
-    """A second arm has joints and poses of its own; a program of group 2 alone has nothing for this robot."""
+    """A second arm has joints and poses of its own; a program of group 2 alone has
+    nothing for this robot.
+    """
     both = pose() + "   GP2:\n" + pose(uf="1") + "   GP3:\n\tUF : 0, UT : 0,\n\tJ1= 5 mm\n"
     program, _, found, whys = followed(written("L P[1] 100mm/sec FINE", P1=both))
     assert [program.literals[p.literal].name for p in found] == ["P[1]"]
@@ -224,7 +236,7 @@ def test_motions_that_a_sensor_shifts(begin: str, end: str) -> None:
 
 @pytest.mark.parametrize("point", ["PAL_1[BTM]", "PAL_12[A_1]"])
 @pytest.mark.parametrize("letter", ["L", "J"])
-def test_pallets_are_said(letter: str, point: str) -> None:
+def test_pallets_are_reported(letter: str, point: str) -> None:
     text = written(f"{letter} {point} 100mm/sec FINE", "L P[1] 100mm/sec FINE", P1=pose())
     assert said(text) == {4: f"a position of a pallet: its value is not in the program ({point})"}
 
@@ -256,11 +268,11 @@ def test_positions_that_no_motion_goes_to_are_corrected_in_their_own_frame() -> 
     )
     assert [p.frame.name if p.frame else None for p in found] == ["2", None]
     assert whys == {
-        "P[2]": "the program does not say its frame; give it with --frames, [frames.default]"
+        "P[2]": "the program does not state its frame; give it with --frames, [frames.default]"
     }
 
 
-# --- motions ---------------------------------------------------------------------------------------------------------
+# --- motions --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -287,7 +299,8 @@ def test_both_points_of_a_circle(circle: str) -> None:
 
 def test_arcs_of_single_points_and_every_kind_of_motion() -> None:
     text = written(
-        "J P[1] 100% FINE", "A P[2] 100mm/sec CNT50", "A P[3] 100mm/sec CNT50", "S P[4] 100mm/sec FINE",
+        "J P[1] 100% FINE", "A P[2] 100mm/sec CNT50", "A P[3] 100mm/sec CNT50",
+        "S P[4] 100mm/sec FINE",
         P1=JOINTS.format(more=""), P2=pose(), P3=pose(), P4=pose(),
     )  # fmt: skip
     assert order(text) == [["P[1]"], ["P[2]", "P[1]"], ["P[3]", "P[2]"], ["P[4]", "P[3]"]]
@@ -318,9 +331,10 @@ def test_relative_motions(options: str) -> None:
     assert "corrected without" not in "".join(read(text).notes)
 
 
-def test_registers_and_indirect_positions_are_said() -> None:
+def test_registers_and_indirect_positions_are_reported() -> None:
     text = written(
-        "L PR[3:home] 100mm/sec FINE", "L P[R[1]] 100mm/sec FINE", "J P[R[AR[1]]] 20% FINE INC", "L P[9] 1cm/min FINE",
+        "L PR[3:home] 100mm/sec FINE", "L P[R[1]] 100mm/sec FINE", "J P[R[AR[1]]] 20% FINE INC",
+        "L P[9] 1cm/min FINE",
         "C P[1] P[R[2:i]] 10mm/sec FINE", P1=pose(), P2=pose(),
     )  # fmt: skip
     assert said(text) == {
@@ -362,7 +376,8 @@ def test_offsets_are_noted(option: str) -> None:
 )
 def test_remote_tcp(line: str) -> None:
     assert left(written(line, P1=pose())) == {
-        "P[1]": "its tool: a remote TCP (RTCP in line 4): the robot holds the work piece and not the tool"
+        "P[1]": "its tool: a remote TCP (RTCP in line 4): the robot holds the work piece "
+        "and not the tool"
     }
 
 
@@ -379,12 +394,13 @@ def test_positions_that_are_assigned() -> None:
     assert left(text) == {"P[1]": "it is assigned (line 4)"}
 
 
-# --- frames ----------------------------------------------------------------------------------------------------------
+# --- frames ---------------------------------------------------------------------------------------
 
 
 def test_current_frames_are_those_that_are_selected() -> None:
     text = written(
-        "UFRAME_NUM=2", "UTOOL_NUM=1", "L P[1] 1mm/sec FINE", "UFRAME_NUM=R[1]", "L P[2] 1mm/sec FINE",
+        "UFRAME_NUM=2", "UTOOL_NUM=1", "L P[1] 1mm/sec FINE", "UFRAME_NUM=R[1]",
+        "L P[2] 1mm/sec FINE",
         P1=pose(uf="F", ut="F"), P2=pose(uf="F", ut="F"),
     )  # fmt: skip
     _, _, found, whys = followed(text)
@@ -397,8 +413,12 @@ def test_current_frames_are_those_that_are_selected() -> None:
     [("UFRAME_NUM", "UTOOL_NUM"), ("BENUTZER_NUM", "WKZ_NUM"), ("UFRAME_NUM[GP1]", "UTOOL_NUM[1]")],
 )
 def test_a_position_goes_with_the_frame_that_it_names(frame: str, tool: str) -> None:
-    """Whatever is selected: with another selection the controller does not move. `F` goes with the selection."""
-    text = written(f"{frame}=1", f"{tool}=3", "UFRAME_NUM[GP2]=4", "L P[1] 1mm/sec FINE", "L P[2] 1mm/sec FINE",
+    """Whatever is selected: with another selection the controller does not move.
+
+    `F` goes with the selection.
+    """
+    text = written(f"{frame}=1", f"{tool}=3", "UFRAME_NUM[GP2]=4", "L P[1] 1mm/sec FINE",
+        "L P[2] 1mm/sec FINE",
                    P1=pose(uf="2"), P2=pose(uf="F", ut="F"))  # fmt: skip
     _, _, found, _ = followed(text)
     assert [(p.frame.name, p.tool.name) for p in found if p.frame and p.tool] == [
@@ -456,7 +476,8 @@ def test_calls() -> None:
 
 
 def test_frames_that_the_program_changes() -> None:
-    text = written("UFRAME[2]=PR[4]", "UTOOL[GP1:R[3]]=PR[5]", "L P[1] 1mm/sec FINE", "L P[2] 1mm/sec FINE",
+    text = written("UFRAME[2]=PR[4]", "UTOOL[GP1:R[3]]=PR[5]", "L P[1] 1mm/sec FINE",
+        "L P[2] 1mm/sec FINE",
                    P1=pose(uf="2"), P2=pose(ut="1"), P3=pose())  # fmt: skip
     assert left(text) == {
         "P[1]": "its frame: it is assigned (line 4)",
@@ -489,7 +510,7 @@ def test_frames_from_listings(end: str) -> None:
     text = written(
         "L P[1] 1mm/sec FINE", "L P[2] 1mm/sec FINE", P1=pose(uf="1", ut="1"), P2=pose(uf="2")
     )
-    _, _, found, whys = followed(text, LISTING.replace("\n", end), given=Frames())
+    _, _, found, whys = followed(text, LISTING.replace("\n", end), given=NamedFrames())
     (position,) = found
     assert position.frame is not None
     assert position.tool is not None
@@ -512,7 +533,7 @@ def test_listings_that_differ_are_an_error() -> None:
     assert not read(one(), LISTING, LISTING).remarks
 
 
-# --- turn numbers and encodings --------------------------------------------------------------------------------------
+# --- turn numbers and encodings -------------------------------------------------------------------
 
 
 def axes(*configs: str, listing: str = "", name: str = "fanuc-m1000ia") -> set[tuple[int, ...]]:
@@ -533,12 +554,13 @@ def test_which_joints_turn_numbers_count() -> None:
     assert axes("N U T, 1, 0, 0", name="ur5") == {(0, 3, 5)}
     setting = (
         "[*SYSTEM*]$SCR_GRP  Storage: CMOS  Access: RW  : ARRAY[8] OF SCR_GRP_T\n"
-        "     Field: $SCR_GRP[1].$TURN_AXIS  ARRAY[3] OF INTEGER\n      [1] = 4\n      [2] = 5\n      [3] = 6\n"
+        "     Field: $SCR_GRP[1].$TURN_AXIS  ARRAY[3] OF INTEGER\n      [1] = 4\n      [2] = 5\n"
+        "      [3] = 6\n"
     )
     assert axes("N U T, 0, 0, 1", listing=setting) == {(3, 4, 5)}
 
 
-def test_turn_numbers_stand_where_they_are_said_to() -> None:
+def test_turn_numbers_stand_where_they_are_stated_to() -> None:
     text = one(config="F U T, 0, -1, 2")
     (literal,) = read(text).literals
     assert literal.configuration is not None

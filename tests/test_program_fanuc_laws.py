@@ -1,4 +1,6 @@
-"""FANUC programs of every kind through compensation: bytes that stay, poses that the calibrated robot reaches, turns."""
+"""FANUC programs of every kind through compensation: bytes that stay, poses that the calibrated
+robot reaches, turns.
+"""
 
 import re
 from dataclasses import dataclass
@@ -21,7 +23,7 @@ from calibtool.programs.formats import coupling_of, reader
 from calibtool.programs.frames import pose, read_frames
 from calibtool.programs.motions import POSE
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse
 
 FRAMES = read_frames(
@@ -58,7 +60,10 @@ def group(degrees: Array, uf: int = 0, ut: int = 0) -> str:
     """A pose as the controller writes it for its joint values."""
     q = controller().to_serial(np.deg2rad(degrees))
     now, zero = posture(robot(), q, np.deg2rad(degrees)), controller().zero
-    letters = f"{'F' if now.flexed else 'N'} {'U' if now.bent == zero.bent else 'D'} {'T' if now.front else 'B'}"
+    letters = (
+        f"{'F' if now.flexed else 'N'} {'U' if now.bent == zero.bent else 'D'} "
+        f"{'T' if now.front else 'B'}"
+    )
     T = robot().mechanism.forward(q[None])[0]
     frame, tool = FRAMES.frames.get(str(uf), np.eye(4)), FRAMES.tools.get(str(ut), np.eye(4))
     T = inverse(frame) @ T @ tool
@@ -92,7 +97,7 @@ def corrected(data: bytes, calibration: Calibration) -> bytes:
     ).data
 
 
-# --- turns -----------------------------------------------------------------------------------------------------------
+# --- turns ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -105,7 +110,9 @@ def corrected(data: bytes, calibration: Calibration) -> bytes:
     ],
 )
 def test_a_pose_is_solved_and_written_in_its_turns(degrees: list[float]) -> None:
-    """The corrected pose is the nominal one at the corrected joints, in the turns that these have."""
+    """The corrected pose is the nominal one at the corrected joints, in
+    the turns that these have.
+    """
     q = controller().to_serial(np.deg2rad([degrees]))
     expected = compensate_joints(calibrations()[1], q).q
     after = corrected(program([group(np.array(degrees))]).encode(), calibrations()[1]).decode()
@@ -121,7 +128,9 @@ def test_a_pose_is_solved_and_written_in_its_turns(degrees: list[float]) -> None
 
 @pytest.mark.parametrize(("joint", "side"), [(3, 1), (3, -1), (5, 1), (5, -1)])
 def test_a_joint_that_passes_into_another_turn(joint: int, side: int) -> None:
-    """Right beside the border on both sides the corrected numbers are the same, and so are the corrected turns."""
+    """Right beside the border on both sides the corrected numbers are the same, and so are the
+    corrected turns.
+    """
     written = []
     for beside in (-0.0004, 0.0004):
         degrees = np.array([10.0, 20, -20, 30, -60, 40])
@@ -136,7 +145,7 @@ def test_a_joint_that_passes_into_another_turn(joint: int, side: int) -> None:
     assert written[0] == written[1]
 
 
-def test_the_turn_that_changes_is_said() -> None:
+def test_the_turn_that_changes_is_reported() -> None:
     looks = []
     for beside in (-0.0004, 0.0004):
         degrees = np.array([10.0, 20, -20, 30, -60, 180 + beside])
@@ -161,7 +170,7 @@ def test_external_axes_that_are_ignored() -> None:
         assert ignored.data.replace(b",\n\tE1 = 250.000  mm", b"") == plain.data != text.encode()
 
 
-# --- programs of every kind ------------------------------------------------------------------------------------------
+# --- programs of every kind -----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -197,7 +206,9 @@ ANGLES = st.tuples(
 
 @st.composite
 def programs(draw: st.DrawFn) -> Made:
-    """Programs with joints and poses in any frame, options, names, groups, line ends and encodings."""
+    """Programs with joints and poses in any frame, options, names, groups,
+    line ends and encodings.
+    """
     moves, taught = ["UFRAME_NUM=1", "UTOOL_NUM=1"], []
     for k in range(1, draw(st.integers(1, 4)) + 1):
         degrees = np.round(np.array(draw(ANGLES)), 3)
@@ -208,12 +219,16 @@ def programs(draw: st.DrawFn) -> Made:
         name = draw(NAMES)
         letter, options = draw(st.sampled_from("JLAS")), draw(OPTIONS)
         moves.append(
-            f"{letter} P[{k}{':' * bool(name)}{name.replace('[', '(').replace(']', ')')}] 10% FINE {options}"
+            f"{letter} P[{k}{':' * bool(name)}{name.replace('[', '(').replace(']', ')')}] 10% "
+            f"FINE {options}"
         )
         head = f'P[{k}:"{name}"]' if name else f"P[{k}]"
         taught.append(f"{head}{{\n   GP1:\n{body.rstrip()}{draw(EXTRAS)}\n}};\n")
     lines = "".join(f"{k:4d}:{move} ;\n" for k, move in enumerate(moves, start=1))
-    text = f'/PROG T\n/ATTR\nCOMMENT = "J1= 5.000 deg";\n/MN\n   0: !P[1] 10.0 ;\n{lines}/POS\n{"".join(taught)}/END\n'
+    text = (
+        f'/PROG T\n/ATTR\nCOMMENT = "J1= 5.000 deg";\n/MN\n   0: !P[1] 10.0 ;\n{lines}/POS\n'
+        f"{''.join(taught)}/END\n"
+    )
     data = text.replace("\n", draw(LINE_ENDS)).encode(draw(ENCODINGS), errors="replace")
     return Made(data)
 
@@ -232,7 +247,9 @@ def test_the_identity_changes_no_byte(made: Made) -> None:
 def test_bytes_outside_of_numbers_stay_and_the_calibrated_robot_reaches_what_was_meant(
     made: Made,
 ) -> None:
-    """The corrected pose, solved by the nominal robot, is where the calibrated robot takes the pose that was written."""
+    """The corrected pose, solved by the nominal robot, is where the calibrated robot takes the pose
+    that was written.
+    """
     options = ProgramOptions(frames=FRAMES, on_error="skip")
     result = compensate_program(calibrations()[1], made.data, "a", "fanuc-ls", options)
     turns = re.compile(rb"(?<=[UDTB]), -?\d+, -?\d+, -?\d+'")

@@ -1,4 +1,6 @@
-"""Every format: what is found in the small programs of tests/programs, what is left alone, and what is refused, by line."""
+"""Every format: what is found in the small programs of tests/programs, what is left alone, and what
+is refused, by line.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -7,9 +9,9 @@ import numpy as np
 import pytest
 
 from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
-from calibtool.programs.targets import number_at
+from calibtool.programs.numbers import number_at
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 FOLDER = Path(__file__).parent / "programs"
 SAMPLES = {
@@ -60,11 +62,11 @@ def test_nothing_in_it(program_format: str) -> None:
 
 
 @pytest.mark.parametrize("sample", SAMPLES)
-def test_numbers_stand_where_they_are_said_to(sample: str) -> None:
+def test_numbers_stand_where_they_are_stated_to(sample: str) -> None:
     text = text_of(sample)
     literals = reader(SAMPLES[sample])(text, robot_of(sample)).literals
     assert len(literals) > 1
-    for literal in (literal for literal in literals if not literal.left):
+    for literal in (literal for literal in literals if not literal.not_corrected):
         for number in literal.numbers:
             factor = {"deg": np.pi / 180, "mm": 1e-3}.get(number.unit, 1.0)
             assert float(text[number.start : number.end]) * factor == pytest.approx(
@@ -75,7 +77,7 @@ def test_numbers_stand_where_they_are_said_to(sample: str) -> None:
         )
 
 
-# --- numbers -------------------------------------------------------------------------------------------------------
+# --- numbers --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("text", ["1", "-1.", "+.5", "1.5e3", "0.5E-12", "00.10"])

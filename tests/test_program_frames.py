@@ -34,7 +34,9 @@ def test_conventions(angles: tuple[float, float, float]) -> None:
 @pytest.mark.parametrize("orientation", ["wpr", "abc", "rotation vector"])
 @given(ANGLES)
 def test_numbers_come_back(orientation: str, angles: tuple[float, float, float]) -> None:
-    """Whatever branch the program wrote, its own numbers are the nearest ones (away from gimbal lock)."""
+    """Whatever branch the program wrote, its own numbers are the nearest ones (away
+    from gimbal lock).
+    """
     if orientation != "rotation vector" and abs(np.cos(angles[1])) < 1e-3:
         return
     numbers = [0.1, 0.2, 0.3, *angles]

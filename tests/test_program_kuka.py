@@ -1,4 +1,6 @@
-"""KRL: what is found in programs and data lists, where it is used, what is left alone, and what is refused, by line."""
+"""KRL: what is found in programs and data lists, where it is used, what is left alone, and what is
+refused, by line.
+"""
 
 from collections.abc import Sequence
 from functools import cache
@@ -15,13 +17,13 @@ from calibtool.errors import InputError, NoSolutionError
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.agreement import Position, positions
 from calibtool.programs.compensate import ProgramOptions, compensate_program, compensate_texts
-from calibtool.programs.flow import Flow, follow
 from calibtool.programs.formats import read_program
-from calibtool.programs.frames import Frames, pose, poses
-from calibtool.programs.motions import Program, Source
+from calibtool.programs.frames import NamedFrames, pose, poses
+from calibtool.programs.motion_flow import Flow, follow
+from calibtool.programs.motions import Program, ProgramText
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import inverse_kinematics
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse
 
 FOLDER = Path(__file__).parent / "programs"
@@ -50,14 +52,14 @@ def routine(*lines: str, start: Sequence[str] = ZERO) -> str:
 
 def read(*texts: str, name: str = "fanuc-m1000ia") -> Program:
     """A program of texts, data lists with the name `a.dat`."""
-    sources = [Source("a.dat" if "DEFDAT" in text else "a.src", text) for text in texts]
+    sources = [ProgramText("a.dat" if "DEFDAT" in text else "a.src", text) for text in texts]
     return read_program("kuka-krl", sources, robot(name))
 
 
 def followed(*texts: str) -> tuple[Program, Flow, list[Position], dict[int, str]]:
     """The program, its uses, positions that can be corrected, and why others are left, by line."""
     program = read(*texts)
-    flow = follow(program, Frames())
+    flow = follow(program, NamedFrames())
     found, left = positions(program, flow)
     return program, flow, found, {program.literals[k].line: why for k, why in left.items()}
 
@@ -82,7 +84,7 @@ def bad(text: str, name: str = "fanuc-m1000ia") -> dict[int, str]:
     """Errors by line."""
     program = read(text, name=name)
     return {r.line: r.why for r in program.remarks if r.bad} | {
-        literal.line: literal.left for literal in program.literals if literal.bad
+        literal.line: literal.not_corrected for literal in program.literals if literal.bad
     }
 
 
@@ -92,7 +94,7 @@ def frame(text: str) -> Array:
     return pose([*np.array(numbers[:3]) * 1e-3, *np.deg2rad(numbers[3:])], "abc")
 
 
-# --- samples --------------------------------------------------------------------------------------------------------
+# --- samples --------------------------------------------------------------------------------------
 
 
 def text_of(sample: str) -> str:
@@ -117,7 +119,9 @@ def test_a_program() -> None:
 
 
 def test_a_data_list() -> None:
-    """Tool and base of XP1 are those of FP1; a frame that no motion goes to and load data are no targets."""
+    """Tool and base of XP1 are those of FP1; a frame that no motion goes to and load
+    data are no targets.
+    """
     program, _, found, left = followed(text_of("drill.dat"))
     assert [program.literals[p.literal].name for p in found] == ["XP0", "XP1"]
     assert left == {
@@ -148,7 +152,7 @@ def test_axes_of_another_robot() -> None:
     assert "has 4 joints" in bad(text, "scara")[2]
 
 
-# --- base and tool --------------------------------------------------------------------------------------------------
+# --- base and tool --------------------------------------------------------------------------------
 
 
 def test_base_and_tool_by_number_by_value_and_by_bas() -> None:
@@ -181,9 +185,11 @@ def test_initmov_is_the_world_and_tool_1() -> None:
     [
         ([f"$BASE={SHIFT}:{TURN}"], frame(SHIFT) @ frame(TURN)),
         ([f"$BASE={TURN}", f"$BASE=$BASE:{SHIFT}"], frame(TURN) @ frame(SHIFT)),
-        ([f"BASE_DATA[2]={TURN}", "BASE_DATA[2].Z=-300", "$BASE=BASE_DATA[2]"], frame(TURN.replace("Z 0", "Z -300"))),
+        ([f"BASE_DATA[2]={TURN}", "BASE_DATA[2].Z=-300", "$BASE=BASE_DATA[2]"],
+            frame(TURN.replace("Z 0", "Z -300"))),
         (["DECL FRAME F", f"F={TURN}", "F.X=100", "$BASE=F"], frame(TURN.replace("X 0", "X 100"))),
-        (["DECL FRAME F", "DECL FRAME G", f"G={TURN}", f"F=G:{SHIFT}", "$BASE=F"], frame(TURN) @ frame(SHIFT)),
+        (["DECL FRAME F", "DECL FRAME G", f"G={TURN}", f"F=G:{SHIFT}", "$BASE=F"],
+            frame(TURN) @ frame(SHIFT)),
         ([f"$BASE=$WORLD:{TURN}"], frame(TURN)),
     ],
 )  # fmt: skip
@@ -199,7 +205,8 @@ def test_the_base_is_followed(lines: list[str], T: Array) -> None:
         (["IF $IN[1] THEN", f"$BASE={SHIFT}", "ENDIF"], "several frames"),
         (["FOR i=1 TO 3", f"$BASE=$BASE:{SHIFT}", "ENDFOR"], "different|several"),
         (["WHILE $IN[1]", f"$BASE={SHIFT}", "ENDWHILE"], "several frames"),
-        (["REPEAT", f"$BASE={SHIFT}", f"LIN {SECOND}", "$BASE=$NULLFRAME", "UNTIL TRUE", f"$BASE={TURN}"], None),
+        (["REPEAT", f"$BASE={SHIFT}", f"LIN {SECOND}", "$BASE=$NULLFRAME", "UNTIL TRUE",
+            f"$BASE={TURN}"], None),
         (["$BASE=BASE_DATA[nr]"], r"its number is a variable \(nr, line 4\)"),
         (["$BASE=measured(3)"], "computed"),
         (["$BASE=$POS_ACT"], "read from the robot"),
@@ -230,7 +237,7 @@ def test_a_routine_that_no_file_holds_is_noted() -> None:
     assert read(text + "DEF GRIP_OPEN( )\nEND\n").notes == ()
 
 
-# --- inline forms ---------------------------------------------------------------------------------------------------
+# --- inline forms ---------------------------------------------------------------------------------
 
 LIST = (
     "DEFDAT a PUBLIC\n"
@@ -273,10 +280,10 @@ def test_a_point_of_a_data_list_alone_has_the_frames_of_its_form() -> None:
     np.testing.assert_allclose(places(LIST, TABLES)[2], (frame(TURN), frame(SHIFT)))
     held = LIST.replace("#BASE", "#TCP")
     assert "the robot holds the work piece" in whys(held, TABLES)[2]
-    assert "does not say its frame" in whys(LIST.replace("FP1", "FP2"))[2]
+    assert "does not state its frame" in whys(LIST.replace("FP1", "FP2"))[2]
 
 
-# --- positions ------------------------------------------------------------------------------------------------------
+# --- positions ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -299,7 +306,7 @@ def test_arrays_in_programs_and_lists() -> None:
     assert sorted(use.literal for use in flow.uses) == [0, 1]
     assert len(found) == 2
     assert not left
-    assert "does not say its frame" in whys(routine("LIN P[1]"), data)[4]
+    assert "does not state its frame" in whys(routine("LIN P[1]"), data)[4]
 
 
 @pytest.mark.parametrize("change", ["XP1.A=12", "XP1.S=2", "XP1 . E1 = track", "P[1].Y=P[1].Y+5"])
@@ -313,13 +320,15 @@ def test_a_component_that_is_assigned(change: str) -> None:
     ("lines", "line", "why"),
     [
         ([f"XP1={FIRST}", f"XP2=XP1:{SHIFT}", "LIN XP2"], 6, "is relative to XP1 (line 5)"),
-        ([f"DECL E6POS XP1={FIRST}", "PART=XP1", f"LIN {SHIFT}:XP1"], 4, "is used as a frame too (line 6)"),
+        ([f"DECL E6POS XP1={FIRST}", "PART=XP1", f"LIN {SHIFT}:XP1"], 4,
+            "is used as a frame too (line 6)"),
         (["XP1=$POS_ACT", "LIN XP1"], 5, "is read from the robot ($POS_ACT, line 4)"),
         (["LIN $POS_INT"], 4, "read from the robot ($POS_INT)"),
         (["LIN near(XP1)"], 4, "an expression (near(XP1))"),
         (["LIN_REL {Z 50} C_DIS"], 4, "a relative motion"),
         (["SPTP_REL {A1 5}"], 4, "a relative motion"),
-        (["PTP {E1 100}"], 4, "a position without X, Y, Z, A, B, C: the rest is where the robot stands"),
+        (["PTP {E1 100}"], 4,
+            "a position without X, Y, Z, A, B, C: the rest is where the robot stands"),
         ([f"LIN {FIRST[:-1]},E1 250.0}}"], 4, "external axes beside a pose"),
         ([f"DECL FRAME F={FIRST}"], 4, "a FRAME that no motion of this program goes to"),
     ],
@@ -380,13 +389,14 @@ def test_tables_that_are_changed_by_a_variable_number() -> None:
 
 def test_jumps_and_loops_that_are_left() -> None:
     text = routine(
-        f"$BASE={TURN}", "LOOP", "IF $IN[1] THEN", "EXIT", "ENDIF", "$BASE=$NULLFRAME", "GOTO L", "ENDLOOP", "L:",
+        f"$BASE={TURN}", "LOOP", "IF $IN[1] THEN", "EXIT", "ENDIF", "$BASE=$NULLFRAME", "GOTO L",
+        "ENDLOOP", "L:",
         f"LIN {FIRST}",
     )  # fmt: skip
     assert "several frames" in whys(text)[13]
 
 
-# --- files, bytes and errors ----------------------------------------------------------------------------------------
+# --- files, bytes and errors ----------------------------------------------------------------------
 
 
 def test_lists_that_disagree_are_refused() -> None:
@@ -411,7 +421,9 @@ def test_a_list_beside_a_program_is_corrected_with_it() -> None:
 
 
 def test_line_ends_and_comments_of_any_bytes() -> None:
-    """CR alone, comments in Shift JIS and GBK whose second bytes look like brackets, a semicolon in a string."""
+    """CR alone, comments in Shift JIS and GBK whose second bytes look like brackets, a
+    semicolon in a string.
+    """
     comment = ';\x83[\x83\x7b {X 1,Y 2,Z 3,A 0,B 0,C 0} \xd7\x7d "\r'
     text = (
         routine(HOME, 'MsgNotify("a;b{")', f"LIN {FIRST}")
@@ -425,7 +437,7 @@ def test_line_ends_and_comments_of_any_bytes() -> None:
     assert comment.encode("latin-1") in result.data
 
 
-def test_untaught_axes_and_poses_are_said() -> None:
+def test_untaught_axes_and_poses_are_reported() -> None:
     text = routine(HOME, "LIN {X 0,Y 0,Z 0,A 0,B 0,C 0}", "LIN {X 1,Y 0,Z 0,A 0,B 0,C 0}")
     options = ProgramOptions(on_error="skip")
     result = compensate_program(calibration(), text.encode(), "a", "kuka-krl", options)
@@ -456,12 +468,14 @@ def test_many_lines_take_no_time_in_vain() -> None:
         assert bad(routine(line)) == {}
 
 
-# --- laws -----------------------------------------------------------------------------------------------------------
+# --- laws -----------------------------------------------------------------------------------------
 
 
 @cache
 def reached() -> Array:
-    """Joint positions (N, 6) in deg near each other, so that a motion from any to any keeps its branch."""
+    """Joint positions (N, 6) in deg near each other, so that a motion from any to any
+    keeps its branch.
+    """
     steps = np.random.default_rng(3).uniform(-6, 6, (12, 6))
     return np.round(np.array([12.0, 14, -6, 8, -66, 15]) + steps, 3)
 
@@ -495,7 +509,9 @@ def test_a_position_that_inner_routines_change(more: str) -> None:
     ["ext1(XP1)", 'SREAD(S[],ST,OF,"%f,",XP1.X)', 'RET=EKI_GetFrame("a,","b",XP1)', "CREAD(H,XP1)"],
 )
 def test_a_position_that_a_routine_elsewhere_may_change(call: str) -> None:
-    """Its argument is passed by reference unless its declaration says `:IN`; an expression is none."""
+    """Its argument is passed by reference unless its declaration says
+    `:IN`; an expression is none.
+    """
     lines = [f"XP1={FIRST}", call, "LIN XP1"]
     assert whys(routine(*lines))[4].endswith(" (line 5)")
     name = call.removeprefix("RET=").partition("(")[0]
@@ -530,7 +546,9 @@ ASIDE = [
 @pytest.mark.parametrize(("declares", "starts"), ASIDE)
 @pytest.mark.parametrize("change", ["$BASE", "$TOOL"])
 def test_what_changes_beside_the_motions(declares: str, starts: str, change: str) -> None:
-    """Base and tool that an interrupt or trigger sets are uncertain from there on, also once set anew."""
+    """Base and tool that an interrupt or trigger sets are uncertain from there on,
+    also once set anew.
+    """
     lines = [
         declares,
         f"LIN {SECOND}",
@@ -542,7 +560,10 @@ def test_what_changes_beside_the_motions(declares: str, starts: str, change: str
     sub = f"DEF sub(p:IN)\ninner()\nEND\nDEF inner()\n{change}={SHIFT}\nEND\n"
     found = whys(routine(*lines) + sub)
     kind = "frame" if change == "$BASE" else "tool"
-    why = f"its {kind}: may be changed at any time ({starts.partition(' WHEN')[0].removesuffix(' 3')} in line 6)"
+    why = (
+        f"its {kind}: may be changed at any time "
+        f"({starts.partition(' WHEN')[0].removesuffix(' 3')} in line 6)"
+    )
     assert found == {7: why, 9: why}
     assert whys(routine(*lines).replace(starts, "") + sub) == {}
     assert whys(routine("LOOP", *lines, "ENDLOOP") + sub).keys() == {6, 8, 10}
@@ -618,7 +639,9 @@ def test_a_copy_that_is_edited_leaves_its_source(edit: str) -> None:
 
 @st.composite
 def programs(draw: st.DrawFn) -> tuple[str, list[int]]:
-    """A program with bases, tools, arrays, circles and branches, and the configuration of each literal in order."""
+    """A program with bases, tools, arrays, circles and branches, and the configuration of each
+    literal in order.
+    """
     frames = {
         "$NULLFRAME": np.eye(4),
         SHIFT: frame(SHIFT),
@@ -660,7 +683,9 @@ def programs(draw: st.DrawFn) -> tuple[str, list[int]]:
 
 @given(programs())
 def test_corrections_come_back_and_other_bytes_stay(made: tuple[str, list[int]]) -> None:
-    """The nominal arm at the corrected numbers stands where the corrected joints bring it; all else is as it was."""
+    """The nominal arm at the corrected numbers stands where the corrected joints bring it; all
+    else is as it was.
+    """
     text, rows = made
     result = compensate_program(calibration(), text.encode("latin-1"), "a", "kuka-krl")
     assert not result.left_alone
@@ -672,7 +697,7 @@ def test_corrections_come_back_and_other_bytes_stay(made: tuple[str, list[int]])
         starts, ends = [0, *(end for _, end in spans)], [*(start for start, _ in spans), len(whole)]
         pieces.append([whole[a:b] for a, b in zip(starts, ends, strict=True)])
     assert pieces[0] == pieces[1]
-    flow = follow(new, Frames())
+    flow = follow(new, NamedFrames())
     found, left = positions(new, flow)
     assert not left
     for position in found:
@@ -698,4 +723,4 @@ def test_corrections_come_back_and_other_bytes_stay(made: tuple[str, list[int]])
 
 @given(st.text(alphabet='LINPTCRXP1{}[]:,=.() $;"\n\rAE69IFEND', max_size=200))
 def test_any_text_is_read(text: str) -> None:
-    follow(read(f"DEF a( )\n{text}\nEND\n"), Frames())
+    follow(read(f"DEF a( )\n{text}\nEND\n"), NamedFrames())

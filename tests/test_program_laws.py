@@ -1,4 +1,6 @@
-"""Laws of corrected programs, on programs that are made up: round trips, bytes that stay, batches and single rows."""
+"""Laws of corrected programs, on programs that are made up: round trips, bytes that stay, batches
+and single rows.
+"""
 
 import importlib.util
 import re
@@ -18,11 +20,11 @@ from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.branches import Controller, solve
 from calibtool.programs.compensate import compensate_program
-from calibtool.programs.following import follow_forest, forest
 from calibtool.programs.formats import PROGRAM_FORMATS, coupling_of, reader
+from calibtool.programs.sequential_poses import follow_forest, forest
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import follow_path
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 ROOT = Path(__file__).parent.parent
@@ -55,7 +57,9 @@ def robot_of(program_format: str) -> Robot:
 
 @cache
 def there_and_back(name: str) -> tuple[Calibration, Calibration]:
-    """A calibration, and the one of the calibrated arm whose errors lead back to the nominal one."""
+    """A calibration, and the one of the calibrated arm whose errors lead
+    back to the nominal one.
+    """
     robot = load_robot(name)
     simulation = Simulation(seed=3, workspace=robot.workspace(None)[1], configurations=40)
     calibration = identify(simulate(robot, simulation), "local-poe")
@@ -77,12 +81,14 @@ def there_and_back(name: str) -> tuple[Calibration, Calibration]:
     return calibration, back
 
 
-# --- round trips -----------------------------------------------------------------------------------------------------
+# --- round trips ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("program_format", PROGRAM_FORMATS)
 def test_corrected_there_and_back(program_format: str) -> None:
-    """With the inverse calibration the numbers are the original ones, to the digits that are written."""
+    """With the inverse calibration the numbers are the original ones, to the digits
+    that are written.
+    """
     robot = robot_of(program_format)
     there, back = there_and_back(robot.name)
     text = bench().WRITERS[program_format](robot, bench().configurations(robot, 24))
@@ -102,11 +108,13 @@ def test_corrected_there_and_back(program_format: str) -> None:
     assert NUMBER.sub("#", text) == NUMBER.sub("#", twice.data.decode())
 
 
-# --- bytes -----------------------------------------------------------------------------------------------------------
+# --- bytes ----------------------------------------------------------------------------------------
 
 
 def disguised(text: str, program_format: str, choose: st.DataObject) -> bytes:
-    """The same program with other line ends, numbers of other forms, blank lines and comments in several encodings."""
+    """The same program with other line ends, numbers of other forms, blank lines and comments in
+    several encodings.
+    """
     mark = COMMENTS[program_format]
     lines = []
     for line in text.splitlines():
@@ -153,12 +161,14 @@ def test_only_numbers_of_positions_change(program_format: str, choose: st.DataOb
     assert NUMBER.sub("#", before) == NUMBER.sub("#", after)
 
 
-# --- batches ---------------------------------------------------------------------------------------------------------
+# --- batches --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", ["near", "everywhere"])
 def test_a_row_of_poses_is_followed_as_one_after_the_other(kind: str) -> None:
-    """Parts that run side by side end on the branches that following the row pose by pose ends on."""
+    """Parts that run side by side end on the branches that following the
+    row pose by pose ends on.
+    """
     robot = load_robot("ur5")
     rng = np.random.default_rng(4)
     if kind == "near":

@@ -1,4 +1,6 @@
-"""ROS 2 trajectories: points in order, joints by name, what is left and what is refused, by line."""
+"""ROS 2 trajectories: points in order, joints by name, what is left and
+what is refused, by line.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -8,7 +10,7 @@ import pytest
 from calibtool.programs.formats import detected, reader
 from calibtool.programs.motions import Program
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 TEXT = (Path(__file__).parent / "programs" / "path.yaml").read_text(encoding="utf-8")
 
@@ -63,7 +65,7 @@ def test_json() -> None:
 def test_errors(before: str, after: str, why: str) -> None:
     program = read(TEXT.replace(before, after, 1))
     errors = {r.line: r.why for r in program.remarks if r.bad}
-    errors |= {literal.line: literal.left for literal in program.literals if literal.bad}
+    errors |= {literal.line: literal.not_corrected for literal in program.literals if literal.bad}
     assert why in errors[4]
 
 

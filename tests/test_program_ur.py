@@ -1,4 +1,6 @@
-"""URScript: what is found in scripts, where it is used, what is left alone, and what is refused, by line."""
+"""URScript: what is found in scripts, where it is used, what is left alone, and what is
+refused, by line.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -7,13 +9,13 @@ import numpy as np
 import pytest
 
 from calibtool.programs.agreement import Position, positions
-from calibtool.programs.flow import Flow, follow
 from calibtool.programs.formats import reader
-from calibtool.programs.frames import Frames
+from calibtool.programs.frames import NamedFrames
+from calibtool.programs.motion_flow import Flow, follow
 from calibtool.programs.motions import Frame, Program
 from calibtool.programs.urscript import constant
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 FOLDER = Path(__file__).parent / "programs"
 HOME = "[0, -1.4, 1.7, -1.9, -1.5, 0]"
@@ -32,7 +34,7 @@ def read(text: str) -> Program:
 def followed(text: str) -> tuple[Program, Flow, list[Position], dict[int, str]]:
     """The program, its uses, positions that can be corrected, and why others are left, by line."""
     program = read(text)
-    flow = follow(program, Frames())
+    flow = follow(program, NamedFrames())
     found, left = positions(program, flow)
     whys = {program.literals[number].line: why for number, why in left.items()}
     return program, flow, found, whys
@@ -79,7 +81,7 @@ def test_a_script() -> None:
         np.testing.assert_allclose(tool.T[:3, 3], [0, 0, 0.1])
 
 
-def test_without_a_tool_it_is_said_what_is_assumed() -> None:
+def test_without_a_tool_it_is_reported_what_is_assumed() -> None:
     (note,) = read(f"movel({POSE})\n").notes
     assert "no set_tcp" in note
     assert read(f"set_tcp(p[0,0,0,0,0,0])\nmovel({POSE})\n").notes == ()
@@ -98,7 +100,7 @@ def test_without_a_tool_it_is_said_what_is_assumed() -> None:
 def test_errors(text: str, why: str) -> None:
     program = read(f"def a():\n  {text}\n")
     errors = [(r.line, r.why) for r in program.remarks if r.bad]
-    errors += [(literal.line, literal.left) for literal in program.literals if literal.bad]
+    errors += [(literal.line, literal.not_corrected) for literal in program.literals if literal.bad]
     (error,) = errors
     assert error[0] == 2
     assert why in error[1]
@@ -128,7 +130,8 @@ def test_both_points_of_a_circle() -> None:
 
 def test_tools_are_those_in_force() -> None:
     text = (
-        f"tcp = p[0, 0, 0.2, 0, 0, 0]\nset_tcp(p[0, 0, 0.1, 0, 0, 0])\nmovel({POSE})\nset_tcp(tcp)\n"
+        f"tcp = p[0, 0, 0.2, 0, 0, 0]\nset_tcp(p[0, 0, 0.1, 0, 0, 0])\nmovel({POSE})\n"
+        "set_tcp(tcp)\n"
         f"movel({POSE})\nmovej(get_inverse_kin({POSE}, tcp=p[0, 0, 0.3, 0, 0, 0]))\n"
     )
     assert tools(text) == [[0, 0, 0.1], [0, 0, 0.2], [0, 0, 0.3]]
@@ -158,7 +161,10 @@ def test_a_variable_that_is_assigned_again_is_followed() -> None:
 
 
 def test_lists_of_positions() -> None:
-    text = f"w = [{POSE}, {POSE.replace('0.4', '0.5')}]\nmovel(w[1])\ni = 0\nwhile i < 2:\n  movel(w[i])\nend\n"
+    text = (
+        f"w = [{POSE}, {POSE.replace('0.4', '0.5')}]\nmovel(w[1])\ni = 0\nwhile i < 2:\n"
+        "  movel(w[i])\nend\n"
+    )
     program, flow, _, _ = followed(text)
     assert [literal.name for literal in program.literals] == ["w[0]", "w[1]"]
     assert sorted((use.line, use.literal) for use in flow.uses) == [(2, 1), (5, 0), (5, 1)]
@@ -191,7 +197,10 @@ def test_anything_else_is_no_constant(text: str) -> None:
 
 
 def test_functions_with_positions_as_arguments() -> None:
-    text = f"def go(w, depth):\n  movel(w)\nend\ndef main():\n  go({POSE}, 1)\n  v = {POSE}\n  go(depth=2, w=v)\nend\n"
+    text = (
+        f"def go(w, depth):\n  movel(w)\nend\ndef main():\n  go({POSE}, 1)\n  v = {POSE}\n"
+        "  go(depth=2, w=v)\nend\n"
+    )
     program, flow, _, _ = followed(text)
     assert [(use.line, program.literals[use.literal].line) for use in flow.uses] == [(2, 5), (2, 6)]
     assert whys(text.replace(f"go({POSE}, 1)", "go(get_target_tcp_pose(), 1)"))[2].startswith(

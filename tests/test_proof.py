@@ -10,16 +10,16 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
-from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.solve import compensate_joints, compensate_poses
 from calibtool.errormodel.actual import ErrorScales
-from calibtool.errormodel.conditions import Conditions, directions
+from calibtool.errormodel.operating_conditions import Conditions, directions
 from calibtool.errors import InputError, UsageError
 from calibtool.evaluation.acceptance import broken_limits, parse_limit
 from calibtool.evaluation.compare import Evaluation, evaluate
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.verdict import headline, remarks, verdicts
-from calibtool.evaluation.words import words
+from calibtool.evaluation.wording import words
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.simulate import Simulation, simulate
@@ -128,7 +128,7 @@ def test_ap_and_rp_are_those_of_the_standard() -> None:
             assert test[key][k] == pytest.approx(1e3 * rp, rel=1e-9)
 
 
-def test_before_is_expected_where_nobody_measured_it() -> None:
+def test_before_is_expected_where_it_was_not_measured() -> None:
     calibration, _, q = made()
     found, after, _ = proved(before=False)
     value = json.loads(json.dumps(found.as_json(), allow_nan=False))
@@ -205,7 +205,7 @@ def test_a_moved_tracker_is_registered_again_when_asked() -> None:
     assert found.methods[1].position_size.mean() < 0.2e-3
 
 
-# --- which driven joints are believed -------------------------------------------------------------
+# --- which driven joints are accepted ------------------------------------------------------------
 
 
 def with_backlash(q: Array, corrected: Array) -> Array:

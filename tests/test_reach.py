@@ -9,8 +9,8 @@ from test_mechanism import SLIDE, TARGETS, TOOL
 
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import inverse_kinematics
-from calibtool.robot.model import Robot
 from calibtool.robot.reach import Reach, angle_between, excluded
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import translation
 
 

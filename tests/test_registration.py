@@ -21,7 +21,7 @@ from calibtool.measurement.registration import (
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 FULLY_MOVING = (
@@ -183,7 +183,10 @@ def test_too_few_configurations_are_refused_with_the_count(
 @pytest.mark.parametrize("kind", ["one target", "three targets", "6-D sensor"])
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "ur5"])
 def test_thirty_random_starts_end_in_one_answer(name: str, kind: str) -> None:
-    """With errors and noise. No start alone, of 300, ends in a lower sum of squares than the program's own."""
+    """With errors and noise.
+
+    No start alone, of 300, ends in a lower sum of squares than the program's own.
+    """
     robot, rng = load_robot(name), np.random.default_rng(7)
     q = configurations(robot, 20, rng)
     actual = replace(measured(robot, random_truth(rng, kind), q + rng.normal(size=6) * 1e-3), q=q)

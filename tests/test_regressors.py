@@ -1,4 +1,6 @@
-"""Learned models beside the tanh network: one protocol, derivatives by finite differences, trained and judged alike."""
+"""Learned models beside the tanh network: one protocol, derivatives by finite differences, trained
+and judged alike.
+"""
 
 import io
 from dataclasses import replace

@@ -1,4 +1,6 @@
-"""The page: the numbers of `evaluate`, names escaped, nothing loaded, every section there whatever is missing."""
+"""The page: the numbers of `evaluate`, names escaped, nothing loaded, every section there
+whatever is missing.
+"""
 
 import json
 import re
@@ -125,7 +127,7 @@ def _sketched(monkeypatch: pytest.MonkeyPatch) -> None:
         FIGURES[kind].draw(subject, 120.0)
         return b'<svg viewBox="0 0 1 1"></svg>'
 
-    monkeypatch.setattr("calibtool.evaluation.report.page.draw", compose)
+    monkeypatch.setattr("calibtool.evaluation.report.report_page.draw", compose)
 
 
 def test_every_section_is_there_once_and_in_order(page: Page) -> None:
@@ -140,7 +142,7 @@ def test_the_numbers_are_those_of_the_evaluation(page: Page, subject: Subject) -
     assert subject.evaluation is not None
     expected = subject.evaluation.as_json()
     assert json.loads(page.scripts["evaluation"]) == json.loads(json.dumps(expected))
-    methods: list[dict] = expected["methods"]  # type: ignore[assignment]
+    methods: list[dict] = expected["methods"]
     for entry in methods:
         for key in ("position_mm", "orientation_mrad"):
             row = [entry["name"], *(number(value) for value in entry[key].values())]
@@ -153,7 +155,7 @@ def test_names_from_files_cannot_become_markup(text: str, page: Page) -> None:
     assert "49" not in [cell.strip() for cell in page.cells]
     assert EVIL in page.cells
     assert json.loads(page.scripts["evaluation"])["methods"][1]["name"] == EVIL
-    assert len(page.scripts) == 3  # two of data and one of ours
+    assert len(page.scripts) == 2  # one of data and one of ours
 
 
 def test_nothing_is_loaded_from_anywhere(text: str, page: Page) -> None:
@@ -207,7 +209,7 @@ def test_the_verdict_follows_the_limits(subject: Subject, page: Page) -> None:
     assert "not met" in " ".join(page.paragraphs["verdict"]).lower()
 
 
-def test_judging_on_the_rows_of_the_training_is_said(
+def test_judging_on_the_rows_of_the_training_is_reported(
     named: list[tuple[str, Calibration]],
     measurements: Measurements,
     subject: Subject,
@@ -221,7 +223,9 @@ def test_judging_on_the_rows_of_the_training_is_said(
 
 @pytest.mark.usefixtures("_sketched")
 def test_one_target_and_no_truth(named: list[tuple[str, Calibration]], fresh: Measurements) -> None:
-    """Real measurements of one target: no orientation, no network, nothing known of what no joint corrects."""
+    """Real measurements of one target: no orientation, no network, nothing known of what
+    no joint corrects.
+    """
     setup = Setup(fresh.setup.T_instrument_base, fresh.setup.targets[:1])
     real = replace(fresh, points=fresh.points[:, :1], setup=setup, truth=None)
     poe = [
@@ -252,9 +256,9 @@ def test_repeated_and_flagged_rows_are_listed(
 ) -> None:
     complete = named[1][1]
     flagged = replace(
-        complete.base.flagged,  # type: ignore[type-var]
+        complete.base.flagged,
         rows=np.array([4, 7]),
-        size=np.array([5.0, 9.0]),
+        deviation=np.array([5.0, 9.0]),
         position=np.array([1e-3, 2e-3]),
         cluster="joint 2 near 30 deg",
     )

@@ -1,4 +1,6 @@
-"""The check of a description: true figures, and a warning for everything that will be in the way."""
+"""The check of a description: true figures, and a warning for everything
+that will be in the way.
+"""
 
 import numpy as np
 import pytest
@@ -21,7 +23,7 @@ def planar(tmp_path, old: str = "", new: str = "", urdf: tuple[str, str] = ("", 
 
 
 @pytest.mark.parametrize("name", ["planar-3r", "so100", "fanuc-m1000ia"])
-def test_carried_robots_have_sensible_homes_and_everything_identifiable(name: str) -> None:
+def test_built_in_robots_have_sensible_homes_and_everything_identifiable(name: str) -> None:
     found = check_robot(load_robot(name), name)
     assert all(each.singularity_distance > 0.1 for each in found.workspaces)
     assert all(design.rank == design.possible for _, design in found.designs)
@@ -36,7 +38,7 @@ def test_the_reach_is_that_of_a_stretched_arm(tmp_path) -> None:
     assert "3 joints need 3" in found.virtual_reason
 
 
-def test_limits_say_where_they_come_from(tmp_path) -> None:
+def test_limits_state_where_they_come_from(tmp_path) -> None:
     found = check_robot(load_robot(str(crane(tmp_path))), "crane")
     assert found.limit_sources == ["robot.toml", "urdf"]
     kinova = load_robot("kinova")
@@ -54,7 +56,7 @@ def test_missing_limits_of_an_angle_are_a_warning(tmp_path) -> None:
     urdf = (PLANAR / "robot.urdf").read_text()
     limit = urdf[urdf.index("<limit") : urdf.index("/>", urdf.index("<limit")) + 2]
     found = planar(tmp_path, urdf=(limit, '<limit effort="0" velocity="0"/>'))
-    assert "stand-in" in found.limit_sources
+    assert "assumed" in found.limit_sources
     assert any(warning.startswith("no limits for j") for warning in found.warnings)
 
 
@@ -101,9 +103,12 @@ def test_a_workspace_out_of_reach_is_wrong(tmp_path) -> None:
         check_robot(load_robot(str(crane(tmp_path, toml))), "crane")
 
 
-def test_a_bare_urdf_says_what_was_taken_for_the_tool(tmp_path) -> None:
+def test_a_bare_urdf_states_what_was_taken_for_the_tool(tmp_path) -> None:
     path = tmp_path / "crane.urdf"
-    more = '<link name="hook"/><joint name="pin" type="fixed"><parent link="slide"/><child link="hook"/></joint>'
+    more = (
+        '<link name="hook"/><joint name="pin" type="fixed"><parent link="slide"/><child '
+        'link="hook"/></joint>'
+    )
     path.write_text(URDF.replace("</robot>", more + "</robot>"))
     found = check_robot(load_robot(str(path)), str(path))
     warning = next(warning for warning in found.warnings if warning.startswith("a bare URDF"))
@@ -122,7 +127,7 @@ def test_json_holds_the_findings_in_people_s_units(tmp_path) -> None:
     assert {entry["model"] for entry in value["identifiable"]} == {"local-poe", "complete"}
 
 
-def test_virtual_joints_named_in_the_description_are_said_to_be(tmp_path) -> None:
+def test_virtual_joints_named_in_the_description_are_stated_to_be(tmp_path) -> None:
     free = planar(tmp_path)
     assert free.virtual_reason.startswith("3 joints need 3;")
     names = ", ".join(f'"{name}"' for name in free.virtual_joints)

@@ -1,4 +1,6 @@
-"""The chances behind flags, against scipy.stats, which the library does not import for its weight."""
+"""The chances behind flags, against scipy.stats, which the library does
+not import for its weight.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""Drawn configurations: inside the limits, the box and the cone, away from singularities, the same for the same seed."""
+"""Drawn configurations: inside the limits, the box and the cone, away from singularities, the same
+for the same seed.
+"""
 
 import numpy as np
 import pytest
@@ -7,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 UR5_HOME = {
@@ -29,7 +31,9 @@ def drawn(robot: Robot, workspace: str | None, count: int = 60, seed: int = 0) -
 
 
 def distance_by_singular_values(robot: Robot, q: Array) -> Array:
-    """(Σ 1/σ²)^(−1/2) of the actuated Jacobian at the tool point, from differences of the tool pose."""
+    """(Σ 1/σ²)^(−1/2) of the actuated Jacobian at the tool point, from differences
+    of the tool pose.
+    """
     jacobian = np.empty((len(q), 6, robot.n))
     step = 1e-6
     for j in range(robot.n):
@@ -92,8 +96,9 @@ def test_tools_are_inside_the_cone_and_turned_within_the_roll(name: str) -> None
 
 
 def test_tilts_are_uniform_over_the_cap_of_the_cone(fanuc: Robot) -> None:
-    # Uniform over a cap: 1 − cos(tilt) is uniform, so half of the tilts are below the median of the cap.
-    workspace = Workspace(home=fanuc.workspace(None)[1].home, box_m=[0.2, 0.2, 0.2], cone_deg=20)  # type: ignore[union-attr]
+    # Uniform over a cap: 1 − cos(tilt) is uniform, so half of the tilts are below the
+    # median of the cap.
+    workspace = Workspace(home=fanuc.workspace(None)[1].home, box_m=[0.2, 0.2, 0.2], cone_deg=20)
     q = sample_configurations(fanuc, workspace, 400, np.random.default_rng(0))
     home = fanuc.mechanism.forward(fanuc.home(workspace)[None])[0, :3, :3]
     height = 1.0 - (home.T @ fanuc.mechanism.forward(q)[:, :3, :3])[:, 2, 2]

@@ -32,7 +32,9 @@ vectors = arrays(float, 3, elements=st.floats(-2, 2))
 
 @st.composite
 def twists(draw: st.DrawFn, longest_turn: float = np.pi - 1e-6) -> Array:
-    """Twists with a turn of 1e-12 … `longest_turn` rad, or of none, and any slide up to 2 m per axis."""
+    """Twists with a turn of 1e-12 … `longest_turn` rad, or of none, and any slide up
+    to 2 m per axis.
+    """
     axis = draw(vectors)
     norm = np.linalg.norm(axis)
     size = draw(st.sampled_from([0.0, 1e-12, 1e-8, 1e-4, 1e-2, 1.0])) * draw(
@@ -46,7 +48,9 @@ poses = twists().map(exp6)
 
 
 def matrix_exponential(twist: Array) -> Array:
-    """The pose from scipy's matrix exponential, which leaves rounding errors in a last row of zeros."""
+    """The pose from scipy's matrix exponential, which leaves rounding errors in a
+    last row of zeros.
+    """
     pose: Array = expm(hat(twist))
     np.testing.assert_allclose(pose[3], [0, 0, 0, 1], atol=1e-13)
     pose[3] = [0, 0, 0, 1]

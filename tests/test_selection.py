@@ -1,4 +1,6 @@
-"""Optimal selection: updates against determinants and traces written out, exhaustive search on small cases."""
+"""Optimal selection: updates against determinants and traces written out, exhaustive
+search on small cases.
+"""
 
 from itertools import combinations
 

@@ -1,4 +1,6 @@
-"""Simulated measurements are those of the actual robot, plus noise of the stated size, and nothing is given away."""
+"""Simulated measurements are those of the actual robot, plus noise of the stated size, and
+nothing is given away.
+"""
 
 from dataclasses import replace
 
@@ -14,7 +16,7 @@ from calibtool.measurement.registration import register
 from calibtool.measurement.simulate import Simulation, observe, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 EVERYTHING = ErrorScales(kinds=ERROR_KINDS)
@@ -125,7 +127,8 @@ def test_an_unregistered_simulation_hides_frame_and_targets(fanuc: Robot) -> Non
     assert np.abs(truth.setup.targets - fanuc.targets).max() > 0.01
     assert np.abs(setup.T_instrument_base - truth.setup.T_instrument_base).max() > 1e-6
     assert np.abs(setup.targets - truth.setup.targets).max() > 1e-6
-    # What is told follows from the readings alone: it comes out again without the truth and without the first estimate.
+    # What is told follows from the readings alone: it comes out again without the truth and without
+    # the first estimate.
     blank = Setup(np.eye(4), np.zeros((3, 3)), frame_known=False, targets_known=False)
     estimated = register(replace(measurements, truth=None, setup=blank))
     assert np.abs(estimated.T_instrument_base - setup.T_instrument_base).max() < 1e-9

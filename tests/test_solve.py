@@ -1,4 +1,6 @@
-"""Compensation: the corrected joints put the calibrated tool where it was asked to be, and doubtful rows say so."""
+"""Compensation: the corrected joints put the calibrated tool where it was asked to be, and
+doubtful rows say so.
+"""
 
 from dataclasses import replace
 from functools import cache
@@ -20,7 +22,7 @@ from calibtool.errors import InputError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 SIX_OR_MORE = ("fanuc-m1000ia", "panda", "ur5")
@@ -37,7 +39,7 @@ def calibrated(name: str, base: str, network: bool = True) -> Calibration:
     )
     if not network:
         return identify(measurements, base)
-    return train(measurements, base, TrainingOptions(restarts=1))
+    return train(measurements, base, TrainingOptions(regularisation="early-stopping", restarts=1))
 
 
 @cache
@@ -57,7 +59,7 @@ def angle(a: Array, b: Array) -> Array:
     return Rotation.from_matrix(a[:, :3, :3] @ np.swapaxes(b[:, :3, :3], -1, -2)).magnitude()
 
 
-# --- exact -----------------------------------------------------------------------------------------------------------
+# --- exact ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("base", BASES)
@@ -109,7 +111,9 @@ def test_the_actual_robot_is_put_right_by_its_own_geometry() -> None:
 @pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize("name", FEWER)
 def test_with_fewer_joints_no_small_motion_comes_nearer(name: str, base: str) -> None:
-    """With equal weights, what is left is the least error: translation over the characteristic length, and rotation."""
+    """With equal weights, the remaining error is the least one: translation over the characteristic
+    length, and rotation.
+    """
     calibration = calibrated(name, base)
     robot = calibration.robot
     q = configurations(robot, 8)
@@ -148,7 +152,7 @@ def test_a_planar_arm_corrects_its_plane_although_it_cannot_leave_it() -> None:
     assert after.max() < 0.05 * before.max()
 
 
-# --- one step --------------------------------------------------------------------------------------------------------
+# --- one step -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "panda", "scara"])
@@ -211,7 +215,7 @@ def test_one_step_on_an_identified_base_is_the_pseudo_inverse_of_the_pose_error(
         assert np.abs(q[k] - stepped[k] - motion[:n]).max() < 0.01 * np.abs(motion).max()
 
 
-# --- nothing to correct ----------------------------------------------------------------------------------------------
+# --- nothing to correct ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", ["exact", "one-step"])
@@ -220,14 +224,14 @@ def test_a_calibration_without_errors_leaves_the_joints_alone(
     robot: Robot, base: str, method: str
 ) -> None:
     q = configurations(robot, 10)
-    result = compensate_joints(zero(robot.name, base), q, method)  # type: ignore[arg-type]
+    result = compensate_joints(zero(robot.name, base), q, method)
     assert np.abs(result.q - q).max() < 1e-9
     assert (result.status == "ok").all()
     assert result.position.max() < 1e-9
     assert result.orientation.max() < 1e-7
 
 
-# --- doubtful rows ---------------------------------------------------------------------------------------------------
+# --- doubtful rows --------------------------------------------------------------------------------
 
 UR5_HOME = np.deg2rad([0.0, -80.0, 100.0, -110.0, -90.0, 0.0])
 
@@ -242,13 +246,13 @@ def test_rows_near_a_singularity_are_marked_and_their_correction_is_bounded(
     q[:, 4] = np.deg2rad(
         np.linspace(-1.0, 1.0, 41)
     )  # through the wrist singularity, joint 5 straight
-    result = compensate_joints(calibration, q, method)  # type: ignore[arg-type]
+    result = compensate_joints(calibration, q, method)
     assert (result.status == "near-singular").all()
     assert np.isfinite(result.q).all()
     most = default_bounds(calibration).largest_change
     assert 0 < most < np.deg2rad(30)
     assert np.abs(result.q - q).max() <= min(most, np.deg2rad(15))
-    away = compensate_joints(calibration, UR5_HOME[None], method)  # type: ignore[arg-type]
+    away = compensate_joints(calibration, UR5_HOME[None], method)
     assert list(away.status) == ["ok"]
 
 
@@ -259,7 +263,8 @@ def test_corrections_that_lead_over_a_joint_limit_stop_there() -> None:
     inside[:, 0] = [robot.upper[0], robot.lower[0]]
     result = compensate_joints(calibration, inside)
     assert robot.within_limits(result.q).all()
-    # The correction leaves one end of the range and enters the other: one of them is held at its limit.
+    # The correction leaves one end of the range and enters the other: one of them is
+    # held at its limit.
     free = inside - [np.pi, 0, 0, 0, 0, 0] * np.sign(inside)
     wanted = compensate_joints(calibration, free).q - free
     held = (inside + wanted < robot.lower) | (inside + wanted > robot.upper)
@@ -269,7 +274,7 @@ def test_corrections_that_lead_over_a_joint_limit_stop_there() -> None:
     np.testing.assert_array_equal(result.q[held], inside[held])
 
 
-def test_a_pose_out_of_reach_has_no_joints_and_says_so() -> None:
+def test_a_pose_out_of_reach_has_no_joints_and_is_marked() -> None:
     calibration = calibrated("ur5", "local-poe")
     poses = calibration.robot.mechanism.forward(np.tile(UR5_HOME, (3, 1)))
     poses[1, :3, 3] *= 10.0
@@ -280,7 +285,7 @@ def test_a_pose_out_of_reach_has_no_joints_and_says_so() -> None:
         assert np.isfinite(result.q[[0, 2]]).all()
 
 
-# --- poses -----------------------------------------------------------------------------------------------------------
+# --- poses ----------------------------------------------------------------------------------------
 
 
 def test_poses_and_their_joints_are_corrected_alike() -> None:
@@ -322,10 +327,10 @@ def test_the_seed_chooses_the_branch() -> None:
         assert np.abs(calibration.forward(result.q) - pose).max() < 1e-9
 
 
-# --- wrong input -----------------------------------------------------------------------------------------------------
+# --- wrong input ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("q", [np.zeros((3, 7)), np.zeros(6), np.full((1, 6), np.inf)])
+@pytest.mark.parametrize("q", [np.zeros((3, 7)), np.zeros(7), np.full((1, 6), np.inf)])
 def test_joints_that_do_not_fit_the_robot_are_refused(q: Array) -> None:
     with pytest.raises(InputError, match="joint positions"):
         compensate_joints(calibrated("ur5", "local-poe"), q)
@@ -349,7 +354,9 @@ def test_gear_errors_are_lowered_by_a_network_through_compensation() -> None:
     measurements = simulate(robot, Simulation(seed=6, workspace=workspace, scales=scales))
     truth = measurements.truth
     assert truth is not None
-    calibration = train(measurements, "local-poe", TrainingOptions(restarts=2))
+    calibration = train(
+        measurements, "local-poe", TrainingOptions(regularisation="early-stopping", restarts=2)
+    )
     q = configurations(robot, 50)
     commanded = robot.mechanism.forward(q)
     before, after = (

@@ -1,4 +1,6 @@
-"""SpatialAnalyzer's lists of points: every layout gives the same rows, and what is wrong is named by its line."""
+"""SpatialAnalyzer's lists of points: every layout gives the same rows, and what is wrong is
+named by its line.
+"""
 
 import numpy as np
 import pytest
@@ -107,7 +109,9 @@ def test_names_that_do_not_fit_together_are_refused() -> None:
 
 
 def test_more_targets_than_configurations_are_a_misunderstanding() -> None:
-    """p_1 … p_20 of one target, or one group per target, are not one configuration of twenty targets."""
+    """p_1 … p_20 of one target, or one group per target, are not one configuration
+    of twenty targets.
+    """
     one = "\n".join(f"A,Main,p_{k},{k},0,0" for k in range(20))
     with pytest.raises(InputError, match=r"read as 1 configurations of 20 targets; .*--layout"):
         parse_points(one, "p.txt")
@@ -121,7 +125,7 @@ def test_groups_of_one_name_in_two_collections_are_two_configurations() -> None:
     assert points.table.texts("name") == ["A::p1", "B::p1"]
 
 
-def test_a_list_of_points_is_told_from_a_table() -> None:
+def test_a_list_of_points_is_distinguished_from_a_table() -> None:
     assert looks_like_points("// comment\nA p1 T1 1 2 3\n")
     assert looks_like_points("1,2,T1,1,2,3")
     assert not looks_like_points("j1_deg,j2_deg,j3_deg,x_mm,y_mm,z_mm\n1,2,3,4,5,6\n")

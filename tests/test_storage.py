@@ -1,4 +1,6 @@
-"""Files: what is written is read back to the byte, describes itself, and a damaged one is refused with its name."""
+"""Files: what is written is read back to the byte, describes itself, and a damaged one is
+refused with its name.
+"""
 
 import io
 from collections.abc import Callable
@@ -89,7 +91,7 @@ def read(data: bytes, name: str = "file.h5") -> Measurements | Calibration:
     return read_any(io.BytesIO(data), name)
 
 
-# --- round trips -----------------------------------------------------------------------------------------------------
+# --- round trips ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -170,7 +172,7 @@ def test_each_reader_takes_its_own_kind_only() -> None:
         read_measurements(io.BytesIO(b), "c.h5")
 
 
-# --- bytes -----------------------------------------------------------------------------------------------------------
+# --- bytes ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", ["registered", "pose", "local-poe network"])
@@ -202,7 +204,7 @@ def test_root_attributes_name_schema_version_and_creator() -> None:
             assert file.attrs["creator_version"]
 
 
-# --- self-description ------------------------------------------------------------------------------------------------
+# --- self-description -----------------------------------------------------------------------------
 
 
 def datasets(data: bytes) -> dict[str, tuple[bool, dict[str, object], list[str]]]:
@@ -228,15 +230,15 @@ def test_every_dataset_of_numbers_carries_units_name_frame_and_labels(kind: str)
     }
     assert len(numbers) >= 4
     for path, (attributes, labels) in numbers.items():
-        assert {"units", "long_name", "frame"} <= set(attributes), path  # type: ignore[arg-type]
-        assert attributes["units"], path  # type: ignore[index]
-        assert attributes["long_name"], path  # type: ignore[index]
-        assert all(labels), path  # type: ignore[arg-type]
+        assert {"units", "long_name", "frame"} <= set(attributes), path
+        assert attributes["units"], path
+        assert attributes["long_name"], path
+        assert all(labels), path
 
 
 @pytest.mark.parametrize("kind", ["registered", "local-poe network"])
 def test_datasets_of_text_are_described_too(kind: str) -> None:
-    # DESIGN: every dataset carries units, long_name, its frame, and dimension labels.
+    # docs/file-formats.md: every dataset carries units, long_name, its frame, and dimension labels.
     for path, (is_text, attributes, labels) in datasets(to_bytes(contents(kind))).items():
         if is_text:
             assert {"units", "long_name", "frame"} <= set(attributes), path
@@ -252,7 +254,7 @@ def test_units_and_frames_are_those_of_the_quantities() -> None:
     assert found["registration/targets"][1]["frame"] == b"tool"
 
 
-# --- text ------------------------------------------------------------------------------------------------------------
+# --- text -----------------------------------------------------------------------------------------
 
 
 def texts_by_length(data: bytes) -> dict[str, bool]:
@@ -296,7 +298,9 @@ def of_variable_length(data: bytes) -> bytes:
 
 @pytest.mark.parametrize("kind", ["registered", "local-poe network"])
 def test_no_text_is_of_variable_length(kind: str) -> None:
-    """HDF5's global heap carries no checksums: a zeroed sector there is an endless loop in the HDF5 library."""
+    """HDF5's global heap carries no checksums: a zeroed sector there is an endless loop in
+    the HDF5 library.
+    """
     found = texts_by_length(to_bytes(contents(kind)))
     assert {"robot/urdf", "robot@name", "/@schema", "provenance@command"} <= set(found)
     assert all(found.values()), [place for place, fixed in found.items() if not fixed]
@@ -319,7 +323,7 @@ def test_texts_of_any_length_and_from_any_file_name(command: str) -> None:
     assert read(data, "long.h5").provenance["command"] == expected
 
 
-# --- damage ----------------------------------------------------------------------------------------------------------
+# --- damage ---------------------------------------------------------------------------------------
 
 
 def edited(data: bytes, change: Callable[[h5py.File], None]) -> bytes:
@@ -395,7 +399,8 @@ def test_any_other_bytes_are_refused(data: bytes) -> None:
 
 
 def test_a_changed_byte_in_the_head_is_harmless_or_refused_but_never_a_crash() -> None:
-    # Only the head: deeper in, a changed byte can send the HDF5 library itself into an endless loop.
+    # Only the head: deeper in, a changed byte can send the HDF5 library itself into
+    # an endless loop.
     data = to_bytes(measurements("registered"))
     refused = 0
     for position in range(96):

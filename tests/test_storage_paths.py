@@ -33,7 +33,7 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
     assert calibtool.read(path).robot.name == "planar-3r"
 
 
-def test_what_cannot_be_written_or_read_is_said(tmp_path: Path) -> None:
+def test_what_cannot_be_written_or_read_is_reported(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="cannot be written"):
         calibtool.write(MEASUREMENTS, tmp_path / "nowhere" / "m.h5")
     with pytest.raises(UsageError, match="no such file"):

@@ -1,4 +1,6 @@
-"""Streams of targets: batches do not show, JSON and CSV agree, paths stay on a branch, and what is left is true."""
+"""Streams of targets: batches do not show, JSON and CSV agree, paths stay on a branch, and what
+is left is true.
+"""
 
 import io
 import json
@@ -8,7 +10,6 @@ import numpy as np
 import pytest
 
 from calibtool.calibration import Calibration, identify
-from calibtool.compensation.program import guarded
 from calibtool.compensation.solve import compensate_joints
 from calibtool.compensation.stream import (
     StreamOptions,
@@ -16,6 +17,7 @@ from calibtool.compensation.stream import (
     compensate_stream,
     compensate_text,
 )
+from calibtool.compensation.targets import guarded
 from calibtool.errors import InputError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
@@ -81,12 +83,12 @@ def test_lines_are_taken_only_as_they_are_needed() -> None:
 
     stream = compensate_stream(
         calibrated(), lines(), "t.csv", StreamOptions(batch=3), StreamReport()
-    )  # type: ignore[arg-type]
+    )
     next(stream)
     assert len(taken) == 4  # the header and three rows
 
 
-def test_json_lines_say_the_same_as_csv() -> None:
+def test_json_lines_state_the_same_as_csv() -> None:
     q = joints(5)
     rows, _ = compensate_text(calibrated(), joint_csv(q), "t.csv")
     objects = [
@@ -144,14 +146,14 @@ def test_verify_drives_the_calibrated_model_to_the_command(model: str) -> None:
             calibration,
             joint_csv(q),
             "t.csv",
-            StreamOptions(method=method, verify=True),  # type: ignore[arg-type]
+            StreamOptions(method=method, verify=True),
         )
-        assert report.left < limit
+        assert report.remaining_position < limit
         header, *rows = (line.split(",") for line in text.splitlines())
         driven = np.deg2rad([[float(cell) for cell in row[:6]] for row in rows])
-        left = calibration.forward(driven) - calibration.robot.mechanism.forward(q)
+        remaining = calibration.forward(driven) - calibration.robot.mechanism.forward(q)
         stated = [float(row[header.index("left_mm")]) for row in rows]
-        assert np.allclose(np.linalg.norm(left[:, :3, 3], axis=-1) * 1e3, stated, atol=2e-8)
+        assert np.allclose(np.linalg.norm(remaining[:, :3, 3], axis=-1) * 1e3, stated, atol=2e-8)
 
 
 def test_a_path_of_poses_stays_on_the_branch_of_its_first_row_and_jumps_are_named() -> None:

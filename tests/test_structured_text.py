@@ -1,4 +1,6 @@
-"""Structured Text computes what `one_step` computes: run as Python, and parsed by blark where that is installed."""
+"""Structured Text computes what `one_step` computes: run as Python, and parsed by blark where
+that is installed.
+"""
 
 import os
 import re
@@ -65,7 +67,7 @@ def test_a_function_block_of_reals_keeps_what_its_header_says(name: str) -> None
     assert " OF LREAL" not in text
 
 
-def test_a_singular_configuration_is_damped_and_says_so() -> None:
+def test_a_singular_configuration_is_damped_and_is_marked() -> None:
     calibration = calibrated("planar-3r", "local-poe", True)
     rng = np.random.default_rng(0)
     q = np.column_stack([rng.random((5, 1)), np.zeros((5, 2))])  # stretched

@@ -9,7 +9,7 @@ import pytest
 from calibtool.errors import UsageError
 from calibtool.evaluation.study import Definition, Study
 from calibtool.evaluation.study.journal import Journal
-from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS
+from calibtool.evaluation.study.study_table import COLUMNS, COUNTS, TEXTS
 
 STUDY = Study.of(Definition(robots=["planar-3r"], runs=5))
 OTHER = Study.of(Definition(robots=["planar-3r"], runs=6))

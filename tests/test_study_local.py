@@ -50,7 +50,9 @@ def test_a_run_that_always_kills_its_process_is_reported(monkeypatch: pytest.Mon
 def test_processes_that_are_killed_before_they_work(
     monkeypatch: pytest.MonkeyPatch, killed: int
 ) -> None:
-    """One is replaced; when all end so, the study ends with an error instead of starting processes for ever."""
+    """One is replaced; when all end so, the study ends with an error instead of starting
+    processes for ever.
+    """
 
     class Stillborn(module._Worker):
         started = 0

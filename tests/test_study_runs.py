@@ -1,4 +1,6 @@
-"""One run of a study: the same numbers as the commands one after another, and failures that stay where they are."""
+"""One run of a study: the same numbers as the commands one after another, and failures that
+stay where they are.
+"""
 
 from dataclasses import replace
 
@@ -9,7 +11,7 @@ from calibtool.errors import CalibtoolError, NoSolutionError
 from calibtool.evaluation.compare import evaluate
 from calibtool.evaluation.study import Definition, Study, perform
 from calibtool.evaluation.study import runs as module
-from calibtool.evaluation.study.table import COLUMNS
+from calibtool.evaluation.study.study_table import COLUMNS
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 

@@ -1,4 +1,6 @@
-"""The table of a study as CSV and HDF5, and its summary: numbers come back exactly, what is missing stays missing."""
+"""The table of a study as CSV and HDF5, and its summary: numbers come back exactly, what is
+missing stays missing.
+"""
 
 import io
 import json
@@ -8,9 +10,9 @@ import numpy as np
 import pytest
 
 from calibtool.errors import InputError
-from calibtool.evaluation.plots.study import study_figure
-from calibtool.evaluation.study.summary import study_contents, study_summary
-from calibtool.evaluation.study.table import (
+from calibtool.evaluation.plots.study_figures import study_figure
+from calibtool.evaluation.study.statistics import study_contents, study_summary
+from calibtool.evaluation.study.study_table import (
     COLUMNS,
     OK,
     Cell,
@@ -28,7 +30,9 @@ def head(run: int, method: str) -> tuple:
 
 
 def table(runs: int = 21) -> StudyTable:
-    """Largest errors of 0 … 20 mm for one method, a run without a result for the other, no orientation."""
+    """Largest errors of 0 … 20 mm for one method, a run without a result for the
+    other, no orientation.
+    """
     rows = []
     for run in range(runs):
         values = [rounded(value) for value in (run / 3, 0.1, 0.2, 0.3, float(run))]
@@ -45,7 +49,7 @@ def test_csv_comes_back_exactly() -> None:
     assert written.as_csv().splitlines()[0] == ",".join(COLUMNS)
 
 
-def test_hdf5_comes_back_exactly_and_says_its_units() -> None:
+def test_hdf5_comes_back_exactly_and_states_its_units() -> None:
     written = table()
     data = study_to_bytes(written, '{"runs": 2}')
     assert read_study(io.BytesIO(data), "t.h5") == StudyFile(written, {"runs": 2})
@@ -106,7 +110,7 @@ def test_what_a_table_holds() -> None:
         21,
     )
     assert contents["reasons"] == {'not "observable", sorry': 21}
-    nominal, complete = contents["medians"]  # type: ignore[misc]
+    nominal, complete = contents["medians"]
     assert (nominal["method"], nominal["position_max_mm"], nominal["orientation_max_mrad"]) == (
         "nominal",
         10.0,
@@ -119,7 +123,7 @@ def test_what_a_table_holds() -> None:
 
 def test_quantiles_over_the_runs() -> None:
     summary = study_summary(table())
-    nominal, complete = summary["groups"]  # type: ignore[misc]
+    nominal, complete = summary["groups"]
     spread = nominal["position_mm"]["max"]
     assert spread == {"min": 0, "q05": 1, "q25": 5, "median": 10, "q75": 15, "q95": 19, "max": 20}
     assert nominal["orientation_mrad"]["max"] is None
@@ -130,7 +134,9 @@ def test_quantiles_over_the_runs() -> None:
 
 
 def test_boxes_are_named_after_what_tells_them_apart() -> None:
-    """Ticks are the methods of one combination; of several, what differs between them, the methods being a legend."""
+    """Ticks are the methods of one combination; of several, what differs between them, the
+    methods being a legend.
+    """
 
     def ticks(*changes: dict[str, Cell]) -> list[str]:
         rows = [

@@ -1,4 +1,6 @@
-"""Tables: every common way of writing the same numbers is read alike; a bad one is named by line and column."""
+"""Tables: every common way of writing the same numbers is read alike; a bad one is named by
+line and column.
+"""
 
 import numpy as np
 import pytest
@@ -32,7 +34,7 @@ def joints_csv(*rows: str, header: str = "j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_
     return "\n".join([header, *rows]) + "\n"
 
 
-# --- the same numbers, however they are written ----------------------------------------------------------------------
+# --- the same numbers, however they are written ---------------------------------------------------
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
@@ -124,7 +126,7 @@ def test_not_a_number_is_written_as_an_empty_cell() -> None:
     assert number(float("nan")) == ""
 
 
-# --- what is wrong is named ------------------------------------------------------------------------------------------
+# --- what is wrong is named -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -205,7 +207,7 @@ def test_a_missing_column_is_named_with_its_near_ones() -> None:
         parse_table(written(), "t.csv").numbers(["gama"])
 
 
-# --- joints ----------------------------------------------------------------------------------------------------------
+# --- joints ---------------------------------------------------------------------------------------
 
 
 def test_degrees_and_radians_are_the_same_joints() -> None:
@@ -310,7 +312,7 @@ def test_a_bad_joint_cell_is_named() -> None:
     assert str(error.value) == "poses.csv:3: column 'j3_deg' holds 'n/a'; expected a number"
 
 
-# --- poses -----------------------------------------------------------------------------------------------------------
+# --- poses ----------------------------------------------------------------------------------------
 
 
 @given(seed=st.integers(0, 10_000))
@@ -327,10 +329,12 @@ def test_the_three_ways_to_write_an_orientation_give_the_same_pose(seed: int) ->
     tables = [
         f"x_mm,y_mm,z_mm,qw,qx,qy,qz\n{x},{y},{z}," + ",".join(f"{v:.17g}" for v in w),
         f"x_mm,y_mm,z_mm,qw,qx,qy,qz\n{x},{y},{z}," + ",".join(f"{-v:.17g}" for v in w),
-        f"rx_rad,ry_rad,rz_rad,x_m,y_m,z_m\n{a:.17g},{b:.17g},{c:.17g},{x / 1e3!r},{y / 1e3!r},{z / 1e3!r}".replace(
+        "rx_rad,ry_rad,rz_rad,x_m,y_m,z_m\n"
+        f"{a:.17g},{b:.17g},{c:.17g},{x / 1e3!r},{y / 1e3!r},{z / 1e3!r}".replace(
             "np.float64(", ""
         ).replace(")", ""),
-        f"x_mm,y_mm,z_mm,roll_deg,pitch_deg,yaw_deg\n{x},{y},{z},{roll:.17g},{pitch:.17g},{yaw:.17g}",
+        "x_mm,y_mm,z_mm,roll_deg,pitch_deg,yaw_deg\n"
+        f"{x},{y},{z},{roll:.17g},{pitch:.17g},{yaw:.17g}",
     ]
     for text in tables:
         found = poses_from_header(parse_table(text, "p.csv"))
@@ -342,7 +346,8 @@ def test_the_three_ways_to_write_an_orientation_give_the_same_pose(seed: int) ->
 
 
 def test_roll_pitch_yaw_turn_about_fixed_axes_in_this_order() -> None:
-    # Tool x along base x; roll by 90° about x takes y to z; then yaw by 90° about the fixed z takes x to y, z stays.
+    # Tool x along base x; roll by 90° about x takes y to z; then yaw by 90° about the fixed z takes
+    # x to y, z stays.
     found = poses_from_header(
         parse_table("x_mm,y_mm,z_mm,roll_deg,pitch_deg,yaw_deg\n0,0,0,90,0,90\n", "p.csv")
     )
@@ -370,7 +375,7 @@ def test_two_orientations_in_one_table_are_refused() -> None:
         poses_from_header(parse_table(header + "\n0,0,0,1,0,0,0,0,0,0\n", "p.csv"))
 
 
-# --- long tables ----------------------------------------------------------------------------------------------------
+# --- long tables ----------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -1,4 +1,6 @@
-"""Training: repeatable, never worse than no network, the best of its restarts, and about the error that users see."""
+"""Training: repeatable, never worse than no network, the best of its restarts, and about the
+error that users see.
+"""
 
 from dataclasses import replace
 
@@ -17,7 +19,7 @@ from calibtool.errormodel.actual import ErrorScales
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 Array = np.ndarray
 
@@ -36,7 +38,7 @@ Trained = tuple[tuple[Array, Array, Array], Network | None, TrainingReport]
 
 def trained(data: int = 0, **changes: object) -> Trained:
     """Data, network and report of a training on learnable data."""
-    options = replace(TrainingOptions(), **changes)  # type: ignore[arg-type]
+    options = replace(TrainingOptions(), **changes)
     q, G, y = learnable(data)
     rng = np.random.default_rng(options.seed)
     networks, report = train_networks(q, G, y, options, rng)
@@ -72,7 +74,7 @@ def test_a_network_learns_what_a_smooth_function_has_made(loss: str, optimiser: 
     )
 
 
-def test_the_reported_losses_are_those_of_the_rows_they_are_said_to_be_of() -> None:
+def test_the_reported_losses_are_those_of_the_rows_they_are_stated_to_be_of() -> None:
     (q, G, y), network, report = trained()
     assert network is not None
     for rows, reported in (
@@ -202,7 +204,9 @@ def test_the_number_of_hidden_nodes_is_that_asked_for() -> None:
 def test_the_loss_of_a_calibration_is_the_weighted_error_of_its_predicted_targets(
     fanuc_measurements: Measurements, fanuc_network: Calibration
 ) -> None:
-    """From measurements to loss without any of the matrices: targets by the calibrated poses, over the stated noise."""
+    """From measurements to loss without any of the matrices: targets by the calibrated poses, over
+    the stated noise.
+    """
     report = fanuc_network.training
     assert report is not None
     held = report.validation_rows
@@ -249,7 +253,7 @@ def test_a_network_on_local_poe_learns_what_local_poe_cannot_represent() -> None
     fresh = simulate(ur5, Simulation(seed=3, workspace=ur5.workspace(None)[1], same_robot=truth))
     real = truth.actual.forward(fresh.q)[:, :3, 3]
     base = identify(measurements, "local-poe")
-    both = train(measurements, base, TrainingOptions())
+    both = train(measurements, base, TrainingOptions(regularisation="early-stopping"))
     errors = [
         np.linalg.norm(c.forward(fresh.q)[:, :3, 3] - real, axis=-1).mean() for c in (base, both)
     ]

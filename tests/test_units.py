@@ -53,7 +53,7 @@ def test_other_headers_are_no_joints(header: str) -> None:
 )
 def test_values_come_out_in_si_and_in_the_order_of_the_joints(
     joints: list[tuple[bool, float, bool]], random
-) -> None:  # type: ignore[no-untyped-def]
+) -> None:
     prismatic = [p for p, _, _ in joints]
     named = []
     for i, (is_prismatic, si, small_unit) in enumerate(joints):

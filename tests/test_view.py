@@ -13,12 +13,12 @@ import pytest
 from calibtool.calibration import Calibration
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
+from calibtool.evaluation.view.arm_geometry import simple_shape
 from calibtool.evaluation.view.live import serving
-from calibtool.evaluation.view.page import page_of
 from calibtool.evaluation.view.scene import scene_of
-from calibtool.evaluation.view.shape import simple_shape
+from calibtool.evaluation.view.scene_page import page_of
 from calibtool.measurement.measurements import Measurements
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 
 def unseen_first(measurements: Measurements) -> Measurements:
@@ -49,8 +49,8 @@ def test_measured_points_are_where_the_instrument_saw_them(
     assert np.array_equal(scene.magnified(0.0), scene.nominal)
     assert np.allclose(scene.magnified(1.0), scene.found, atol=1e-15)
     lengths = np.linalg.norm(scene.found - scene.nominal, axis=-1)
-    assert np.allclose(scene.sizes, np.sqrt((lengths**2).mean(axis=-1)))
-    assert 0 < scene.sizes.min() < scene.sizes.max() < 0.05
+    assert np.allclose(scene.error_rms, np.sqrt((lengths**2).mean(axis=-1)))
+    assert 0 < scene.error_rms.min() < scene.error_rms.max() < 0.05
 
 
 def test_a_calibration_shows_nearly_what_was_measured(
@@ -58,7 +58,7 @@ def test_a_calibration_shows_nearly_what_was_measured(
 ) -> None:
     measured, calibrated = scene_of(fanuc_measurements), scene_of(fanuc_local_poe)
     left = np.linalg.norm(measured.found - calibrated.found, axis=-1).mean()
-    assert left < 0.2 * measured.sizes.mean()
+    assert left < 0.2 * measured.error_rms.mean()
     assert (measured.meaning, calibrated.meaning) == ("measured", "calibrated")
 
 
@@ -67,7 +67,7 @@ def test_the_default_magnification_is_round_and_makes_errors_visible(
 ) -> None:
     scene = scene_of(fanuc_measurements)
     extent = np.ptp(scene.arm.reshape(-1, 3), axis=0).max()
-    assert 1 / 40 < np.median(scene.sizes) * scene.fitting_factor / extent < 1 / 11
+    assert 1 / 40 < np.median(scene.error_rms) * scene.fitting_factor / extent < 1 / 11
     assert f"{scene.fitting_factor:.0e}"[0] in "125"
     assert replace(scene, found=scene.nominal).fitting_factor == 1.0
 
@@ -77,14 +77,14 @@ def test_the_page_holds_the_scene_and_needs_nothing_else(fanuc_measurements: Mea
     page = page_of(scene, 50.0)
     assert page == page_of(scene, 50.0)
     assert not re.findall(r"""(?:https?:|src=|href=|import\b|fetch\()""", page)
-    data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.S)[1])  # type: ignore[index]
+    data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.S)[1])
     assert data["error"][0][0] == [None] * 3
     assert np.allclose(
         np.array(data["nominal"]) + np.nan_to_num(np.array(data["error"], float)),
         np.where(np.isnan(scene.found), scene.nominal, scene.found),
         atol=1e-6,
     )
-    assert np.allclose(data["size_mm"], scene.sizes * 1e3, atol=1e-4)
+    assert np.allclose(data["size_mm"], scene.error_rms * 1e3, atol=1e-4)
     assert np.isfinite(data["size_mm"]).all()
 
 

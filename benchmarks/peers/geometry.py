@@ -1,9 +1,10 @@
 """Geometric identification beside figaroh and pybotics, from the same simulated measurements.
 
-Run: python benchmarks/peers/geometry.py [--seeds 20]. A UR10 given as modified Denavit–Hartenberg (MDH) parameters, which a
-URDF says exactly too; 50 configurations of the whole joint range, 0.05 mm noise, judged at 1,000 fresh ones without noise.
-Base frame and nominal targets are given to all. `with_<tool>.py` is what a user writes; every tool runs it in a process of
-its own. pybotics takes one target; with three, figaroh and calibtool see orientation as well.
+Run: python benchmarks/peers/geometry.py [--seeds 20]. A UR10 given as modified Denavit–Hartenberg
+(MDH) parameters, which a URDF says exactly too; 50 configurations of the whole joint range, 0.05 mm
+noise, judged at 1,000 fresh ones without noise. Base frame and nominal targets are given to all.
+`with_<tool>.py` is what a user writes; every tool runs it in a process of its own. pybotics takes
+one target; with three, figaroh and calibtool see orientation as well.
 """
 
 import os
@@ -98,14 +99,17 @@ def urdf(placements: np.ndarray) -> str:
         joints += (
             f'<joint name="j{j}" type="revolute"><parent link="{parent}"/><child link="l{j}"/>'
             f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
-            '<limit lower="-3.141592653589793" upper="3.141592653589793" effort="1" velocity="1"/></joint>'
+            '<limit lower="-3.141592653589793" upper="3.141592653589793" effort="1" '
+            'velocity="1"/></joint>'
         )
     joints += '<joint name="mount" type="fixed"><parent link="l6"/><child link="flange"/></joint>'
     return f'<robot name="arm">{links}{joints}</robot>'
 
 
 def geometric_errors(case: str, robot, rng: np.random.Generator):
-    """The actual robot's errors: `all` δζ, δξ, δq; `mdh` the 24 parameters; `placements` δζ of the joints."""
+    """The actual robot's errors: `all` δζ, δξ, δq; `mdh` the 24 parameters; `placements`
+    δζ of the joints.
+    """
     from calibtool.errormodel.robot_errors import RobotErrors
     from calibtool.robot.se3 import inverse, log6
 
@@ -147,7 +151,10 @@ def write_case(folder: Path, case: str, seed: int) -> None:
 
 
 def run_tool(entry: Entry, folders: list[Path]) -> np.ndarray:
-    """Mean and maximum position error in mm and CPU seconds, one row per folder. PeerError if missing or failed."""
+    """Mean and maximum position error in mm and CPU seconds, one row per folder.
+
+    PeerError if missing or failed.
+    """
     require(entry.package)
     text = output([__file__, "--tool", str(ENTRIES.index(entry)), *map(str, folders)])
     return np.array([[float(x) for x in line.split()] for line in text.splitlines()])
@@ -195,7 +202,8 @@ def main() -> None:
     print(f"Median of {arguments.seeds} actual robots (worst); time is that of one CPU.")
     for case, title in CASES.items():
         print(
-            f"\n**{title}**\n\n| targets | tool | mean mm | max mm | calibtool nearer (mean) | time | lines |"
+            f"\n**{title}**\n\n| targets | tool | mean mm | max mm | calibtool nearer (mean) | "
+            "time | lines |"
         )
         print("|---|---|---|---|---|---|---|")
         with tempfile.TemporaryDirectory() as place:

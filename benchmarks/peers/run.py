@@ -1,6 +1,7 @@
 """Peers side by side in one run: writes the whole of docs/peers.md.
 
-Run: python benchmarks/peers/run.py [--seeds N] [--output docs/peers.md] [--only geometry|training|kinematics].
+Run: python benchmarks/peers/run.py [--seeds N] [--output docs/peers.md] [--only
+geometry|training|kinematics].
 """
 
 import argparse
@@ -44,13 +45,17 @@ def versions() -> str:
 
 
 def introduction(name: str) -> str:
-    """How a comparison is made: the text of its script after the first line, without the line that says how to run it."""
+    """How a comparison is made: the text of its script after the first line, without the line that
+    says how to run it.
+    """
     text = (HERE / f"{name}.py").read_text(encoding="utf-8").split('"""')[1]
     return " ".join(text.split("].", 1)[1].split())
 
 
 def section(name: str, seeds: int | None) -> str:
-    """A comparison with its table, or with the reason why there is none. seeds: None for its own default."""
+    """A comparison with its table, or with the reason why there is none. seeds: None for
+    its own default.
+    """
     given = [] if name == "kinematics" or seeds is None else ["--seeds", str(seeds)]
     arguments = [str(HERE / f"{name}.py"), *given]
     try:
@@ -72,8 +77,10 @@ def main() -> None:
         f" --seeds {arguments.seeds}" if arguments.seeds else ""
     )
     parts = [
-        f"# Peers, side by side\nMade by `{command}` (see benchmarks/peers/README.md) with\n{versions()};\n"
-        f"{platform.machine()}, {os.cpu_count()} CPUs, one thread each. Versions are pinned in {REQUIREMENTS}.\n"
+        f"# Peers, side by side\nMade by `{command}` (see benchmarks/peers/README.md) with\n"
+        f"{versions()};\n"
+        f"{platform.machine()}, {os.cpu_count()} CPUs, one thread each. Versions are pinned in "
+        f"{REQUIREMENTS}.\n"
     ]
     for name in [arguments.only] if arguments.only else COMPARISONS:
         print(f"{name} …", file=sys.stderr, flush=True)

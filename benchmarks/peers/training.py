@@ -1,10 +1,12 @@
 """Time to train the paper's network beside scikit-learn and PyTorch.
 
-Run: python benchmarks/peers/training.py [--seeds 5]. The paper's experiment (benchmarks/paper.py): fanuc-m1000ia in its 1 m
-cube, network on the nominal robot, 6-6-6 tanh, 50 + 50 configurations, joint motions δρ̂ as the target (joint loss, Eq. 21).
-All train on the same scaled inputs and targets in float64 on one thread, five restarts per seed, and are judged by the
-same validation loss; calibtool and PyTorch start from the same weights and make the same steps. L-BFGS cannot be watched
-while it runs: its time is that of a fit that knows beforehand when to stop. Every tool runs in a process of its own.
+Run: python benchmarks/peers/training.py [--seeds 5]. The paper's experiment (benchmarks/paper.py):
+fanuc-m1000ia in its 1 m cube, network on the nominal robot, 6-6-6 tanh, 50 + 50 configurations,
+joint motions δρ̂ as the target (joint loss, Eq. 21). All train on the same scaled inputs and
+targets in float64 on one thread, five restarts per seed, and are judged by the same validation
+loss; calibtool and PyTorch start from the same weights and make the same steps. L-BFGS cannot be
+watched while it runs: its time is that of a fit that knows beforehand when to stop. Every tool runs
+in a process of its own.
 """
 
 import os
@@ -28,7 +30,9 @@ Curve = list[tuple[float, float]]  # (CPU seconds since the start, validation lo
 
 
 def write_data(file: Path, seed: int) -> None:
-    """Inputs s in [−1, 1], targets δρ̂ over their RMS, both halves; start weights of every restart."""
+    """Inputs s in [−1, 1], targets δρ̂ over their RMS, both halves; start
+    weights of every restart.
+    """
     from calibtool.calibration import identify
     from calibtool.equivalent.loss import joint_loss
     from calibtool.equivalent.network import Network
@@ -128,7 +132,10 @@ def sklearn_adam(data: dict, restart: int) -> Iterator[float]:
 
 
 def sklearn_lbfgs(data: dict, restart: int) -> Curve:
-    """MLPRegressor's solver for small data. It cannot be watched: one whole fit per number of iterations."""
+    """MLPRegressor's solver for small data.
+
+    It cannot be watched: one whole fit per number of iterations.
+    """
     curve = []
     for iterations in np.unique(np.geomspace(1, ITERATIONS * 5, 40).astype(int)):
         start = time.process_time()
@@ -154,7 +161,9 @@ def watch(losses: Iterator[float]) -> Curve:
 
 
 def tool_process(tool: str, files: list[Path]) -> None:
-    """Inside the tool's process: one curve per data set and restart, after one to warm up, into FILE.curves.npz."""
+    """Inside the tool's process: one curve per data set and restart, after one to warm up, into
+    FILE.curves.npz.
+    """
     warnings.simplefilter("ignore")  # scikit-learn's about iterations that were asked for
     function = TOOLS[tool][1]
 
@@ -206,7 +215,9 @@ def main() -> None:
 
 
 def table(curves: dict[str, list[list[np.ndarray]]], notes: dict[str, str]) -> None:
-    """Time to two losses per seed that the median run of every tool, and of every one but Adam, reaches."""
+    """Time to two losses per seed that the median run of every tool, and of every one
+    but Adam, reaches.
+    """
     best = {
         tool: np.array([[c[:, 1].min() for c in seed] for seed in sets])
         for tool, sets in curves.items()
@@ -215,7 +226,8 @@ def table(curves: dict[str, list[list[np.ndarray]]], notes: dict[str, str]) -> N
     coarse = np.max(list(medians.values()), axis=0)
     fine = np.max([m for tool, m in medians.items() if tool != ADAM], axis=0)
     print(
-        "| tool | lowest validation loss | time to the coarse loss | runs | time to the fine loss | runs |"
+        "| tool | lowest validation loss | time to the coarse loss | runs | time to the "
+        "fine loss | runs |"
     )
     print("|---|---|---|---|---|---|")
     for tool in TOOLS:
@@ -233,11 +245,13 @@ def table(curves: dict[str, list[list[np.ndarray]]], notes: dict[str, str]) -> N
             ]
         print(f"| {tool} | {' | '.join(cells)} |")
     print(
-        f"\nMedians over runs; losses divided by the mean square of the targets: coarse {np.median(coarse):.3f},",
+        "\nMedians over runs; losses divided by the mean square of the targets: coarse "
+        f"{np.median(coarse):.3f},",
         end=" ",
     )
     print(
-        f"fine {np.median(fine):.3f}. A run that never gets there counts as the slowest. Time is that of one CPU."
+        f"fine {np.median(fine):.3f}. A run that never gets there counts as the slowest. Time is "
+        "that of one CPU."
     )
 
 

@@ -6,7 +6,10 @@ from calibtool.robot.catalogue import load_robot
 from calibtool.robot.se3 import transform_points
 
 TARGET = '[[targets]]\nmeasured = ["x{0}", "y{0}", "z{0}"]\nunit = "m"\non_tool_mm = {1}\n'
-COLUMNS = '[joints]\ncolumns = ["j1", "j2", "j3", "j4", "j5", "j6"]\nunit = "rad"\n[instrument]\nframe = "base"\n'
+COLUMNS = (
+    '[joints]\ncolumns = ["j1", "j2", "j3", "j4", "j5", "j6"]\nunit = "rad"\n[instrument]\n'
+    'frame = "base"\n'
+)
 
 
 def calibrate(folder, targets):

@@ -1,4 +1,7 @@
-"""What a user of pybotics writes: its calibration example, with every parameter free. One target; mm inside."""
+"""What a user of pybotics writes: its calibration example, with every parameter free.
+
+One target; mm inside.
+"""
 
 import numpy as np
 import pandas as pd

@@ -1,7 +1,7 @@
-"""Calibration: a base model and networks on top of it, how they are fitted and judged, and how sure they are."""
+"""Calibration: a base model with networks on top, its fit, its validation and its uncertainty."""
 
+from calibtool.calibration.calibration import Calibration, check_same_robot, fitting_setup
 from calibtool.calibration.fit import BASE_MODELS, IDENTIFIED_MODELS, identify, train
-from calibtool.calibration.model import Calibration, check_same_robot, fitting_setup
 
 __all__ = [
     "BASE_MODELS",

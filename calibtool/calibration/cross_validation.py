@@ -1,11 +1,11 @@
-"""Cross-validation over configurations: the base model and the networks are fitted again in every fold."""
+"""Cross-validation over configurations: base model and networks are fitted in every fold."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from calibtool.calibration.model import Calibration, CrossValidation, fitting_setup
+from calibtool.calibration.calibration import Calibration, CrossValidation, fitting_setup
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import weighted_residuals
@@ -22,9 +22,10 @@ def cross_validate(
     rng: np.random.Generator,
     progress: Progress = silent,
 ) -> CrossValidation:
-    """Errors on held-out configurations with and without the networks of `fit`; targets of one are never split.
+    """Weighted squared errors on held-out configurations with and without the networks of `fit`.
 
-    Raises NoSolutionError for a single configuration.
+    All target points of a configuration are in the same fold. Raises NoSolutionError for a single
+    configuration.
     """
     count = len(measurements)
     if count < 2:
@@ -48,8 +49,8 @@ def cross_validate(
 
 
 def squared_errors(calibration: Calibration, measurements: Measurements) -> Array:
-    """Weighted squared residuals of each configuration, in the calibration's own set-up: (N,)."""
+    """Weighted squared residual of each configuration in the calibration's own set-up: (N,)."""
     pose = calibration.forward(measurements.q, measurements.conditions)
-    left = weighted_residuals(measurements, fitting_setup(calibration, measurements), pose)
-    squared: Array = (left**2).sum(axis=-1)
+    residual = weighted_residuals(measurements, fitting_setup(calibration, measurements), pose)
+    squared: Array = (residual**2).sum(axis=-1)
     return squared

@@ -1,19 +1,19 @@
-"""From measurements to a calibration: identify a base model, train networks on what it leaves over."""
+"""From measurements to a calibration: identify a base model, train networks on its residuals."""
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calibtool.calibration.calibration import Calibration, check_same_robot, fitting_setup
 from calibtool.calibration.cross_validation import cross_validate
 from calibtool.calibration.frame import FRAMES, FrameName
-from calibtool.calibration.model import Calibration, check_same_robot, fitting_setup
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.training import TrainingOptions, TrainingReport, train_networks
 from calibtool.errors import check_choice
 from calibtool.identification.complete import CompleteOptions, identify_complete
+from calibtool.identification.identification import nominal_model
 from calibtool.identification.local_poe import identify_local_poe
-from calibtool.identification.model import nominal_model
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import linearised
 from calibtool.progress import Progress, silent
@@ -24,7 +24,7 @@ BASE_MODELS = ("nominal", *IDENTIFIED_MODELS)
 
 @dataclass(frozen=True)
 class BaseOptions:
-    """Which base model, and how it is identified: `nominal`, `local-poe` or `complete`."""
+    """Base model (`nominal`, `local-poe` or `complete`) and the options of its identification."""
 
     model: str = "complete"
     complete: CompleteOptions = field(default_factory=CompleteOptions)
@@ -36,11 +36,11 @@ class BaseOptions:
 def identify(
     measurements: Measurements, base: BaseOptions | str = "complete", frame: FrameName = "taught"
 ) -> Calibration:
-    """A calibration that is a base model alone: `complete`, `local-poe` (Eqs. 8–11) or `nominal`.
+    """Identify a base model without networks: `complete`, `local-poe` (Eqs. 8–11) or `nominal`.
 
-    frame: base and tool frame where the set-up is unknown, see `Calibration.in_frame`.
-    Raises NoSolutionError when the configurations are too few for the model or the iteration does
-    not settle, UsageError for an unknown model or frame.
+    frame: base and tool frame where the set-up is unknown, see `Calibration.in_frame`. Raises
+    NoSolutionError when there are too few configurations for the model or the iteration does not
+    converge, UsageError for an unknown model or frame.
     """
     check_choice(frame, FRAMES, "frame")
     options = BaseOptions(base) if isinstance(base, str) else base
@@ -73,28 +73,30 @@ def train(
     progress: Progress = silent,
     frame: FrameName | None = None,
 ) -> Calibration:
-    """Train networks on what `base` leaves over: a model to identify, or an identified calibration used as it is.
+    """Train networks on the residuals of a base model.
 
-    frame: as for `identify`; that of the base calibration, or `taught`, unless given.
+    base: a model to identify first, or an identified calibration, which is used unchanged. frame:
+    as for `identify`; by default that of the base calibration, or `taught`.
 
-    Without options: early stopping on `nominal` (the paper), Bayesian regularisation on everything else.
+    Unless the options say otherwise, the regularisation is early stopping on `nominal` (the paper)
+    and Bayesian on every other base. With Bayesian regularisation the networks are kept only if
+    cross-validation, in which the base model is identified again in every fold, shows that they
+    reduce the error. With early stopping the validation part decides. The base model is identified
+    from all configurations.
 
-    With Bayesian regularisation the networks are kept only if cross-validation, which identifies the base again in every
-    fold, says that they help. With early stopping (the paper) the validation part decides; the base model is identified
-    from all configurations either way.
-
-    Raises InputError when `base` is a calibration of another robot, NoSolutionError where `identify` does.
+    Raises InputError when `base` is a calibration of another robot, NoSolutionError where
+    `identify` does.
     """
     if isinstance(base, Calibration):
         check_same_robot(base.robot, measurements.robot, "the base calibration", "the measurements")
         base = base if frame is None else replace(base, networks=()).in_frame(frame)
-    if options is None:
-        options = TrainingOptions(regularisation="early-stopping" if base == "nominal" else "bayes")
+    options = options or TrainingOptions()
     chosen: FrameName = frame or "taught"
     check_choice(chosen, FRAMES, "frame")
     rng = np.random.default_rng(options.seed)
     fitted = on_base(measurements, base, options, rng, progress, chosen)
-    if options.regularisation != "bayes":
+    assert fitted.training is not None
+    if fitted.training.regularisation != "bayes":
         return fitted
 
     def again(rows: Measurements, stream: np.random.Generator) -> Calibration:
@@ -114,12 +116,13 @@ def on_base(
     progress: Progress = silent,
     frame: FrameName = "taught",
 ) -> Calibration:
-    """Base model and networks from these rows, without a verdict on the networks.
+    """Base model and networks from these rows, without deciding whether the networks are used.
 
-    frame: of a base model that is identified here; a calibration as base keeps its own.
+    frame: of a base model that is identified here; a calibration given as base keeps its own.
     """
     calibration = base if isinstance(base, Calibration) else identify(measurements, base, frame)
-    networks, report = _networks(measurements, calibration, options, rng, progress)
+    resolved = options.resolved(calibration.base.model)
+    networks, report = _networks(measurements, calibration, resolved, rng, progress)
     return replace(
         calibration,
         networks=networks,

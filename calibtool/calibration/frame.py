@@ -1,8 +1,9 @@
-"""Base and tool frame of a calibration where the measurements leave them free: fitted or taught.
+"""Base and tool frame of a calibration where the measurements do not determine them.
 
-With an unknown instrument frame and unknown targets, T_instrument_base · T_base_tool(q) · t stays
-what it is when the base or the tool frame moves and the set-up moves along. Programs were taught
-in the controller's frames, so corrections belong into the frames that move commanded poses least.
+With an unknown instrument frame and unknown targets, T_instrument_base · T_base_tool(q) · t does
+not change when the base or the tool frame is moved and the set-up is moved accordingly. Programs
+are taught in the frames of the controller, so that corrections are made in the frames that move the
+commanded poses least (`taught`), or in those of the fit (`fitted`).
 """
 
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ import numpy as np
 
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.measurements import Setup
-from calibtool.robot.damped import at_point
+from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, log6, readonly
 
 FrameName = Literal["fitted", "taught"]
@@ -22,13 +23,13 @@ _STEPS, _SETTLED = 20, 1e-13  # of Gauss–Newton, m and rad; it takes three or 
 
 @dataclass(frozen=True, eq=False)
 class ChosenFrame:
-    """Which frames a calibration speaks in.
+    """Base and tool frame in which a calibration states its poses.
 
     T_taught(q) = T_taught_fitted · T_fitted(q) · T_tool_taught, poses of the tool in the base.
 
-    name             the chosen ones, `fitted` or `taught`
-    T_taught_fitted  (4, 4) base of the fit in the taught base frame, m
-    T_tool_taught    (4, 4) taught tool frame in the tool of the fit, m
+    name             `fitted` or `taught`
+    T_taught_fitted  (4, 4) base frame of the fit in the taught base frame, m
+    T_tool_taught    (4, 4) taught tool frame in the tool frame of the fit, m
     """
 
     name: FrameName
@@ -37,11 +38,11 @@ class ChosenFrame:
 
     @property
     def moves(self) -> bool:
-        """Poses in the chosen frames are not those of the fit."""
+        """Whether poses in the chosen frames differ from those of the fit."""
         return self.name != "fitted"
 
     def errors(self, fitted: RobotErrors) -> RobotErrors:
-        """The errors of the fit in the chosen frames: the first and the last placement move."""
+        """Errors of the fit in the chosen frames: the first and the last placement change."""
         if not self.moves:
             return fitted
         nominal = fitted.robot.chain.placements
@@ -51,7 +52,7 @@ class ChosenFrame:
         return fitted.having(placements=log6(inverse(nominal) @ placements))
 
     def setup(self, fitted: Setup) -> Setup:
-        """The set-up of the fit in the chosen frames: predicted points stay where they were."""
+        """Set-up of the fit in the chosen frames: predicted observations do not change."""
         return (
             moved_setup(fitted, self.T_taught_fitted, self.T_tool_taught) if self.moves else fitted
         )
@@ -64,9 +65,10 @@ class ChosenFrame:
 
 
 def moved_setup(setup: Setup, T_new_base: Array, T_tool_new: Array) -> Setup:
-    """The set-up with which T_new_base · T_base_tool(q) · T_tool_new is seen as T_base_tool(q) was.
+    """Set-up in which T_new_base · T_base_tool(q) · T_tool_new is observed as T_base_tool(q) was
+    before.
 
-    Both (4, 4), m.
+    T_new_base and T_tool_new: (4, 4), m.
     """
     T_new_tool = inverse(T_tool_new)
     on_tool = setup.kind.in_tool(setup, T_new_tool)
@@ -78,12 +80,12 @@ def moved_setup(setup: Setup, T_new_base: Array, T_tool_new: Array) -> Setup:
 def taught_frame(
     fitted: Array, taught: Array, setup: Setup, noise_position: float, noise_orientation: float
 ) -> ChosenFrame:
-    """The frames in which fitted poses (N, 4, 4) are nearest to the taught ones (N, 4, 4).
+    """The frames in which fitted poses (N, 4, 4) are nearest to taught poses (N, 4, 4).
 
-    Least squares of the pose error, position in units of noise_position (m), orientation of
-    noise_orientation (rad), over what the set-up leaves unknown: the base frame where the
-    instrument's is, the tool frame where the targets are. Where base and tool can do the same
-    (few joints, one configuration), both together move least.
+    Least squares of the pose errors: positions in units of noise_position (m), rotations in units
+    of noise_orientation (rad). Free are the base frame where the instrument frame is unknown, and
+    the tool frame where the targets are. Where both have the same effect (few joints, one
+    configuration), the solution of minimum norm is taken.
     """
     T_base, T_tool = np.eye(4), np.eye(4)
     free = np.flatnonzero([not setup.frame_known, not setup.targets_known])
@@ -92,11 +94,11 @@ def taught_frame(
         pose = T_base @ fitted @ T_tool
         columns = free_columns(pose, setup) / sigma[:, None]
         turn = log3(taught[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], -1, -2))
-        left = np.concatenate([taught[:, :3, 3] - pose[:, :3, 3], turn], axis=-1) / sigma
+        residual = np.concatenate([taught[:, :3, 3] - pose[:, :3, 3], turn], axis=-1) / sigma
         step = np.zeros((2, 6))
-        step[free] = np.linalg.lstsq(columns.reshape(left.size, -1), left.ravel(), rcond=1e-9)[
-            0
-        ].reshape(-1, 6)
+        step[free] = np.linalg.lstsq(
+            columns.reshape(residual.size, -1), residual.ravel(), rcond=1e-9
+        )[0].reshape(-1, 6)
         T_base, T_tool = exp6(step[0]) @ T_base, T_tool @ exp6(step[1])
         if np.abs(step).max() < _SETTLED:
             break
@@ -104,11 +106,11 @@ def taught_frame(
 
 
 def free_columns(pose: Array, setup: Setup) -> Array:
-    """How poses (N, 4, 4) move with the frames that a set-up leaves free: (N, 6, 0, 6 or 12).
+    """Derivatives of poses (N, 4, 4) with respect to the free frames: (N, 6, 0, 6 or 12).
 
-    Displacement of the tool point (m) and turn (rad) in K_0: for a twist b of the base, exp6(b) T,
-    where the instrument frame is unknown; for a twist x of the tool, T exp6(x), where the targets
-    are.
+    Rows: displacement of the tool point (m) and rotation vector (rad) in K_0. Columns: a twist b of
+    the base, exp6(b) T, where the instrument frame is unknown; a twist x of the tool, T exp6(x),
+    where the targets are unknown.
     """
     base = np.broadcast_to(np.eye(6), (len(pose), 6, 6))
     blocks = [base] * (not setup.frame_known) + [adjoint(pose)] * (not setup.targets_known)

@@ -1,19 +1,19 @@
-"""The common part of corrections in the frames of the fit, and what remains apart from it."""
+"""Common part of the corrections in the frames of the fit, and the remaining errors."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.frame import FrameName
-from calibtool.calibration.model import Calibration
 from calibtool.robot.se3 import Array, log3
 
 
 @dataclass(frozen=True, eq=False)
 class FrameReport:
-    """The common part in numbers, and the rest at the N configurations used.
+    """The common part of corrections, and the remaining errors at the N configurations used.
 
-    name         the chosen frames
+    name         chosen frames, `fitted` or `taught`
     base, tool   (6,) displacement (m) and rotation vector (rad) of the base and of the tool frame
     position     (N,) distances of the tool point from the nominal robot's in the taught frames, m
     orientation  (N,) rotation angles likewise, rad
@@ -37,13 +37,13 @@ class FrameReport:
         return result
 
     def lines(self) -> list[str]:
-        """The same for people."""
+        """The same as lines of text."""
         if self.name == "taught":
-            says = "taught: commanded poses move as little as a rigid base and tool allow"
+            chosen = "taught: commanded poses move as little as a rigid base and tool allow"
         else:
-            says = "fitted: every commanded pose moves by the common part, too"
+            chosen = "fitted: every commanded pose moves by the common part, too"
         return [
-            f"frame {says}; common part: {self.common}",
+            f"frame {chosen}; common part: {self.common}",
             f"apart from the common part the robot is {_rms(self.position) * 1e3:.3g} mm and "
             f"{_rms(self.orientation) * 1e3:.3g} mrad rms from the drawing, at most "
             f"{self.position.max() * 1e3:.3g} mm and {self.orientation.max() * 1e3:.3g} mrad",
@@ -51,7 +51,7 @@ class FrameReport:
 
     @property
     def common(self) -> str:
-        """Sizes of the common part in words."""
+        """The common part as text."""
         sizes = []
         for name, part in (("base", self.base), ("tool", self.tool)):
             shift, turn = np.linalg.norm(part.reshape(2, 3), axis=-1)
@@ -60,7 +60,7 @@ class FrameReport:
 
 
 def frame_report(calibration: Calibration) -> FrameReport | None:
-    """Common part and rest of the base model; None where no frame was free to choose."""
+    """Common part and remaining errors of the base model; None where no frame is free."""
     if not calibration.frame_is_free:
         return None
     taught = replace(calibration, networks=()).in_frame("taught")

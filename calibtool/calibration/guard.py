@@ -1,15 +1,16 @@
-"""The extrapolation guard: configurations unlike any that a calibration was made from."""
+"""Extrapolation guard: detects configurations that are unlike those of the training."""
 
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from calibtool.calibration.model import Calibration
+from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.robot.se3 import Array
 
-_DISTANCE = 1.5  # times the largest distance between a configuration of the training and its nearest neighbour
+# times the largest distance between a configuration of the training and its nearest neighbour
+_DISTANCE = 1.5
 _COMPARED = 100_000  # pairs at a time: they stay in the processor's cache
 _STANDS = 1e-3  # rad or m: a joint that moved less stood still, and this far from there is like it
 _UNCERTAINTY = 2.0  # times the largest predicted standard deviation on the training configurations
@@ -17,12 +18,13 @@ _UNCERTAINTY = 2.0  # times the largest predicted standard deviation on the trai
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Where configurations lie relative to those of the training.
+    """Position of configurations relative to those of the training.
 
-    distance   (N,) to the nearest one, joints scaled by half their range in the training, over the largest such distance
-               within the training
-    deviation  (N,) predicted standard deviation of the tool point over the largest one on the training configurations;
-               0 for a base model without a posterior, and where the distance alone decides
+    distance   (N,) distance to the nearest one, joints scaled by half their range in the training,
+               over the largest distance between nearest neighbours of the training
+    deviation  (N,) predicted standard deviation of the tool point over the largest one of the
+               training configurations; 0 for a base model without a posterior, and where the
+               distance decides
     """
 
     distance: Array
@@ -30,15 +32,15 @@ class Coverage:
 
     @property
     def outside(self) -> np.ndarray:
-        """(N,) rows on which nothing was learned: far away in a joint space, or much less certain."""
+        """(N,) bool: rows too far from the training, or predicted too uncertainly."""
         return (self.distance > _DISTANCE) | (self.deviation > _UNCERTAINTY)
 
 
 def coverage(calibration: Calibration, q: Array) -> Coverage:
-    """Compare joint positions q (N, n) with the configurations that the calibration was made from.
+    """Compare joint positions q (N, n), in rad or m, with the configurations of the training.
 
-    Nearer to one of them than they are to each other, and farther than the limit, no deviation is computed: it costs ten
-    times the correction itself.
+    The standard deviation costs ten times the correction, so that it is computed only where the
+    distance alone does not decide.
     """
     reference = _reference(calibration)
     distance = _nearest(reference.known, q / reference.scale) / reference.spacing
@@ -52,7 +54,7 @@ def coverage(calibration: Calibration, q: Array) -> Coverage:
 
 @dataclass(frozen=True, eq=False)
 class _Reference:
-    """Scaled configurations of the training, their largest spacing and predicted standard deviation (m)."""
+    """Scaled configurations of the training, largest spacing and standard deviation (m)."""
 
     known: Array
     scale: Array
@@ -74,9 +76,11 @@ def _reference(calibration: Calibration) -> _Reference:
 
 
 def _nearest(known: Array, points: Array, others: bool = False) -> Array:
-    """Distance of points (N, n) to the nearest of known ones (K, n): (N,); with `others`, to the nearest but themselves.
+    """Distance of points (N, n) to the nearest of known ones (K, n): (N,); with `others`, to the
+    nearest but themselves.
 
-    Compared with all of them, by |k|²/2 − k·p: in six dimensions a tree looks at most of its leaves all the same.
+    Compared with all of them, by |k|²/2 − k·p: in six dimensions a tree looks at most of its
+    leaves all the same.
     """
     centre = known.mean(axis=0)
     known, points = known - centre, points - centre

@@ -1,4 +1,4 @@
-"""What more configurations would buy: cross-validated error against their number."""
+"""Learning curve: cross-validated error as a function of the number of configurations."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from calibtool.calibration.model import Calibration, fitting_setup
+from calibtool.calibration.calibration import Calibration, fitting_setup
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals
@@ -22,9 +22,10 @@ Fit = Callable[[Measurements, np.random.Generator], Calibration]
 class LearningCurve:
     """Position error on held-out configurations, RMS per coordinate.
 
-    configurations  (s,) used for a fit
+    configurations  (s,) numbers of configurations of the fits
     error           (s,) m
-    floor, slope    of error² = floor² + slope² / configurations: what no number of configurations removes (m), the rest (m)
+    floor, slope    of error² = floor² + slope² / configurations: the error that more configurations
+                    do not remove (m), and the part that decreases (m)
     """
 
     configurations: np.ndarray
@@ -33,7 +34,7 @@ class LearningCurve:
     slope: float
 
     def predicted(self, count: int) -> float:
-        """Expected error in m with `count` configurations."""
+        """Expected error in m for `count` configurations."""
         return float(np.sqrt(self.floor**2 + self.slope**2 / count))
 
 
@@ -44,7 +45,10 @@ def learning_curve(
     rng: np.random.Generator,
     progress: Progress = silent,
 ) -> LearningCurve:
-    """Fit on growing parts of every fold's training rows and judge on the fold. Sizes too small to fit are left out."""
+    """Fit to growing parts of the training rows of every fold and evaluate on the held-out fold.
+
+    Numbers of configurations that are too small for the fit are left out.
+    """
     count = len(measurements)
     order = rng.permutation(count)
     sizes = sorted({round(part * (count - count // folds)) for part in _PARTS})
@@ -59,8 +63,8 @@ def learning_curve(
             except NoSolutionError:
                 continue
             pose = calibration.forward(judged.q, judged.conditions)
-            left = residuals(judged, fitting_setup(calibration, judged), pose)
-            position = left[:, : 3 * judged.points.shape[1]]
+            residual = residuals(judged, fitting_setup(calibration, judged), pose)
+            position = residual[:, : 3 * judged.points.shape[1]]
             squares.setdefault(size, []).append(
                 float((position**2).sum() / (3 * judged.seen.sum()))
             )

@@ -1,10 +1,10 @@
-"""Take an old calibration over to a new set-up: only base and tool are fitted, on a few new rows."""
+"""Transfer of a calibration to a new set-up: base and tool frame are fitted to a few rows."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibtool.calibration.model import Calibration, check_same_robot
+from calibtool.calibration.calibration import Calibration, check_same_robot
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.measurement.measurements import Measurements, Setup
@@ -17,24 +17,28 @@ REFITTED = ("base", "tool")
 
 @dataclass(frozen=True)
 class Transfer:
-    """Errors on left-out rows, RMS per coordinate in m, with the same parts refitted for nominal and calibrated robot."""
+    """Errors on held-out rows, RMS per coordinate in m, of the nominal and of the calibrated robot,
+    both with the same frames fitted.
+    """
 
     nominal: float
     calibrated: float
 
     @property
     def still_helps(self) -> bool:
-        """Whether the calibrated robot is nearer to the left-out rows than the nominal one."""
+        """Whether the calibrated robot has the smaller error on held-out rows."""
         return self.calibrated < self.nominal
 
 
 def refit(
     calibration: Calibration, measurements: Measurements, parts: tuple[str, ...]
 ) -> tuple[Calibration, Transfer]:
-    """The calibration with base and/or tool fitted to new measurements, and whether it still beats the nominal robot.
+    """Fit base and/or tool frame of a calibration to new measurements, and compare with the nominal
+    robot.
 
-    Judged by leaving each row out in turn (at most 20 groups). In a known set-up the refitted frames become errors of the
-    first and the last placement; in an unknown one they are the set-up. Raises UsageError for anything but base and tool.
+    The comparison leaves each row out in turn (at most 20 groups). In a known set-up the fitted
+    frames become errors of the first and of the last placement; otherwise they are part of the
+    set-up. Raises UsageError for parts other than base and tool.
     """
     unknown = [part for part in parts if part not in REFITTED]
     if unknown or not parts:
@@ -69,7 +73,9 @@ def refit(
 
 
 def _absorbed(calibration: Calibration, known: Setup, fitted: Setup) -> RobotErrors:
-    """Base and tool as errors of the first and last placement, so that poses come out in the known set-up."""
+    """Base and tool as errors of the first and last placement, so that poses come out in
+    the known set-up.
+    """
     chain, errors = calibration.robot.chain, calibration.errors
     placements = chain.placements @ exp6(errors["placements"])
     placements[0] = inverse(known.T_instrument_base) @ fitted.T_instrument_base @ placements[0]

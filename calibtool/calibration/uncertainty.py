@@ -1,14 +1,14 @@
-"""How sure a calibration is of a pose: posterior of the base model's parameters and spread of the ensemble."""
+"""Uncertainty of a calibrated pose from the posterior and the spread of the networks."""
 
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
+from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.frame import free_columns, pose_sigma
-from calibtool.calibration.model import Calibration
 from calibtool.errors import InputError
-from calibtool.robot.damped import at_point
+from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.se3 import Array
 
 _CHUNK = 2000
@@ -37,11 +37,12 @@ class PoseUncertainty:
 
 
 def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty:
-    """Covariance of the calibrated pose at q (N, n): C Σ Cᵀ of the parameters plus that of the networks' mean.
+    """Covariance of the calibrated pose at q (N, n): C Σ Cᵀ of the parameters plus that of the
+    networks.
 
-    Of an unregistered calibration it is the deviation of what was measured: base and tool frame
-    are chosen, by the poses at the measured configurations, and move along with every error of
-    the parameters. Raises InputError for a base model without a posterior.
+    For an unregistered calibration the free base and tool frame follow the parameters, since they
+    are chosen by the poses at the measured configurations. Raises InputError for a base model
+    without a posterior.
     """
     posterior = calibration.base.posterior
     if posterior is None:

@@ -1,11 +1,12 @@
-"""The command line: every module parses, calls one library function, and writes."""
+"""The command line: modules parse options, call one library function, and write the result."""
 
 import os
 import sys
 
 from calibtool.cli.interrupts import leaving_at_once
 
-# Matrices here are small: threads of the linear algebra only get into each other's way. Before numpy is imported.
+# Matrices here are small: threads of the linear algebra only get into each other's way. Before
+# numpy is imported.
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
@@ -28,7 +29,9 @@ def main() -> None:
 
 
 def _occupy_closed_streams() -> None:
-    """A closed stdin is empty, a closed stderr silent, and a closed stdout an error later; no file gets their numbers."""
+    """A closed stdin is empty, a closed stderr silent, and a closed stdout an error later; no file
+    gets their numbers.
+    """
     for number in (0, 1, 2):
         try:
             os.fstat(number)

@@ -61,7 +61,8 @@ class _Group(TyperGroup):
                 self._give_up(f"{error.filename or 'standard streams'}: {error.strerror}", 1)
             text = " ".join(str(error).split())
             self._give_up(
-                f"unexpected {type(error).__name__}: {text}; please report it with the output of --debug",
+                f"unexpected {type(error).__name__}: {text}; please report it with the "
+                "output of --debug",
                 1,
             )
         sys.exit(code if isinstance(code, int) else 0)
@@ -77,10 +78,11 @@ class _Group(TyperGroup):
 
 app = typer.Typer(
     cls=_Group,
-    help="Make a serial robot accurate in software: from its description and measurements to corrected joint targets.",
+    help="Make a serial robot accurate in software: from its description and measurements to "
+    "corrected joint targets.",
     epilog="-v, -q and --debug are understood before and after a command's name. "
-    "Exit codes: 0 done, 1 unexpected, 2 wrong usage, 3 bad input data, 4 no solution, 5 an acceptance limit was not met, "
-    "130 interrupted.",
+    "Exit codes: 0 done, 1 unexpected, 2 wrong usage, 3 bad input data, 4 no solution, 5 an "
+    "acceptance limit was not met, 130 interrupted.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

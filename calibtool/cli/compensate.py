@@ -16,7 +16,7 @@ from calibtool.cli.files import (
     shown,
     text_lines,
 )
-from calibtool.cli.load import load_calibration
+from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
     EXACT,
     CalibrationFile,
@@ -60,7 +60,7 @@ from calibtool.errors import UsageError
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
     from calibtool.compensation.stream import RowFormat, StreamOptions
-    from calibtool.compensation.weighed import Weights
+    from calibtool.compensation.weighted_error import Weights
     from calibtool.programs.compensate import ProgramOptions
 
 
@@ -70,7 +70,8 @@ def compensate(
         str,
         typer.Argument(
             metavar="[TARGETS]",
-            help="CSV with joints (j1_deg …) or poses (x_mm … qw …), a program, or a folder of programs; '-' is stdin.",
+            help="CSV with joints (j1_deg …) or poses (x_mm … qw …), a program, or a folder of "
+            "programs; '-' is stdin.",
         ),
     ] = "-",
     output: Output = "-",
@@ -95,7 +96,8 @@ def compensate(
         str | None,
         typer.Option(
             metavar="X,Y,Z,RX,RY,RZ",
-            help="Fewer than six joints: weights of the tool's components, a trade in place of those that can be corrected.",
+            help="Fewer than six joints: weights of the tool's components, a trade in place of "
+            "those that can be corrected.",
         ),
     ] = None,
     backlash: Annotated[
@@ -129,20 +131,21 @@ def compensate(
     """Correct commanded poses or joint positions, any number of rows, or a controller program.
 
     By the calibrated model no row has a larger weighted pose error (displacement over the robot's
-    characteristic length beside rotation) than the command: where no better joints are found, it stays as it is. Rows
-    come back with the corrected joints, the input's other columns and a status (docs/numerics): ok, jump (the correction
-    changes faster than the command), outside (of the training's configurations); partial, limited, near-singular,
-    out-of-limits (a part of the error stays), uncorrected (all of it: as commanded) or unreachable (empty joints, exit
-    code 4; the other rows are written all the same). Poses without joints are a path: each row starts from the one before,
-    jumps of the joints are reported. A calibration with backlash takes it up by the direction of each joint's corrected
-    motion: rows must be in the order of motion.
+    characteristic length beside rotation) than the command: where no better joints are found, it
+    stays as it is. Rows come back with the corrected joints, the input's other columns and a status
+    (docs/numerics): ok, jump (the correction changes faster than the command), outside (of the
+    training's configurations); partial, limited, near-singular, out-of-limits (a part of the error
+    stays), uncorrected (all of it: as commanded) or unreachable (empty joints, exit code 4; the
+    other rows are written nevertheless). Poses without joints are a path: each row starts from the
+    one before, jumps of the joints are reported. A calibration with backlash takes it up by the
+    direction of each joint's corrected motion: rows must be in the order of motion.
 
-    Of a program (docs/programs) only the numbers of joint and pose targets change; stderr says how
-    many, by how much at most, and what was left alone and why. A target without an answer stops it,
-    and nothing is written. A program of which some poses are corrected and others, which it moves
-    to, are left is written, and the exit code is 4 (--partial: 0). The programs of a folder are
-    corrected together: give a folder for -o. Poses are written for the controller's own model,
-    --controller.
+    Of a program (docs/programs) only the numbers of joint and pose targets change; stderr reports
+    how many, by how much at most, and what was left alone and why. A target without an answer
+    stops it, and nothing is written. A program of which some poses are corrected and others, which
+    it moves to, are left is written, and the exit code is 4 (--partial: 0). The programs of a
+    folder are corrected together: give a folder for -o. Poses are written for the controller's own
+    model, --controller.
 
     Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv
     """
@@ -161,9 +164,9 @@ def compensate(
     from typing import cast
 
     from calibtool.calibration.frame_report import frame_report
-    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
     from calibtool.compensation.stream import BATCH, RowFormat, StreamOptions
+    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
@@ -193,10 +196,10 @@ def compensate(
             check_for_rows(f"{shown(targets)} is {found}", uncertainty, verify, line_buffered)
             for path in (output, *([] if report is None else [report])):
                 check_not_input(path, targets, calibration, *with_)
-            for_program, data = how(), stream.read()
+            for_program = how()
             compensate_file(
                 loaded,
-                data,
+                stream.read(),
                 targets,
                 found,
                 output,
@@ -289,18 +292,21 @@ def compensate_rows(
     message(bounds)
     if options.backlash and calibration.base.errors["backlash"].any():
         message(
-            "backlash is taken up along the rows, in their order; --no-backlash where they are no path"
+            "backlash is taken up along the rows, in their order; --no-backlash where "
+            "they are no path"
         )
     if options.verify:
         kept = (
             f"{report.rows} rows verified, none is corrected in full"
             if not report.in_full
-            else f"{report.rows} rows verified: the calibrated model stays within {report.left * 1e3:.3g} mm and "
-            f"{report.turned * 1e3:.3g} mrad of the command where the status is ok, jump or outside"
+            else f"{report.rows} rows verified: the calibrated model stays within "
+            f"{report.remaining_position * 1e3:.3g} mm and "
+            f"{report.remaining_orientation * 1e3:.3g} mrad of the command where "
+            "the status is ok, jump or outside"
         )
         message(kept)
     if report.without_joints:
         raise NoSolutionError(
-            f"{name}: {report.without_joints} of {report.rows} rows have no joints, unreachable or refused; the others "
-            "are written"
+            f"{name}: {report.without_joints} of {report.rows} rows have no joints, unreachable or "
+            "refused; the others are written"
         )

@@ -26,8 +26,8 @@ def demo(
 ) -> None:
     """Run the paper's experiment from end to end.
 
-    On the FANUC M-1000iA: files, table, report, plots and C code in one folder. --sample copies a tracker's files,
-    targets and a program to try the commands on.
+    On the FANUC M-1000iA: files, table, report, plots and C code in one folder. --sample copies a
+    tracker's files, targets and a program to try the commands on.
 
     Example: calibtool demo -o demo
     """

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
-from calibtool.cli.load import load_calibration, load_measurements
+from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
     Before,
@@ -18,8 +18,8 @@ from calibtool.cli.options import (
     Require,
     choice,
 )
+from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import working
-from calibtool.cli.show import print_json, print_table
 
 _POSES = 8  # columns of a table for people
 
@@ -55,14 +55,14 @@ def evaluate(
 ) -> None:
     """Compare calibrations with the nominal robot.
 
-    Simulated measurements: the actual robot is driven to the corrected joints and measured without noise. Real ones:
-    measured minus predicted target points, which is what to expect after correction. Where configurations were measured
-    repeatedly, ISO 9283's pose accuracy AP and repeatability RP follow from the measured points. Tables for people go to
-    stderr.
+    Simulated measurements: the actual robot is driven to the corrected joints and measured without
+    noise. Real ones: measured minus predicted target points, which is what to expect after
+    correction. Where configurations were measured repeatedly, ISO 9283's pose accuracy AP and
+    repeatability RP follow from the measured points. Tables for people go to stderr.
 
-    Proof on the arm: measurements imported with --commanded were taken at corrected joints. Then measured points are
-    compared with commanded ones: after the correction and, with --before, before it. Exit code 3 where the arm was driven
-    to other joints than the calibration asks for.
+    Proof on the arm: measurements imported with --commanded were taken at corrected joints. Then
+    measured points are compared with commanded ones: after the correction and, with --before,
+    before it. Exit code 3 where the arm was driven to other joints than the calibration asks for.
 
     Example: calibtool evaluate paper.h5 local-poe.h5 --on fresh.h5 --json
     """
@@ -76,8 +76,8 @@ def evaluate(
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
-    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
+    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.errors import AcceptanceError
     from calibtool.evaluation.acceptance import broken_limits, parse_limit
     from calibtool.evaluation.compare import evaluate as run
@@ -106,16 +106,17 @@ def evaluate(
         print_json(report)
     else:
         show_evaluation(report)
-    for errors, marked in zip(evaluation.methods, evaluation.marked, strict=True):
-        if marked:
+    for result in evaluation.results:
+        if result.marked:
             message(
-                f"warning: {errors.name}: {marked} of {evaluation.configurations} configurations are corrected in part, "
-                "or not at all (status of compensate)"
+                f"warning: {result.name}: {result.marked} of {evaluation.configurations} "
+                "configurations are corrected in part, or not at all (status of compensate)"
             )
-    for errors, far in zip(evaluation.methods, evaluation.outside, strict=True):
-        if far:
+    for result in evaluation.results:
+        if result.outside:
             message(
-                f"warning: {errors.name}: {far} of {evaluation.configurations} configurations are unlike the training's"
+                f"warning: {result.name}: {result.outside} of {evaluation.configurations} "
+                "configurations are unlike the training's"
             )
     broken = broken_limits(evaluation.methods[1:], limits, evaluation.pose_tests[1:])
     if broken:
@@ -124,15 +125,15 @@ def evaluate(
 
 def show_evaluation(report: dict[str, object]) -> None:
     """The table for people."""
-    from calibtool.evaluation.words import words
+    from calibtool.evaluation.wording import words
 
-    said = words(report["kind"], report.get("before"))  # type: ignore[arg-type]
+    terms = words(report["kind"], report.get("before"))  # type: ignore[arg-type]
     methods = report["methods"]
     assert isinstance(methods, list)
     rows = [_cells(entry["name"], entry, entry["reduction_percent"]) for entry in methods]
     expected = report.get("expected")
     if isinstance(expected, dict):
-        rows[0][0], rows[1][0] = said.before, f"{said.after} ({expected['name']})"
+        rows[0][0], rows[1][0] = terms.before, f"{terms.after} ({expected['name']})"
         rows.append(_cells("expected, without noise", expected, {}))
     header = [
         "method",
@@ -148,22 +149,23 @@ def show_evaluation(report: dict[str, object]) -> None:
         "max −%",
     ]
     print_table(
-        f"{report['robot']}, {report['configurations']} configurations, {said.how}", header, rows
+        f"{report['robot']}, {report['configurations']} configurations, {terms.how}", header, rows
     )
     beyond = report.get("uncorrectable")
     if isinstance(beyond, dict):
         position, orientation = beyond["position_mm"], beyond["orientation_mrad"]
         message(
-            f"{beyond['configurations']} poses are out of the joints' reach: at best {position['mean']:.3f} mm and "
-            f"{orientation['mean']:.3f} mrad stay (at most {position['max']:.3f}, {orientation['max']:.3f}); "
-            "−% is of the part that the joints can correct"
+            f"{beyond['configurations']} poses are out of the joints' reach: at best "
+            f"{position['mean']:.3f} mm and {orientation['mean']:.3f} mrad stay (at most "
+            f"{position['max']:.3f}, {orientation['max']:.3f}); −% is of the part that the "
+            "joints can correct"
         )
     test = report.get("iso9283")
     if isinstance(test, dict):
         names = [entry["name"] for entry in methods]
         if report["kind"] == "measured":
-            names = [said.before, said.after]
-        how = said.how if report["kind"] == "measured" else "measured minus predicted"
+            names = [terms.before, terms.after]
+        how = terms.how if report["kind"] == "measured" else "measured minus predicted"
         _show_pose_test(test, how, names)
 
 

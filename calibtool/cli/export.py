@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs
-from calibtool.cli.load import load_calibration
+from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
     CalibrationFile,
     Force,
@@ -38,7 +38,8 @@ def export(
         typer.Option(
             "--format",
             metavar="json|c|st|onnx|urdf",
-            help="json (complete), c (C99 and header), st (IEC 61131-3), onnx (network), urdf (geometry).",
+            help="json (complete), c (C99 and header), st (IEC 61131-3), onnx (network), "
+            "urdf (geometry).",
         ),
     ],
     precision: Annotated[
@@ -58,8 +59,8 @@ def export(
 ) -> None:
     """Write the compensator as JSON, C, Structured Text, ONNX or URDF.
 
-    For C, -o NAME.c also writes NAME.h; NAME starts every symbol, and names the function block of NAME.st.
-    A calibration with payload or temperature is written for those of the options.
+    For C, -o NAME.c also writes NAME.h; NAME starts every symbol, and names the function block of
+    NAME.st. A calibration with payload or temperature is written for those of the options.
     What a URDF cannot hold is listed on stderr. docs/export.md describes each format.
 
     Example: calibtool export calibration.h5 --format c -o compensator.c

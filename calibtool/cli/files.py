@@ -1,4 +1,4 @@
-"""Files at the command line: `-` for the standard streams, whole or not at all, nothing overwritten unasked."""
+"""Input and output of commands: `-` for streams, atomic output, no silent overwriting."""
 
 import contextlib
 import io
@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
+from calibtool.cli.atomic_output import PartialFile, staged
 from calibtool.cli.interrupts import held
-from calibtool.cli.staging import Part, staged
 from calibtool.cli.verbosity import detail, is_quiet
 from calibtool.errors import InputError, UsageError, printable
 
@@ -18,9 +18,9 @@ STREAM = "-"
 
 
 def message(text: str, important: bool = False) -> None:
-    """One line for people, on stderr; with --quiet only warnings and what is important, such as errors.
+    """One line for people on stderr; with --quiet only warnings and errors.
 
-    A stderr that takes nothing any more is no reason to fail.
+    A closed stderr is ignored.
     """
     if is_quiet() and not important and not text.startswith("warning"):
         return
@@ -31,7 +31,10 @@ def message(text: str, important: bool = False) -> None:
 
 
 def read_bytes(path: str) -> bytes:
-    """The contents of a file, or of stdin for `-`. UsageError if there is no such file, InputError if it is unreadable."""
+    """The contents of a file, or of stdin for `-`.
+
+    UsageError if there is no such file, InputError if it is unreadable.
+    """
     if path == STREAM:
         if sys.stdin.isatty():
             raise UsageError("stdin is a terminal; give a file, or pipe one in")
@@ -56,7 +59,9 @@ def read_text(path: str) -> str:
 
 @contextlib.contextmanager
 def input_stream(path: str) -> Iterator[io.BufferedReader]:
-    """A file, or stdin for `-`, to be read as its bytes arrive; `peek` looks at the first without taking them."""
+    """A file, or stdin for `-`, to be read as its bytes arrive; `peek` looks at the first
+    without taking them.
+    """
     if path == STREAM:
         if sys.stdin.isatty():
             raise UsageError("stdin is a terminal; give a file, or pipe one in")
@@ -74,7 +79,9 @@ def input_stream(path: str) -> Iterator[io.BufferedReader]:
 
 
 def text_lines(stream: io.BufferedReader, name: str) -> Iterator[str]:
-    """Lines of UTF-8 text as they arrive: memory does not grow with the file, called `name` in messages."""
+    """Lines of UTF-8 text as they arrive: memory does not grow with the file, called
+    `name` in messages.
+    """
     text = io.TextIOWrapper(stream, encoding="utf-8")
     count = 0
     try:
@@ -107,7 +114,9 @@ def one_stdin(*paths: str | None) -> None:
 
 
 def check_output(path: str, force: bool, *, binary: bool = False) -> None:
-    """Refuse an output before the work starts: an existing file without --force, a missing folder, binary on a terminal."""
+    """Refuse an output before the work starts: an existing file without --force, a missing folder,
+    binary on a terminal.
+    """
     if path == STREAM:
         if sys.stdout is None:
             raise UsageError("stdout: cannot be written: it is closed")
@@ -138,7 +147,7 @@ def check_output(path: str, force: bool, *, binary: bool = False) -> None:
 
 
 def destination(path: str) -> Path:
-    """The file that is written: a link's target, so that the link stays."""
+    """The file that is written: the target of a symbolic link."""
     return Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
 
 
@@ -148,7 +157,7 @@ def same_file(a: str, b: str) -> bool:
 
 
 def write_output(path: str, contents: bytes | str, force: bool, *, text: bool = False) -> None:
-    """Write the whole file or nothing, see `staging`. text: fit for a terminal."""
+    """Write the whole file or nothing, see `atomic_output`. text: may be written to a terminal."""
     check_output(path, force, binary=isinstance(contents, bytes) and not text)
     with output_stream(path, force, checked=True) as write:
         write(_encoded(contents))
@@ -158,7 +167,10 @@ def write_output(path: str, contents: bytes | str, force: bool, *, text: bool = 
 def output_stream(
     path: str, force: bool, *, checked: bool = False
 ) -> Iterator[Callable[[bytes], None]]:
-    """Write piece by piece: a file appears whole when the block ends and not at all when it fails; stdout as it goes."""
+    """Write piece by piece.
+
+    A file appears when the block ends, and not at all when it fails; stdout is written at once.
+    """
     if not checked:
         check_output(path, force)
     if path == STREAM:
@@ -177,12 +189,12 @@ def output_stream(
 
 
 def write_outputs(outputs: dict[str, bytes | str], force: bool) -> None:
-    """Several files that belong together: all of them are on the disk before the first one takes its place.
+    """Write several files that belong together: all are on the disk before the first is renamed.
 
-    When one cannot take it, those before are put back as they were.
+    When one cannot be renamed, those before are restored.
     """
     with contextlib.ExitStack() as stack:
-        parts: dict[str, Part] = {}
+        parts: dict[str, PartialFile] = {}
         for path, contents in outputs.items():
             check_output(path, force, binary=isinstance(contents, bytes))
             if path != STREAM and not _is_device(path):
@@ -197,7 +209,7 @@ def write_outputs(outputs: dict[str, bytes | str], force: bool) -> None:
             _publish_all(parts, force)
 
 
-def _publish_all(parts: dict[str, Part], force: bool) -> None:
+def _publish_all(parts: dict[str, PartialFile], force: bool) -> None:
     done: dict[str, bytes | None] = {}
     for path, part in parts.items():
         before = part.target.read_bytes() if part.target.is_file() else None
@@ -226,7 +238,7 @@ def _writer(stream: BinaryIO, path: str) -> Callable[[bytes], None]:
 
 @contextlib.contextmanager
 def _reported(path: str) -> Iterator[None]:
-    """What the system says against an output, as UsageError."""
+    """An error of the operating system for an output, as UsageError."""
     try:
         yield
     except FileExistsError:
@@ -252,7 +264,10 @@ def _encoded(contents: bytes | str) -> bytes:
 
 
 def write_stdout(data: bytes) -> None:
-    """Everything to stdout. UsageError if it is closed or full; a reader that went away ends the command quietly."""
+    """Write all data to stdout.
+
+    UsageError if it is closed or full; a reader that has ended ends the command quietly.
+    """
     try:
         stream, rest = _binary(sys.stdout), memoryview(data)
         while rest:  # unbuffered, one call may take only a part

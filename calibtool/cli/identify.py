@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.base import (
+from calibtool.cli.base_model_options import (
     AngleTolerance,
     Backlash,
     DropFlagged,
@@ -17,16 +17,16 @@ from calibtool.cli.base import (
     base_options,
 )
 from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
-from calibtool.cli.load import (
+from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
     load_measurements,
     say_if_frame_is_not_free,
 )
 from calibtool.cli.options import Force, FrameOption, Json, MeasurementsFile, choice
+from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
-from calibtool.cli.show import print_json, print_table
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -78,10 +78,11 @@ def identify(
 ) -> None:
     """Identify the errors of the geometry and of the joint motions.
 
-    complete: every error with a tolerance, harmonics and gravity where the evidence asks for them, ± for each parameter.
-    local-poe: initial relative poses only (Eq. 11), with rank, singular values and what cannot be observed.
-    Where instrument and targets are unknown, base and tool frame are free: --frame chooses, stderr
-    says what they have in common with the drawing's and what remains.
+    complete: every error with a tolerance, harmonics and gravity where the evidence asks for
+    them, ± for each parameter. local-poe: initial relative poses only (Eq. 11), with rank,
+    singular values and what cannot be observed. Where instrument and targets are unknown, base
+    and tool frame are free: --frame chooses, stderr reports what they have in common with the
+    drawing's and what remains.
 
     Example: calibtool identify measurements.h5 --model complete -o complete.h5
     """
@@ -112,10 +113,10 @@ def identify(
             "calibrated_rms_mm": verdict.calibrated * 1e3,
             "still_helps": verdict.still_helps,
         }
-        says = "still helps" if verdict.still_helps else "no longer helps: identify again"
+        verdict_text = "still helps" if verdict.still_helps else "no longer helps: identify again"
         message(
             f"refitted {refit}: {verdict.calibrated * 1e3:.3g} mm rms on left-out rows, "
-            f"nominal {verdict.nominal * 1e3:.3g} mm: the calibration {says}"
+            f"nominal {verdict.nominal * 1e3:.3g} mm: the calibration {verdict_text}"
         )
     else:
         data, inputs["measurements"] = load_measurements(measurements)
@@ -145,7 +146,7 @@ def identify(
 
 
 def show_parameters(calibration: "Calibration", every: bool) -> None:
-    """The parameter table for people: the clearest errors, or every parameter, and the strongest correlations."""
+    """Table of the clearest errors, or of every parameter, and the largest correlations."""
     from calibtool.identification.report import parameter_rows, strongest_correlations
 
     rows = parameter_rows(calibration.base)
@@ -176,7 +177,7 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
 
 
 def report_target(output: str | None, json: bool) -> str | None:
-    """Where the file goes: with --json stdout is taken, and no file is written unless one is named."""
+    """Output path: with --json stdout is used, and a file is written only if one is named."""
     if json and output == "-":
         from calibtool.errors import UsageError
 
@@ -188,10 +189,11 @@ def report_calibration(
     calibration: "Calibration", schema: str, json: bool, extra: dict[str, object] | None = None
 ) -> None:
     """What came out: JSON on stdout, or a few lines on stderr."""
-    from calibtool.summary import calibration_lines, calibration_summary
+    from calibtool.calibration.fit_summary import fit_lines
+    from calibtool.summary import calibration_summary
 
     if json:
         print_json({**calibration_summary(calibration), **(extra or {}), "schema": schema})
         return
-    for line in calibration_lines(calibration):
+    for line in fit_lines(calibration):
         message(line)

@@ -58,14 +58,16 @@ def import_(
         str | None,
         typer.Option(
             metavar="TARGETS",
-            help="Measured while the arm was driven to corrected joints: what went into compensate.",
+            help="Measured while the arm was driven to corrected joints: what went "
+            "into compensate.",
         ),
     ] = None,
     join: Annotated[
         str,
         typer.Option(
             metavar="index|name|time",
-            help="How rows of --joints find theirs: row order, name, time stamp; --commanded: row order or name.",
+            help="How rows of --joints find theirs: row order, name, time stamp; --commanded: row "
+            "order or name.",
         ),
     ] = "index",
     join_tolerance_s: Annotated[
@@ -91,17 +93,18 @@ def import_(
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(metavar="mm|m|in", help="Unit of lengths where the header does not say it."),
+        typer.Option(metavar="mm|m|in", help="Unit of lengths where the header does not state it."),
     ] = None,
     angle_unit: Annotated[
         str | None,
-        typer.Option(metavar="deg|rad", help="Unit of angles where the header does not say it."),
+        typer.Option(metavar="deg|rad", help="Unit of angles where the header does not state it."),
     ] = None,
     convention: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Of three angles: intrinsic-xyz, extrinsic-zyx, … (any axes), zyx, rotation-vector.",
+            help="Of three angles: intrinsic-xyz, extrinsic-zyx, … (any axes), zyx, "
+            "rotation-vector.",
         ),
     ] = None,
     joint_values: JointValuesOption = None,
@@ -129,8 +132,8 @@ def import_(
 ) -> None:
     """Bring in what an instrument wrote.
 
-    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and unknown targets are estimated,
-    from the rows that are taken.
+    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and unknown
+    targets are estimated, from the rows that are taken.
 
     After a correction: the joints, in TABLE or --joints, are those that the arm was driven to, and
     --commanded TARGETS holds the joints or poses that were corrected. `evaluate` then compares the
@@ -156,7 +159,7 @@ def import_(
         preview,
         read_table,
     )
-    from calibtool.measurement.importing.joining import JOINS
+    from calibtool.measurement.importing.joint_files import JOINS
     from calibtool.measurement.importing.sources import FORMATS
     from calibtool.measurement.importing.spatial_analyzer import LAYOUTS
     from calibtool.robot.catalogue import load_robot
@@ -203,8 +206,8 @@ def import_(
         )
     for warning in imported.warnings:
         message(f"warning: {warning}")
-    taken, left = imported.split(rows, sample, seed)
-    if rest is not None and left is None:
+    taken, others = imported.split(rows, sample, seed)
+    if rest is not None and others is None:
         raise UsageError("--rest: no row is left; take fewer with --sample or --rows")
     if dry_run:
         write_stdout(preview(taken).encode())
@@ -212,11 +215,11 @@ def import_(
     origin = provenance(seed if sample is not None else None, **inputs)
     with working(f"registering and checking {len(taken.measurements)} configurations"):
         measurements = taken.registered().measurements
-        findings = check_measurements(measurements, taken.companions)
+        findings = check_measurements(measurements, taken.auxiliary)
     for finding in findings:
         message(str(finding))
     outputs: dict[str, bytes | str] = {output: to_bytes(replace(measurements, provenance=origin))}
-    if rest is not None and left is not None:
-        held_out = left.with_setup(measurements.setup).measurements
+    if rest is not None and others is not None:
+        held_out = others.with_setup(measurements.setup).measurements
         outputs[rest] = to_bytes(replace(held_out, provenance=origin))
     write_outputs(outputs, force)

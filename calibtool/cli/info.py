@@ -6,7 +6,7 @@ import typer
 
 from calibtool.cli.files import read_bytes, shown, write_stdout
 from calibtool.cli.options import Json
-from calibtool.cli.show import lines, print_json
+from calibtool.cli.printing import lines, print_json
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -29,8 +29,8 @@ def info(
     """
     import io
 
-    from calibtool.evaluation.study.summary import study_contents
-    from calibtool.evaluation.study.table import is_table, parse_csv
+    from calibtool.evaluation.study.statistics import study_contents
+    from calibtool.evaluation.study.study_table import is_table, parse_csv
     from calibtool.storage import read_every
     from calibtool.storage.studies import StudyFile
 

@@ -1,7 +1,7 @@
-"""Being ended, by Ctrl-C or politely by somebody else: at once, without a word, and without leaving half of anything.
+"""Handling of SIGINT, SIGTERM and SIGHUP: commands end at once and leave no incomplete files.
 
-The handler cleans up and leaves by itself. An exception would have to find its way out through modules that are being
-imported and callbacks of compiled libraries, which swallow it or turn it into another one.
+The handler cleans up and exits by itself. An exception would have to pass through modules that are
+being imported and callbacks of compiled libraries, which suppress or replace it.
 """
 
 import contextlib
@@ -20,9 +20,11 @@ _held: list[
 
 @contextlib.contextmanager
 def leaving_at_once() -> Iterator[None]:
-    """In this block, SIGINT, SIGTERM and SIGHUP end the process with 128 + their number (130, 143, 129).
+    """In this block, SIGINT, SIGTERM and SIGHUP end the process with 128 + their number
+    (130, 143, 129).
 
-    A signal that is ignored stays ignored (`nohup`, background jobs of a shell). Does nothing outside the main thread.
+    Ignored signals stay ignored (`nohup`, background jobs of a shell). No effect outside the main
+    thread.
     """
     before = {}
     with contextlib.suppress(ValueError):  # not the main thread
@@ -38,7 +40,7 @@ def leaving_at_once() -> Iterator[None]:
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
-    """In this block Ctrl-C is an exception again, for commands that have something to say when they are stopped."""
+    """In this block Ctrl-C raises an exception, for commands that print something when stopped."""
     before = None
     with contextlib.suppress(ValueError):  # not the main thread
         before = signal.signal(signal.SIGINT, _raise)
@@ -51,7 +53,7 @@ def interruptible() -> Iterator[None]:
 
 @contextlib.contextmanager
 def unfinished(path: str) -> Iterator[None]:
-    """A temporary file that disappears however the block ends, SIGKILL and power failures aside."""
+    """A temporary file that is removed however the block ends, except by SIGKILL."""
     _unfinished.add(path)
     try:
         yield
@@ -63,7 +65,7 @@ def unfinished(path: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def held() -> Iterator[None]:
-    """Signals wait until the end of the block: for steps that belong together."""
+    """Signals wait until the end of the block, for steps that must not be separated."""
     _held.append(0)
     try:
         yield

@@ -40,7 +40,8 @@ LargestChange = Annotated[
     typer.Option(
         "--largest-change-deg",
         metavar="DEG",
-        help="A joint changes by no more (default: 50 times the size of the identified errors; stderr says it).",
+        help="A joint changes by no more (default: 50 times the size of the identified errors; "
+        "stderr reports it).",
     ),
 ]
 RefitSetup = Annotated[
@@ -54,7 +55,8 @@ Require = Annotated[
     list[str] | None,
     typer.Option(
         metavar="LIMIT",
-        help="Acceptance limit, such as position_max_mm=0.2 or ap_max_mm=0.1; exit code 5 if not met.",
+        help="Acceptance limit, such as position_max_mm=0.2 or ap_max_mm=0.1; exit "
+        "code 5 if not met.",
     ),
 ]
 
@@ -63,8 +65,8 @@ FrameOption = Annotated[
     typer.Option(
         "--frame",
         metavar="fitted|taught",
-        help="Unknown instrument and targets: base and tool as fitted, or those that move taught poses least "
-        "(default: the calibration's, a new one's is taught).",
+        help="Unknown instrument and targets: base and tool as fitted, or those that move "
+        "taught poses least (default: the calibration's, a new one's is taught).",
     ),
 ]
 
@@ -83,7 +85,7 @@ JointValuesOption = Annotated[
         "--joint-values",
         metavar="serial|controller",
         help="Whose joint values are read and written; "
-        "needed where they differ and no header or program format says it.",
+        "needed where they differ and no header or program format states it.",
     ),
 ]
 
@@ -99,7 +101,7 @@ TemperatureC = Annotated[
 
 
 def joint_values_of(value: str | None) -> "JointValues | None":
-    """What `--joint-values` says; UsageError for another word."""
+    """Value of `--joint-values`; UsageError for another word."""
     from calibtool.robot.coupling import JOINT_VALUES
 
     return (
@@ -120,8 +122,11 @@ def choice(value: str, allowed: tuple[str, ...], option: str) -> str:
 def under(
     calibration: "Calibration", payload_kg: float | None, temperature_c: float | None
 ) -> "Calibration":
-    """The calibration for a payload and a temperature. UsageError for one that it has no errors of."""
-    from calibtool.errormodel.conditions import Conditions
+    """The calibration for a payload and a temperature.
+
+    UsageError for a condition without a family of errors in the calibration.
+    """
+    from calibtool.errormodel.operating_conditions import Conditions
     from calibtool.errors import UsageError
     from calibtool.robot.se3 import readonly
 
@@ -131,8 +136,8 @@ def under(
         if value is not None and family not in present:
             option = "--payload-kg" if family == "payload" else "--temperature-c"
             raise UsageError(
-                f"{option}: this calibration does not know what the {family} does; identify it from measurements with a "
-                f"column {option[2:].replace('-', '_')}"
+                f"{option}: this calibration does not know what the {family} does; identify it "
+                f"from measurements with a column {option[2:].replace('-', '_')}"
             )
     known = {name: None if value is None else readonly(value) for name, value in given.items()}
     conditions = Conditions(payload_kg=known["payload"], temperature_c=known["temperature"])

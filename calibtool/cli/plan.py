@@ -6,17 +6,17 @@ import typer
 
 from calibtool.cli.files import check_output, message, shown, write_output
 from calibtool.cli.identify import report_target
-from calibtool.cli.load import load_calibration
+from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import Force, JointValuesOption, Json, Seed, choice, joint_values_of
+from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import counted, working
-from calibtool.cli.show import print_json, print_table
 
 if TYPE_CHECKING:
     from calibtool.planning.constraints import Sight
-    from calibtool.planning.iso9283 import TestCube
-    from calibtool.planning.knowledge import Knowledge
+    from calibtool.planning.information import Knowledge
+    from calibtool.planning.iso9283_poses import TestCube
     from calibtool.planning.plan import Plan
-    from calibtool.robot.model import Robot
+    from calibtool.robot.robot import Robot
 
 
 def plan(
@@ -139,8 +139,8 @@ def plan(
 ) -> None:
     """Choose the most informative configurations to measure, in an order of short travel.
 
-    The table holds joint positions (j1_deg …) for the controller and for simulate --at. Links are checked as straight
-    lines from joint to joint; motions between configurations are not checked.
+    The table holds joint positions (j1_deg …) for the controller and for simulate --at. Links are
+    checked as straight lines from joint to joint; motions between configurations are not checked.
 
     Example: calibtool plan fanuc-m1000ia -n 20 --joint-values controller -o plan.csv
     """
@@ -155,11 +155,11 @@ def plan(
 
     from calibtool.errors import UsageError
     from calibtool.planning.constraints import Constraints
-    from calibtool.planning.iso9283 import plan_test
+    from calibtool.planning.iso9283_poses import plan_test
     from calibtool.planning.plan import make_plan
     from calibtool.planning.selection import Criterion
     from calibtool.robot.catalogue import load_robot
-    from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
+    from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 
     model, values = load_robot(robot), joint_values_of(joint_values)
     name, space = model.workspace(workspace)
@@ -208,8 +208,8 @@ def plan(
     made = replace(made, joint_values=values)
     if len(made.candidates.q) < candidates:
         message(
-            f"warning: only {len(made.candidates.q)} candidates after {made.candidates.drawn} draws; the constraints are "
-            "tight"
+            f"warning: only {len(made.candidates.q)} candidates after {made.candidates.drawn} "
+            "draws; the constraints are tight"
         )
     if json:
         print_json({**made.as_json(), "workspace": name, "seed": seed})
@@ -224,7 +224,7 @@ def _knowledge(
 ) -> "Knowledge":
     from calibtool.calibration import check_same_robot
     from calibtool.errors import InputError, UsageError
-    from calibtool.planning.knowledge import Knowledge
+    from calibtool.planning.information import Knowledge
 
     noise = None if noise_mm is None else _finite(noise_mm, "--noise-mm") * 1e-3
     if source is None:
@@ -236,8 +236,8 @@ def _knowledge(
     posterior = calibration.base.posterior
     if posterior is None:
         raise InputError(
-            f"{shown(source)}: its base model '{calibration.base.model}' has no posterior to start from; identify with "
-            "--model complete"
+            f"{shown(source)}: its base model '{calibration.base.model}' has no posterior to start "
+            "from; identify with --model complete"
         )
     if noise is None:
         noise = calibration.noise_position * posterior.noise_factor
@@ -274,7 +274,7 @@ def _report(made: "Plan", workspace: str) -> None:
 
 
 def _report_cube(cube: "TestCube", workspace: str, cycles: int, json: bool) -> None:
-    from calibtool.planning.iso9283 import POSES
+    from calibtool.planning.iso9283_poses import POSES
 
     if json:
         print_json(
@@ -289,8 +289,8 @@ def _report_cube(cube: "TestCube", workspace: str, cycles: int, json: bool) -> N
         )
         return
     message(
-        f"{cube.robot.name}, {workspace}: cube of {cube.edge * 1e3:.4g} mm, {len(POSES)} poses × {cycles} cycles; "
-        "measure with full load at full speed, each pose after standstill"
+        f"{cube.robot.name}, {workspace}: cube of {cube.edge * 1e3:.4g} mm, {len(POSES)} poses × "
+        f"{cycles} cycles; measure with full load at full speed, each pose after standstill"
     )
 
 

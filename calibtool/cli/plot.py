@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from calibtool.cli.files import check_output, one_stdin, shown, stem, write_output
-from calibtool.cli.load import load_calibration, load_measurements
+from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
     Before,
@@ -19,7 +19,8 @@ from calibtool.cli.options import (
     choice,
 )
 
-# The figures of `calibtool.evaluation.plots`, which is not imported for a help page; the second half needs --on.
+# The figures of `calibtool.evaluation.plots`, which is not imported for a help page; the second
+# half needs --on.
 _OF_CALIBRATIONS = ("training", "motions", "parameters", "observability")
 _OF_ERRORS = ("errors", "distribution", "vectors", "coverage", "iso9283")
 FIGURES = (*_OF_CALIBRATIONS, *_OF_ERRORS)
@@ -66,9 +67,10 @@ def plot(
 ) -> None:
     """Draw one figure, such as the errors of every configuration or the training curve.
 
-    `training` and `errors` are figures 4 and 5 of the paper. Colours can be told apart by colour-blind readers, the type is
-    7 to 8 points at any width, letters are part of the file, and the same command gives the same bytes. Limits given with
-    --require are drawn into `distribution`.
+    `training` and `errors` are figures 4 and 5 of the paper. Colours can be told apart by
+    colour-blind readers, the type is 7 to 8 points at any width, letters are part of the
+    file, and the same command gives the same bytes. Limits given with --require are drawn
+    into `distribution`.
 
     Example: calibtool plot errors paper.h5 local-poe.h5 --on measurements.h5 -o errors.svg
     """
@@ -79,8 +81,8 @@ def plot(
     from typing import cast
 
     from calibtool.calibration import check_same_robot
-    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
+    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.errors import InputError, UsageError
     from calibtool.evaluation.acceptance import parse_limit
     from calibtool.evaluation.compare import evaluate

@@ -1,4 +1,4 @@
-"""Controller programs at the command line: the options of a filter, which format a file is in, and its summary."""
+"""Options, formats and summaries of controller programs on the command line."""
 
 import os
 import re
@@ -23,14 +23,14 @@ from calibtool.errors import InputError, NoSolutionError, UsageError
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
-    from calibtool.compensation.program import OutsidePolicy
     from calibtool.compensation.solve import Method
-    from calibtool.compensation.weighed import Weights
+    from calibtool.compensation.targets import OutsidePolicy
+    from calibtool.compensation.weighted_error import Weights
     from calibtool.programs.compensate import ProgramOptions
-    from calibtool.programs.summary import CompensatedProgram
+    from calibtool.programs.program_summary import CompensatedProgram
     from calibtool.robot.coupling import JointValues
     from calibtool.robot.mechanism import Mechanism
-    from calibtool.robot.model import Robot
+    from calibtool.robot.robot import Robot
 
 _COLUMN = r"(j[1-9]\d*(_serial|_controller)?_(deg|rad|mm|m)|x_mm|x_m)"
 _OBJECT = re.compile(rf"\s*\{{.*\"{_COLUMN}\"\s*:")  # a row of JSON
@@ -44,7 +44,8 @@ Format = Annotated[
     typer.Option(
         "--format",
         metavar="auto|csv|ndjson|fanuc-ls|kuka-krl|abb-rapid|ur-script|ros2-trajectory",
-        help="Rows (CSV, JSON objects one per line), or a controller program, which keeps all but its targets' numbers.",
+        help="Rows (CSV, JSON objects one per line), or a controller program, which keeps all but "
+        "its targets' numbers.",
     ),
 ]
 OnError = Annotated[
@@ -58,7 +59,9 @@ OnError = Annotated[
 FramesFile = Annotated[
     str | None,
     typer.Option(
-        "--frames", metavar="FRAMES.toml", help="Frames and tools that poses of a program refer to."
+        "--frames",
+        metavar="FRAMES.toml",
+        help="Frames and tools that poses of a program refer to.",
     ),
 ]
 ControllerFile = Annotated[
@@ -81,7 +84,8 @@ WithFiles = Annotated[
     typer.Option(
         "--with",
         metavar="FILE",
-        help="Another file of the program, to look up frames, tools and positions; it is not corrected. Repeatable.",
+        help="Another file of the program, to look up frames, tools and positions; it is not "
+        "corrected. Repeatable.",
     ),
 ]
 Report = Annotated[
@@ -110,7 +114,7 @@ External = Annotated[
 
 
 def recognised(path: str, head: bytes) -> str:
-    """The format of the input from its name and first bytes: `csv`, `ndjson` or a controller program's."""
+    """Format of the input from its name and first bytes: `csv`, `ndjson` or a program's."""
     text = head.decode("latin-1").removeprefix("\xef\xbb\xbf")
     first = next((line for line in text.splitlines() if line.strip()), "")
     suffix = "" if path == STREAM else Path(path).suffix.lower()
@@ -137,14 +141,14 @@ def program_options(
 ) -> "ProgramOptions":
     """The options of a program. InputError for a bad frames file."""
     from calibtool.programs.compensate import ProgramOptions
-    from calibtool.programs.frames import Frames, read_frames
+    from calibtool.programs.frames import NamedFrames, read_frames
 
     return ProgramOptions(
         method=method,
         outside=outside,
         on_error=on_error,
         joint_values=joint_values,
-        frames=Frames() if frames is None else read_frames(read_text(frames), shown(frames)),
+        frames=NamedFrames() if frames is None else read_frames(read_text(frames), shown(frames)),
         backlash=backlash,
         ignore_external=external == "ignore",
         largest_change=largest_change,
@@ -154,11 +158,11 @@ def program_options(
 
 
 def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "Mechanism | None":
-    """The kinematics that `--controller` names, None without it; says how far they are off."""
+    """Kinematics named by `--controller`, None without it; prints their distance."""
     if given is None and dh is None:
         return None
+    from calibtool.controller.controller_model import read_controller_model
     from calibtool.controller.denavit_hartenberg import DH_CONVENTIONS, DhConvention
-    from calibtool.controller.model import read_controller_model
     from calibtool.errors import UsageError
 
     if dh is not None:
@@ -180,7 +184,9 @@ def controller_mechanism(given: str | None, dh: str | None, robot: "Robot") -> "
 
 
 def check_not_input(output: str, *inputs: str) -> None:
-    """UsageError when a program would be written over itself, or over the calibration; --force does not allow it."""
+    """UsageError when a program would be written over itself, or over the calibration; --force
+    does not allow it.
+    """
     for path in inputs:
         if STREAM in (output, path) or not Path(output).exists() or not Path(path).exists():
             continue
@@ -205,12 +211,14 @@ def compensate_file(
 ) -> None:
     """Write the corrected program and its report; the summary and the bounds on stderr.
 
-    NoSolutionError (after all is written) for a program that is corrected in part, unless `partial`.
+    NoSolutionError (after all is written) for a program that is corrected in part,
+    unless `partial`.
     """
     from calibtool.programs.compensate import compensate_texts
 
     looked_up = [(shown(other), read_bytes(other), False) for other in others]
-    texts = [(shown(path), data, True), *looked_up]
+    texts = iter([(shown(path), data, True), *looked_up])
+    del data  # large programs are kept once, as text
     result = compensate_texts(calibration, texts, kind, options)
     reports = {} if report is None else {report: result.report()}
     if output == STREAM:
@@ -235,7 +243,10 @@ def compensate_folder(
     partial: bool,
     bounds: str,
 ) -> None:
-    """The same for all programs of a folder; those of one language are one program. All files are written or none."""
+    """The same for all programs of a folder; those of one language are treated as one program.
+
+    All files are written or none.
+    """
     from calibtool.programs.compensate import compensate_texts
 
     if output == STREAM:
@@ -278,7 +289,9 @@ def compensate_folder(
 
 
 def _programs(folder: str, kind: str, output: Path) -> list[tuple[str, bytes, str]]:
-    """Path, bytes and language of the programs below a folder, but for what was written there before."""
+    """Path, bytes and language of the programs below a folder, but for what was
+    written there before.
+    """
     found = []
     for path in sorted(Path(folder).rglob("*")):
         if not path.is_file() or path.is_relative_to(output):
@@ -326,6 +339,7 @@ def _check_whole(results: "list[CompensatedProgram]", name: str, partial: bool) 
     if left and not partial:
         poses = "1 pose is" if left == 1 else f"{left} poses are"
         raise NoSolutionError(
-            f"{name}: {poses} left while others, to which the program moves too, are corrected: its path has steps "
-            "there; what is corrected is written, but should not be run like that (--partial: exit 0)"
+            f"{name}: {poses} left while others, to which the program moves too, are corrected: "
+            "its path has steps there; what is corrected is written, but should not be run like "
+            "that (--partial: exit 0)"
         )

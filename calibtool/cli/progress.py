@@ -1,4 +1,4 @@
-"""Progress on a terminal: a line on stderr while something longer runs, gone without a trace when it ends."""
+"""Progress of long commands: a line on the terminal that is removed at the end."""
 
 import contextlib
 import sys
@@ -18,9 +18,9 @@ _live: "Progress | None" = (
 
 
 def counted(items: Iterable[T], what: str, step: int = 1, total: int | None = None) -> Iterator[T]:
-    """The items, with their number on stderr while they come if that is a terminal; `step` of `what` for each item.
+    """The items, with their number on stderr if that is a terminal; `step` of `what` for each item.
 
-    It is what the library's functions take as `progress`; their items have a length, which is the total.
+    It is the argument `progress` of library functions; the length of the items is the total.
     """
     if total is None and isinstance(items, Sized):
         total = len(items) * step
@@ -36,7 +36,7 @@ def counted(items: Iterable[T], what: str, step: int = 1, total: int | None = No
 
 @contextlib.contextmanager
 def working(what: str) -> Iterator[None]:
-    """A line with the time that passes, while something runs whose end cannot be foreseen."""
+    """A line with the elapsed time while something runs whose duration is unknown."""
     begun = seconds()
     with _line(what):
         yield
@@ -45,7 +45,7 @@ def working(what: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _line(what: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
-    """A line on the terminal, and a function that shows how far it is; neither where nobody looks on."""
+    """A line on the terminal and a function that updates it; neither without a terminal."""
     global _live
     if is_quiet() or (
         _live is None and not sys.stderr.isatty()

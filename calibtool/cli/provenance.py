@@ -1,4 +1,4 @@
-"""Where a result comes from: the command, its inputs' checksums, the seed and versions; no clock, no output name."""
+"""Provenance of a result: command, checksums of inputs, seed and versions; no time."""
 
 import hashlib
 from collections.abc import Sequence
@@ -10,7 +10,9 @@ _command: list[str] = []
 
 
 def remember_command(arguments: Sequence[str]) -> None:
-    """Keep the command line without what does not change the result: output names, --force, --json, -v, -q, --debug."""
+    """Keep the command line without what does not change the result: output names, --force, --json,
+    -v, -q, --debug.
+    """
     _command.clear()
     skip = False
     for argument in arguments:
@@ -25,7 +27,7 @@ def remember_command(arguments: Sequence[str]) -> None:
 
 
 def provenance(seed: int | None = None, **inputs: bytes) -> dict[str, str]:
-    """The provenance group of a file: command, seed, SHA-256 of every input by its role, versions."""
+    """Provenance of a file: command, seed, SHA-256 of every input by its role, versions."""
     from importlib.metadata import PackageNotFoundError, version
 
     result = {"command": " ".join(["calibtool", *_command])}

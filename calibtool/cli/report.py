@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
-from calibtool.cli.load import load_calibration, load_measurements
+from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
     Before,
@@ -43,13 +43,14 @@ def report(
 ) -> None:
     """Write one self-contained HTML page about calibrations.
 
-    The verdict first, against limits if there are any: expected after correction, or, from rows measured at corrected joints
-    (see `evaluate`), before and after; then errors, error vectors, training, joint
-    motions, parameters, flagged rows, observability, coverage, noise and provenance. The numbers are those of `evaluate`.
-    The page loads nothing from anywhere, adapts to light and dark, and prints. With a limit that is not met the page is
-    written all the same, and the exit code is 5.
+    The verdict first, against limits if there are any: expected after correction, or, from rows
+    measured at corrected joints (see `evaluate`), before and after; then errors, error vectors,
+    training, joint motions, parameters, flagged rows, observability, coverage, noise and
+    provenance. The numbers are those of `evaluate`. The page loads nothing from anywhere, adapts to
+    light and dark, and prints. With a limit that is not met the page is written nevertheless, and
+    the exit code is 5.
 
-    Example: calibtool report paper.h5 local-poe.h5 --on fresh.h5 --require position_max_mm=2 -o report.html
+    Example: calibtool report paper.h5 --on fresh.h5 --require position_max_mm=2 -o report.html
     """
     check_output(output, force)
     one_stdin(*calibrations, on, before)
@@ -57,8 +58,8 @@ def report(
     from typing import cast
 
     from calibtool.cli.provenance import provenance
-    from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.compensation.solve import Method
+    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.errors import AcceptanceError
     from calibtool.evaluation.acceptance import broken_limits, parse_limit
     from calibtool.evaluation.compare import evaluate

@@ -6,11 +6,11 @@ import typer
 
 from calibtool.cli.files import check_output, message, write_output, write_stdout
 from calibtool.cli.options import Force, Json
-from calibtool.cli.show import lines, print_json
+from calibtool.cli.printing import lines, print_json
 from calibtool.errors import UsageError
 
 if TYPE_CHECKING:
-    from calibtool.robot.model import Robot
+    from calibtool.robot.robot import Robot
 
 
 def robots(
@@ -30,17 +30,19 @@ def robots(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """List the carried robots, show one, or check a description.
+    """List the built-in robots, show one, or check a description.
 
-    For one robot: joints with limits and axes, targets, workspaces, virtual joints, sources of its numbers. --check takes
-    your own robot.toml, folder or URDF and warns of what will be in the way; what is wrong ends with exit code 3.
+    For one robot: joints with limits and axes, targets, workspaces, virtual joints, sources of its
+    numbers. --check takes your own robot.toml, folder or URDF and warns of what will be in the way;
+    what is wrong ends with exit code 3.
 
     Example: calibtool robots fanuc-m1000ia
     """
     if name is None:
         if check or picture is not None:
             raise UsageError(
-                f"{'--check' if check else '--picture'} needs a robot: a NAME, or the path of a description"
+                f"{'--check' if check else '--picture'} needs a robot: a NAME, or the path "
+                "of a description"
             )
         _list(json)
         return

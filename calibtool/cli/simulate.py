@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output
-from calibtool.cli.load import load_measurements
+from calibtool.cli.input_files import load_measurements
 from calibtool.cli.options import Force, JointValuesOption, Output, Seed, joint_values_of
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
@@ -31,7 +31,8 @@ def simulate(
     errors: Annotated[
         str,
         typer.Option(
-            help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal, bending, wobble."
+            help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal, "
+            "bending, wobble."
         ),
     ] = "geometric",
     length_error_mm: Annotated[
@@ -102,8 +103,9 @@ def simulate(
 ) -> None:
     """Measure a perturbed robot, made up from a seed.
 
-    Its targets are observed with noise at configurations of a workspace; the truth is kept in a group of its own. A
-    correction is rehearsed with --same-robot FILE.h5 --at corrected.csv --commanded targets.csv (see `evaluate`).
+    Its targets are observed with noise at configurations of a workspace; the truth is kept in a
+    group of its own. A correction is rehearsed with --same-robot FILE.h5 --at corrected.csv
+    --commanded targets.csv (see `evaluate`).
 
     Example: calibtool simulate fanuc-m1000ia -n 100 --seed 1 -o measurements.h5
     """
@@ -128,10 +130,10 @@ def simulate(
             raise UsageError(f"{option}: {size} is no finite number")
     from dataclasses import replace
 
-    from calibtool.compensation.program import read_configurations
+    from calibtool.compensation.targets import read_configurations
     from calibtool.errormodel.actual import ErrorScales
     from calibtool.errormodel.families import ERROR_KINDS
-    from calibtool.measurement.importing.commanded import commanded_poses
+    from calibtool.measurement.importing.commanded_targets import commanded_poses
     from calibtool.measurement.simulate import Simulation
     from calibtool.measurement.simulate import simulate as run
     from calibtool.robot.catalogue import load_robot
@@ -152,7 +154,8 @@ def simulate(
         earlier, inputs["same_robot"] = load_measurements(same_robot)
         if earlier.truth is None:
             raise InputError(
-                f"{shown(same_robot)}: holds no simulated robot; --same-robot needs a file of calibtool simulate"
+                f"{shown(same_robot)}: holds no simulated robot; --same-robot needs a file of "
+                "calibtool simulate"
             )
         if unregistered != (not earlier.setup.known) and unregistered:
             raise UsageError("--unregistered: the set-up is that of --same-robot")

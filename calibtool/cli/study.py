@@ -9,8 +9,8 @@ from calibtool.cli.files import STREAM, check_output, message, read_text, shown,
 from calibtool.cli.identify import report_target
 from calibtool.cli.interrupts import held, interruptible
 from calibtool.cli.options import Force, Json
+from calibtool.cli.printing import print_json, print_table
 from calibtool.cli.progress import counted
-from calibtool.cli.show import print_json, print_table
 
 if TYPE_CHECKING:
     from calibtool.evaluation.study import Definition, Study, StudyTable
@@ -46,8 +46,8 @@ def study(
         list[str] | None,
         typer.Option(
             metavar="LIST",
-            help="Of local-poe, complete, network (on nominal: the paper), network-local-poe, default (train); nominal is "
-            "always there. Default: local-poe,network,complete.",
+            help="Of local-poe, complete, network (on nominal: the paper), network-local-poe, "
+            "default (train); nominal is always there. Default: local-poe,network,complete.",
         ),
     ] = None,
     configurations: Annotated[
@@ -96,10 +96,10 @@ def study(
 ) -> None:
     """Compare methods over many simulated robots.
 
-    Every run draws an actual robot, measures it, calibrates it by every method and judges them on fresh configurations.
-    LIST is comma separated, or the option is repeated; lists are varied against each other. The results do not depend on
-    the number of workers. With -o FILE finished runs are kept in FILE.journal: the same command goes on after an
-    interruption.
+    Every run draws an actual robot, measures it, calibrates it by every method and judges them on
+    fresh configurations. LIST is comma separated, or the option is repeated; lists are varied
+    against each other. The results do not depend on the number of workers. With -o FILE finished
+    runs are kept in FILE.journal: the same command goes on after an interruption.
 
     Example: calibtool study planar-3r --runs 4 --fresh 50 -o study.csv
     """
@@ -155,13 +155,12 @@ def _perform(
     study: "Study", target: str | None, workers: int | None, cluster: str | None, force: bool
 ) -> "StudyTable":
     """Perform what is not finished yet, and write the table."""
-    import os
 
     from calibtool.errors import CalibtoolError
     from calibtool.evaluation.study import StudyTable
     from calibtool.evaluation.study.cluster import on_cluster
     from calibtool.evaluation.study.journal import Journal
-    from calibtool.evaluation.study.local import in_processes
+    from calibtool.evaluation.study.local import in_processes, processors
 
     # A stream or a device cannot be continued: no journal beside it.
     plain = (
@@ -177,7 +176,7 @@ def _perform(
         if cluster is not None:
             results = on_cluster(study, rest, cluster)
         else:
-            results = in_processes(study, rest, workers or len(os.sched_getaffinity(0)))
+            results = in_processes(study, rest, workers or processors())
         try:
             with interruptible():
                 for index, rows in counted(results, "runs", total=len(rest)):
@@ -221,8 +220,9 @@ def _contents(path: str, study: "Study", table: "StudyTable") -> bytes | str:
 
 
 def _finished(study: "Study", path: str, force: bool) -> "StudyTable | None":
-    """The table of this very study when it is there already; UsageError when the file holds something else, unless it
-    may be overwritten."""
+    """The table of this very study when it is there already; UsageError when the file holds
+    something else, unless it may be overwritten.
+    """
     from calibtool.errors import InputError, UsageError
 
     if not Path(path).is_file():
@@ -250,7 +250,7 @@ def _read_table(path: str) -> "StudyTable":
     import io
 
     from calibtool.cli.files import read_bytes
-    from calibtool.evaluation.study.table import parse_csv
+    from calibtool.evaluation.study.study_table import parse_csv
 
     if not _is_hdf5(path):
         return parse_csv(read_text(path), path)
@@ -261,7 +261,7 @@ def _read_table(path: str) -> "StudyTable":
 
 def _report(study: "Study", table: "StudyTable", json: bool) -> None:
     """JSON on stdout, or medians and 5-95 % quantiles for people; failures are told either way."""
-    from calibtool.evaluation.study.summary import study_summary
+    from calibtool.evaluation.study.statistics import study_summary
 
     summary = study_summary(table)
     if json:
@@ -271,7 +271,8 @@ def _report(study: "Study", table: "StudyTable", json: bool) -> None:
     if summary["failed"]:
         status = next(text for text in table.column("status") if text != "ok")
         message(
-            f"warning: {summary['failed']} of {summary['rows']} rows have no result; the first: {status}"
+            f"warning: {summary['failed']} of {summary['rows']} rows have no result; the "
+            f"first: {status}"
         )
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.base import (
+from calibtool.cli.base_model_options import (
     AngleTolerance,
     Backlash,
     DropFlagged,
@@ -19,7 +19,7 @@ from calibtool.cli.base import (
 )
 from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
 from calibtool.cli.identify import report_calibration, report_target
-from calibtool.cli.load import (
+from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
     load_measurements,
@@ -102,8 +102,9 @@ def train(
 ) -> None:
     """Train a network on top of a base model.
 
-    The network learns the joint motion errors of the equivalent robot that the base model leaves over. With Bayesian
-    regularisation it is kept only if cross-validation, with the base identified again in every fold, says that it helps.
+    The network learns the joint motion errors of the equivalent robot that the base model leaves
+    over. With Bayesian regularisation it is kept only if cross-validation, with the base identified
+    again in every fold, shows that it helps.
 
     Example: calibtool train measurements.h5 --base nominal --loss task -o paper.h5
     """
@@ -151,9 +152,8 @@ def train(
             loss_function,
             drop_flagged,
         )
-    if regularisation is None:
-        regularisation = "early-stopping" if base == "nominal" or optimizer == "gd" else "bayes"
-    choice(regularisation, ("bayes", "early-stopping"), "--regularisation")
+    if regularisation is not None:
+        choice(regularisation, ("bayes", "early-stopping"), "--regularisation")
     if regularisation == "bayes" and optimizer == "gd":
         raise UsageError(
             "--optimizer gd takes --regularisation early-stopping; bayes needs second derivatives"
@@ -161,7 +161,7 @@ def train(
     options = TrainingOptions(
         loss=cast(LossName, loss),
         optimiser=cast(Optimiser, optimizer),
-        regularisation=cast(Regularisation, regularisation),
+        regularisation=cast("Regularisation | None", regularisation),
         regressor=regressor,
         hidden=hidden,
         validation=validation,

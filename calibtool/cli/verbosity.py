@@ -1,4 +1,4 @@
-"""How much stderr says: -q only warnings and errors, -v also what is being done and how long it took."""
+"""Verbosity of stderr: -q only warnings and errors, -v also the steps and their durations."""
 
 import sys
 from time import perf_counter
@@ -13,7 +13,9 @@ _start = perf_counter()
 
 
 def take_switches(arguments: list[str]) -> list[str]:
-    """The arguments without the switches that every command understands, before and after its name."""
+    """The arguments without the switches that every command understands,
+    before and after its name.
+    """
     global _level, _start
     _start = perf_counter()
     _level = 0

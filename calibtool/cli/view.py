@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibtool.cli.files import check_output, message, read_bytes, shown, write_output
+from calibtool.cli.input_files import in_frame
 from calibtool.cli.interrupts import interruptible
-from calibtool.cli.load import in_frame
 from calibtool.cli.options import Force, FrameOption
 
 if TYPE_CHECKING:
     import pinocchio as pin
 
-    from calibtool.robot.model import Robot
+    from calibtool.robot.robot import Robot
 
 
 def view(
@@ -37,7 +37,8 @@ def view(
         list[str] | None,
         typer.Option(
             metavar="FOLDER",
-            help="Where meshes of the robot's URDF lie (live view); nothing outside is read. Repeatable.",
+            help="Where meshes of the robot's URDF lie (live view); nothing outside is "
+            "read. Repeatable.",
         ),
     ] = None,
     frame: FrameOption = None,
@@ -48,9 +49,10 @@ def view(
 ) -> None:
     """Show the arm, its targets and their errors.
 
-    Measurements: targets of the nominal robot and the measured ones. A calibration: those of the nominal robot and where
-    the calibration says they are. The live view needs the extra 'view' and ends on Ctrl-C; a page of --html needs nothing.
-    The live arm has the meshes of its URDF where they are found (those of example-robot-data are), simple solids otherwise.
+    Measurements: targets of the nominal robot and the measured ones. A calibration: those of the
+    nominal robot and where the calibration says they are. The live view needs the extra 'view' and
+    ends on Ctrl-C; a page of --html needs nothing. The live arm has the meshes of its URDF where
+    they are found (those of example-robot-data are), simple solids otherwise.
 
     Example: calibtool view measurements.h5 --html view.html
     """
@@ -61,8 +63,8 @@ def view(
     from math import isfinite
 
     from calibtool.errors import UsageError
-    from calibtool.evaluation.view.page import page_of
     from calibtool.evaluation.view.scene import scene_of
+    from calibtool.evaluation.view.scene_page import page_of
     from calibtool.storage import read_any
 
     if folders and html is not None:
@@ -94,7 +96,7 @@ def view(
 def _shape(robot: "Robot", folders: list[Path]) -> "pin.GeometryModel":
     """What the URDF shows; simple solids, with the reason, where that cannot be had."""
     from calibtool.errors import InputError
-    from calibtool.evaluation.view.shape import described_shape, mesh_folders, simple_shape
+    from calibtool.evaluation.view.arm_geometry import described_shape, mesh_folders, simple_shape
 
     try:
         described = described_shape(robot, mesh_folders(robot, folders))

@@ -1,11 +1,11 @@
-"""How far a correction may go, what it makes up for, and what counts as done."""
+"""Bounds of a correction: largest change, weights of the components, usual remaining error."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.compensation.weighed import Weights
-from calibtool.robot.model import Robot
+from calibtool.compensation.weighted_error import Weights
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 

@@ -9,7 +9,7 @@ from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.judge import Judged, judged
 from calibtool.compensation.one_step import REACHED, Linearised, default_bounds
 from calibtool.compensation.step import DAMPED_BELOW, bounded_step, damped_step, times
-from calibtool.compensation.weighed import Task, weighted_error, weighted_jacobian
+from calibtool.compensation.weighted_error import Task, weighted_error, weighted_jacobian
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.se3 import Array
 
@@ -72,7 +72,7 @@ class _Search:
         A (N, k, n) and e (N, k) are the Jacobian and E at q; proposed (N, n) as for `bounded_step`.
         """
         change, distance, _ = bounded_step(A, e, self.lower, self.upper, proposed)
-        left = e.copy()
+        remaining = e.copy()
         part = np.clip(2.0 * (DAMPED_BELOW - distance) / DAMPED_BELOW, 0.0, 1.0)
         nearest = distance.copy()
         held = (change <= self.lower) | (change >= self.upper)
@@ -82,14 +82,14 @@ class _Search:
         narrow = self._narrowed(rows, change[rows], task)
         rows = np.flatnonzero(part < 1.0)
         search = narrow.of(rows)
-        found, left[rows] = search._damped_twice(task, A[rows], e[rows], squares[rows])
+        found, remaining[rows] = search._damped_twice(task, A[rows], e[rows], squares[rows])
         change[rows] = found + part[rows, None] * (change[rows] - found)
         near = np.flatnonzero(part)
-        left[near], _ = self._driven(near, change[near], task)
+        remaining[near], _ = self._driven(near, change[near], task)
         if task.components is None and self.q.shape[1] >= 6:
-            missed = (left**2).sum(axis=-1) > REACHED**2
-            narrow._over_hills(np.flatnonzero(missed & (part == 0.0)), change, left)
-        return change, distance, left
+            missed = (remaining**2).sum(axis=-1) > REACHED**2
+            narrow._over_hills(np.flatnonzero(missed & (part == 0.0)), change, remaining)
+        return change, distance, remaining
 
     def _narrowed(self, rows: np.ndarray, change: Array, task: Task) -> "_Search":
         """Some rows no farther from a first step (N, n) than 2 |E| / d₀, E what it leaves.
@@ -112,7 +112,9 @@ class _Search:
         )
 
     def _damped_twice(self, task: Task, A: Array, e: Array, squares: Array) -> tuple[Array, Array]:
-        """Δ and E there; where λ² = squares (N,) is not zero, solved again for what is left."""
+        """Δ and E there; where λ² = squares (N,) is not zero, solved again for the remaining
+        error.
+        """
         change, A, e = self._descended(task, A, e, squares)
         near = np.flatnonzero(squares)
         if len(near):

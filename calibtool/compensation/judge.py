@@ -1,4 +1,4 @@
-"""The promise: joints are changed only where the calibrated model says that it is better so."""
+"""Acceptance of corrections: joints change only where the calibrated model improves."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from calibtool.compensation.status import (
     UNCORRECTED,
 )
 from calibtool.compensation.step import DAMPED_BELOW
-from calibtool.compensation.weighed import Task, weighted_error
+from calibtool.compensation.weighted_error import Task, weighted_error
 from calibtool.robot.se3 import Array
 
 _OVERSHOOT = (

@@ -1,10 +1,10 @@
-"""Along rows in order: where a correction changes faster than the command lets expect."""
+"""Rows in order: where a correction changes faster than the command."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LARGEST_RATIO = 0.15  # of the change of a correction to the commanded step, from row to row
@@ -12,7 +12,7 @@ _SMALLEST = 1e-6  # rad, or characteristic lengths: smaller changes are rounding
 
 
 @dataclass(frozen=True)
-class Jump:
+class CorrectionJump:
     """A row whose correction changes faster than LARGEST_RATIO allows.
 
     row      its number in the batch
@@ -28,13 +28,13 @@ class Jump:
 
 
 class CorrectionPath:
-    """Remembers the last row of joints, over batches of rows in order."""
+    """State of the last row of joints over batches of rows in order."""
 
     def __init__(self, robot: Robot) -> None:
         self._span = np.where(robot.prismatic, robot.length, 1.0)
         self._last: tuple[Array, Array] | None = None
 
-    def jumps(self, commanded: Array, corrected: Array) -> list[Jump]:
+    def jumps(self, commanded: Array, corrected: Array) -> list[CorrectionJump]:
         """Jumps among the next rows: commanded and corrected joints (N, n), rad or m.
 
         Rows with NaN are not driven to: the next row has the one before them for a neighbour.
@@ -51,6 +51,8 @@ class CorrectionPath:
         found = np.flatnonzero(largest > np.maximum(LARGEST_RATIO * steps, _SMALLEST))
         joints = (changes / self._span).argmax(axis=-1)
         return [
-            Jump(int(driven[k]), int(joints[k]), float(changes[k, joints[k]]), float(steps[k]))
+            CorrectionJump(
+                int(driven[k]), int(joints[k]), float(changes[k, joints[k]]), float(steps[k])
+            )
             for k in found
         ]

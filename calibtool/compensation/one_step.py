@@ -9,7 +9,7 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.judge import Judged, Proposal, judged
 from calibtool.compensation.step import DAMPED_BELOW, bounded_step, times
-from calibtool.compensation.weighed import Task, Weights, weighted_error, weighted_jacobian
+from calibtool.compensation.weighted_error import Task, Weights, weighted_error, weighted_jacobian
 from calibtool.errors import UsageError
 from calibtool.robot.se3 import Array, exp6
 
@@ -148,9 +148,7 @@ def default_bounds(
             f"the largest change of a joint is {largest_change:g}; expected more than zero"
         )
     robot, known = calibration.robot, calibration.q
-    anywhere = robot.lower + (robot.upper - robot.lower) * np.random.default_rng(0).random(
-        (500, robot.n)
-    )
+    anywhere = robot.anywhere(500, np.random.default_rng(0))
     error = weighted_error(calibration.forward(known), robot.mechanism.forward(known), robot.length)
     size = float(np.sqrt((error**2).sum(axis=-1).mean()))
     bounds = Bounds(size / DAMPED_BELOW, (np.inf, np.inf), weights)
@@ -164,8 +162,8 @@ def _median_left(calibration: Calibration, q: Array, bounds: Bounds) -> tuple[fl
     """Medians of what the rule leaves at joints q (N, n): of the task, of all components."""
     model = Linearised.at(calibration, q, None, bounds)
     proposal, traded = model.proposed()
-    left = judged(calibration, model.commanded, proposal, bounds).error
+    remaining = judged(calibration, model.commanded, proposal, bounds).error
     rows = slice(None) if traded.all() else ~traded
-    parts = model.task.of_error(left, model.commanded)[rows], left[rows]
+    parts = model.task.of_error(remaining, model.commanded)[rows], remaining[rows]
     of_task, of_all = (float(np.median(np.linalg.norm(part, axis=-1))) for part in parts)
     return of_task, of_all

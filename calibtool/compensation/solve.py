@@ -1,9 +1,11 @@
 """Corrected joint positions (Eqs. 23, 24): the one-step rule, or the exact solution."""
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibtool.calibration import Calibration
 from calibtool.compensation.bounds import Bounds
@@ -17,13 +19,13 @@ from calibtool.robot.se3 import Array, check_poses
 Method = Literal["exact", "one-step"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Compensation:
     """Corrected joint positions and how far each row can be trusted.
 
     q            (N, n) corrected joint positions, rad or m; NaN in unreachable rows
     status       (N,) of `compensation.status`: `ok`, or what stays and why
-    position     (N,) what the calibrated model leaves at the tool point, m
+    position     (N,) remaining error of the tool point under the calibrated model, m
     orientation  (N,) the same as a rotation angle, rad
     commanded    (N, n) joint positions of the nominal robot at the command, rad or m
     """
@@ -34,32 +36,41 @@ class Compensation:
     orientation: Array
     commanded: Array
 
+    def __repr__(self) -> str:
+        counts = Counter(self.status.tolist())
+        told = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+        return f"<Compensation of {len(self.q)} rows: {told}>"
+
 
 def compensate_joints(
     calibration: Calibration,
-    q: Array,
+    q: ArrayLike,
     method: Method = "exact",
     bounds: Bounds | None = None,
 ) -> Compensation:
-    """Correct joints q (N, n): the calibrated robot goes where the nominal one would at q.
+    """Correct joints q (N, n), or (n,) for one row, so that the calibrated robot goes where the
+    nominal one would at q.
 
     Under the calibrated model no row is worse than the commanded one (`judged`): where no better
     joints are found, they stay. bounds: `default_bounds` unless given. Raises InputError for joint
     positions of another number or that are not finite, UsageError for an unknown method. Rows
     without an answer are no error: see `Compensation.status`.
     """
+    q = np.atleast_2d(np.asarray(q, dtype=float))
     calibration.robot.check_positions(q, "joint positions")
     return _compensate(calibration, None, q, method, bounds)
 
 
 def compensate_poses(
     calibration: Calibration,
-    T_base_tool: Array,
-    q_seed: Array | None = None,
+    T_base_tool: ArrayLike,
+    q_seed: ArrayLike | None = None,
     method: Method = "exact",
     bounds: Bounds | None = None,
 ) -> Compensation:
-    """Correct joints for commanded poses (N, 4, 4): nominal inverse kinematics, then as for joints.
+    """Correct joints for commanded poses (N, 4, 4), or (4, 4) for one row.
+
+    The nominal inverse kinematics gives joints, which are corrected as in `compensate_joints`.
 
     q_seed (N, n) chooses the branch. With one seed (n,), or without any, the rows are a path: each
     starts from the solution of the row before, the first from the seed or the home of the default
@@ -67,8 +78,11 @@ def compensate_poses(
     Raises InputError for what are no rigid motions, or seeds that do not fit.
     """
     robot = calibration.robot
+    T_base_tool = np.asarray(T_base_tool, dtype=float)
+    T_base_tool = T_base_tool[None] if T_base_tool.ndim == 2 else T_base_tool
     check_poses(T_base_tool, "commanded poses")
     if q_seed is not None:
+        q_seed = np.asarray(q_seed, dtype=float)
         robot.check_positions(np.atleast_2d(q_seed), "seeds")
     if q_seed is not None and q_seed.ndim == 2:
         solved = inverse_kinematics(robot, T_base_tool, q_seed)

@@ -1,4 +1,4 @@
-"""What became of a row: the statuses of corrections, and their words."""
+"""Statuses of corrected rows, and their descriptions."""
 
 OK = "ok"
 JUMP = "jump"

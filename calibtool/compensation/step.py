@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibtool.robot.damped import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import GRAM_REGULARISATION, MIN_SINGULARITY_DISTANCE
 from calibtool.robot.se3 import Array
 
 DAMPED_BELOW = MIN_SINGULARITY_DISTANCE  # 1 mrad of pose error moves no joint by more than 77 mrad
@@ -29,8 +29,9 @@ def bounded_step(
     2. λ = max(0, d₀ − d), d₀ = DAMPED_BELOW: nothing is damped where d ≥ d₀, and the damping sets
        in without a jump.
     3. S(e) = −Aᵀ (G + λ² I)⁻¹ e for n ≥ 6, the least motion; −(G + λ² I)⁻¹ Aᵀ e for n < 6.
-       Δ = S(e), and where λ > 0 Δ = S(e) + S(e + A S(e)): solving again for what is left gives back
-       what the damping takes where it is not needed. Where `proposed` (N, n) is given, Δ is that.
+       Δ = S(e), and where λ > 0 Δ = S(e) + S(e + A S(e)): solving again for the remaining error
+       restores what the damping takes where it is not needed. Where `proposed` (N, n) is given, Δ
+       is that.
     4. Up to three times, while a joint is outside the box: the one that is farthest outside (in rad
        or m, the first of equals) is held at the face there, with those held before: Δ_h, 0 for the
        others. The others solve the rest, items 1 to 3 with e + A Δ_h for e and F for A, F being A
@@ -106,13 +107,15 @@ def _inside(
         stays, some = held[:, rows], A[..., rows]
         stopped = np.where(stays, np.clip(change[:, rows], lower[:, rows], upper[:, rows]), 0.0)
         free = np.where(stays, 0.0, some)
-        left = e[:, rows] + _product(some, stopped)
+        remaining = e[:, rows] + _product(some, stopped)
         if given:
             few = (len(change) >= 6) & (len(change) - stays.sum(axis=0) < 6)
-            solved = _once(free, _inverse_factor(free, squares[rows] + _FEW * few, stays), left)
+            solved = _once(
+                free, _inverse_factor(free, squares[rows] + _FEW * few, stays), remaining
+            )
         else:
             inverse, _, squares[rows] = _damped(free, stays, squares[rows])
-            solved = _solution(free, inverse, squares[rows], left)
+            solved = _solution(free, inverse, squares[rows], remaining)
         change[:, rows] = stopped + solved
     return np.clip(change, lower, upper), squares
 
@@ -166,12 +169,12 @@ def _gram(columns: Array) -> Array:
 
 
 def _solution(A: Array, inverse: Array, squares: Array, e: Array) -> Array:
-    """Item 3 of `bounded_step`: S(e), and S of what is left where λ² is not zero."""
+    """Item 3 of `bounded_step`: S(e), and S of the remaining error where λ² is not zero."""
     change = _once(A, inverse, e)
     near = np.flatnonzero(squares)
     if len(near):
-        left = e[:, near] + _product(A[..., near], change[:, near])
-        change[:, near] += _once(A[..., near], inverse[..., near], left)
+        remaining = e[:, near] + _product(A[..., near], change[:, near])
+        change[:, near] += _once(A[..., near], inverse[..., near], remaining)
     return change
 
 

@@ -1,4 +1,6 @@
-"""Rows of commanded targets of any number, as CSV or newline-delimited JSON, corrected in batches of constant memory."""
+"""Rows of commanded targets of any number, as CSV or newline-delimited JSON, corrected in batches
+of constant memory.
+"""
 
 import csv
 import io
@@ -11,14 +13,14 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
-from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.decimals import DECIMALS, decimal_rows
-from calibtool.compensation.jumps import CorrectionPath, Jump
+from calibtool.compensation.jumps import CorrectionJump, CorrectionPath
 from calibtool.compensation.one_step import default_bounds
-from calibtool.compensation.program import OutsidePolicy, guarded, no_targets
 from calibtool.compensation.solve import Compensation, Method
 from calibtool.compensation.status import CORRECTED, DOUBTFUL, JUMP, MEANING, OK
-from calibtool.compensation.weighed import Weights
+from calibtool.compensation.targets import OutsidePolicy, guarded, no_targets
+from calibtool.compensation.weighted_error import Weights
 from calibtool.errors import InputError
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
@@ -34,7 +36,8 @@ from calibtool.units import TO_SI, without_values
 
 RowFormat = Literal["csv", "ndjson"]
 BATCH = 4096
-# Numbers, 31 MiB: the C library keeps freed memory for the next batch up to the largest block that it ever got back.
+# Numbers, 31 MiB: the C library keeps freed memory for the next batch up to the largest block that
+# it ever got back.
 _LARGEST_KEPT = 31 * 2**17
 _JUMP = np.deg2rad(
     60.0
@@ -44,10 +47,12 @@ _ADDED = ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad")
 
 @dataclass(frozen=True)
 class StreamOptions:
-    """How rows are corrected: see `compensate_joints` and `guarded`; `uncertainty` and `verify` add columns.
+    """How rows are corrected: see `compensate_joints` and `guarded`; `uncertainty` and
+    `verify` add columns.
 
-    backlash: take up the calibration's backlash; needs rows in the order of motion, see `BacklashPath`.
-    joint_values: whose joint values come in, where the header does not say it, and go out
+    backlash: take up the calibration's backlash; needs rows in the order of motion, see
+    `BacklashPath`.
+    joint_values: whose joint values come in, where the header does not state it, and go out
     (`Robot.joint_values`).
     largest_change (rad) and weights: see `default_bounds`.
     """
@@ -65,12 +70,14 @@ class StreamOptions:
 
 @dataclass
 class StreamReport:
-    """What happened so far.
+    """Counts and remarks of the rows so far.
 
-    remarks    a line for each of the first `listed` rows that are not plainly `ok`; others: how many more there are
-    without_joints   rows that got no joints, unreachable or refused
-    in_full          rows that are corrected in full
-    left, turned     largest of what the calibrated model leaves in rows that are corrected in full, m and rad
+    remarks                a line for each of the first `listed` rows that are not plainly `ok`
+    others                 how many more of these there are
+    without_joints         rows that got no joints, unreachable or refused
+    in_full                rows that are corrected in full
+    remaining_position     largest error of these under the calibrated model, m
+    remaining_orientation  the same, rad
     """
 
     listed: int = 10
@@ -79,8 +86,8 @@ class StreamReport:
     others: int = 0
     without_joints: int = 0
     in_full: int = 0
-    left: float = 0.0
-    turned: float = 0.0
+    remaining_position: float = 0.0
+    remaining_orientation: float = 0.0
 
     @property
     def full(self) -> bool:
@@ -97,7 +104,9 @@ class StreamReport:
 
 @dataclass(frozen=True, eq=False)
 class _Corrected:
-    """A batch: the table, which of its columns stay, the corrected joints in its units, and what is added."""
+    """A batch: the table, which of its columns stay, the corrected joints in its units,
+    and what is added.
+    """
 
     table: Table
     kept: list[int]
@@ -116,15 +125,16 @@ def compensate_stream(
 ) -> Iterator[str]:
     """Text of corrected rows, batch by batch; `report` counts along.
 
-    Joint columns are replaced by the corrected joints, in their units; pose columns give way to joints in degrees (mm if
-    prismatic). Where the controller shows other values than the serial chain's, the columns written
-    say whose they are. Where a row has both, the pose is commanded and the joints choose the branch.
-    Other columns pass through;
-    a column `status` is added, for n < 6 and with `verify` what is left of the commanded pose (`left_mm`, `left_mrad`), and
-    with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses in order are a path: each
-    starts from the row before, and jumps of the joints are reported. Rows whose correction changes faster than the command
-    (`CorrectionPath`) have the status `jump`. Backlash is taken up along the rows, which must be in the order of motion
-    then (`StreamOptions.backlash`). Raises InputError for the first bad row.
+    Joint columns are replaced by the corrected joints, in their units; pose columns give way to
+    joints in degrees (mm if prismatic). Where the controller shows other values than the serial
+    chain's, the columns written state whose they are. Where a row has both, the pose is commanded
+    and the joints choose the branch. Other columns pass through; a column `status` is added, for n
+    < 6 and with `verify` the remaining error under the calibrated model (`left_mm`, `left_mrad`),
+    and with `uncertainty` the predicted standard deviations of the tool (`sd_mm`, `sd_mrad`). Poses
+    in order are a path: each starts from the row before, and jumps of the joints are reported. Rows
+    whose correction changes faster than the command (`CorrectionPath`) have the status `jump`.
+    Backlash is taken up along the rows, which must be in the order of motion then
+    (`StreamOptions.backlash`). Raises InputError for the first bad row.
     """
     np.empty(_LARGEST_KEPT)  # given back at once
     corrector = _Corrector(calibration, options, report)
@@ -150,7 +160,9 @@ def compensate_text(
 
 
 class _Corrector:
-    """Corrects tables in order; remembers the last joints, from which the next pose starts, and where backlash stands."""
+    """Corrects tables in order; remembers the last joints, from which the next pose starts, and
+    where backlash stands.
+    """
 
     def __init__(
         self, calibration: Calibration, options: StreamOptions, report: StreamReport
@@ -174,7 +186,8 @@ class _Corrector:
         for column in _ADDED:
             if column in table.header:
                 raise InputError(
-                    f"{table.name}: a column '{column}' is there already; is this an output of compensate?"
+                    f"{table.name}: a column '{column}' is there already; is this an output "
+                    "of compensate?"
                 )
         if joints is None:
             q, values = self.seed, robot.joint_values(table.name, options.joint_values)
@@ -213,8 +226,10 @@ class _Corrector:
     def _added(self, result: Compensation) -> dict[str, list[str]]:
         added: dict[str, list[str]] = {"status": result.status.tolist()}
         if self.calibration.robot.n < 6 or self.options.verify:
-            for column, left in (("left_mm", result.position), ("left_mrad", result.orientation)):
-                added[column] = ["" if np.isnan(value) else f"{value * 1e3:.6g}" for value in left]
+            for column, errors in (("left_mm", result.position), ("left_mrad", result.orientation)):
+                added[column] = [
+                    "" if np.isnan(value) else f"{value * 1e3:.6g}" for value in errors
+                ]
         if self.options.uncertainty:
             known = np.flatnonzero(~np.isnan(result.q).any(axis=-1))
             sure = np.full((2, len(result.q)), np.nan)
@@ -226,15 +241,19 @@ class _Corrector:
                 ]
         return added
 
-    def _note(self, table: Table, result: Compensation, jumps: dict[int, Jump]) -> None:
+    def _note(self, table: Table, result: Compensation, jumps: dict[int, CorrectionJump]) -> None:
         report = self.report
         report.rows += len(table)
         report.without_joints += int(np.isnan(result.q).any(axis=-1).sum())
         full = np.isin(result.status, CORRECTED)
         report.in_full += int(full.sum())
         if self.options.verify and full.any():
-            report.left = max(report.left, float(result.position[full].max()))
-            report.turned = max(report.turned, float(result.orientation[full].max()))
+            report.remaining_position = max(
+                report.remaining_position, float(result.position[full].max())
+            )
+            report.remaining_orientation = max(
+                report.remaining_orientation, float(result.orientation[full].max())
+            )
         for k in np.flatnonzero(result.status != OK).tolist():
             status = result.status[k]
             if report.full:
@@ -244,14 +263,12 @@ class _Corrector:
             if status == JUMP:
                 text += f": {self._size(jumps[k])}"
             elif status in DOUBTFUL:
-                left, turned = result.position[k] * 1e3, result.orientation[k] * 1e3
-                text += f"; {left:.3g} mm and {turned:.3g} mrad of the error stay"
+                millimetres, milliradians = result.position[k] * 1e3, result.orientation[k] * 1e3
+                text += f"; {millimetres:.3g} mm and {milliradians:.3g} mrad of the error stay"
             report.remark(f"{table.place(k)}: {text}")
 
-    def _size(self, jump: Jump) -> str:
-        factor, unit = (
-            (1e3, "mm") if self.calibration.robot.prismatic[jump.joint] else (180 / np.pi, "deg")
-        )
+    def _size(self, jump: CorrectionJump) -> str:
+        factor, unit = self.calibration.robot.display_unit(jump.joint)
         return f"joint {jump.joint + 1} by {jump.change * factor:.3g} {unit}"
 
     def _note_branches(self, table: Table, q: Array) -> None:
@@ -265,14 +282,14 @@ class _Corrector:
             joint = int(jumps[k].argmax())
             place = table.place(int(reached[k + first]))
             self.report.remark(
-                f"{place}: joint {joint + 1} jumps by {np.rad2deg(jumps[k, joint]):.0f} deg from the row before: "
-                "another branch, or a singularity on the way"
+                f"{place}: joint {joint + 1} jumps by {np.rad2deg(jumps[k, joint]):.0f} deg from "
+                "the row before: another branch, or a singularity on the way"
             )
         if len(path):
             self.seed = path[-1]
 
 
-# --- CSV ------------------------------------------------------------------------------------------------------------
+# --- CSV ------------------------------------------------------------------------------------------
 
 
 def _csv_text(corrected: _Corrected, with_header: bool) -> str:
@@ -308,7 +325,7 @@ def _written(rows: list[list[str]]) -> list[str]:
     return lines
 
 
-# --- newline-delimited JSON -----------------------------------------------------------------------------------------
+# --- newline-delimited JSON -----------------------------------------------------------------------
 
 
 def _read_objects(
@@ -357,13 +374,15 @@ def _objects_text(corrected: _Corrected, objects: list[dict[str, object]]) -> st
     table = corrected.table
     convert: dict[str, Callable[[str], object]] = {"status": str}
     lines = []
+    result: dict[str, object]
     for k, given in enumerate(objects):
         joints = [
             None if np.isnan(value) else float(number(value)) for value in corrected.values[k]
         ]
         result = dict(zip(corrected.joint_names, joints, strict=True))
-        result |= {table.header[i]: given[table.header[i]] for i in corrected.kept}  # type: ignore[misc]
+        result |= {table.header[i]: given[table.header[i]] for i in corrected.kept}
         for column, cells in corrected.added.items():
-            result[column] = None if cells[k] == "" else convert.get(column, float)(cells[k])  # type: ignore[assignment]
+            as_value = convert.get(column, float)
+            result[column] = None if cells[k] == "" else as_value(cells[k])
         lines.append(json.dumps(result, ensure_ascii=False) + "\n")
     return "".join(lines)

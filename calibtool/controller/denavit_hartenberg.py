@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from calibtool.controller.chain import Step
+from calibtool.controller.constant_placements import Step
 from calibtool.errors import InputError
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 import yaml
 
-from calibtool.controller.chain import Step, chain_of
+from calibtool.controller.constant_placements import Step, chain_of
 from calibtool.controller.denavit_hartenberg import DhRow, DhTable, standard_rows, steps_of
 from calibtool.errors import InputError, near_names
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.units import LARGEST
 
 FRAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")

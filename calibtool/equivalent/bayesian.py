@@ -1,4 +1,4 @@
-"""Bayesian regularisation of a network (MacKay 1992; Foresee and Hagan 1997), which needs no validation rows."""
+"""Bayesian regularisation of a network (MacKay 1992; Foresee and Hagan 1997)."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,9 @@ _SETTLED = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class BayesianRun:
-    """One training: the network, its history, γ effective weights and the noise over the stated one (1/√β)."""
+    """One training: the network, its history, γ effective weights and the noise over the
+    stated one (1/√β).
+    """
 
     network: Regressor
     history: History
@@ -24,9 +26,11 @@ class BayesianRun:
 
 
 def train_bayesian(network: Regressor, loss: Loss) -> BayesianRun:
-    """Minimise β |t − R N|² + α |w|², both precisions re-estimated from γ = W − α tr(H⁻¹) at every step.
+    """Minimise β |t − R N|² + α |w|², both precisions re-estimated from γ = W − α
+    tr(H⁻¹) at every step.
 
-    H = β JᵀJ + α I is the Gauss–Newton Hessian; its eigenvalues serve the step, γ and every damping at once.
+    H = β JᵀJ + α I is the Gauss–Newton Hessian; its eigenvalues serve the step, γ and every
+    damping at once.
     """
     from scipy.linalg import eigh
 

@@ -1,4 +1,4 @@
-"""The equivalent robot (Eqs. 12–17): actuated joints, virtual joints for n < 6, and its Jacobian J_ρ."""
+"""The equivalent robot (Eqs. 12–17): actuated and virtual joints, and its Jacobian J_ρ."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -7,10 +7,10 @@ from itertools import combinations
 import numpy as np
 
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.damped import at_point, singularity_distance
+from calibtool.robot.damped_least_squares import at_point, singularity_distance
 from calibtool.robot.description import VirtualJoint
 from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, adjoint
 
 ELEMENTARY: tuple[VirtualJoint, ...] = ("x", "y", "z", "rx", "ry", "rz")
@@ -18,9 +18,11 @@ ELEMENTARY: tuple[VirtualJoint, ...] = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True)
 class EquivalentRobot:
-    """A robot whose only errors are joint motion errors δρ = (actuated, virtual), p = max(n, 6) of them.
+    """A robot whose only errors are joint motion errors δρ = (actuated, virtual), p = max(n, 6) of
+    them.
 
-    virtual_joints   elementary twists fixed in the tool frame, 6 − n of them (none for n ≥ 6), nominal value zero
+    virtual_joints   elementary twists fixed in the tool frame, 6 − n of them (none for n ≥ 6);
+                     their nominal value is zero
     """
 
     n: int
@@ -33,11 +35,11 @@ class EquivalentRobot:
 
     @property
     def virtual_columns(self) -> list[int]:
-        """Which columns of Ad(T_base_tool) the virtual joints are."""
+        """Indices of the columns of Ad(T_base_tool) that belong to the virtual joints."""
         return [ELEMENTARY.index(name) for name in self.virtual_joints]
 
     def forward_and_jacobian(self, mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) of `mechanism` and J_ρ (N, 6, p) in K_0 (Eq. 14), q (N, n) in rad or m."""
+        """T_base_tool (N, 4, 4) and J_ρ (N, 6, p) in K_0 (Eq. 14) for q (N, n), rad or m."""
         pose, jacobian = mechanism.forward_and_jacobian(q)
         if not self.virtual_joints:
             return pose, jacobian
@@ -46,9 +48,10 @@ class EquivalentRobot:
 
 @lru_cache(maxsize=16)  # a robot is what it is: hashed by identity
 def equivalent_robot(robot: Robot) -> EquivalentRobot:
-    """The equivalent robot of a description: its virtual joints if it names them, otherwise the best ones.
+    """Equivalent robot of a description, with the virtual joints that it names or the best ones.
 
-    Best is the largest worst-case `singularity_distance` of J_ρ over 200 fixed configurations of the default workspace.
+    The best ones maximise the smallest `singularity_distance` of J_ρ over 200 fixed configurations
+    of the default workspace.
     """
     if robot.n >= 6:
         return EquivalentRobot(robot.n, ())

@@ -12,8 +12,8 @@ from calibtool.robot.se3 import Array
 class Loss:
     """Training data of the equivalent robot: q (K, n), R (K, r, p) and t (K, r).
 
-    task loss (Eq. 20): R, t from the QR factors of Σ^(−1/2) P J_ρ, so E is the weighted error of the target points, up to
-    a constant. joint loss (Eq. 21): R = I and t = (P J_ρ)⁺ δp.
+    task loss (Eq. 20): R, t from the QR factors of Σ^(−1/2) P J_ρ, so E is the weighted error of
+    the target points, up to a constant. joint loss (Eq. 21): R = I and t = (P J_ρ)⁺ δp.
     """
 
     q: Array
@@ -38,22 +38,27 @@ class Loss:
         return self.t - (self.R @ network(self.q)[..., None])[..., 0]
 
     def residual_and_jacobian(self, network: Regressor) -> tuple[Array, Array]:
-        """Residual as a vector (K·r,) and ∂(R N)/∂w (K·r, W), weights in the order of `Regressor.weights`."""
+        """Residual as a vector (K·r,) and ∂(R N)/∂w (K·r, W), weights in the order of
+        `Regressor.weights`.
+        """
         seen, J = network.through(self.R, self.q)
         return (self.t - seen).ravel(), J.reshape(seen.size, -1)
 
 
 def task_loss(q: Array, G: Array, y: Array) -> Loss:
-    """Task-space loss: weighted matrix G = Σ^(−1/2) P J_ρ (K, d, p) and weighted residual y (K, d) (Eq. 20).
+    """Task-space loss: weighted matrix G = Σ^(−1/2) P J_ρ (K, d, p) and weighted residual y
+    (K, d) (Eq. 20).
 
-    |y − G N|² = |R (δρ̂ − N)|² + const with G = Q R: the products with P J_ρ are done once, not at every iteration.
+    |y − G N|² = |R (δρ̂ − N)|² + const with G = Q R: the products with P J_ρ are done once, not at
+    every iteration.
     """
     Q, R = np.linalg.qr(G)
     return Loss(q, R, (np.swapaxes(Q, -1, -2) @ y[..., None])[..., 0])
 
 
 def joint_loss(q: Array, G: Array, y: Array) -> Loss:
-    """Joint-space loss: δρ̂ = G⁺ y, every component alike (Eq. 21); of minimum norm where G does not determine it.
+    """Joint-space loss: δρ̂ = G⁺ y, every component alike (Eq. 21); of minimum norm where G does
+    not determine it.
 
     Shapes as in `task_loss`.
     """

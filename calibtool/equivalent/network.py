@@ -40,9 +40,11 @@ class Network(Regressor):
 
     @classmethod
     def initial(cls, q: Array, output_scale: Array, hidden: int, rng: np.random.Generator) -> Self:
-        """A network with normally distributed weights, scaled to the range of the training configurations q (K, n).
+        """A network with normally distributed weights, scaled to the range of configurations q
+        (K, n).
 
-        Weights into a node have a variance of one over their number, so that the nodes start in the bend of the tanh.
+        The variance of the weights into a node is one over their number, so that tanh is neither
+        linear nor saturated at the start.
         """
         centre, scale = input_scaling(q)
         n, p = q.shape[1], len(output_scale)
@@ -63,7 +65,7 @@ class Network(Regressor):
 
     @classmethod
     def averaged(cls, members: Sequence[Self]) -> Self:
-        """The mean of networks with the same scalings, which is one network again, with all their hidden nodes."""
+        """Mean of networks with equal scalings: one network with all their hidden nodes."""
         first, count = members[0], len(members)
         return replace(
             first,
@@ -127,7 +129,7 @@ class Network(Regressor):
 
 
 def affine(weights: Array, inputs: Array, bias: Array) -> Array:
-    """W x + b for every row, without a library whose sums depend on the number of rows: (k, N) → (h, N)."""
+    """W x + b (h, N) for x (k, N), by sums whose order does not depend on the number of rows."""
     result = np.repeat(bias[:, None], inputs.shape[-1], axis=1)
     for column, values in zip(weights.T, inputs, strict=True):
         result += column[:, None] * values
@@ -135,6 +137,6 @@ def affine(weights: Array, inputs: Array, bias: Array) -> Array:
 
 
 def input_scaling(q: Array) -> tuple[Array, Array]:
-    """Middle and half of the range of configurations q (K, n), each (n,); 1 for a joint that stands still."""
+    """Middle and half range (n,) of configurations q (K, n); 1 for a fixed joint."""
     low, high = q.min(axis=0), q.max(axis=0)
     return readonly((low + high) / 2), readonly(np.where(high - low > 1e-9, (high - low) / 2, 1.0))

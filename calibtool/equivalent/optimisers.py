@@ -1,4 +1,4 @@
-"""Levenberg–Marquardt and gradient descent on a `Loss`, both with early stopping on a validation loss."""
+"""Levenberg–Marquardt and gradient descent on a `Loss`, with early stopping."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -34,7 +34,8 @@ class Stopping:
 
     max_iterations   steps at most
     patience         steps without a better validation loss
-    change           relative change of the training loss below which it is taken as settled (paper, after Eq. 22)
+    change           relative change of the training loss below which it is taken as settled
+                     (paper, after Eq. 22)
     """
 
     max_iterations: int
@@ -49,9 +50,9 @@ GD_STOPPING = Stopping(max_iterations=20_000, patience=500, change=1e-7)
 
 
 def levenberg_marquardt(network: Regressor, loss: Loss) -> Iterator[tuple[Regressor, float]]:
-    """Networks with ever lower loss; ends when no damping finds a lower one.
+    """Yield networks with decreasing loss; ends when no damping gives a smaller one.
 
-    The damping follows the ratio of real to predicted decrease (Nielsen 1999).
+    The damping follows the ratio of actual to predicted decrease (Nielsen 1999).
     """
     residual, J = loss.residual_and_jacobian(network)
     value = float(residual @ residual)
@@ -84,9 +85,10 @@ def levenberg_marquardt(network: Regressor, loss: Loss) -> Iterator[tuple[Regres
 def gradient_descent(
     network: Regressor, loss: Loss, rate: float = 0.1
 ) -> Iterator[tuple[Regressor, float]]:
-    """w ← w − α ∂E/∂w (Eq. 22), on the loss divided by its value without a network, which makes α free of units.
+    """w ← w − α ∂E/∂w (Eq. 22), with the loss divided by its value without a network, so that α has
+    no unit.
 
-    α is halved where a step would raise the loss, and grows by 5 % otherwise, as a hand would do it.
+    α is halved where a step would increase the loss, and grows by 5 % otherwise.
     """
     unit = max(loss.without_network * len(loss.q), 1e-300)
     residual, J = loss.residual_and_jacobian(network)
@@ -110,7 +112,7 @@ def run(
     validation: Loss | None,
     stopping: Stopping,
 ) -> tuple[Regressor, History]:
-    """Follow an optimiser and keep the weights with the lowest validation loss (training loss without validation)."""
+    """Run an optimiser and keep the weights with the smallest validation loss."""
 
     def judge(candidate: Regressor, training_value: float) -> float:
         return training_value if validation is None else validation.value(candidate)

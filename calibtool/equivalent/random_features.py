@@ -1,4 +1,4 @@
-"""A random-feature regressor: a Gaussian process by its spectrum, linear in its weights (Rahimi and Recht 2007)."""
+"""Random features: a Gaussian process by its spectrum (Rahimi and Recht 2007)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,8 @@ _FEATURES = 60
 
 @dataclass(frozen=True, eq=False)
 class RandomFeatures(Regressor):
-    """N(q) = output_scale ∘ W cos(Ω s + b), s = (q − input_centre) / input_scale; Ω and b are drawn and stay.
+    """N(q) = output_scale ∘ W cos(Ω s + b), s = (q − input_centre) / input_scale; Ω and b
+    are drawn and stay.
 
     input_centre, input_scale   (n,) rad or m: the training range becomes [−1, 1]
     frequencies (h, n), phases (h,): Ω and b, in rad

@@ -1,4 +1,4 @@
-"""What a learned model of the joint motion errors is: a function of the joints with weights, which owns its Jacobian."""
+"""Protocol of a learned model of the joint motion errors, with weights and Jacobian."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -10,10 +10,13 @@ from calibtool.robot.se3 import Array
 
 
 class Regressor(ABC):
-    """δρ = N(q, w). A frozen dataclass whose fields are arrays; `fields` says what they are, for files.
+    """δρ = N(q, w).
 
-    id      by which it is chosen, and known in files
-    fields  by name: unit ('q': that of the joints, 'rho': that of the joint motion errors), words, dimensions
+    A frozen dataclass of arrays; `fields` describes them for files.
+
+    id      name by which it is chosen and stored
+    fields  by name: unit ('q': that of the joints, 'rho': that of the joint motion errors),
+            description, dimensions
     """
 
     id: ClassVar[str]
@@ -22,17 +25,17 @@ class Regressor(ABC):
     @classmethod
     @abstractmethod
     def initial(cls, q: Array, output_scale: Array, hidden: int, rng: np.random.Generator) -> Self:
-        """Where a training starts, scaled to its configurations q (K, n) and to the sizes of its outputs (p,)."""
+        """Start of a training, scaled to configurations q (K, n) and to the outputs (p,)."""
 
     @classmethod
     @abstractmethod
     def size_for(cls, n: int) -> int:
-        """How large it is for n joints unless told otherwise."""
+        """Default number of nodes or features for n joints."""
 
     @classmethod
     @abstractmethod
     def averaged(cls, members: Sequence[Self]) -> Self:
-        """The mean of members with the same scalings, which is one of the same kind."""
+        """Mean of models with equal scalings, as one model of the same kind."""
 
     @abstractmethod
     def __call__(self, q: Array) -> Array:
@@ -49,4 +52,6 @@ class Regressor(ABC):
 
     @abstractmethod
     def through(self, R: Array, q: Array) -> tuple[Array, Array]:
-        """R N (K, r) and ∂(R N)/∂w (K, r, W) for matrices R (K, r, p) and joint positions q (K, n)."""
+        """R N (K, r) and ∂(R N)/∂w (K, r, W) for matrices R (K, r, p) and
+        joint positions q (K, n).
+        """

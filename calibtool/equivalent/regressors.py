@@ -1,4 +1,4 @@
-"""Learned models that can be trained, the first by default. A new one is one more line here."""
+"""The learned models that can be trained; the first is the default."""
 
 from calibtool.equivalent.network import Network
 from calibtool.equivalent.random_features import RandomFeatures

@@ -1,6 +1,6 @@
-"""Train the network of the equivalent robot on what a base model leaves over (METHOD §6)."""
+"""Train the network of the equivalent robot on the residuals of a base model."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -18,7 +18,7 @@ from calibtool.equivalent.optimisers import (
 )
 from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.regressors import REGRESSORS
-from calibtool.errors import check_choice, check_number
+from calibtool.errors import UsageError, check_choice, check_number
 from calibtool.progress import Progress, silent
 from calibtool.robot.se3 import Array
 
@@ -32,11 +32,15 @@ Regularisation = Literal["bayes", "early-stopping"]
 class TrainingOptions:
     """How a network is trained.
 
-    loss            `task`: error of the target points (Eq. 20); `joint`: joint motions, all alike (Eq. 21)
+    loss            `task`: error of the target points (Eq. 20); `joint`: joint motions,
+                    all alike (Eq. 21)
     optimiser       `lm`: Levenberg and Marquardt; `gd`: gradient descent (Eq. 22)
-    regularisation  `bayes`: all rows train, every restart is a member of an ensemble that is averaged;
-                    `early-stopping` (the paper): a validation part stops the training and chooses the best restart
-    regressor       learned model: `tanh`, the network of the paper, or `random-features`, a Gaussian process's spectrum
+    regularisation  `bayes`: all rows train, every restart is a member of an ensemble that is
+                    averaged; `early-stopping` (the paper): a validation part stops the training and
+                    chooses the best restart; None: `early-stopping` for `gd` and on the nominal
+                    robot, `bayes` on every other base model (`resolved`)
+    regressor       learned model: `tanh`, the network of the paper, or `random-features`, a
+                    Gaussian process's spectrum
     hidden          nodes or features, √(6n) or 60 unless given
     validation      part of the configurations for early stopping
     restarts        networks trained
@@ -46,7 +50,7 @@ class TrainingOptions:
 
     loss: LossName = "task"
     optimiser: Optimiser = "lm"
-    regularisation: Regularisation = "early-stopping"
+    regularisation: Regularisation | None = None
     regressor: str = "tanh"
     hidden: int | None = None
     validation: float = 0.5
@@ -57,7 +61,12 @@ class TrainingOptions:
     def __post_init__(self) -> None:
         check_choice(self.loss, get_args(LossName), "loss")
         check_choice(self.optimiser, get_args(Optimiser), "optimiser")
-        check_choice(self.regularisation, get_args(Regularisation), "regularisation")
+        if self.regularisation is not None:
+            check_choice(self.regularisation, get_args(Regularisation), "regularisation")
+        if self.regularisation == "bayes" and self.optimiser == "gd":
+            raise UsageError(
+                "gradient descent takes early stopping; bayes needs second derivatives"
+            )
         check_choice(self.regressor, tuple(REGRESSORS), "regressor")
         check_number(1 if self.hidden is None else self.hidden, "hidden nodes", 1)
         check_number(self.validation, "validation part", 0, below=1)
@@ -65,16 +74,24 @@ class TrainingOptions:
         check_number(self.folds, "folds", 2)
         check_number(self.seed, "seed", 0)
 
+    def resolved(self, base_model: str) -> "TrainingOptions":
+        """The same with the regularisation that None stands for on a base model of this name."""
+        if self.regularisation is not None:
+            return self
+        paper = self.optimiser == "gd" or base_model == "nominal"
+        return replace(self, regularisation="early-stopping" if paper else "bayes")
+
 
 @dataclass(frozen=True, eq=False)
 class TrainingReport:
-    """How networks came about.
+    """Report of a training.
 
     history        of the best restart
     training_rows, validation_rows   indices of the configurations
     restart_losses (restarts,) validation loss of each (training loss without validation rows)
     loss_without   the same loss without a network
-    effective      effective number of weights γ, mean of the members (bayes), otherwise all of them
+    effective      effective number of weights γ, mean of the networks (bayes),
+                   otherwise all of them
     loss, optimiser, regularisation, hidden   the options as used
     """
 
@@ -98,7 +115,7 @@ class TrainingReport:
 def split_rows(
     count: int, validation: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (k,) and (count − k,) of the training and validation rows of `count` configurations, both sorted."""
+    """Sorted indices (k,) and (count − k,) of the training and validation rows."""
     order = rng.permutation(count)
     held = round(count * validation)
     return np.sort(order[held:]), np.sort(order[:held])
@@ -112,11 +129,13 @@ def train_networks(
     rng: np.random.Generator,
     progress: Progress = silent,
 ) -> tuple[tuple[Regressor, ...], TrainingReport]:
-    """Fit N to y ≈ G N: members of an ensemble (bayes), or one network, or none where it does not help (early stopping).
+    """Fit N to y ≈ G N. Returns an ensemble (bayes), one network, or none where it does not help.
 
-    q (K, n) in rad or m; G (K, d, p) = Σ^(−1/2) P J_ρ; y (K, d) weighted residuals of the base model.
+    q (K, n) in rad or m; G (K, d, p) = Σ^(−1/2) P J_ρ; y (K, d) weighted residuals of the base
+    model.
     """
-    bayes = options.regularisation == "bayes"
+    regularisation = options.regularisation or "early-stopping"
+    bayes = regularisation == "bayes"
     training_rows, validation_rows = split_rows(len(q), 0.0 if bayes else options.validation, rng)
     loss = (task_loss if options.loss == "task" else joint_loss)(q, G, y)
     training = loss.rows(training_rows)
@@ -159,7 +178,7 @@ def train_networks(
         effective=effective,
         loss=options.loss,
         optimiser=options.optimiser,
-        regularisation=options.regularisation,
+        regularisation=regularisation,
         hidden=hidden,
     )
     if bayes:
@@ -168,7 +187,7 @@ def train_networks(
 
 
 def _output_scale(G: Array, y: Array) -> Array:
-    """Typical size of each joint motion error: RMS of a damped solution, which a near-singular row cannot spoil. (p,)"""
+    """Typical magnitude (p,) of each joint motion error: RMS of a damped solution."""
     transposed = np.swapaxes(G, -1, -2)
     gram = transposed @ G
     size = np.trace(gram, axis1=-2, axis2=-1)[:, None, None] / gram.shape[-1]

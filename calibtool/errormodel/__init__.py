@@ -1,1 +1,1 @@
-"""Errors of a robot by family: one file each, which says how it moves the robot, is identified, stored, told and drawn."""
+"""Families of errors, one file each: effect, identification, storage, simulation and text."""

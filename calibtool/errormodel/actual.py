@@ -1,4 +1,4 @@
-"""The actual robot of a simulation (METHOD §2), and how it is drawn."""
+"""The actual robot of a simulation, and how its errors are drawn."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -7,25 +7,26 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from calibtool.errormodel.conditions import REFERENCE_C, Conditions, directions
 from calibtool.errormodel.families import ERROR_KINDS, FAMILIES
 from calibtool.errormodel.family import Sizes
+from calibtool.errormodel.operating_conditions import REFERENCE_C, Conditions, directions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import check_choice, check_number
 from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 
 @dataclass(frozen=True)
 class ErrorScales:
-    """Sizes of the simulated errors, in SI; a kind that is not in `kinds` is absent.
+    """Magnitudes of the simulated errors, in SI; a kind that is not in `kinds` is absent.
 
-    length, angle  standard deviation of every element of δζ, δξ, δq: m and rad (a prismatic offset is a length)
-    sizes          by kind, where it is not that of the family: gear, the standard deviation of each coefficient; gravity and
-                   payload, the angle of a joint at its largest torque (at 10 kg); backlash, the half width; thermal, the
-                   expansion per K
-    warmth         rise above the reference temperature in K, with thermal errors
+    length, angle  standard deviation of every element of δζ, δξ, δq: m and rad (a prismatic
+                   offset is a length)
+    sizes          by kind, where it differs from that of the family: gear, the standard deviation
+                   of each coefficient; gravity and payload, the angle of a joint at its largest
+                   torque (at 10 kg); backlash, the half width; thermal, the expansion per K
+    warmth         temperature above the reference in K, with thermal errors
     """
 
     kinds: tuple[str, ...] = ("geometric",)
@@ -43,9 +44,9 @@ class ErrorScales:
 
 @dataclass(frozen=True, eq=False)
 class ActualRobot:
-    """A robot whose geometry and joint motions differ from the drawing; exact, nothing is linearised.
+    """A robot whose geometry and joint motions differ from nominal; exact, nothing is linearised.
 
-    temperature_c  °C of its links where a row does not say otherwise
+    temperature_c  °C of its links where a row does not state its own
     """
 
     errors: RobotErrors
@@ -53,40 +54,46 @@ class ActualRobot:
 
     @property
     def robot(self) -> Robot:
-        """The drawing."""
+        """The nominal robot."""
         return self.errors.robot
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The kinematics at its own temperature, without joint motions and payload."""
+        """Kinematics at `temperature_c`, without joint motion errors and payload."""
         return self.errors.standing(self._conditions(Conditions()))
 
     @property
     def model(self) -> pin.Model:
-        """The geometry as a Pinocchio model of its own, limits included; `mechanism.configuration` gives its coordinates.
+        """The geometry as a new Pinocchio model with joint limits.
 
-        What depends on the joint positions or on time (gear, gravity, backlash) is not in it: see `joint_motion`.
+        `mechanism.configuration` computes its coordinates. Errors that depend on joint positions or
+        on time (gear, gravity, backlash) are not included: see `joint_motion`.
         """
         return self.mechanism.as_model(self.robot.lower, self.robot.upper)
 
     def joint_motion(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """Error δq(q) of the joint motions beyond the constant offsets: (N, n); q and conditions as in `forward`."""
+        """Joint motion errors δq(q) (N, n) without the constant offsets; q and conditions as in
+        `forward`.
+        """
         return self.errors.motion(q, self.driven_to(q, conditions))
 
     def directions(self, q: Array) -> Array:
-        """Direction of each joint's last motion (N, n) when the joints are driven to q (N, n) in order, from home."""
+        """Directions (N, n) of each joint's last motion when driven through q (N, n) in order, from
+        home.
+        """
         return directions(q, start=self.robot.home(self.robot.workspace(None)[1]))
 
     def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """Actual T_base_tool (N, 4, 4) when the joints are commanded to q (N, n) in the order of the rows.
+        """Actual T_base_tool (N, 4, 4) in K_0 for commanded joints q (N, n), rad or m, in the order
+        of the rows.
 
-        Directions of motion follow from that order, the first row comes from home; payload and temperature are those of
-        the conditions.
+        The order gives the directions of motion, the first row comes from home; payload and
+        temperature are those of the conditions.
         """
         return self.errors.forward(q, self.driven_to(q, conditions))
 
     def driven_to(self, q: Array, conditions: Conditions | None = None) -> Conditions:
-        """The conditions of rows q (N, n) that are driven to in order."""
+        """Conditions of rows q (N, n) that are driven to in order."""
         return replace(
             self._conditions(conditions or Conditions()), direction=readonly(self.directions(q))
         )
@@ -98,7 +105,10 @@ class ActualRobot:
 
 
 def random_actual(robot: Robot, scales: ErrorScales, rng: np.random.Generator) -> ActualRobot:
-    """Draw an actual robot. Every kind has its own stream, so that adding one leaves the others as they were."""
+    """Draw an actual robot.
+
+    Every kind of error has its own random stream, so that a new kind does not change the others.
+    """
     streams = dict(zip(ERROR_KINDS, rng.spawn(len(ERROR_KINDS)), strict=True))
     drawn = {}
     for family in FAMILIES:

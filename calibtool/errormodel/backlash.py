@@ -4,12 +4,12 @@ import numpy as np
 
 from calibtool.errormodel.family import JointFunctions, Rows, Sizes
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 
 class Backlash(JointFunctions):
-    """Half widths w_j (n,) in rad or m; d_j is the direction of the joint's last motion, see `directions`."""
+    """Half widths w_j (n,), rad or m; d_j: direction of the last motion, see `directions`."""
 
     id, symbol, ascii, kind = "backlash", "backlash", "backlash", "backlash"
     words, unit, size = "backlash", "rad or m", 0.1e-3
@@ -35,7 +35,9 @@ class Backlash(JointFunctions):
 
 
 def backlash_text(robot: Robot, backlash: Array) -> str:
-    """Half widths (n,) of all joints for people: `0.104, 0.098 mrad`, with mm for prismatic ones."""
+    """Half widths (n,) of all joints for people: `0.104, 0.098 mrad`,
+    with mm for prismatic ones.
+    """
     units = ["mm" if prismatic else "mrad" for prismatic in robot.prismatic]
     if len(set(units)) == 1:
         return ", ".join(f"{value * 1e3:.3f}" for value in backlash) + f" {units[0]}"

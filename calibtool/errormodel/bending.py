@@ -1,10 +1,10 @@
-"""Bending of joints and links: turns across the axis, in proportion to the moment of the links' weight there."""
+"""Bending of joints and links: turns across the axis, in proportion to the moment of the links'
+weight there."""
 
 from functools import lru_cache
 
 import numpy as np
 
-from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.family import (
     Context,
     Family,
@@ -13,11 +13,12 @@ from calibtool.errormodel.family import (
     sections_of_joints,
     turn_columns,
 )
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.model import Robot
-from calibtool.robot.screw import across
+from calibtool.robot.inverse_starts import drawn as configurations
+from calibtool.robot.robot import Robot
+from calibtool.robot.screw_joint import across
 from calibtool.robot.se3 import Array, readonly
-from calibtool.robot.starts import drawn as configurations
 
 _SAMPLES = 500
 _LOADED = 1e-6  # of the largest moment of any joint: less is rounding
@@ -61,7 +62,8 @@ class Bending(Family):
         return turns
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
-        """To first order: turns about the origin of F0_j, whose other errors are small beside it."""
+        """To first order: turns about the origin of F0_j, whose other errors are small beside
+        it."""
         turns = directions(context.rows.robot) * moments(context.rows)[..., None, :]
         return turn_columns(context.frames.before, turns)
 
@@ -87,6 +89,7 @@ def directions(robot: Robot) -> Array:
 
 @lru_cache
 def largest_moment(robot: Robot) -> Array:
-    """Largest moment about each direction over fixed configurations of the joint range: (n, 2) N m."""
+    """Largest moment about each direction over fixed configurations of the joint range: (n, 2) N
+    m."""
     q = configurations(robot, _SAMPLES, np.random.default_rng(0))
     return readonly(np.abs(moments(Rows(robot, q, Conditions()))).max(axis=0))

@@ -1,6 +1,7 @@
-"""The families of errors that a robot can have, in the order of their parameters. A new one is one more line here.
+"""The families of errors that a robot can have, in the order of their parameters.
 
-Placements change by growth first, then by the turns of all families together, then by placement errors, the first of all.
+Placements change by growth first, then by the turns of all families together, then by placement
+errors, the first of all.
 """
 
 from calibtool.errormodel.backlash import Backlash

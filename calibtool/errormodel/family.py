@@ -1,4 +1,4 @@
-"""What a family of errors is: the questions that simulation, identification, files and pages ask of it."""
+"""Protocol of a family of errors, as simulation, identification, files and reports use it."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from calibtool.errormodel.conditions import REFERENCE_C, Conditions
+from calibtool.errormodel.operating_conditions import REFERENCE_C, Conditions
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.gravity import gravity_torque, weight_moments
+from calibtool.robot.gravity_torque import gravity_torque, weight_moments
 from calibtool.robot.mechanism import Frames
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, adjoint, readonly
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
@@ -19,7 +19,9 @@ COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Commanded rows: joint positions q (N, n) in rad or m, and their conditions; what the nominal robot does there."""
+    """Commanded rows: joint positions q (N, n) in rad or m, conditions, and the nominal robot's
+    state there.
+    """
 
     robot: Robot
     q: Array
@@ -57,10 +59,10 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Context:
-    """Where columns are taken: commanded rows and the state's frames there.
+    """Where columns are computed: commanded rows and the frames of the state there.
 
     frames  of the robot with its errors
-    moved   (N, n) joint positions after all joint motions and offsets, rad or m
+    moved   (N, n) joint positions after all joint motion errors and offsets, rad or m
     twists  (n, 6) ξ_j + δξ_j
     """
 
@@ -71,7 +73,7 @@ class Context:
 
     @cached_property
     def offset_columns(self) -> Array:
-        """Ad(F_j) ξ_j, what a motion of joint j does to the pose: (N, 6, n)."""
+        """Ad(F_j) ξ_j, change of the pose by a motion of joint j: (N, 6, n)."""
         return offset_columns(self.frames, self.twists)
 
 
@@ -81,7 +83,8 @@ def offset_columns(frames: Frames, twists: Array) -> Array:
 
 
 def turn_columns(frames: Array, turns: Array) -> Array:
-    """Columns of small turns about the origins of frames (N, n, 4, 4), turns (N, n, 3, k) in them: (N, 6, n k)."""
+    """Columns of small turns about the origins of frames (N, n, 4, 4), turns (N, n, 3, k) in them:
+    (N, 6, n k)."""
     turned = frames[..., :3, :3] @ turns
     shifts = np.cross(frames[..., :3, 3, None], turned, axis=-2)
     columns = np.concatenate([shifts, turned], axis=-2)
@@ -90,7 +93,7 @@ def turn_columns(frames: Array, turns: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Sizes:
-    """Sizes of simulated errors, SI: lengths and angles of the geometry, and the size of any other kind."""
+    """Magnitudes of simulated errors, SI: lengths, angles, and that of another kind."""
 
     length: float
     angle: float
@@ -98,21 +101,24 @@ class Sizes:
 
 
 class Family(ABC):
-    """A family of errors. Its value is one array; what is said of its elements has the value's shape.
+    """A family of errors.
 
-    id      its key in states, files and JSON
-    symbol  what names of its parameters begin with; `ascii` the same without Greek
-    kind    the kind of simulated errors that it belongs to
-    words   what it is, for people
-    meaning its formula, for whoever reads a file
+    Its value is one array; everything stated of its elements has the shape of the value.
+
+    id      key in states, files and JSON
+    symbol  beginning of the names of its parameters; `ascii` is the same without Greek letters
+    kind    kind of simulated errors that it belongs to
+    words   description
+    meaning formula, for readers of a file
     unit    of the stored value, SI
-    size    of simulated errors unless told otherwise, SI
-    orders  sizes of model from which evidence chooses; 0: none of its parameters
-    always  identified unless told otherwise
-    needs   what rows must tell for it to be known, for people
+    size    default magnitude of simulated errors, SI
+    orders  orders from which evidence chooses; 0: none of its parameters
+    always  whether it is identified by default
+    needs   description of what the rows must contain for it to be identified
     by_row  whether it changes placements from row to row
     turns   whether it turns joint frames from row to row (`turn`)
-    grows   whether evidence may also enlarge its tolerances: what has a physical scale only gets smaller
+    grows   whether evidence may also enlarge its tolerances: what has a physical scale only gets
+    smaller
     """
 
     id: ClassVar[str]
@@ -137,18 +143,18 @@ class Family(ABC):
         """Shape of the value for n joints."""
 
     def value(self, n: int, given: Array | None = None) -> Array:
-        """A read-only value for n joints, zero unless given. ValueError for another shape."""
+        """Read-only value for n joints, zero by default. ValueError for another shape."""
         if given is None:
             return readonly(np.zeros(self.shape(n, 0)))
         order = self.order(np.shape(given)) if np.ndim(given) == len(self.shape(n)) else 1
         return readonly(given, self.shape(n, order))
 
     def order(self, shape: tuple[int, ...]) -> int:
-        """The order of a value of this shape."""
+        """Order of a value of this shape."""
         return 1
 
     def free(self, robot: Robot, shape: tuple[int, ...]) -> np.ndarray:
-        """Which elements are parameters, (*shape) bool."""
+        """(*shape) bool: which elements are parameters."""
         return np.ones(shape, dtype=bool)
 
     @abstractmethod
@@ -160,7 +166,7 @@ class Family(ABC):
         """Prior standard deviations (*shape), SI."""
 
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Elements with the same number have tolerances of one scale, which evidence may change: (*shape) int."""
+        """(*shape) int: elements with the same number share one scale of tolerances."""
         return np.zeros(shape, dtype=int)
 
     def sections(self, shape: tuple[int, ...]) -> np.ndarray:
@@ -172,28 +178,29 @@ class Family(ABC):
         return free
 
     def known(self, rows: Rows) -> bool:
-        """Whether these rows can show the family: what it depends on was recorded."""
+        """Whether the rows contain what the family depends on."""
         return True
 
     # --- for people ---
 
     def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
-        """What an element is multiplied by for people (*shape), and its unit then, flat."""
+        """Factors (*shape) and units in which the elements are displayed."""
         per_joint = ["mm" if prismatic else "mrad" for prismatic in robot.prismatic]
         return np.full(shape, 1e3), per_joint
 
     def told(self, robot: Robot, value: Array, free: np.ndarray) -> str:
-        """The family in a sentence about a model that has it; free (*shape) bool: its parameters."""
+        """Text about the family for the description of a model; free (*shape) bool."""
         return self.words
 
     # --- the robot ---
 
     def placed(self, value: Array, placements: Array, rows: Rows | None) -> Array:
-        """Joint placements M_j (n+1, 4, 4), or (N, n+1, 4, 4) where the family changes them from row to row."""
+        """Joint placements M_j (n+1, 4, 4), or (N, n+1, 4, 4) if they change by row."""
         return placements
 
     def turn(self, value: Array, rows: Rows) -> Array | float:
-        """Small turns of the joint frames F0_j about their origins, rotation vectors in them (N, n, 3), rad.
+        """Small turns of the joint frames F0_j about their origins, rotation vectors in them (N,
+        n, 3), rad.
 
         Those of all families are added, and stand between the growth of the links and δζ_j.
         """
@@ -204,11 +211,11 @@ class Family(ABC):
         return twists
 
     def offset(self, value: Array) -> Array | float:
-        """What is added to every joint position (n,), rad or m."""
+        """Additional constant joint positions (n,), rad or m."""
         return 0.0
 
     def motion(self, value: Array, rows: Rows) -> Array | float:
-        """What is added to the joint positions of a row (N, n), rad or m."""
+        """Additional joint positions of every row (N, n), rad or m."""
         return 0.0
 
     @abstractmethod
@@ -227,7 +234,7 @@ class Family(ABC):
 
     @abstractmethod
     def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:
-        """A value of a simulated robot."""
+        """Random value for a simulated robot."""
 
 
 def sections_of_joints(shape: tuple[int, ...]) -> np.ndarray:
@@ -236,7 +243,10 @@ def sections_of_joints(shape: tuple[int, ...]) -> np.ndarray:
 
 
 class JointFunctions(Family):
-    """δq_j = Σ_k value_jk f_jk(row): the columns are those of the joint's offset times the functions."""
+    """δq_j = Σ_k value_jk f_jk(row).
+
+    The columns are those of the joint offset times the functions.
+    """
 
     def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
         return (n,)

@@ -1,16 +1,17 @@
-"""Wind-up of the joints under the weight of the links: −c_j τ_g,j(q) (METHOD §2)."""
+"""Wind-up of the joints under the weight of the links: −c_j τ_g,j(q)."""
 
 import numpy as np
 
 from calibtool.errormodel.family import JointFunctions, Rows, Sizes, joint_list, sections_of_joints
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.gravity import largest_torque, load_carrying, turned_by_gravity
-from calibtool.robot.model import Robot
+from calibtool.robot.gravity_torque import largest_torque, load_carrying, turned_by_gravity
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 
 class Gravity(JointFunctions):
-    """Compliances c_j (n,) in rad per N m of `gravity_torque`; zero for joints that gravity does not turn."""
+    """Compliances c_j (n,) in rad per N m of `gravity_torque`; zero for joints that gravity does
+    not turn."""
 
     id, symbol, ascii, kind = "gravity", "gravity", "gravity", "gravity"
     words, unit, size = "wind-up under gravity", "rad/(N m)", 0.5e-3

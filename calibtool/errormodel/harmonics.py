@@ -1,10 +1,12 @@
-"""Harmonics of the joint motions, of which eccentric gears are the first: Σ_h a_jh sin(h q_j) + b_jh cos(h q_j)."""
+"""Harmonics of the joint motions, of which eccentric gears are the first: Σ_h a_jh sin(h q_j) +
+b_jh cos(h q_j).
+"""
 
 import numpy as np
 
 from calibtool.errormodel.family import JointFunctions, Rows, Sizes
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LOW_ORDERS = 3  # harmonics of a joint that eccentric gears have
@@ -44,7 +46,8 @@ class Harmonics(JointFunctions):
         return np.full(shape, tolerances.of.get(self.id, 0.3e-3))
 
     def sections(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Each low order, which all gears have alike; what is finer joint by joint and octave by octave."""
+        """Each low order, which all gears have alike; what is finer joint by joint and octave by
+        octave."""
         h = np.arange(shape[1]) // 2 + 1
         octave = np.searchsorted(FINE_ORDERS, h) + LOW_ORDERS + 1
         fine = np.add.outer(np.arange(shape[0]) * _SECTIONS, octave)
@@ -55,7 +58,8 @@ class Harmonics(JointFunctions):
         return free[:, : 2 * (used[-1] // 2 + 1)] if len(used) else free[:, :0]
 
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
-        """A gear's first orders are often large, and say nothing about how fine the rest is, joint by joint."""
+        """A gear's first orders are often large, and say nothing about how fine the rest is, joint
+        by joint."""
         fine = np.arange(shape[1]) // 2 >= LOW_ORDERS
         return np.where(fine, 1 + np.arange(shape[0])[:, None], 0)
 
@@ -81,7 +85,9 @@ class Harmonics(JointFunctions):
 
 
 def harmonic_functions(q: Array, count: int) -> Array:
-    """sin q, cos q, sin 2q, cos 2q, … up to `count`, by the addition theorems: q (N, n) → (N, n, 2 count)."""
+    """sin q, cos q, sin 2q, cos 2q, … up to `count`, by the addition theorems: q (N, n) →
+    (N, n, 2 count).
+    """
     result = np.empty((*q.shape, 2 * count))
     if not count:
         return result

@@ -4,7 +4,7 @@ import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Sizes
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 

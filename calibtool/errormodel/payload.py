@@ -1,7 +1,7 @@
-"""What a mass at the tool does: joints wind up about their axes and bend across them, in proportion to its moment.
+"""Payload: joints wind up about their axes and bend across them, in proportion to its moment.
 
-A joint is a spring: a moment m turns what it carries by c m about its axis and by b m across it. The mass stands at the
-origin of the tool frame, the moments are those of the nominal robot.
+A joint is a spring: a moment m turns what it carries by c m about its axis and by b m across it.
+The mass stands at the origin of the tool frame, the moments are those of the nominal robot.
 """
 
 from functools import lru_cache
@@ -10,9 +10,9 @@ import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Rows, Sizes, turn_columns
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.model import Robot
+from calibtool.robot.inverse_starts import drawn as configurations
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
-from calibtool.robot.starts import drawn as configurations
 
 _FULL = 10.0  # kg at which sizes and tolerances are stated
 _CARRIES_LOAD = (
@@ -63,7 +63,9 @@ class Payload(Family):
         return result
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
-        """The bend to first order: a turn about the origin of F0_j, whose other errors are small beside it."""
+        """The bend to first order: a turn about the origin of F0_j, whose other errors are
+        small beside it.
+        """
         along, across = moments(context.rows)
         before = context.frames.before
         bend = turn_columns(before, across[..., None])
@@ -76,7 +78,9 @@ class Payload(Family):
 
 
 def moments(rows: Rows) -> tuple[Array, Array]:
-    """Moments of the payload's weight about every joint, N m: along its axis (N, n), and across it in F0_j (N, n, 3)."""
+    """Moments of the payload's weight about every joint, N m: along its axis (N, n), and across it
+    in F0_j (N, n, 3).
+    """
     frames, robot = rows.nominal, rows.robot
     arm = frames.tool[:, None, :3, 3] - frames.before[..., :3, 3]
     weight = np.asarray(rows.payload)[..., None] * np.array(robot.chain.model.gravity.linear)
@@ -89,8 +93,10 @@ def moments(rows: Rows) -> tuple[Array, Array]:
 
 @lru_cache
 def largest_moment(robot: Robot) -> Array:
-    """Largest moments of 1 kg along and across each joint over fixed configurations of the joint range: (n, 2) N m."""
-    from calibtool.errormodel.conditions import Conditions
+    """Largest moments of 1 kg along and across each joint over fixed configurations of the joint
+    range: (n, 2) N m.
+    """
+    from calibtool.errormodel.operating_conditions import Conditions
 
     q = configurations(robot, _SAMPLES, np.random.default_rng(0))
     along, across = moments(Rows(robot, q, Conditions(payload_kg=readonly(1.0))))

@@ -5,7 +5,7 @@ import numpy as np
 from calibtool.errormodel.family import Context, Family, Rows, Sizes, names_of_twists
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.robot.mechanism import Frames
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, adjoint, exp6, log6
 
 

@@ -1,4 +1,4 @@
-"""The errors of a robot, {family: value}, and the robot that has them: exact for finite motions, nothing is linearised."""
+"""Errors of a robot, {family: value}, and the kinematics with them; nothing is linearised."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -7,11 +7,11 @@ from typing import Self
 
 import numpy as np
 
-from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.families import BY_ID, FAMILIES
 from calibtool.errormodel.family import Context, Family, Rows
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.robot.mechanism import Frames, Mechanism
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
 
 
@@ -27,7 +27,10 @@ class RobotErrors:
 
     @classmethod
     def of(cls, robot: Robot, **values: Array) -> Self:
-        """Errors of some families by id, none of the others. ValueError for a value of another shape."""
+        """Errors of some families by id, none of the others.
+
+        ValueError for a value of another shape.
+        """
         if unknown := set(values) - set(BY_ID):
             raise ValueError(f"unknown families of errors: {', '.join(sorted(unknown))}")
         return cls(
@@ -38,7 +41,7 @@ class RobotErrors:
         return self.values[family]
 
     def having(self, **values: Array) -> Self:
-        """The same errors but for these families."""
+        """The same errors with other values of these families."""
         return type(self).of(self.robot, **{**self.values, **values})
 
     def without(self, *families: str) -> Self:
@@ -49,7 +52,9 @@ class RobotErrors:
         )
 
     def moved(self, **steps: Array) -> Self:
-        """The errors after steps (`Family.moved`) of some families; a step may be of another order than the value."""
+        """The errors after steps (`Family.moved`) of some families; a step may be of another
+        order than the value.
+        """
         values = {}
         for name, step in steps.items():
             family = BY_ID[name]
@@ -68,7 +73,7 @@ class RobotErrors:
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The kinematics without what changes from row to row: joint motions, payload and temperature."""
+        """Kinematics without joint motions, payload and temperature."""
         twists, offset = self.twists, np.zeros(self.robot.n)
         for family in FAMILIES:
             offset = offset + family.offset(self.values[family.id])
@@ -91,11 +96,11 @@ class RobotErrors:
         return twists
 
     def motion(self, q: Array, conditions: Conditions | None = None) -> Array:
-        """Joint motion errors δq(q) beyond the constant offsets (N, n), rad or m."""
+        """Joint motion errors δq(q) (N, n) without the constant offsets, rad or m."""
         return self._motion(Rows(self.robot, q, conditions or Conditions()))
 
     def at(self, q: Array, conditions: Conditions | None = None) -> tuple[Mechanism, Array]:
-        """The kinematics at these rows, and the joint positions (N, n) to which its joints are driven."""
+        """Kinematics at these rows, and the joint positions (N, n) that its joints take."""
         return self._at(Rows(self.robot, q, conditions or Conditions()))
 
     def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
@@ -132,7 +137,8 @@ class RobotErrors:
         return motion
 
     def _placements(self, rows: Rows | None, turns: bool = True) -> Array:
-        """M_j with their errors (n+1, 4, 4), or (N, n+1, 4, 4) where they change from row to row."""
+        """M_j with their errors (n+1, 4, 4), or (N, n+1, 4, 4) where they change from row to
+        row."""
         placements = self.robot.chain.placements
         for family in reversed(FAMILIES):
             if family is FAMILIES[0] and turns and rows is not None:

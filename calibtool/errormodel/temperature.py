@@ -1,17 +1,17 @@
-"""Thermal growth: every link grows along itself by its own coefficient times the rise in temperature."""
+"""Thermal growth: every link grows along itself by its coefficient times the temperature rise."""
 
 import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Rows, Sizes
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 STEEL_EXPANSION = 12e-6  # per K
 
 
 class Temperature(Family):
-    """Expansions (n+1,) per K of the links before each joint and before the tool; a link of no length has none."""
+    """Expansion coefficients (n+1,) per K of the links before each joint and the tool."""
 
     id, symbol, ascii, kind = "temperature", "growth", "growth", "thermal"
     words, unit, size = "thermal growth of the links", "1/K", STEEL_EXPANSION

@@ -5,16 +5,18 @@ from typing import Self
 
 import numpy as np
 
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Standard deviations that the errors are expected to have, SI; those of single joints override the rest.
+    """Standard deviations that the errors are expected to have, SI; those of single joints
+    override the rest.
 
     length, angle  elements of δζ, δξ, δq: m and rad
-    of             by family id, where the family's own default does not hold; in the family's unit for people over 1000
+    of             by family id, where the family's own default does not hold; in the family's unit
+                   for people over 1000
     joints         (joint from 0, length, angle)
     """
 
@@ -42,7 +44,7 @@ class Tolerances:
         )
 
     def elements(self, n: int) -> Array:
-        """Of the six elements of a geometric error at each of n joints and the tool: (n+1, 6), m and rad."""
+        """Six elements of a geometric error per joint and tool: (n+1, 6), m and rad."""
         length, angle = np.full(n + 1, self.length), np.full(n + 1, self.angle)
         for joint, joint_length, joint_angle in self.joints:
             length[joint], angle[joint] = joint_length, joint_angle

@@ -1,11 +1,11 @@
-"""Errors δξ of the joint twists: exp6((ξ_j + δξ_j) q_j), exact for finite joint motions (Eqs. 8, 10)."""
+"""Errors δξ of the joint twists: exp6((ξ_j + δξ_j) q_j), not linearised (Eqs. 8, 10)."""
 
 import numpy as np
 
 from calibtool.errormodel.family import Context, Family, Sizes, names_of_twists
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.robot.mechanism import Frames
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, adjoint, left_jacobian
 
 
@@ -46,7 +46,8 @@ class Twists(Family):
 
 
 def twist_columns(frames: Frames, twists: Array, q: Array) -> Array:
-    """δξ_j, j = 1…n: Ad(F0_j) · J_l(ξ_j q_j) · q_j, of which the paper's Ad_j q_j is the first order. (N, 6, 6n)
+    """δξ_j, j = 1…n: Ad(F0_j) · J_l(ξ_j q_j) · q_j, of which the paper's Ad_j q_j is the first
+    order. (N, 6, 6n)
 
     twists (n, 6) ξ_j in the joint's frame, q (N, n) in rad or m.
     """

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from itertools import zip_longest
 
 from calibtool.errors import UsageError
-from calibtool.evaluation.iso9283 import PoseTest
-from calibtool.evaluation.metrics import STATISTICS, MethodErrors, statistics
+from calibtool.evaluation.metrics import STATISTICS, MethodErrors, Statistics
+from calibtool.evaluation.pose_test import PoseTest
 from calibtool.robot.se3 import Array
 
 _QUANTITIES = ("position", "orientation", "ap", "rp")
@@ -33,7 +33,7 @@ class Limit:
         test: AP of this method alone, and RP.
         """
         values = self._values(method, test)
-        return None if values is None else statistics(values, 1e-3)[self.statistic]
+        return None if values is None else getattr(Statistics.of(values / 1e-3), self.statistic)
 
     def _values(self, method: MethodErrors, test: PoseTest | None) -> Array | None:
         if self.quantity == "position":

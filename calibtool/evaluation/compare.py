@@ -1,6 +1,6 @@
-"""Methods side by side on measurements: really driven to corrected joints where the truth is known, predicted otherwise."""
+"""Evaluation of methods on measurements, side by side with the nominal robot."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -9,14 +9,14 @@ from calibtool.calibration import Calibration, check_same_robot, fitting_setup, 
 from calibtool.calibration.guard import coverage
 from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.exact import exact
-from calibtool.compensation.program import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.compensation.solve import Method
 from calibtool.compensation.status import DOUBTFUL
+from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy, guarded
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import NoSolutionError, UsageError, check_choice
-from calibtool.evaluation.iso9283 import PoseTest, pose_test, repeated_poses
-from calibtool.evaluation.metrics import MethodErrors, pose_statistics, summary
+from calibtool.evaluation.metrics import MethodErrors, MethodResult, pose_statistics, summary
 from calibtool.evaluation.observed import errors_against, point_errors
+from calibtool.evaluation.pose_test import PoseTest, pose_test, repeated_poses
 from calibtool.evaluation.proof import Before, Proof, prove
 from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.registration import register
@@ -29,53 +29,68 @@ _UNBOUNDED = Bounds(np.inf, (np.inf, np.inf))
 Kind = Literal["compensated", "predicted", "measured"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
-    """The first method is the nominal robot.
+    """Methods side by side; `evaluation["complete"].position.mean` is one number of them.
 
-    kind           `compensated`: the actual robot was driven to the corrected joints and observed without noise;
-                   `predicted`: what is left between measured and predicted target points, what to expect of a correction;
-                   `measured`: commanded against measured points, the arm driven to the commands (nominal) and to the
-                   corrected joints (the one calibration), see `proof`
-    marked         (methods,) how many rows were corrected in part, or not at all (`status.DOUBTFUL`)
-    outside        (methods,) how many rows are unlike the configurations of the training
-    uncorrectable  what stays whatever the method, a row for every pose that the actual robot cannot take (n < 6, or out of
-                   reach of an arm that is shorter than drawn): nearest pose against commanded one; None where every pose
-                   can be taken, or that is not known
-    correctable    the methods' errors against the nearest pose that the actual robot can take; `methods` where
-                   `uncorrectable` is None
-    pose_test      ISO 9283, from the measured points, where configurations were measured repeatedly; else None
-    proof          of kind `measured`: what was expected, and whether `before` was measured; else None
+    kind           `compensated`: the actual robot was driven to the corrected joints and observed
+                   without noise; `predicted`: difference between measured and predicted target
+                   points, what to expect of a correction; `measured`: commanded against measured
+                   points, the arm driven to the commands (nominal) and to the corrected joints (the
+                   one calibration), see `proof`
+    results        of every method, the nominal robot first
+    uncorrectable  remaining error of every method, a row for every pose that the actual robot
+                   cannot take (n < 6, or out of reach of an arm that is shorter than drawn):
+                   nearest pose against commanded one; None where every pose can be taken, or that
+                   is not known
+    pose_test      ISO 9283, from the measured points, where configurations were measured
+                   repeatedly; else None
+    proof          of kind `measured`: what was expected, and whether `before` was
+                   measured; else None
     """
 
     robot: str
     configurations: int
     kind: Kind
-    methods: list[MethodErrors]
-    marked: list[int]
-    outside: list[int] = field(default_factory=list)
+    results: tuple[MethodResult, ...]
     uncorrectable: MethodErrors | None = None
-    correctable: list[MethodErrors] = field(default_factory=list)
     pose_test: PoseTest | None = None
     proof: Proof | None = None
 
+    def __getitem__(self, name: str) -> MethodResult:
+        """The result of a method by its name. Raises KeyError for a name that is not there."""
+        for result in self.results:
+            if result.name == name:
+                return result
+        raise KeyError(f"no method '{name}'; there are {', '.join(r.name for r in self.results)}")
+
+    def __repr__(self) -> str:
+        lines = (f"  {result!r}" for result in self.results)
+        head = f"<Evaluation of {self.robot} at {self.configurations} configurations, {self.kind}"
+        return "\n".join([head, *lines]) + ">"
+
+    @property
+    def methods(self) -> list[MethodErrors]:
+        """Whole errors of every method."""
+        return [result.errors for result in self.results]
+
     @property
     def before(self) -> Before | None:
-        """How the numbers before a correction came about, of kind `measured`; else None."""
+        """How errors before the correction were obtained (kind `measured`); or None."""
         return None if self.proof is None else self.proof.before_is
 
     @property
     def pose_tests(self) -> list[PoseTest | None]:
         """ISO 9283 of every method alone."""
         test = self.pose_test
-        return [None if test is None else test.alone(k) for k in range(len(self.methods))]
+        return [None if test is None else test.alone(k) for k in range(len(self.results))]
 
     def as_json(self) -> dict[str, object]:
-        """The object that `evaluate --json` prints (a contract of DESIGN).
+        """The object that `evaluate --json` prints: its keys are what scripts use.
 
         Statistics are those of the whole errors, reductions those of the correctable part.
         """
-        parts = self.correctable or self.methods
+        nominal = self.results[0].correctable
         result: dict[str, object] = {
             "schema": "calibtool/evaluation",
             "schema_version": 1,
@@ -83,8 +98,7 @@ class Evaluation:
             "configurations": self.configurations,
             "kind": self.kind,
             "methods": [
-                summary(part, parts[0], whole)
-                for part, whole in zip(parts, self.methods, strict=True)
+                summary(result.correctable, nominal, result.errors) for result in self.results
             ],
         }
         if self.uncorrectable is not None:
@@ -109,16 +123,20 @@ def evaluate(
     outside: OutsidePolicy = "mark",
     before: Measurements | None = None,
 ) -> Evaluation:
-    """Errors of the nominal robot and of every one of `calibrations`, named, at the configurations of `measurements`.
+    """Errors of the nominal robot and of every one of `calibrations`, named, at the configurations
+    of `measurements`.
 
-    outside: what to do at configurations unlike those of the training: count them, predict them by the base model alone,
-    or refuse.
-    refit_setup: fit unknown instrument frame and targets again on these rows, for every method alike (a moved tracker);
-    otherwise the set-up that belongs to the training is used and nothing is fitted here.
-    before: where the measurements were taken at corrected joints (`Measurements.commanded`), the same commands measured
-    without correction; for kind `measured` alone, which takes one calibration and no method.
-    Raises InputError when a calibration is for another robot, UsageError for an unknown method or policy, NoSolutionError
-    where `refuse` refuses, InputError also where the driven joints are not those of the calibration.
+    outside: what to do at configurations unlike those of the training: count them, predict them by
+    the base model alone, or refuse.
+    refit_setup: fit unknown instrument frame and targets again on these rows, for every method
+    alike (a moved tracker); otherwise the set-up that belongs to the training is used and nothing
+    is fitted here.
+    before: where the measurements were taken at corrected joints (`Measurements.commanded`), the
+    same commands measured without correction; for kind `measured` alone, which takes one
+    calibration and no method.
+    Raises InputError when a calibration is for another robot, UsageError for an unknown method or
+    policy, NoSolutionError where `refuse` refuses, InputError also where the driven joints are not
+    those of the calibration.
     """
     check_choice(method, get_args(Method), "method")
     check_choice(outside, OUTSIDE_POLICIES, "outside")
@@ -130,7 +148,7 @@ def evaluate(
         return _proved(calibrations, measurements, before, refit_setup)
     measurements = judged_rows(measurements)
     every: list[tuple[str, Calibration | None]] = [("nominal", None), *calibrations]
-    methods, correctable, marked, far = [], [], [], []
+    results: list[MethodResult] = []
     nearest, uncorrectable = _nearest_poses(measurements)
     for name, calibration in every:
         count = 0
@@ -145,28 +163,25 @@ def evaluate(
             errors, part, count = _compensated(
                 name, calibration, measurements, measurements.truth, nearest, method, outside
             )
-            correctable.append(part)
         else:
             first = calibrations[0][1] if calibrations else None
             errors = _predicted(name, calibration, first, measurements, refit_setup, outside)
-        methods.append(errors)
-        marked.append(count)
-        far.append(int(unlike.sum()))
+            part = errors
+        results.append(MethodResult(errors, part, count, int(unlike.sum())))
     return Evaluation(
         robot=measurements.robot.name,
         configurations=len(measurements),
         kind="predicted" if measurements.truth is None else "compensated",
-        methods=methods,
-        marked=marked,
-        outside=far,
+        results=tuple(results),
         uncorrectable=uncorrectable,
-        correctable=correctable,
-        pose_test=_pose_test(every, measurements, methods, refit_setup, outside),
+        pose_test=_pose_test(
+            every, measurements, [r.errors for r in results], refit_setup, outside
+        ),
     )
 
 
 def judged_rows(measurements: Measurements) -> Measurements:
-    """The rows that `evaluate` judges: whole observations, or all where a simulation can be driven again."""
+    """Rows that `evaluate` judges: whole observations, or all of a simulation."""
     if measurements.truth is not None and measurements.commanded is None:
         return measurements
     return measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
@@ -178,7 +193,7 @@ def _proved(
     before: Measurements | None,
     refit_setup: bool,
 ) -> Evaluation:
-    """Kind `measured`: before and after one correction."""
+    """Kind `measured`: errors before and after one correction."""
     if after.commanded is None:
         raise UsageError(
             "before a correction and after it: the measurements after it must say what was "
@@ -199,9 +214,14 @@ def _proved(
         robot=after.robot.name,
         configurations=len(after),
         kind="measured",
-        methods=[proof.before, proof.after],
-        marked=[0, 0],
-        outside=[0, int(coverage(calibration, after.q).outside.sum())],
+        results=(
+            MethodResult(proof.before, proof.before),
+            MethodResult(
+                proof.after,
+                proof.after,
+                outside=int(coverage(calibration, after.q).outside.sum()),
+            ),
+        ),
         pose_test=proof.pose_test,
         proof=proof,
     )
@@ -214,7 +234,9 @@ def _pose_test(
     refit: bool,
     outside: OutsidePolicy,
 ) -> PoseTest | None:
-    """ISO 9283 where configurations were repeated: from the measured points, which a noiseless drive does not have."""
+    """ISO 9283 where configurations were repeated: from the measured points, which a noiseless
+    drive does not have.
+    """
     measurements = measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
     poses = repeated_poses(
         measurements.q, measurements.robot.mechanism.forward(measurements.q)[:, :3, 3]
@@ -257,7 +279,8 @@ def _compensated(
         actual = truth.actual.forward(driven, measurements.conditions)
         errors = _pose_errors(name, actual, commanded)
         return errors, errors if nearest is None else _pose_errors(name, actual, nearest), marked
-    # Commanded poses live in the registered frame: compare target points there, as an instrument would.
+    # Commanded poses live in the registered frame: compare target points there, as an
+    # instrument would.
     observed = observe(truth.actual, truth.setup, driven, measurements.conditions)
     seen = transform_points(inverse(setup.T_instrument_base), observed)
     errors = point_errors(name, seen, commanded, setup)
@@ -265,17 +288,19 @@ def _compensated(
 
 
 def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErrors | None]:
-    """Nearest poses to the commanded ones that the actual robot can take, and how far they stay; None if all can be taken.
+    """Nearest poses to the commanded ones that the actual robot can take, and how far they stay;
+    None if all can be taken.
 
-    Inside the joint limits, and nearest by the weighted pose error; for n < 6 by what `exact` makes up for, as if it knew
-    the truth. Only where truth and set-up are known: an estimated instrument frame moves the commanded poses with the
-    method.
+    Inside the joint limits, and nearest by the weighted pose error; for n < 6 by what `exact` makes
+    up for, as if it knew the truth. Only where truth and set-up are known: an estimated instrument
+    frame moves the commanded poses with the method.
     """
     truth, robot, q = measurements.truth, measurements.robot, measurements.q
     if truth is None or not measurements.setup.known:
         return None, None
     commanded = robot.mechanism.forward(q)
-    # Motion errors of the joints do not change which poses can be taken, only where the joints have to go.
+    # Motion errors of the joints do not change which poses can be taken, only where the
+    # joints have to go.
     actual = truth.actual.mechanism
     if robot.n < 6:
         moved = log6(inverse(robot.chain.placements) @ actual.placements)  # thermal growth included

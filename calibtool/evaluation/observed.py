@@ -1,4 +1,4 @@
-"""Errors as an instrument sees them: target points, or a sensor, against those of poses."""
+"""Errors as an instrument observes them: target points or a sensor."""
 
 from calibtool.evaluation.metrics import MethodErrors
 from calibtool.measurement.measurements import Measurements, Setup, determines_orientation
@@ -10,18 +10,18 @@ from calibtool.robot.se3 import Array, log3, transform_points
 def errors_against(
     name: str, measurements: Measurements, setup: Setup, pose: Array
 ) -> MethodErrors:
-    """Measured minus what T_base_tool `pose` (N, 4, 4) would show in a set-up, in K_0."""
+    """Measured minus predicted observations for T_base_tool `pose` (N, 4, 4), in K_0."""
     points, rotations = measured_in_base(measurements, setup)
     if rotations is None:
         return point_errors(name, points, pose, setup)
-    left = residuals(measurements, setup, pose)
-    return MethodErrors(name, left[:, None, :3], left[:, 3:])
+    residual = residuals(measurements, setup, pose)
+    return MethodErrors(name, residual[:, None, :3], residual[:, 3:])
 
 
 def point_errors(name: str, points: Array, pose: Array, setup: Setup) -> MethodErrors:
-    """Errors of target points (N, m, 3) in K_0, m, against those of poses (N, 4, 4).
+    """Errors (N, m, 3) in m of target points in K_0 with respect to those of poses (N, 4, 4).
 
-    The turn is that of the best rigid fit, None where the targets do not determine it.
+    The orientation error is that of the best rigid fit; None where the targets do not determine it.
     """
     expected = transform_points(pose, setup.targets)
     turn = None

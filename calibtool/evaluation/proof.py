@@ -1,7 +1,7 @@
-"""Proof on the arm: commanded against measured poses, before a correction and after it.
+"""Verification on the robot: commanded against measured poses, before and after a correction.
 
-Measured while the arm was driven to corrected joints (`Measurements.commanded`), points show what
-a correction really did. What the model expects stands beside it and is called expected.
+The points were measured while the robot was driven to corrected joints (`Measurements.commanded`).
+Errors that the model predicts there are reported beside them as expected.
 """
 
 from dataclasses import dataclass, replace
@@ -12,9 +12,9 @@ import numpy as np
 from calibtool.calibration import Calibration, fitting_setup
 from calibtool.compensation.solve import compensate_poses
 from calibtool.errors import InputError
-from calibtool.evaluation.iso9283 import PoseTest, measured_pose_test, repeated_poses
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics
 from calibtool.evaluation.observed import errors_against, point_errors
+from calibtool.evaluation.pose_test import PoseTest, measured_pose_test, repeated_poses
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
 from calibtool.robot.inverse import inverse_kinematics
@@ -47,7 +47,7 @@ class Proof:
 
     @property
     def before_is(self) -> Before:
-        """How `before` came about."""
+        """How `before` was obtained: measured, or expected by the model."""
         return "measured" if self.before_measured else "expected"
 
     def as_json(self) -> dict[str, object]:
@@ -131,8 +131,8 @@ def _commanded_alike(before: Measurements, commanded: Array) -> Array:
     if len(wrong):
         raise InputError(
             f"the measurements before the correction: row {wrong[0] + 1} was commanded "
-            f"{apart[wrong[0]] * 1e3:.3g} mm from that row after it; both need the same commands in "
-            "the same order"
+            f"{apart[wrong[0]] * 1e3:.3g} mm from that row after it; both need the "
+            "same commands in the same order"
         )
     return earlier
 

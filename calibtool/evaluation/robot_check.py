@@ -1,4 +1,6 @@
-"""Whether a robot's description can be worked with: joints, reach, singularities, what its targets let one determine."""
+"""Whether a robot's description can be worked with: joints, reach, singularities, what its targets
+let one determine.
+"""
 
 from dataclasses import dataclass
 
@@ -6,12 +8,12 @@ import numpy as np
 
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.errors import InputError, NoSolutionError
-from calibtool.identification.observability import Observability, observability
+from calibtool.identification.design_rank import Observability, observability
 from calibtool.measurement.measurements import Setup, determines_orientation
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import robot_names
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.model import Robot, is_path
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.robot import Robot, is_path
 from calibtool.robot.se3 import Array, readonly
 from calibtool.robot.urdf import end_links
 
@@ -22,7 +24,9 @@ _HEAVIEST = 1e5  # kg of a link
 
 @dataclass(frozen=True)
 class WorkspaceCheck:
-    """A workspace: its tool position at home (m, K_0), and how far home and 200 of its poses are from a singularity."""
+    """A workspace: its tool position at home (m, K_0), and how far home and 200 of its poses are
+    from a singularity.
+    """
 
     name: str
     home: Array
@@ -35,10 +39,13 @@ class WorkspaceCheck:
 class RobotCheck:
     """What a description amounts to.
 
-    limit_sources   per joint: `robot.toml`, `urdf`, `continuous` (±180°) or `stand-in` (none given, ±180°)
-    reach           largest distance of the tool origin from K_0 and from joint 1 over random configurations, m
+    limit_sources   per joint: `robot.toml`, `urdf`, `continuous` (±180°) or `assumed`
+                    (none given, ±180°)
+    reach           largest distance of the tool origin from K_0 and from joint 1 over random
+                    configurations, m
     extent          (2, 3) smallest and largest tool position over them, K_0, m
-    designs         the models' ranks over the whole joint range and in the default workspace: (where, observability)
+    designs         the models' ranks over the whole joint range and in the default workspace:
+                    (where, observability)
     """
 
     robot: Robot
@@ -56,7 +63,7 @@ class RobotCheck:
         robot = self.robot
         joints = []
         for j, prismatic in enumerate(robot.prismatic):
-            factor, unit = (1e3, "mm") if prismatic else (180.0 / np.pi, "deg")
+            factor, unit = robot.display_unit(j)
             twist = robot.chain.twists[j]
             joints.append(
                 {
@@ -114,18 +121,18 @@ class RobotCheck:
 def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     """Check a description that could be built. given_as is the name or path that the user gave.
 
-    Raises InputError, with place and remedy, for a home outside the limits, a workspace that cannot be reached, or joints
-    that are singular everywhere.
+    Raises InputError, with place and remedy, for a home outside the limits, a workspace that cannot
+    be reached, or joints that are singular everywhere.
     """
     rng = np.random.default_rng(0)
     place = robot.source.place
-    anywhere = robot.lower + (robot.upper - robot.lower) * rng.random((_REACH_SAMPLES, robot.n))
+    anywhere = robot.anywhere(_REACH_SAMPLES, rng)
     tools = robot.mechanism.forward(anywhere)[:, :3, 3]
     first = robot.chain.placements[0, :3, 3]
     if robot.singularity_distance(anywhere).max() < MIN_SINGULARITY_DISTANCE:
         raise InputError(
-            f"{place}: every configuration is singular, two joints move the tool alike or hardly at all; lock one of them "
-            "in [kinematics], or check axes and link lengths"
+            f"{place}: every configuration is singular, two joints move the tool alike or hardly "
+            "at all; lock one of them in [kinematics], or check axes and link lengths"
         )
     workspaces = [_workspace(robot, name, place) for name in robot.workspace_names[:-1]]
     equivalent = equivalent_robot(robot)
@@ -162,7 +169,7 @@ def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
     outside = np.flatnonzero((home < robot.lower - 1e-9) | (home > robot.upper + 1e-9))
     if len(outside):
         j = int(outside[0])
-        factor = 1e3 if robot.prismatic[j] else 180 / np.pi
+        factor, _ = robot.display_unit(j)
         low, value, high = (f"{v * factor:.6g}" for v in (robot.lower[j], home[j], robot.upper[j]))
         raise InputError(
             f"{place}: workspaces.{name}.home: {robot.columns(None)[j]} = {value} is outside its "
@@ -184,7 +191,7 @@ def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
 
 def _limit_sources(robot: Robot) -> list[str]:
     written = {name.split("_")[0] for name in robot.source.description.limits}
-    names = {"missing": "stand-in"}
+    names = {"missing": "assumed"}
     return [
         "robot.toml" if f"j{j + 1}" in written else names.get(source, source)
         for j, source in enumerate(robot.chain.limited_by)
@@ -199,8 +206,8 @@ def _virtual_reason(robot: Robot) -> str:
     if robot.source.description.equivalent is not None:
         return "named in [equivalent]"
     return (
-        f"{robot.n} joints need {6 - robot.n}; of all choices these keep the equivalent robot farthest from a singularity "
-        f"in the workspace {robot.workspace_names[0]}"
+        f"{robot.n} joints need {6 - robot.n}; of all choices these keep the equivalent robot "
+        f"farthest from a singularity in the workspace {robot.workspace_names[0]}"
     )
 
 
@@ -212,7 +219,7 @@ def _warnings(
     designs: list[tuple[str, Observability]],
 ) -> list[str]:
     found = []
-    missing = [f"j{j + 1}" for j, source in enumerate(sources) if source == "stand-in"]
+    missing = [f"j{j + 1}" for j, source in enumerate(sources) if source == "assumed"]
     if missing:
         found.append(
             f"no limits for {', '.join(missing)}: ±180 deg stand in; give them in [limits]"
@@ -221,24 +228,29 @@ def _warnings(
     if not determines_orientation(robot.targets):
         what = "lie on one line" if count >= 3 else f"are {count}" if count > 1 else "are one point"
         found.append(
-            f"the targets {what}: the tool's orientation is not seen; give three that span a triangle"
+            f"the targets {what}: the tool's orientation is not seen; give three that "
+            "span a triangle"
         )
     if not any(inertia.mass > 0 for inertia in robot.chain.model.inertias):
         found.append(
-            "the URDF has no masses: gravity is that of uniform links of 1 kg/m, of which only the shape counts"
+            "the URDF has no masses: gravity is that of uniform links of 1 kg/m, of which only "
+            "the shape counts"
         )
     found += _absurd_masses(robot)
     if is_path(given_as) and robot.name in robot_names():
         found.append(
-            f"'{robot.name}' is also a robot of the catalogue; files tell them apart by their texts, people do not"
+            f"'{robot.name}' is also a robot of the catalogue; files tell them apart by their "
+            "texts, people do not"
         )
     if not workspaces:
         found.append(
-            "no [workspaces]: everything is drawn from the whole joint range; describe where you work"
+            "no [workspaces]: everything is drawn from the whole joint range; describe "
+            "where you work"
         )
     found += [
-        f"the home of workspace {each.name} is singular (distance {each.singularity_distance:.2g}, at least "
-        f"{MIN_SINGULARITY_DISTANCE} is needed); bend the arm there"
+        f"the home of workspace {each.name} is singular (distance "
+        f"{each.singularity_distance:.2g}, at least {MIN_SINGULARITY_DISTANCE} is needed); "
+        "bend the arm there"
         for each in workspaces
         if each.singularity_distance < MIN_SINGULARITY_DISTANCE
     ]
@@ -250,31 +262,35 @@ def _warnings(
         others = [f"'{link}'" for link in ends if link != tool]
         could = f"; {', '.join(others)} could be it too" if others else ""
         found.append(
-            f"a bare URDF: '{tool}' is taken for the tool{could}, the targets are stand-ins; write a robot.toml"
+            f"a bare URDF: '{tool}' is taken for the tool{could}, the targets are assumed; "
+            "write a robot.toml"
         )
     for where, design in designs:
         if design.unobservable:
             found.append(
-                f"{design.model}, {where}: {design.possible - design.rank} of {design.possible} directions are not seen, "
-                f"such as {design.unobservable[0]}"
+                f"{design.model}, {where}: {design.possible - design.rank} of {design.possible} "
+                f"directions are not seen, such as {design.unobservable[0]}"
             )
     return found
 
 
 def _absurd_masses(robot: Robot) -> list[str]:
-    """Links whose centre of mass lies beyond what the whole arm spans, or whose mass no arm carries."""
+    """Links whose centre of mass lies beyond what the whole arm spans, or whose mass no arm
+    carries."""
     span = float(np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1).sum())
     found = []
     for name, inertia in zip(robot.chain.model.names, robot.chain.model.inertias, strict=True):
         far = float(np.linalg.norm(inertia.lever))
         if inertia.mass > 0 and far > max(2.0 * span, 1.0):
             found.append(
-                f"the link after joint '{name}' has its centre of mass {far:.4g} m away, and the whole arm is "
+                f"the link after joint '{name}' has its centre of mass {far:.4g} m away, and the "
+                f"whole arm is "
                 f"{span:.3g} m long: correct its <inertial>, from which gravity is computed"
             )
         if inertia.mass > _HEAVIEST:
             found.append(
-                f"the link after joint '{name}' weighs {inertia.mass:.4g} kg: correct its <inertial>, from which "
+                f"the link after joint '{name}' weighs {inertia.mass:.4g} kg: correct its "
+                f"<inertial>, from which "
                 "gravity is computed"
             )
     return found

@@ -1,4 +1,4 @@
-"""A calibration as JSON: complete, so that a reader needs no URDF, no catalogue and no calibtool."""
+"""A calibration as JSON, complete without URDF, catalogue and calibtool."""
 
 import json
 from typing import Any
@@ -15,9 +15,9 @@ from calibtool.export.formula import FORMULA
 from calibtool.export.rendering import LARGEST_POSITION
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.damped import GRAM_REGULARISATION
-from calibtool.robot.gravity import link_masses
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
+from calibtool.robot.gravity_torque import link_masses
+from calibtool.robot.robot import Robot
 
 SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 3
 
@@ -37,7 +37,8 @@ ERROR_KEYS = {
 
 
 def calibration_as_json(calibration: Calibration, joint_values: JointValues = "serial") -> str:
-    """One JSON object, schema `calibtool/compensator`: how q_m is computed (`one_step`), and every number for it.
+    """One JSON object, schema `calibtool/compensator`: how q_m is computed (`one_step`), and
+    every number for it.
 
     Units stand in the key names (m, rad; `rad_or_m`: in the unit of the joint), frames under
     `formula`. A float is written with as many digits as it takes to read exactly the same one; the

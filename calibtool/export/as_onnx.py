@@ -24,14 +24,16 @@ def calibration_as_onnx(
     network, robot = tanh_network(calibration), calibration.robot
     if network is None:
         raise InputError(
-            "the calibration has no network, and ONNX holds nothing else; export it as json, c or st"
+            "the calibration has no network, and ONNX holds nothing else; export it "
+            "as json, c or st"
         )
     try:
         import onnx
         from onnx import TensorProto, helper, numpy_helper
     except ImportError:
         raise UsageError(
-            "ONNX needs the package onnx, which is not installed; run: pip install 'calibtool[onnx]'"
+            "ONNX needs the package onnx, which is not installed; run: pip install "
+            "'calibtool[onnx]'"
         ) from None
 
     kind, dtype = (
@@ -89,7 +91,8 @@ def calibration_as_onnx(
         [helper.make_tensor_value_info("q", kind, ["N", n])],
         [helper.make_tensor_value_info(name, kind, ["N", size]) for name, size in outputs.items()],
         tensors,
-        doc_string=f"Joint motion errors rho = N(q) of a calibrated {robot.name}: {network_size(network)}.",
+        doc_string=f"Joint motion errors rho = N(q) of a calibrated {robot.name}: "
+        f"{network_size(network)}.",
     )
     model = helper.make_model(
         graph,

@@ -1,4 +1,4 @@
-"""A calibration as a URDF: joint origins identified again, and what a URDF cannot hold, with its size."""
+"""A calibration as a URDF: fitted joint origins, and the errors that it cannot hold."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -13,19 +13,20 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.export.rendering import left_out, render
 from calibtool.export.urdf_geometry import fitted_geometry, urdf_geometry
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, log3
 
 _NOTHING = 5e-8  # m or rad: less is 0.0000 mm in a line
 
 
 def calibration_as_urdf(calibration: Calibration) -> tuple[str, list[str]]:
-    """The robot's own URDF with calibrated origins, and one line for everything that it does not hold.
+    """The robot's own URDF with calibrated origins, and one line for everything that
+    it does not hold.
 
     Links, meshes, masses, joint names and limits stay. The origins are those of `urdf_geometry`: of
-    all errors of the calibration they take up what origins can. What is left of every part alone, and
-    of all together, is given in mm and mrad at the tool over the configurations of the calibration.
-    Raises InputError where the tool frame is no link of the URDF.
+    all errors of the calibration they take up what origins can. The remaining error of every part
+    alone, and of all together, is given in mm and mrad at the tool over the configurations of the
+    calibration. Raises InputError where the tool frame is no link of the URDF.
     """
     robot = calibration.robot
     geometry = urdf_geometry(calibration)
@@ -111,7 +112,9 @@ def _set_origin(part: ET.Element, pose: Array) -> None:
 
 
 def _roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
-    """Fixed-axes angles that give R to rounding also where the pitch is ±90°: roll is what is left after yaw and pitch."""
+    """Fixed-axes angles that give R to rounding also where the pitch is ±90°: roll is what is left
+    after yaw and pitch.
+    """
     yaw = np.arctan2(R[1, 0], R[0, 0])
     s, c = np.sin(yaw), np.cos(yaw)
     pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])

@@ -17,16 +17,19 @@ def calibration_as_c(
     precision: Precision = "double",
     joint_values: JointValues = "serial",
 ) -> tuple[str, str]:
-    """Header and source, to be saved as `<prefix>.h` and `<prefix>.c`: functions `<prefix>_correct`, `<prefix>_network`.
+    """Header and source, to be saved as `<prefix>.h` and `<prefix>.c`: functions
+    `<prefix>_correct`, `<prefix>_network`.
 
-    `<prefix>_correct` is `compensation.one_step` in C99: joint positions q (n,) in rad or m to q_m and a status, of type
-    double or float. The source needs <math.h> only, takes no memory from the heap, and is plain ASCII. Numbers have 17
-    significant digits (9 for float); the same calibration gives the same text. joint_values: whose
-    joint values q and q_m are. Raises UsageError when `prefix` is no C identifier.
+    `<prefix>_correct` is `compensation.one_step` in C99: joint positions q (n,) in rad or m to q_m
+    and a status, of type double or float. The source needs <math.h> only, takes no memory from the
+    heap, and is plain ASCII. Numbers have 17 significant digits (9 for float); the same calibration
+    gives the same text. joint_values: whose joint values q and q_m are. Raises UsageError when
+    `prefix` is no C identifier.
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", prefix):
         raise UsageError(
-            f"'{prefix}' cannot begin the names of C functions; use letters, digits and _, no digit first"
+            f"'{prefix}' cannot begin the names of C functions; use letters, digits and _, "
+            "no digit first"
         )
     values = {
         **compensator_values(calibration, precision, joint_values),
@@ -70,7 +73,9 @@ def _row(number: Any, values: Array) -> str:
 
 
 def _stack(values: dict[str, Any], size: int) -> int:
-    """Bytes of stack of one correction, the deepest way through the functions, under gcc -O2 on a 64-bit machine."""
+    """Bytes of stack of one correction, the deepest way through the functions, under gcc -O2 on
+    a 64-bit machine.
+    """
     n, network = values["n"], values["network"]
     if not values["corrects"]:
         return 50

@@ -1,4 +1,4 @@
-"""What the templates name, and how they are rendered: the same numbers for C and for Structured Text."""
+"""Rendering of the templates: the same numbers for C and for Structured Text."""
 
 import re
 import textwrap
@@ -14,14 +14,14 @@ from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
 from calibtool.errormodel.backlash import backlash_text
 from calibtool.errormodel.bending import directions
-from calibtool.errormodel.conditions import REFERENCE_C
 from calibtool.errormodel.family import Rows
+from calibtool.errormodel.operating_conditions import REFERENCE_C
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
 from calibtool.robot.coupling import JointValues, coupling_text
-from calibtool.robot.damped import GRAM_REGULARISATION
-from calibtool.robot.gravity import link_masses
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
+from calibtool.robot.gravity_torque import link_masses
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 Precision = Literal["double", "single"]
@@ -30,7 +30,8 @@ LINE = 116  # characters
 
 LARGEST_POSITION = 1e6  # rad or m; beyond it a position is nonsense, and sin stops some controllers
 
-# Single precision: how near it comes to double precision, and at which singularity distance that ends. Tests hold both.
+# Single precision: how near it comes to double precision, and at which singularity distance that
+# ends. Tests hold both.
 SINGLE_ACCURACY, SINGLE_DISTANCE = 1e-6, 0.04
 
 
@@ -49,7 +50,7 @@ def render(template: str, values: dict[str, Any], **filters: Callable[..., str])
 
 
 def digits(value: float, precision: Precision) -> str:
-    """A decimal constant that reads back as exactly this number (17 digits), or as the nearest single one (9)."""
+    """A decimal constant that reads back as this number (17 digits) or in single (9)."""
     text = f"{value:.17g}" if precision == "double" else f"{float(np.float32(value)):.9g}"
     if "." in text:
         return text
@@ -131,26 +132,32 @@ def compensator_values(
         "largest_change": bounds.of_joints(robot),
         "usual": np.array(bounds.usual[::-1] if equivalent.virtual_joints else bounds.usual[:1]),
         "task_flags": [int(k not in equivalent.virtual_columns) for k in range(6)],
-        # In single precision smaller pivots are rounding, and powers of their inverse must stay finite.
+        # In single precision smaller pivots are rounding, and powers of their inverse
+        # must stay finite.
         "smallest_pivot": 1e-30 if precision == "double" else 1e-8,
         "cost": _cost(calibration, converted),
     }
 
 
 def tanh_network(calibration: Calibration) -> Network | None:
-    """The network (Eq. 16), None without one. UsageError for another learned model, which only JSON holds."""
+    """The network (Eq. 16), None without one.
+
+    UsageError for another learned model, which only JSON holds.
+    """
     network = calibration.network
     if network is None or isinstance(network, Network):
         return network
     raise UsageError(
-        f"this format holds a tanh network, but the calibration has a '{network.id}' model; export JSON"
+        f"this format holds a tanh network, but the calibration has a '{network.id}' "
+        "model; export JSON"
     )
 
 
 def _screws(robot: Robot, errors: Array) -> dict[str, Array]:
     """The motions exp6((ξ_j + δξ_j) x) of joints that turn, δξ (n, 6); zeros for slides.
 
-    The axis turns by (1 + gains) x. The origin moves by leads x + swings sin θ + crossings (1 − cos θ), m.
+    The axis turns by (1 + gains) x. The origin moves by leads x + swings sin θ +
+    crossings (1 − cos θ), m.
     """
     turning = ~np.array(robot.prismatic)[:, None]
     axes = robot.chain.twists[:, 3:] + errors[:, 3:]
@@ -175,7 +182,10 @@ def network_size(network: Network | None) -> str:
     """A network in words."""
     if network is None:
         return "none"
-    return f"{len(network.input_scale)} inputs, {network.hidden} hidden nodes (tanh), {len(network.output_scale)} outputs"
+    return (
+        f"{len(network.input_scale)} inputs, {network.hidden} hidden nodes (tanh), "
+        f"{len(network.output_scale)} outputs"
+    )
 
 
 def left_out(calibration: Calibration) -> str:
@@ -189,7 +199,9 @@ def left_out(calibration: Calibration) -> str:
 
 
 def _cost(calibration: Calibration, converted: bool) -> str:
-    """Arithmetic of one correction, as counted in the generated C code where the whole step is taken undamped."""
+    """Arithmetic of one correction, as counted in the generated C code where the whole step
+    is taken undamped.
+    """
     n, p, network = calibration.robot.n, calibration.equivalent.p, tanh_network(calibration)
     errors = calibration.base.errors
     if network is None and calibration.base.model == "nominal":
@@ -208,11 +220,14 @@ def _cost(calibration: Calibration, converted: bool) -> str:
         calls += runs * network.hidden
     if moves:
         flops += n * (172 + 10 * errors["harmonics"].shape[1] + 124 * bool(errors["gravity"].any()))
-    return f"about {flops} flops and {calls} calls of functions such as sin and sqrt; at worst twice that"
+    return (
+        f"about {flops} flops and {calls} calls of functions such as sin and sqrt; at "
+        "worst twice that"
+    )
 
 
 def _motion(errors: RobotErrors) -> dict[str, Any]:
-    """The joint-motion functions: how many harmonics, whether there is gravity, and their numbers."""
+    """Joint-motion functions: number of harmonics, gravity, and their numbers."""
     masses, centres, gravity = link_masses(errors.robot)
     return {
         "orders": errors["harmonics"].shape[1] // 2 if errors["harmonics"].any() else 0,
@@ -241,7 +256,8 @@ def _conditions(calibration: Calibration) -> str:
 def _turns(calibration: Calibration) -> dict[str, Any] | None:
     """What turns the joint frames from row to row, and the origins about which; None for nothing.
 
-    payload: the mass at the tool and what it does to each joint; bending, wobble: about `across`. None where absent.
+    payload: the mass at the tool and what it does to each joint; bending, wobble: about `across`.
+    None where absent.
     """
     errors, robot = calibration.errors, calibration.robot
     mass = float(Rows(robot, np.zeros((1, robot.n)), calibration.conditions).payload)
@@ -267,7 +283,10 @@ def _turns(calibration: Calibration) -> dict[str, Any] | None:
 
 
 def _joints(robot: Robot) -> list[str]:
-    """One line per joint. A name comes from a URDF: nothing of it may end the comment it stands in."""
+    """One line per joint.
+
+    A name comes from a URDF: nothing of it may end the comment it stands in.
+    """
     names = [re.sub(r"[^A-Za-z0-9_. -]", "_", name) for name in robot.chain.model.names[1:]]
     return [
         f"{name}, {unit}, {low:.6g} to {high:.6g}"

@@ -1,4 +1,4 @@
-"""A calibration as IEC 61131-3 Structured Text: one function block with the one-step correction (Eq. 24)."""
+"""A calibration as a function block of IEC 61131-3 Structured Text (Eq. 24)."""
 
 import re
 from collections.abc import Callable
@@ -12,18 +12,19 @@ from calibtool.export.rendering import Precision, compensator_values, digits, re
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
 
-# What neither a function block nor a variable can be called: keywords, elementary types, standard functions, whatever
-# their case.
+# What neither a function block nor a variable can be called: keywords, elementary types, standard
+# functions, whatever their case.
 RESERVED = """
-    abs acos action add and any array asin at atan atan2 bool by byte case ceil concat configuration constant continue
-    cos ctd ctu ctud date delete dint div do dt dword else elsif end eq exit exp expt external false find floor for
-    from function function_block ge goto gt if in initial_step insert int interface interval le left len limit lint ln
-    log lreal lt lword max method mid min mod move mul mux namespace ne non_retain not of on or overlap overriding
-    persistent pointer priority private program protected public r_edge read_only read_write real ref_to reference
-    repeat replace resource retain return right rol ror rs rtc sel shl shr sin single sint sqrt sr step string struct
-    sub super tan task then this time to tod tof ton tp transition true trunc type udint uint ulint union until usint
-    using var var_access var_config var_external var_global var_in_out var_input var_output var_temp while with word
-    wstring xor
+    abs acos action add and any array asin at atan atan2 bool by byte case ceil concat
+    configuration constant continue cos ctd ctu ctud date delete dint div do dt dword else elsif
+    end eq exit exp expt external false find floor for from function function_block ge goto gt if
+    in initial_step insert int interface interval le left len limit lint ln log lreal lt lword max
+    method mid min mod move mul mux namespace ne non_retain not of on or overlap overriding
+    persistent pointer priority private program protected public r_edge read_only read_write real
+    ref_to reference repeat replace resource retain return right rol ror rs rtc sel shl shr sin
+    single sint sqrt sr step string struct sub super tan task then this time to tod tof ton tp
+    transition true trunc type udint uint ulint union until usint using var var_access var_config
+    var_external var_global var_in_out var_input var_output var_temp while with word wstring xor
 """
 
 
@@ -33,22 +34,25 @@ def calibration_as_structured_text(
     precision: Precision = "double",
     joint_values: JointValues = "serial",
 ) -> str:
-    """FUNCTION_BLOCK `name` with input q (n,) in rad or m, outputs q_corrected and status, of LREAL or REAL.
+    """FUNCTION_BLOCK `name` with input q (n,) in rad or m, outputs q_corrected and status,
+    of LREAL or REAL.
 
-    It computes what `compensation.one_step` does, without recursion, functions of its own or memory beyond its
-    variables. Plain ASCII. joint_values: whose joint values q and q_corrected are. Raises
-    UsageError when `name` is no identifier of IEC 61131-3.
+    It computes what `compensation.one_step` does, without recursion, functions of its own or memory
+    beyond its variables. Plain ASCII. joint_values: whose joint values q and q_corrected are.
+    Raises UsageError when `name` is no identifier of IEC 61131-3.
     """
     turning = [family for family in calibration.base.errors.beyond_geometry if family.turns]
     if turning:
         raise UsageError(
-            f"Structured Text does not hold {' and '.join(family.words for family in turning)}; export C or JSON, or "
+            f"Structured Text does not hold {' and '.join(family.words for family in turning)}; "
+            f"export C or JSON, or "
             f"identify {' '.join(f'--without {family.id}' for family in turning)}"
         )
     plain = re.fullmatch(r"[A-Za-z]\w*|_[A-Za-z0-9]\w*", name, re.ASCII)
     if not plain or "__" in name or name.endswith("_") or name.lower() in RESERVED.split():
         raise UsageError(
-            f"'{name}' cannot be the name of a function block; use letters, digits and single _, no reserved word"
+            f"'{name}' cannot be the name of a function block; use letters, digits and single _, "
+            "no reserved word"
         )
     values = {
         **compensator_values(calibration, precision, joint_values),
@@ -75,7 +79,9 @@ def _array(number: Any, values: Array) -> str:
 
 
 def _memory(declarations: str, n: int, size: int) -> int:
-    """Bytes of the declared numbers, with q and q_corrected; what a controller adds for alignment is not known."""
+    """Bytes of the declared numbers, with q and q_corrected; what a controller adds for
+    alignment is not known.
+    """
     total = 2 * n * size + 2
     for names, ranges, kind in re.findall(
         r"^ +(\w[\w, ]*) : (?:ARRAY\[(.*?)\] OF )?(\w+)", declarations, re.MULTILINE

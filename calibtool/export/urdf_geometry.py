@@ -9,9 +9,9 @@ from calibtool.errormodel.placements import placement_columns
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.damped import at_point, scale_rows
+from calibtool.robot.damped_least_squares import at_point, scale_rows
 from calibtool.robot.mechanism import Frames
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, relative_error
 
 Forward = Callable[[Array], Array]  # q (N, n), rad or m → T_base_tool (N, 4, 4)
@@ -69,7 +69,9 @@ def fitted_geometry(robot: Robot, forward: Forward, q: Array) -> RobotErrors:
 
 
 def _sample(calibration: Calibration, count: int) -> Array:
-    """Configurations (count, n) of the default workspace, or of the calibration's joint range where it is another."""
+    """Configurations (count, n) of the default workspace, or of the calibration's joint range
+    where it is another.
+    """
     robot, q, rng = calibration.robot, calibration.q, np.random.default_rng(0)
     workspace = robot.workspace(None)[1]
     if workspace is not None:
@@ -88,5 +90,5 @@ def _pose_error(robot: Robot, target: Array, frames: Frames) -> Array:
 
 
 def _weighted(robot: Robot, twists: Array, frames: Frames) -> Array:
-    """Twists of K_0 (N, 6, c) seen at the tool point, translations over the characteristic length."""
+    """Twists of K_0 (N, 6, c) at the tool point, translations over the length."""
     return scale_rows(at_point(twists, frames.tool[:, :3, 3]), robot.length)

@@ -1,7 +1,8 @@
-"""The complete model: δζ, δξ, δq and joint-motion functions by maximum a posteriori Gauss–Newton (METHOD §7).
+"""The complete model: δζ, δξ, δq and joint-motion functions by maximum a posteriori Gauss–Newton.
 
-Tolerances are the prior, so nothing is eliminated and no rank is decided: what the data do not determine stays at its
-prior, and the posterior says so. Noise level, number of harmonics and, on request, the tolerances come from the evidence.
+Tolerances are the prior, so that nothing is eliminated and no rank is decided: parameters that the
+data do not determine stay at their prior, and their posterior deviation shows it. Noise level,
+number of harmonics and, on request, the tolerances are estimated from the evidence.
 """
 
 from collections.abc import Mapping
@@ -17,14 +18,14 @@ from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import InputError, check_choice, check_number
 from calibtool.identification.equations import normal_equations
 from calibtool.identification.fitting import CONVERGED, Fit, fit
-from calibtool.identification.model import Flagged, Identification, Posterior, split_rms
+from calibtool.identification.identification import Flagged, Identification, Posterior, split_rms
+from calibtool.identification.model_choice import chosen_fit
 from calibtool.identification.parameters import Parameters, State
 from calibtool.identification.robust import LossFunction, find_flagged
-from calibtool.identification.selection import chosen_fit
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
+from calibtool.robot.inverse_starts import drawn
 from calibtool.robot.se3 import Array, readonly
-from calibtool.robot.starts import drawn
 
 _RANK_TOLERANCE = (
     1e-6  # of the largest singular value of normal equations; exact redundancies lie near 1e-8
@@ -33,14 +34,19 @@ _RANK_TOLERANCE = (
 
 @dataclass(frozen=True)
 class CompleteOptions:
-    """How the complete model is identified.
+    """Options of the identification of the complete model.
 
     tolerances       prior standard deviations, those of the robot's description unless given
-    orders           of families that are not to be chosen, by id: {"harmonics": 2, "gravity": 0}; see `chosen_fit`
-    estimate_priors  re-estimate the scale of every family of tolerances from the evidence; joint motions only downwards,
-                     because many harmonics can cancel where a joint was measured and grow large where it was not
-    loss_function    `isolated`: rows that no noise explains weigh less, unless they are one region of a joint, which may
-                     really behave differently; `squared`: all weigh the same; `huber`, `cauchy`: the worse the less
+    orders           of families that are not to be chosen, by id: {"harmonics": 2, "gravity": 0};
+    see `chosen_fit`
+    estimate_priors  re-estimate the scale of every family of tolerances from the evidence; joint
+    motions only downwards,
+                     because many harmonics can cancel where a joint was measured and grow large
+                     where it was not
+    loss_function    `isolated`: rows that no noise explains weigh less, unless they are one region
+    of a joint, which may
+                     really behave differently; `squared`: all weigh the same; `huber`, `cauchy`:
+                     the worse the less
     drop_flagged     leave flagged rows out of a second fit
     """
 
@@ -60,25 +66,28 @@ class CompleteOptions:
 def identify_complete(
     measurements: Measurements, options: CompleteOptions | None = None
 ) -> Identification:
-    """Identify every error that a tolerance is given for, from any number of configurations.
+    """Identify every error that has a tolerance, from any number of configurations.
 
-    What a joint is given beyond its geometry is chosen by evidence and by held-out rows, see `chosen_fit`. Raises
-    NoSolutionError when the iteration does not settle, InputError when a family is asked for and the measurements do not
+    What a joint is given beyond its geometry is chosen by evidence and by held-out rows, see
+    `chosen_fit`. Raises
+    NoSolutionError when the iteration does not settle, InputError when a family is asked for and
+    the measurements do not
     know what it depends on.
     """
     options = CompleteOptions() if options is None else options
     for family, order in options.orders.items():
         if order and not BY_ID[family].known(_rows(measurements)):
             raise InputError(
-                f"complete: {family} cannot be identified, because the measurements do not say what it depends on "
-                f"({BY_ID[family].needs}); import or simulate them again, or leave it out"
+                f"complete: {family} cannot be identified, because the measurements do not say "
+                f"what it depends on ({BY_ID[family].needs}); import or simulate them again, "
+                "or leave it out"
             )
     fitted = chosen_fit(measurements, options.orders, partial(_fit, measurements, options))
-    flagged = find_flagged(measurements, fitted.state, fitted.row_sizes)
+    flagged = find_flagged(measurements, fitted.state, fitted.row_squares)
     if flagged.cluster is not None and options.loss_function == "isolated":
         squared = replace(options, loss_function="squared")
         fitted = _fit(measurements, squared, fitted.parameters, fitted.state, fitted, CONVERGED)
-        flagged = find_flagged(measurements, fitted.state, fitted.row_sizes)
+        flagged = find_flagged(measurements, fitted.state, fitted.row_squares)
     if options.drop_flagged and len(flagged.rows):
         kept = np.setdiff1d(np.arange(len(measurements)), flagged.rows)
         again = identify_complete(measurements.rows(kept), replace(options, drop_flagged=False))
@@ -121,7 +130,7 @@ def _identification(measurements: Measurements, fitted: Fit, flagged: Flagged) -
     eigenvalues = np.clip(np.linalg.eigvalsh(prior_scaled), 0.0, None)[::-1]
     d = (weights(measurements) > 0).sum(axis=-1)
     count = float(fitted.row_weight @ d)
-    squares = float(fitted.row_weight @ fitted.row_sizes) / fitted.noise_factor**2 + float(
+    squares = float(fitted.row_weight @ fitted.row_squares) / fitted.noise_factor**2 + float(
         ((fitted.theta / fitted.prior_std) ** 2).sum()
     )
     log_evidence = -0.5 * (squares + float(np.log1p(eigenvalues).sum())) - count * np.log(
@@ -154,7 +163,8 @@ def _identification(measurements: Measurements, fitted: Fit, flagged: Flagged) -
 
 
 def _observable_rank(measurements: Measurements, fitted: Fit) -> int:
-    """Directions of the parameters that measurements of this kind could determine: seen anywhere, moving to either side."""
+    """Directions of the parameters that measurements of this kind could determine: seen anywhere,
+    moving to either side."""
     robot, parameters = measurements.robot, fitted.parameters
     count, rng = max(30, parameters.count // 3), np.random.default_rng(0)
     anywhere = replace(

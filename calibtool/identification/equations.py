@@ -1,4 +1,4 @@
-"""Normal equations of a model: what a Gauss–Newton step needs of measurements of any number."""
+"""Normal equations of a model for a Gauss–Newton step, accumulated over any number of rows."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,24 +16,26 @@ _CHUNK = 1000  # configurations whose columns are in memory together
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """The sum of weighted squares round a state: squares − 2 gᵀx + xᵀH x, from `equations` residuals.
+    """Sum of weighted squares at a state: squares − 2 gᵀx + xᵀH x, from `equations` residuals.
 
-    information  H = AᵀA (p, p) and gradient g = Aᵀr (p,) of the residuals over the stated noise
-    row_sizes    (N,) squared residuals of every configuration over the stated noise, before row weights
+    information  H = AᵀA (p, p) and gradient g = Aᵀr (p,) of the residuals divided by
+                 the stated noise
+    row_squares  (N,) squared residuals of every configuration divided by the stated noise,
+                 before row weights
     """
 
     information: Array
     gradient: Array
     squares: float
     equations: float
-    row_sizes: Array
+    row_squares: Array
 
 
-def row_sizes(measurements: Measurements, state: State) -> Array:
+def row_squares(measurements: Measurements, state: State) -> Array:
     """Squared residuals of every configuration over the stated noise, (N,)."""
     frames = state.frames(measurements.q, measurements.conditions)
-    left = weighted_residuals(measurements, state.setup, frames.tool)
-    squared: Array = (left**2).sum(axis=-1)
+    residual = weighted_residuals(measurements, state.setup, frames.tool)
+    squared: Array = (residual**2).sum(axis=-1)
     return squared
 
 
@@ -42,39 +44,40 @@ def normal_equations(
 ) -> NormalEquations:
     """H and g at the state, in chunks, the squares of row k times `row_weight` (N,).
 
-    A joint function's column is that of its joint's offset times a function of the row, o_j f(q_j): its products are
-    weighted sums of functions and need neither the columns nor their memory.
+    A joint function's column is that of its joint's offset times a function of the row, o_j f(q_j):
+    its products are weighted sums of functions and need neither the columns nor their memory.
     """
     p = parameters.count
     functions_of = [block for _, block in parameters.function_parts()]
     rest = np.delete(np.arange(p), np.r_[*functions_of] if functions_of else [])
     information, gradient = np.zeros((p, p)), np.zeros(p)
-    sizes, equations = np.empty(len(measurements)), 0.0
+    squares, equations = np.empty(len(measurements)), 0.0
     for rows, part, context in _chunks(measurements, state):
         scale = np.sqrt(row_weight[rows])[:, None]
         pose_columns = parameters.pose_columns(context, functions=False)
         if functions_of:
             pose_columns = np.concatenate([context.offset_columns, pose_columns], axis=-1)
-        columns, left = linearised(
+        columns, residual = linearised(
             part, state.setup, context.frames.tool, pose_columns, bool(parameters.targets)
         )
-        sizes[rows] = (left**2).sum(axis=-1)
+        squares[rows] = (residual**2).sum(axis=-1)
         columns *= scale[..., None]
-        left *= scale
+        residual *= scale
         offsets, own = np.split(columns, [columns.shape[-1] - len(rest)], axis=-1)
-        A, r = np.ascontiguousarray(own).reshape(-1, len(rest)), left.ravel()
+        A, r = np.ascontiguousarray(own).reshape(-1, len(rest)), residual.ravel()
         information[np.ix_(rest, rest)] += A.T @ A
         gradient[rest] += A.T @ r
         equations += float(row_weight[rows] @ (weights(part) > 0).sum(axis=-1))
         if functions_of:
-            _add_functions(information, gradient, parameters, context, rest, own, offsets, left)
-    return NormalEquations(information, gradient, float(sizes @ row_weight), equations, sizes)
+            _add_functions(information, gradient, parameters, context, rest, own, offsets, residual)
+    return NormalEquations(information, gradient, float(squares @ row_weight), equations, squares)
 
 
 def linearised_rows(
     measurements: Measurements, parameters: Parameters, state: State
 ) -> tuple[Array, Array]:
-    """Columns (N, d, p) and residuals (N, d) of every configuration over the stated noise, at a state."""
+    """Columns (N, d, p) and residuals (N, d) of every configuration over the stated noise, at a
+    state."""
     context = state.errors.context(measurements.q, measurements.conditions)
     return linearised(
         measurements,
@@ -103,18 +106,20 @@ def _add_functions(
     rest: np.ndarray,
     own: Array,
     offsets: Array,
-    left: Array,
+    residual: Array,
 ) -> None:
-    """Rows and columns of the joint functions, from the products of the offset columns (N, d, n) with everything."""
+    """Rows and columns of the joint functions, from the products of the offset columns (N, d, n)
+    with everything.
+    """
     functions = _by_joint(parameters, context)
     with_own = np.swapaxes(offsets, 1, 2) @ own  # (N, n, rest)
     with_offsets = np.swapaxes(offsets, 1, 2) @ offsets
-    with_left = (np.swapaxes(offsets, 1, 2) @ left[..., None])[..., 0]
+    with_residual = (np.swapaxes(offsets, 1, 2) @ residual[..., None])[..., 0]
     for i, (j, block, values) in enumerate(functions):
         cross = values.T @ with_own[:, j]
         information[np.ix_(block, rest)] += cross
         information[np.ix_(rest, block)] += cross.T
-        gradient[block] += values.T @ with_left[:, j]
+        gradient[block] += values.T @ with_residual[:, j]
         for k, other, others in functions[i:]:
             product = (values * with_offsets[:, j, k, None]).T @ others
             information[np.ix_(block, other)] += product

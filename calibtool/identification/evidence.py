@@ -1,4 +1,4 @@
-"""Evidence: noise, tolerances and the choice of a model from one Gaussian approximation (MacKay; Savage and Dickey)."""
+"""Evidence: noise, tolerances and model choice from a Gaussian approximation."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ _ROUNDING = 1e-12  # of the largest eigenvalue: a smaller negative one is zero
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A step of the parameters (p,), its covariance, and tolerances, noise and γ at their evidence maximum."""
+    """Step of the parameters (p,), covariance, tolerances, noise and γ at maximum evidence."""
 
     step: Array
     covariance: Array
@@ -27,7 +27,7 @@ class Solution:
 
     @property
     def farthest(self) -> float:
-        """The largest element of the step, in standard deviations of the posterior."""
+        """Largest element of the step in standard deviations of the posterior."""
         return float(np.abs(self.step / np.sqrt(np.diag(self.covariance))).max())
 
 
@@ -39,9 +39,10 @@ def posterior_step(
     noise_factor: float,
     largest_std: Array | None,
 ) -> Solution:
-    """Maximum a posteriori step from θ (p,) with the noise re-estimated and, up to `largest_std` (p,), the tolerances.
+    """Maximum a posteriori step from θ (p,), with noise and tolerances re-estimated.
 
-    The quadratic model is kept, so a round costs one factorisation and no kinematics. largest_std None: tolerances stay.
+    The quadratic model is kept, so that an iteration costs one factorisation and no kinematics.
+    largest_std (p,): upper limits of the tolerances; None: the tolerances are not changed.
     """
     H, g = equations.information, equations.gradient
     for _ in range(_ROUNDS):
@@ -70,10 +71,13 @@ def most_probable(
     sections: list[np.ndarray],
     parsimony: float,
 ) -> np.ndarray:
-    """Which parameters (p,) bool remain when sections go whose absence is more probable than their presence.
+    """Which parameters (p,) bool remain when sections go whose absence is more probable than their
+    presence.
 
-    The worst first, by p(θ_s = 0 | data) / p(θ_s = 0) (Savage and Dickey) of the Gaussian N(θ, covariance) over all of
-    them, which is conditioned on every section that has gone. A section stays that earns more than `parsimony` nats.
+    The worst first, by p(θ_s = 0 | data) / p(θ_s = 0) (Savage and Dickey) of the Gaussian N(θ,
+    covariance) over all of
+    them, which is conditioned on every section that has gone. A section stays that earns more than
+    `parsimony` nats.
     """
     theta, covariance, kept = theta.copy(), covariance.copy(), np.ones(len(theta), dtype=bool)
     left = list(sections)
@@ -91,11 +95,12 @@ def most_probable(
 
 
 def inverse(matrix: Array, on_the_way: bool = False) -> Array:
-    """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first: m and rad mix.
+    """Inverse of a symmetric positive definite matrix (p, p), scaled to unit diagonal first.
 
-    Raises NoSolutionError where the matrix is not finite, or not positive definite to rounding, as
-    where the noise is far too small beside the tolerances. on_the_way: directions that rounding has
-    made singular keep what it leaves; the noise is estimated again after such a step.
+    Raises NoSolutionError where the matrix is not finite, or not positive definite to rounding, for
+    example because the noise is far too small for the tolerances. on_the_way: in an iteration,
+    rounded negative eigenvalues are replaced instead, since the noise is estimated again
+    afterwards.
     """
     from scipy.linalg.lapack import dpotrf, dpotri
 
@@ -109,23 +114,26 @@ def inverse(matrix: Array, on_the_way: bool = False) -> Array:
         half, failed = dpotri(factor, lower=True)
         result: Array = half + np.tril(half, -1).T
     if failed:
-        sizes, vectors = np.linalg.eigh(scaled)
-        if not on_the_way or sizes[0] < -_ROUNDING * sizes[-1]:
+        eigenvalues, vectors = np.linalg.eigh(scaled)
+        if not on_the_way or eigenvalues[0] < -_ROUNDING * eigenvalues[-1]:
             raise _singular()
-        sizes = np.maximum(sizes, len(sizes) * np.finfo(float).eps * sizes[-1])
-        result = (vectors / sizes) @ vectors.T
+        eigenvalues = np.maximum(
+            eigenvalues, len(eigenvalues) * np.finfo(float).eps * eigenvalues[-1]
+        )
+        result = (vectors / eigenvalues) @ vectors.T
     return result * np.outer(scale, scale)
 
 
 def _singular() -> NoSolutionError:
     return NoSolutionError(
-        "the equations for the parameters are singular to rounding: the stated noise is too small beside the "
-        "tolerances; state a larger noise"
+        "the equations for the parameters are singular to rounding: the stated noise is too "
+        "small beside the tolerances; state a larger noise"
     )
 
 
 def log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> float:
-    """ln N(0; θ, C) − ln N(0; 0, S): the evidence for the model without these parameters against the one with them."""
+    """ln N(0; θ, C) − ln N(0; 0, S): the evidence for the model without these parameters against
+    the one with them."""
     if not len(theta):
         return 0.0
     from scipy.linalg.lapack import dpotrf, dpotrs
@@ -142,7 +150,9 @@ def log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> floa
 def _re_estimated(
     parameters: Parameters, theta: Array, covariance: Array, prior_std: Array
 ) -> Array:
-    """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances keep their ratios."""
+    """One factor per family and kind of element (lengths, angles): s² ← Σ θ² / γ, tolerances
+    keep their ratios.
+    """
     result = prior_std.copy()
     determined = 1.0 - np.diag(covariance) / prior_std**2
     for chosen in parameters.groups:

@@ -1,6 +1,8 @@
-"""Fine structure of the joint motions: which joints, and up to which order, before anything of it is fitted.
+"""Fine structure of the joint motions: which joints, and up to which order, before anything of it
+is fitted.
 
-Of a fit without it, the evidence for more harmonics of one joint needs their products with the residuals and the columns
+Of a fit without it, the evidence for more harmonics of one joint needs their products with the
+residuals and the columns
 only, so that a hundred orders of every joint cost less than one step of a fit that has them.
 """
 
@@ -21,9 +23,11 @@ _SIZES = np.geomspace(3e-6, 3e-4, 9)  # rad, of their coefficients
 
 
 def finer(measurements: Measurements, fit: Fit, highest: int) -> tuple[np.ndarray, Array]:
-    """Orders of harmonics per joint (n,) that the residuals of a fit ask for, and the size of what is added (n,) in rad.
+    """Orders of harmonics per joint (n,) that the residuals of a fit ask for, and the size of what
+    is added (n,) in rad.
 
-    At least those that the fit has, none from a handful of rows, and never more than two waves per configuration.
+    At least those that the fit has, none from a handful of rows, and never more than two waves per
+    configuration.
     """
     has = harmonic_orders(fit.parameters)
     orders, sizes = has.copy(), np.zeros(len(has))
@@ -33,7 +37,8 @@ def finer(measurements: Measurements, fit: Fit, highest: int) -> tuple[np.ndarra
         return orders, sizes
     columns, offsets, left = _columns(measurements, fit)
     few = len(measurements) <= _FEW
-    # Joints that ask for it clearly have a size of their own; with few rows the others may do so together.
+    # Joints that ask for it clearly have a size of their own; with few rows the others may do so
+    # together.
     for joints in (*([j] for j in turning), turning if has.max() <= LOW_ORDERS and few else []):
         asking = [j for j in joints if orders[j] == has[j] and 2 * steps[-1] > 2 * has[j]]
         if not asking:
@@ -76,7 +81,8 @@ def harmonic_orders(parameters: Parameters) -> np.ndarray:
 
 
 def _columns(measurements: Measurements, fit: Fit) -> tuple[Array, Array, Array]:
-    """Of a fit, over its noise: columns (N d, p), those of the joint offsets (N, d, n), and residuals (N d,)."""
+    """Of a fit, over its noise: columns (N d, p), those of the joint offsets (N, d, n), and
+    residuals (N d,)."""
     columns, left = linearised_rows(measurements, fit.parameters, fit.state)
     scale = np.sqrt(fit.row_weight)[:, None, None] / fit.noise_factor
     columns = columns * scale
@@ -89,7 +95,8 @@ def _gain(
 ) -> tuple[float, float]:
     """The most that parameters of one size add to the log evidence, nats, and that size in rad.
 
-    Over the size and over the noise, which is less where they explain what it was for: `squares` over the noise so far,
+    Over the size and over the noise, which is less where they explain what it was for: `squares`
+    over the noise so far,
     which has that many degrees of `freedom`.
     """
     values, vectors = np.linalg.eigh(information)

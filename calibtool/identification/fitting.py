@@ -1,4 +1,5 @@
-"""One fit of the complete model: Gauss–Newton to the maximum a posteriori, and what follows from its quadratic model."""
+"""One fit of the complete model: Gauss–Newton to the maximum a posteriori, and what follows from
+its quadratic model."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,7 +8,7 @@ import numpy as np
 
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import NoSolutionError
-from calibtool.identification.equations import NormalEquations, normal_equations, row_sizes
+from calibtool.identification.equations import NormalEquations, normal_equations, row_squares
 from calibtool.identification.evidence import Solution, inverse, posterior_step
 from calibtool.identification.parameters import Parameters, State
 from calibtool.identification.robust import LossFunction, row_weights
@@ -26,7 +27,8 @@ _PRIOR_STEPS = (
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A converged iteration: state, Fisher information H (p, p) of the stated noise, squared sizes of rows (N,).
+    """A converged iteration: state, Fisher information H (p, p) of the stated noise, squared sizes
+    of rows (N,).
 
     row_weight (N,): what the squares of each row were multiplied by
     """
@@ -35,7 +37,7 @@ class Fit:
     state: State
     prior_std: Array
     information: Array
-    row_sizes: Array
+    row_squares: Array
     row_weight: Array
     noise_factor: float
     effective: float
@@ -50,7 +52,8 @@ class Fit:
         return self.state.vector(self.parameters)
 
     def conditional(self, dropped: np.ndarray) -> tuple[Array, Array]:
-        """Step of θ (p,) to the most probable one with the parameters `dropped` at zero, and its covariance (p, p).
+        """Step of θ (p,) to the most probable one with the parameters `dropped` at zero, and its
+        covariance (p, p).
 
         By the quadratic model; rows and columns of dropped ones become zero.
         """
@@ -76,9 +79,11 @@ def fit(
     prior_std: Array | None = None,
     converged: float = CONVERGED,
 ) -> Fit:
-    """Gauss–Newton to the maximum a posteriori; noise, tolerances and row weights are re-estimated at every step.
+    """Gauss–Newton to the maximum a posteriori; noise, tolerances and row weights are re-estimated
+    at every step.
 
-    `start` is the fit of a larger or smaller model, whose noise and tolerances are taken over; prior_std (p,): tolerances to
+    `start` is the fit of a larger or smaller model, whose noise and tolerances are taken over;
+    prior_std (p,): tolerances to
     start from instead.
     """
     stated = parameters.prior_std(tolerances)
@@ -95,7 +100,7 @@ def fit(
     if start is not None:
         row_weight = start.row_weight
     else:
-        row_weight = row_weights(row_sizes(measurements, state), d, loss_function)
+        row_weight = row_weights(row_squares(measurements, state), d, loss_function)
     used, taken = row_weight, 0
     equations: NormalEquations | None = None
     solution: Solution | None = None
@@ -114,7 +119,7 @@ def fit(
             parameters, equations, theta, std, noise_factor, largest if priors else None
         )
         std, noise_factor = solution.prior_std, solution.noise_factor
-        used, row_weight = row_weight, row_weights(equations.row_sizes, d, loss_function)
+        used, row_weight = row_weight, row_weights(equations.row_squares, d, loss_function)
         return solution.step, bool(
             solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01
         )
@@ -130,14 +135,15 @@ def fit(
     assert solution is not None
     if not settled and not solution.farthest < 1.0:
         raise NoSolutionError(
-            f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order and target order"
+            f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order "
+            f"and target order"
         )
     return Fit(
         parameters,
         state,
         std,
         equations.information,
-        row_sizes(measurements, state),
+        row_squares(measurements, state),
         used,
         noise_factor,
         solution.effective,

@@ -1,4 +1,5 @@
-"""Held-out configurations without a second fit: what the others say about each, by the quadratic model of one fit.
+"""Held-out configurations without a second fit: what the others say about each, by the quadratic
+model of one fit.
 
 Rows that repeat a configuration are held out together: each would tell the others.
 """
@@ -24,7 +25,8 @@ class HeldOut:
     """Rows (M,) held out in G groups of g rows, and what a fit says of them over its noise.
 
     theta, covariance  of the fit: (p,), (p, p)
-    blocks             of groups of one size: rows (G, g), C Aᵀ (p, G, g d), A C Aᵀ (G, g d, g d), residuals (G, g d)
+    blocks             of groups of one size: rows (G, g), C Aᵀ (p, G, g d), A C Aᵀ (G, g d, g d),
+    residuals (G, g d)
     d                  coordinates seen in every row (M,)
     """
 
@@ -53,9 +55,11 @@ class HeldOut:
         return cls(fit.theta, fit.covariance, blocks, (weights(part) > 0).sum(axis=-1))
 
     def sizes(self, dropped: np.ndarray | None = None) -> Array:
-        """Squared residuals per coordinate (M,) over the fit's noise, each group predicted by the others.
+        """Squared residuals per coordinate (M,) over the fit's noise, each group predicted by the
+        others.
 
-        Without the group k, r_k is (1 − A_k C A_kᵀ)⁻¹ r_k, exact for the quadratic model. dropped (k,): parameters that are
+        Without the group k, r_k is (1 − A_k C A_kᵀ)⁻¹ r_k, exact for the quadratic model. dropped
+        (k,): parameters that are
         zero; the Gaussian is conditioned on that.
         """
         s = np.zeros(0, dtype=int) if dropped is None else dropped
@@ -88,5 +92,6 @@ def _groups(q: Array) -> list[np.ndarray]:
 
 
 def typical(sizes: Array, reference: Array) -> float:
-    """Mean of squared sizes (M,) in which no row counts for more than a few times the typical one of the reference."""
+    """Mean of squared sizes (M,) in which no row counts for more than a few times the typical one
+    of the reference."""
     return float(np.minimum(sizes, TYPICAL * reference.mean()).mean())

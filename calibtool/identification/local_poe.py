@@ -1,6 +1,7 @@
-"""The local-POE baseline (Eqs. 8–11): initial relative poses δζ by Gauss–Newton with minimum-norm steps.
+"""The local-POE baseline (Eqs. 8–11): initial relative poses δζ by Gauss–Newton with minimum-norm
+steps.
 
-What the data cannot tell apart is reported instead of hidden: rank, singular values and unobservable directions.
+Rank, singular values and unobservable directions are reported.
 """
 
 from dataclasses import replace
@@ -8,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibtool.errors import NoSolutionError
-from calibtool.identification.model import Identification, split_rms
+from calibtool.identification.identification import Identification, split_rms
 from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.gauss_newton import gauss_newton
 from calibtool.measurement.measurements import Measurements, Setup
@@ -19,17 +20,19 @@ from calibtool.measurement.observation import (
     target_columns,
     weights,
 )
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
-_SHOWN = 100.0  # 1 over m and rad: a direction is shown where its standard deviation is below 10 mm and 10 mrad
+# 1 over m and rad: a direction is shown where its standard deviation is below 10 mm and 10 mrad
+_SHOWN = 100.0
 RANK_TOLERANCE = 1e-8  # of the largest singular value; the exact redundancies lie near 1e-16
 
 
 def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> Identification:
-    """Fit δζ_1…δζ_{n+1} (and unknown targets in place of δζ_{n+1}) to the measured coordinates, weighted by 1/σ.
+    """Fit δζ_1…δζ_{n+1} to the measured coordinates, weighted by 1/σ.
 
-    Raises NoSolutionError when the configurations are too few for the parameters, or the iteration does not settle.
+    Unknown targets take the place of δζ_{n+1}. Raises NoSolutionError when the configurations are
+    too few for the parameters, or the iteration does not converge.
     """
     q, setup = measurements.q, measurements.setup
     state = State.nominal(measurements.robot, setup)
@@ -43,8 +46,9 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
     if equations < observable_rank:
         needed = -(-observable_rank // shown)
         raise NoSolutionError(
-            f"local-poe: {len(q)} configurations give {equations} equations for {observable_rank} identifiable parameters; "
-            f"measure at least {needed} (twice as many for a useful result)"
+            f"local-poe: {len(q)} configurations give {equations} equations for {observable_rank} "
+            f"identifiable parameters; measure at least {needed} (twice as many for a "
+            "useful result)"
         )
 
     rank, last = 0, np.inf
@@ -75,8 +79,8 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
     )
     if not settled:
         raise NoSolutionError(
-            f"local-poe: no convergence in {max_iterations} iterations, the last step was {last:.1e}; "
-            "check units, joint order and the order of the targets"
+            f"local-poe: no convergence in {max_iterations} iterations, the last step "
+            f"was {last:.1e}; check units, joint order and the order of the targets"
         )
     final = residuals(measurements, state.setup, state.frames(q).tool)
     return Identification(
@@ -105,9 +109,7 @@ def _placements(robot: Robot, setup: Setup) -> Parameters:
 def _seen_anywhere(measurements: Measurements, state: State, parameters: Parameters) -> Array:
     """Weighted identification matrix (M, p) of configurations all over the joint range."""
     robot, rng = measurements.robot, np.random.default_rng(0)
-    context = state.errors.context(
-        robot.lower + (robot.upper - robot.lower) * rng.random((100, robot.n))
-    )
+    context = state.errors.context(robot.anywhere(100, rng))
     columns = observation_matrix(state.setup, context.frames.tool) @ parameters.pose_columns(
         context
     )
@@ -127,10 +129,11 @@ def numerical_rank(singular_values: np.ndarray) -> int:
 def directions(
     null_space: Array, seen_anywhere: Array, names: list[str], missing: int
 ) -> tuple[str, ...]:
-    """Text for the directions that these configurations do not show but others would, clearest there first.
+    """Text for the directions that these configurations do not show but others would,
+    clearest there first.
 
-    The null space (k, p) holds the exact redundancies too; they stay invisible in `seen_anywhere` (M, p), the matrix of
-    configurations all over the joint range.
+    The null space (k, p) holds the exact redundancies too; they stay invisible in `seen_anywhere`
+    (M, p), the matrix of configurations all over the joint range.
     """
     if missing <= 0 or not len(null_space):
         return ()

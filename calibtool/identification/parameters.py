@@ -1,4 +1,6 @@
-"""The parameters of a model as one vector: families of errors, then what is unknown of the set-up (METHOD §7)."""
+"""The parameters of a model as one vector: families of errors, then the unknown
+part of the set-up.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -6,15 +8,15 @@ from typing import Self
 
 import numpy as np
 
-from calibtool.errormodel.conditions import Conditions
 from calibtool.errormodel.families import BY_ID, FAMILIES
 from calibtool.errormodel.family import COMPONENTS, Context, Family, JointFunctions
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.measurement.measurements import Setup
 from calibtool.measurement.registration import update_setup
 from calibtool.robot.mechanism import Frames
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 # Unknown instrument frames and targets are as good as free beside their registration: 1 m, 1 rad.
@@ -50,8 +52,8 @@ class Part:
 class Parameters:
     """θ: the parameters of the families in their order, then base and targets.
 
-    frame_free  an unknown instrument frame: a twist of K_0
-    targets     names of the free elements of the targets, none where they are known
+    frame_free  whether the instrument frame is unknown: a twist of K_0
+    targets     names of the free elements of the targets, empty where they are known
     """
 
     robot: Robot
@@ -61,7 +63,9 @@ class Parameters:
 
     @classmethod
     def of(cls, robot: Robot, setup: Setup, **orders: int) -> Self:
-        """The parameters of a robot in a set-up: families of these orders, and those that are always identified."""
+        """Parameters for a robot in a set-up: families of these orders, and those that are always
+        identified.
+        """
         parts = []
         for family in FAMILIES:
             if order := int(orders.get(family.id, family.always)):
@@ -73,7 +77,9 @@ class Parameters:
 
     @cached_property
     def blocks(self) -> dict[str, slice]:
-        """Where each family, and base and targets, stand in the vector; those that it does not have are empty."""
+        """Slices of every family, base and targets in the vector; empty for those without
+        parameters.
+        """
         sizes = {part.family.id: len(part.elements) for part in self.parts}
         blocks, start = {}, 0
         for name in (*BY_ID, "base", "targets"):
@@ -91,7 +97,7 @@ class Parameters:
 
     @cached_property
     def groups(self) -> list[np.ndarray]:
-        """Indices of the parameters whose tolerances share a scale, which evidence may change."""
+        """Indices of the parameters whose tolerances share a scale that evidence may change."""
         result = []
         for part in self.parts:
             numbers = part.family.groups(part.shape).ravel()[part.elements]
@@ -106,7 +112,9 @@ class Parameters:
 
     @cached_property
     def names(self) -> list[str]:
-        """One name per parameter: ζ3.x, ξ2.rz, q1, sin2q4, gravity2, backlash1, base.x, target1.z."""
+        """One name per parameter: ζ3.x, ξ2.rz, q1, sin2q4, gravity2,
+        backlash1, base.x, target1.z.
+        """
         return self._names([part.family.symbol for part in self.parts])
 
     @cached_property
@@ -123,7 +131,7 @@ class Parameters:
         return names + list(self.targets)
 
     def without(self, *families: str) -> Self:
-        """The same parameters but none of these families."""
+        """The same parameters without these families."""
         return replace(
             self, parts=tuple(part for part in self.parts if part.family.id not in families)
         )
@@ -135,7 +143,8 @@ class Parameters:
 
     @cached_property
     def sections(self) -> list[tuple[Family, np.ndarray]]:
-        """Families and indices of parameters that are chosen together; not of those that are always identified."""
+        """Families and indices of parameters that are chosen together; not of those that are
+        always identified."""
         result = []
         for part in self.parts:
             numbers = part.family.sections(part.shape).ravel()[part.elements]
@@ -150,7 +159,9 @@ class Parameters:
         return np.array([i for i, name in enumerate(self.names) if name not in kept], dtype=int)
 
     def prior_std(self, tolerances: Tolerances | None = None) -> Array:
-        """Prior standard deviation of every parameter (p,), SI; tolerances of the robot's description unless given."""
+        """Prior standard deviation of every parameter (p,), SI; by default the
+        robot's tolerances.
+        """
         stated = tolerances or Tolerances.of_robot(self.robot)
         parts = [
             p.family.tolerance(self.robot, stated, p.shape).ravel()[p.elements] for p in self.parts
@@ -158,7 +169,7 @@ class Parameters:
         return np.concatenate([*parts, np.full(6 * self.frame_free + len(self.targets), _FREE)])
 
     def largest_std(self, tolerances: Array) -> Array:
-        """Up to what evidence may enlarge tolerances (p,)."""
+        """Upper limits (p,) for tolerances estimated from the evidence."""
         largest = np.full(self.count, np.inf)
         for part in self.parts:
             if not part.family.grows:
@@ -166,7 +177,7 @@ class Parameters:
         return largest
 
     def display(self) -> tuple[Array, list[str]]:
-        """Factor (p,) and unit in which people read each parameter."""
+        """Factor (p,) and unit in which each parameter is displayed."""
         factors, units = [], []
         for part in self.parts:
             factor, unit = part.family.display(self.robot, part.shape)
@@ -180,12 +191,14 @@ class Parameters:
 
     @property
     def family_words(self) -> list[str | None]:
-        """What family each parameter belongs to, in words; None for base and targets."""
+        """Description of the family of each parameter; None for base and targets."""
         every: list[str | None] = [part.family.words for part in self.parts for _ in part.elements]
         return every + [None] * (self.count - len(every))
 
     def function_parts(self) -> list[tuple[Part, slice]]:
-        """Families whose columns are those of the joint offsets times functions of a row, and where they stand."""
+        """Families whose columns are those of the joint offsets times functions of a row, and
+        where they stand.
+        """
         return [
             (p, self.blocks[p.family.id])
             for p in self.parts
@@ -193,7 +206,9 @@ class Parameters:
         ]
 
     def pose_columns(self, context: Context, functions: bool = True) -> Array:
-        """∂δy/∂θ without the targets (N, 6, p − targets); without `functions`, those of `function_parts` are left out."""
+        """∂δy/∂θ without the targets (N, 6, p − targets); without `functions`, those of
+        `function_parts` are left out.
+        """
         parts = [p for p in self.parts if functions or not isinstance(p.family, JointFunctions)]
         blocks = [part.family.columns(part.shape, context)[:, :, part.elements] for part in parts]
         if self.frame_free:
@@ -203,7 +218,7 @@ class Parameters:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where an iteration stands: the errors of the robot and the set-up."""
+    """State of an iteration: errors of the robot and set-up."""
 
     errors: RobotErrors
     setup: Setup
@@ -218,7 +233,7 @@ class State:
         return self.errors.frames(q, conditions)
 
     def vector(self, parameters: Parameters) -> Array:
-        """θ as the prior sees it (p,); zero for base and targets, whose prior moves along."""
+        """θ as the prior sees it (p,); zero for base and targets, whose prior follows them."""
         values = [
             p.family.resized(self.errors[p.family.id], p.shape).ravel()[p.elements]
             for p in parameters.parts
@@ -242,7 +257,7 @@ class State:
         return replace(self, errors=self.errors.moved(**steps), setup=setup)
 
     def kept(self, parameters: Parameters) -> Self:
-        """The state with nothing but these parameters."""
+        """The state with only these parameters."""
         values = {}
         for part in parameters.parts:
             value = part.family.resized(self.errors[part.family.id], part.shape)

@@ -1,19 +1,20 @@
-"""What an identification tells people: its parameters with their uncertainty, and which of them the data mix up."""
+"""Report of an identification: parameters with uncertainties, and the most correlated ones."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.identification.model import Identification, Posterior
+from calibtool.identification.identification import Identification, Posterior
 
 AT_PRIOR = 0.99  # a standard deviation above this part of the tolerance: the data said nothing
 
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One parameter in `unit`: value ± std, tolerance, how much of the prior's width the data removed (0 to 1).
+    """One parameter: value ± std in `unit`, tolerance, and the part of the prior's width (0 to 1)
+    that the data removed.
 
-    name as formulas write it, id in ASCII; family in words, None for the set-up
+    name: as in formulas; id: in ASCII; family: description, None for the set-up.
     """
 
     name: str
@@ -27,12 +28,12 @@ class ParameterRow:
 
     @property
     def at_prior(self) -> bool:
-        """Not observable from these configurations."""
+        """Whether these configurations do not determine the parameter."""
         return self.std > AT_PRIOR * self.tolerance
 
 
 def parameter_rows(identification: Identification) -> list[ParameterRow]:
-    """Every parameter of a complete model in mm and mrad; a wind-up at the joint's largest torque."""
+    """All parameters of a complete model in mm and mrad; wind-up at the joint's largest torque."""
     posterior = identification.posterior
     if posterior is None:
         return []

@@ -1,10 +1,12 @@
-"""Rows that do not fit: weights of robust loss functions, flags, and whether the flagged rows are one region (METHOD §7)."""
+"""Rows that do not fit: weights of robust loss functions, flags, and whether flagged rows form a
+region.
+"""
 
 from typing import Literal
 
 import numpy as np
 
-from calibtool.identification.model import Flagged
+from calibtool.identification.identification import Flagged
 from calibtool.identification.parameters import State
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
@@ -18,35 +20,37 @@ _FALSE_ALARM = 0.01  # chance that any row of a clean set is flagged
 _CLUSTER_SIGNIFICANCE = 0.01
 
 
-def row_weights(sizes: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
-    """Weight of each row's squared residuals (N,), 1 for rows that fit; sizes (N,) squared, of d (N,) coordinates.
+def row_weights(squares: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
+    """Weight of each row's squared residuals (N,), 1 for rows that fit; squares (N,) of d (N,)
+    coordinates.
 
     `isolated` leaves all rows alone but those that would be flagged: clean data lose nothing.
     """
     if loss_function == "squared":
-        return np.ones(len(sizes))
+        return np.ones(len(squares))
     if loss_function == "isolated":
-        return np.minimum(1.0, _limit(sizes, d) / np.maximum(sizes, 1e-30))
-    relative: Array = np.sqrt(sizes / d) / _robust_scale(sizes, d)
+        return np.minimum(1.0, _limit(squares, d) / np.maximum(squares, 1e-30))
+    relative: Array = np.sqrt(squares / d) / _robust_scale(squares, d)
     if loss_function == "huber":
         return np.minimum(1.0, _HUBER / np.maximum(relative, 1e-12))
     return 1.0 / (1.0 + (relative / _CAUCHY) ** 2)
 
 
-def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flagged:
-    """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set; nothing is changed."""
+def find_flagged(measurements: Measurements, state: State, squares: Array) -> Flagged:
+    """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set;
+    nothing is changed."""
     d = (weights(measurements) > 0).sum(axis=-1)
-    scale = _robust_scale(sizes, d)
-    rows = np.flatnonzero(sizes > _limit(sizes, d))
-    left = residuals(
+    scale = _robust_scale(squares, d)
+    rows = np.flatnonzero(squares > _limit(squares, d))
+    residual = residuals(
         measurements, state.setup, state.frames(measurements.q, measurements.conditions).tool
     )
-    points = left[rows, : 3 * len(state.setup.targets)].reshape(
+    points = residual[rows, : 3 * len(state.setup.targets)].reshape(
         len(rows), len(state.setup.targets), 3
     )
     return Flagged(
         rows=rows,
-        size=np.sqrt(sizes[rows] / d[rows]) / scale,
+        deviation=np.sqrt(squares[rows] / d[rows]) / scale,
         position=np.sqrt(
             (points**2).sum(axis=-1).sum(axis=-1) / measurements.seen[rows].sum(axis=-1)
         ),
@@ -54,25 +58,28 @@ def find_flagged(measurements: Measurements, state: State, sizes: Array) -> Flag
     )
 
 
-def _limit(sizes: Array, d: np.ndarray) -> Array:
-    """Squared sizes (N,) above which a row is flagged: chance has one in a hundred clean sets exceed them."""
+def _limit(squares: Array, d: np.ndarray) -> Array:
+    """Squares (N,) above which a row is flagged: chance has one in a hundred clean sets exceed
+    them."""
     from scipy.special import (
         chdtri,
     )  # scipy.stats takes as long to import as everything else together
 
-    limit: Array = chdtri(d, _FALSE_ALARM / len(sizes)) * _robust_scale(sizes, d) ** 2
+    limit: Array = chdtri(d, _FALSE_ALARM / len(squares)) * _robust_scale(squares, d) ** 2
     return limit
 
 
-def _robust_scale(sizes: Array, d: np.ndarray) -> float:
+def _robust_scale(squares: Array, d: np.ndarray) -> float:
     """Noise over the stated one, from the median row: half of the rows may be bad."""
     from scipy.special import chdtri
 
-    return float(np.sqrt(max(np.median(sizes / chdtri(d, 0.5)), 1e-30)))
+    return float(np.sqrt(max(np.median(squares / chdtri(d, 0.5)), 1e-30)))
 
 
 def at_least(take: int, count: int, inside: int, flagged: int) -> float:
-    """Chance that `take` or more of `flagged` rows, drawn from `count`, are among `inside` special ones (hypergeometric)."""
+    """Chance that `take` or more of `flagged` rows, drawn from `count`, are among `inside` special
+    ones (hypergeometric).
+    """
     k = np.arange(max(take, flagged - (count - inside)), min(inside, flagged) + 1)
     log = (
         _log_choose(inside, k)
@@ -90,7 +97,9 @@ def _log_choose(n: int, k: np.ndarray | int) -> Array:
 
 
 def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
-    """The joint and its interval in which flagged rows crowd, if chance would hardly do that (hypergeometric test)."""
+    """The joint and its interval in which flagged rows crowd, if chance would hardly do that
+    (hypergeometric test).
+    """
     count, flagged = len(measurements), len(rows)
     if flagged < 3:
         return None
@@ -112,8 +121,9 @@ def _cluster(measurements: Measurements, rows: np.ndarray) -> str | None:
     tests = measurements.robot.n * flagged
     if chance * tests > _CLUSTER_SIGNIFICANCE:
         return None
-    unit, factor = ("mm", 1e3) if measurements.robot.prismatic[j] else ("deg", 180.0 / np.pi)
+    factor, unit = measurements.robot.display_unit(j)
     return (
-        f"{take} of {flagged} flagged rows have joint {j + 1} between {low * factor:.4g} and {high * factor:.4g} {unit}, "
-        f"where {inside} of all {count} rows are: look at joint {j + 1} there before calling them outliers"
+        f"{take} of {flagged} flagged rows have joint {j + 1} between {low * factor:.4g} and "
+        f"{high * factor:.4g} {unit}, where {inside} of all {count} rows are: look at joint "
+        f"{j + 1} there before calling them outliers"
     )

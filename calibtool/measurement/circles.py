@@ -1,7 +1,8 @@
 """Circle fits: while one joint turns alone, every target runs on a circle about that joint's axis.
 
-The axis lines of joints 1 and 2 in the instrument's frame, laid over those of the nominal robot, give T_instrument_base
-without any target known (the method of single joints, Mooring, Roth, Driels 1991, ch. 5).
+The axis lines of joints 1 and 2 in the instrument's frame, laid over those of the nominal robot,
+give T_instrument_base without any target known (the method of single joints, Mooring, Roth,
+Driels 1991, ch. 5).
 """
 
 from dataclasses import dataclass
@@ -17,16 +18,18 @@ _PARALLEL = 1e-3  # rad
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """An axis line: unit direction (3,), along which the joint turns positively, and a point (3,) on it, m."""
+    """Axis of a joint: unit direction (3,) of positive rotation, and a point (3,) on it, m."""
 
     direction: Array
     point: Array
 
 
 def circle_start(measurements: Measurements) -> Array | None:
-    """T_instrument_base (4, 4) from circles of joints 1 and 2; None where the rows hold no such circles.
+    """T_instrument_base (4, 4) from circles of joints 1 and 2; None where the rows hold no such
+    circles.
 
-    None as well when a joint is prismatic or the two axes are parallel: two parallel lines leave the way along them open.
+    Also None when one of the joints is prismatic or the two axes are parallel, since parallel lines
+    do not determine the position along them.
     """
     robot = measurements.robot
     if robot.n < 2 or any(robot.prismatic[:2]):
@@ -51,7 +54,9 @@ def circle_start(measurements: Measurements) -> Array | None:
 
 
 def single_joint_rows(q: Array) -> dict[int, np.ndarray]:
-    """The largest set of rows of q (N, n) in which only joint j moves, for each joint with four positions or more."""
+    """For each joint, the largest set of four or more rows of q (N, n) in which only this joint
+    moves.
+    """
     found = {}
     for j in range(q.shape[1]):
         others = np.delete(q, j, axis=1).round(6)
@@ -63,9 +68,11 @@ def single_joint_rows(q: Array) -> dict[int, np.ndarray]:
 
 
 def circle_axis(angles: Array, points: Array) -> Line | None:
-    """Axis of the circles of m targets, angles (K,) in rad, points (K, m, 3), NaN where unseen; None for no circle.
+    """Axis of the circles of m targets, angles (K,) in rad, points (K, m, 3), NaN where unseen;
+    None for no circle.
 
-    p = c + u cos q + v sin q is linear in c, u, v; the axis is along u × v, weighed over the targets by their area.
+    p = c + u cos q + v sin q is linear in c, u, v; the axis is along u × v, weighed over the
+    targets by their area.
     """
     if np.ptp(angles) < _ARC:
         return None
@@ -80,14 +87,16 @@ def circle_axis(angles: Array, points: Array) -> Line | None:
         direction += np.cross(u, v)
         centres.append(centre)
         weights.append(np.linalg.norm(np.cross(u, v)))
-    size = np.linalg.norm(direction)
-    if size < 1e-6:  # m²: targets on the axis
+    length = np.linalg.norm(direction)
+    if length < 1e-6:  # m²: targets on the axis
         return None
-    return Line(direction / size, np.average(centres, axis=0, weights=weights))
+    return Line(direction / length, np.average(centres, axis=0, weights=weights))
 
 
 def _frame(first: Line, second: Line) -> Array | None:
-    """The frame that two lines define: z along the first, x along the common normal, origin at its foot on the first."""
+    """The frame that two lines define: z along the first, x along the common normal, origin at its
+    foot on the first.
+    """
     normal = np.cross(first.direction, second.direction)
     sine = np.linalg.norm(normal)
     if sine < _PARALLEL:

@@ -1,4 +1,4 @@
-"""Gauss and Newton's iteration, which registration, local POE and the complete model share."""
+"""The Gauss–Newton iteration that registration, local POE and the complete model share."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -19,11 +19,12 @@ def gauss_newton(
     most: int,
     cost: Callable[[State], float] | None = None,
 ) -> tuple[State, int, bool]:
-    """The state after at most `most` steps, how many they were, and whether the last one was small enough.
+    """Iterate at most `most` steps; returns the state, the number of steps, and whether it
+    converged.
 
-    linearise: residuals and columns where the state stands. solve: the step (p,) of that system under a damping, which is
-    0 unless steps fail, and whether it is small. move: the state after the step. With `cost`, a step that raises it is not
-    taken, and the next one is damped more.
+    linearise: residuals and columns at a state. solve: the step (p,) of this system for a damping,
+    which is 0 unless steps fail, and whether the step is small enough to end. move: the state after
+    a step. With `cost`, a step that increases it is rejected, and the next one is damped more.
     """
     damping, now = 0.0, np.inf if cost is None else cost(state)
     for iteration in range(1, most + 1):

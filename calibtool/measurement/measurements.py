@@ -1,30 +1,34 @@
-"""Measurements: what was commanded, what the instrument saw, and what is known of the set-up."""
+"""Measurements: commanded joints, observations, and the set-up of instrument and targets."""
 
 from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibtool.errormodel.actual import ActualRobot
-from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errors import InputError
 from calibtool.measurement.kinds import KINDS, Kind
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, check_poses, readonly
 
-_SMALLEST_NOISE = 1e-15  # m or rad: smaller or larger than its inverse, and squares of weighted residuals overflow
+# m or rad: smaller or larger than its inverse, and squares of weighted residuals overflow
+_SMALLEST_NOISE = 1e-15
 _COLLINEAR = 1e-3  # smallest extent across the line over the largest one along it
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """Where the instrument stands and what it looks at: given, or estimated by registration.
+    """Set-up of the measurement, known beforehand or estimated by registration.
 
     T_instrument_base  (4, 4) pose of K_0 in the instrument's frame
-    targets            (m, 3) target points in the tool frame, m; the sensor's origin for a 6-D instrument
-    R_tool_sensor      (3, 3) orientation of a 6-D instrument's sensor in the tool frame, None for target points
-    frame_known        the instrument's frame was given (otherwise it belongs to every fit)
-    targets_known      targets (and sensor orientation) were given
+    targets            (m, 3) target points in the tool frame, m; the sensor's origin for a 6-D
+                       instrument
+    R_tool_sensor      (3, 3) orientation of a 6-D instrument's sensor in the tool frame, None for
+                       target points
+    frame_known        whether the instrument's frame was given (otherwise every fit estimates it)
+    targets_known      whether targets (and sensor orientation) were given
     """
 
     T_instrument_base: Array
@@ -35,49 +39,52 @@ class Setup:
 
     @property
     def known(self) -> bool:
-        """Nothing of the set-up has to be estimated."""
+        """Whether nothing of the set-up has to be estimated."""
         return self.frame_known and self.targets_known
 
     @property
     def kind(self) -> Kind:
-        """What the instrument sees of the tool."""
+        """Kind of the observations."""
         return KINDS["points" if self.R_tool_sensor is None else "pose"]
 
     @property
     def target_names(self) -> tuple[str, ...]:
-        """Names of the elements of the targets: target1.x …, of a sensor's orientation sensor.rx …"""
+        """Names of the elements of the targets: target1.x …, of a sensor's
+        orientation sensor.rx …
+        """
         return self.kind.names(len(self.targets))
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """What its kind has on the tool beside the targets, by name: of shapes such as (3, 3)."""
+        """Arrays of the tool beside the targets that this kind has, by name, such as (3, 3)."""
         return {name: getattr(self, name) for name in self.kind.arrays}
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What only a simulation knows: the actual robot and the actual set-up."""
+    """Actual robot and actual set-up of a simulation."""
 
     actual: ActualRobot
     setup: Setup
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Measurements:
-    """N configurations and what was measured there.
+    """N configurations and the observations made there.
 
-    q            (N, n) joint positions that the arm was driven to, rad or m
-    points       (N, m, 3) measured target points in the instrument's frame, m; NaN for a target that was not seen
+    q            (N, n) joint positions that the robot was driven to, rad or m
+    points       (N, m, 3) measured target points in the instrument's frame, m; NaN for a target
+                 that was not seen
     rotations    (N, 3, 3) measured R_instrument_sensor of a 6-D instrument, or None
-    setup        where instrument and targets are, known or estimated
+    setup        frames of instrument and targets, known or estimated
     noise_position, noise_orientation   stated standard deviations per coordinate, m and rad
-    deviations   (N, d) standard deviations of every coordinate of every row along the instrument's axes, m and rad, where
-                 they are not those two; None: they are
-    truth        the actual robot and set-up of a simulation; None for real measurements
-    conditions   of every row: directions of motion, payload, temperature, as far as they are known
-    provenance   command line, seed, input checksums, versions: text by name
-    commanded    (N, 4, 4) T_base_tool that was asked for in K_0, where q are joints corrected for it; None where q itself
-                 is the command
+    deviations   (N, d) standard deviations of every coordinate of every row along the instrument's
+                 axes, m and rad; None where noise_position and noise_orientation hold for all
+    truth        actual robot and set-up of a simulation; None for real measurements
+    conditions   of every row, as far as they are known: directions of motion, payload, temperature
+    provenance   command line, seed, checksums of inputs, versions: text by name
+    commanded    (N, 4, 4) commanded T_base_tool in K_0, where q are joints corrected for it; None
+                 where q itself is the command
     """
 
     robot: Robot
@@ -107,15 +114,18 @@ class Measurements:
             raise InputError("measurements: a measured value is not finite")
         if not self.seen.any(axis=-1).all():
             raise InputError(
-                f"measurements: row {int(np.argmin(self.seen.any(axis=-1))) + 1} has no target at all"
+                f"measurements: row {int(np.argmin(self.seen.any(axis=-1))) + 1} has "
+                "no target at all"
             )
         if (self.rotations is None) != (self.setup.R_tool_sensor is None):
             raise InputError(
-                "measurements: measured rotations and the sensor's orientation on the tool belong together"
+                "measurements: measured rotations and the sensor's orientation on the tool "
+                "belong together"
             )
         if self.rotations is not None and self.rotations.shape != (len(self.q), 3, 3):
             raise InputError(
-                f"measurements: rotations have shape {self.rotations.shape}, expected {(len(self.q), 3, 3)}"
+                f"measurements: rotations have shape {self.rotations.shape}, expected "
+                f"{(len(self.q), 3, 3)}"
             )
         self.conditions.check(self.q.shape, "measurements")
         if self.commanded is not None:
@@ -140,18 +150,104 @@ class Measurements:
             ).all():
                 raise InputError("measurements: a standard deviation is not above zero")
 
+    @classmethod
+    def from_points(
+        cls,
+        robot: Robot,
+        q: ArrayLike,
+        points: ArrayLike,
+        *,
+        noise: float = 0.05e-3,
+        targets: ArrayLike | None = None,
+        T_instrument_base: ArrayLike | None = None,
+    ) -> Self:
+        """Measurements of target points from arrays.
+
+        q                  (N, n) joint positions of the serial chain, rad or m
+        points             (N, m, 3), or (N, 3) for one target: measured in the instrument's frame,
+                           m; NaN for a target that was not seen
+        noise              standard deviation of a coordinate, m
+        targets            (m, 3) target points in the tool frame, m
+        T_instrument_base  (4, 4) pose of K_0 in the instrument's frame
+
+        What is not given of the set-up is registered with the nominal robot. Raises InputError for
+        arrays that do not fit, NoSolutionError where too few rows register it.
+        """
+        points = np.asarray(points, dtype=float)
+        points = points[:, None, :] if points.ndim == 2 else points
+        known = targets is not None
+        setup = Setup(
+            T_instrument_base=_pose(T_instrument_base),
+            targets=readonly(targets if known else np.zeros(points.shape[1:])),
+            frame_known=T_instrument_base is not None,
+            targets_known=known,
+        )
+        return cls(robot, readonly(q), readonly(points), None, setup, noise, 1e-3)._registered()
+
+    @classmethod
+    def from_poses(
+        cls,
+        robot: Robot,
+        q: ArrayLike,
+        T_instrument_sensor: ArrayLike,
+        *,
+        noise: float = 0.05e-3,
+        noise_orientation: float = 0.1e-3,
+        T_tool_sensor: ArrayLike | None = None,
+        T_instrument_base: ArrayLike | None = None,
+    ) -> Self:
+        """Measurements of a 6-D sensor on the tool from arrays.
+
+        q                    (N, n) joint positions of the serial chain, rad or m
+        T_instrument_sensor  (N, 4, 4) measured poses, m
+        noise, noise_orientation   standard deviations of a coordinate, m, and of a rotation, rad
+        T_tool_sensor        (4, 4) pose of the sensor in the tool frame
+        T_instrument_base    (4, 4) pose of K_0 in the instrument's frame
+
+        What is not given of the set-up is registered with the nominal robot. Raises InputError for
+        arrays that do not fit, NoSolutionError where too few rows register it.
+        """
+        poses = np.asarray(T_instrument_sensor, dtype=float)
+        check_poses(poses, "measured poses")
+        T_sensor = _pose(T_tool_sensor)
+        setup = Setup(
+            T_instrument_base=_pose(T_instrument_base),
+            targets=readonly(T_sensor[None, :3, 3]),
+            R_tool_sensor=readonly(T_sensor[:3, :3]),
+            frame_known=T_instrument_base is not None,
+            targets_known=T_tool_sensor is not None,
+        )
+        points, rotations = readonly(poses[:, None, :3, 3]), readonly(poses[:, :3, :3])
+        return cls(
+            robot, readonly(q), points, rotations, setup, noise, noise_orientation
+        )._registered()
+
+    def _registered(self) -> Self:
+        if self.setup.known:
+            return self
+        from calibtool.measurement.registration import register  # which needs this module
+
+        return replace(self, setup=register(self))
+
+    def __repr__(self) -> str:
+        observed = self.setup.kind.words.format(m=self.points.shape[1])
+        return (
+            f"<Measurements of {self.robot.name}: {len(self)} configurations, {observed}, "
+            f"noise {self.noise_position * 1e3:g} mm>"
+        )
+
     def __len__(self) -> int:
         return len(self.q)
 
     @property
     def seen(self) -> np.ndarray:
-        """Which targets were seen: (N, m) bool."""
+        """(N, m) bool: which targets were seen."""
         seen: np.ndarray = ~np.isnan(self.points[..., 0])
         return seen
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates measured at a configuration where everything is seen."""
+        """Number of coordinates of a configuration where everything was seen."""
         return len(self.setup.target_names)
 
     @property
@@ -165,7 +261,7 @@ class Measurements:
         return self.setup.kind.id
 
     def points_alone(self) -> Self:
-        """The measured points without orientations, and without what only a simulation knows."""
+        """The measured points without orientations and without the truth of a simulation."""
         setup = replace(self.setup, R_tool_sensor=None)
         deviations = (
             None
@@ -191,6 +287,15 @@ class Measurements:
         )
 
 
+def _pose(given: ArrayLike | None) -> Array:
+    """A pose (4, 4), or the identity."""
+    if given is None:
+        return readonly(np.eye(4))
+    pose = readonly(given)
+    check_poses(pose[None], "pose")
+    return pose
+
+
 def determines_orientation(targets: Array) -> bool:
     """Whether target points (m, 3) are at least three and not on one line."""
     if len(targets) < 3:
@@ -200,11 +305,11 @@ def determines_orientation(targets: Array) -> bool:
 
 
 def check_targets(targets: Array, place: str) -> None:
-    """InputError when of targets (m, 3) three or more lie on one line, or two coincide: the pose is not determined."""
+    """Raises InputError when three or more targets (m, 3) lie on one line, or two coincide."""
     if len(targets) >= 3 and not determines_orientation(targets):
         raise InputError(
-            f"{place}: the {len(targets)} target points are collinear, so the turn about their line stays unseen; "
-            "move one off the line, or use one target (position only)"
+            f"{place}: the {len(targets)} target points are collinear, so the turn about their "
+            "line stays unseen; move one off the line, or use one target (position only)"
         )
     for i, point in enumerate(targets):
         near = np.linalg.norm(targets[i + 1 :] - point, axis=-1) < 1e-6

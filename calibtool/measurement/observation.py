@@ -1,4 +1,5 @@
-"""From poses to what an instrument sees, and back to weighted residuals (Eqs. 18, 19), by the kind of observation.
+"""Observations predicted from poses, and weighted residuals (Eqs. 18, 19), for every kind of
+observation.
 
 An observation of one configuration has d coordinates in K_0, in m and rad: see `kinds`.
 """
@@ -11,7 +12,7 @@ from calibtool.robot.se3 import Array, inverse, transform_points
 
 
 def measured_in_base(measurements: Measurements, setup: Setup) -> Readings:
-    """What was measured, brought from the instrument's frame to K_0."""
+    """The measured points and orientations, transformed from the instrument's frame to K_0."""
     T_base_instrument = inverse(setup.T_instrument_base)
     rotations = measurements.rotations
     return Readings(
@@ -26,7 +27,9 @@ def residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> A
 
 
 def weighted_residuals(measurements: Measurements, setup: Setup, T_base_tool: Array) -> Array:
-    """The same over the stated noise (N, d), along the instrument's axes where that differs from axis to axis."""
+    """The same divided by the stated noise (N, d), along the instrument's axes where the noise
+    differs by axis.
+    """
     return _whitened(measurements, setup, residuals(measurements, setup, T_base_tool)[..., None])[
         ..., 0
     ]
@@ -39,9 +42,10 @@ def linearised(
     pose_columns: Array | None,
     targets: bool,
 ) -> tuple[Array, Array]:
-    """Columns (N, d, p) and residuals (N, d) of every configuration over the stated noise, at predicted poses (N, 4, 4).
+    """Weighted columns (N, d, p) and weighted residuals (N, d) of every configuration.
 
-    pose_columns (N, 6, ·) ∂δy/∂θ; with `targets`, the columns of the target coordinates follow.
+    They are divided by the stated noise, at predicted poses T_base_tool (N, 4, 4). pose_columns:
+    (N, 6, ·), ∂δy/∂θ. With `targets`, the columns of the target coordinates follow.
     """
     blocks = [] if pose_columns is None else [observation_matrix(setup, T_base_tool) @ pose_columns]
     blocks += [target_columns(setup, T_base_tool)] if targets else []
@@ -57,12 +61,17 @@ def observation_matrix(setup: Setup, T_base_tool: Array) -> Array:
 
 
 def target_columns(setup: Setup, T_base_tool: Array) -> Array:
-    """∂(observation)/∂(targets and sensor orientation), shifts and left turns in the tool frame: (N, d, d)."""
+    """∂(observation)/∂(targets and sensor orientation): (N, d, d).
+
+    Displacements and left-multiplied rotations in the tool frame.
+    """
     return setup.kind.columns(setup, T_base_tool)
 
 
 def weights(measurements: Measurements) -> Array:
-    """1/σ of every coordinate of every observation, 0 where a target was not seen: (N, d), see `_whitened`."""
+    """1/σ of every coordinate of every observation, 0 where a target was not seen: (N, d),
+    see `_whitened`.
+    """
     readings = Readings(measurements.points, measurements.rotations)
     if measurements.deviations is None:
         stated = measurements.noise_position, measurements.noise_orientation
@@ -71,7 +80,10 @@ def weights(measurements: Measurements) -> Array:
 
 
 def _whitened(measurements: Measurements, setup: Setup, rows: Array) -> Array:
-    """Rows (N, d, k) over the stated noise. Deviations of single axes are those of the instrument's axes."""
+    """Rows (N, d, k) over the stated noise.
+
+    Deviations of single axes are those of the instrument's axes.
+    """
     if measurements.deviations is not None:
         count, d, k = rows.shape
         rows = (setup.T_instrument_base[:3, :3] @ rows.reshape(count, d // 3, 3, k)).reshape(

@@ -1,8 +1,10 @@
-"""Registration: the instrument's frame and the targets on the tool, from measurements and a model of the robot (METHOD §3).
+"""Registration: instrument frame and targets on the tool, from measurements and a model of the
+robot.
 
-For a given rotation C of the instrument everything else is linear: C p_k,i + s − R_k t_i = t_k. What is left is a quadratic
-form of the nine elements of C, minimised over all rotations at once (rotation_search); its lowest minima start a damped
-Gauss–Newton refinement of the exact residuals. No angle is assumed to be small, and no start is needed.
+For a given rotation C of the instrument the equations are linear: C p_k,i + s − R_k t_i = t_k.
+Eliminating the other unknowns gives a quadratic form of the nine elements of C, which is minimised
+over all rotations (`rotation_search`). Its lowest minima start a damped Gauss–Newton refinement of
+the exact residuals. No angle is assumed to be small, and no start is needed.
 """
 
 from dataclasses import replace
@@ -25,11 +27,13 @@ _ITERATIONS = 200
 def register(
     measurements: Measurements, T_base_tool: Array | None = None, start: Setup | None = None
 ) -> Setup:
-    """The set-up with its unknown parts fitted to the measurements; known parts stay.
+    """Fit the unknown parts of the set-up to the measurements; known parts stay.
 
-    T_base_tool (N, 4, 4): poses that a model of the robot gives; those of the nominal robot unless given.
-    start: a set-up to start from beside the program's own starts; the lowest sum of squares is the answer.
-    Raises NoSolutionError when there are fewer configurations than the unknowns need, or no start converges.
+    T_base_tool: (N, 4, 4) poses in K_0 by a model of the robot, by default those of the nominal
+    robot. start: a set-up from which to start in addition; the solution with the lowest cost is
+    returned.
+
+    Raises NoSolutionError when there are fewer equations than unknowns, or no start converges.
     """
     setup = measurements.setup
     if setup.known:
@@ -40,15 +44,16 @@ def register(
     never = np.flatnonzero(~measurements.seen.any(axis=0))
     if len(never) and not setup.targets_known:
         raise NoSolutionError(
-            f"registration: target {', '.join(str(i + 1) for i in never)} is seen in none of the {len(measurements)} "
+            f"registration: target {', '.join(str(i + 1) for i in never)} is seen in none of the "
+            f"{len(measurements)} "
             "configurations, so nothing tells where it is; measure it or leave it out"
         )
     unknowns = 6 * (not setup.frame_known) + len(setup.target_names) * (not setup.targets_known)
     equations = measurements.equations
     if equations <= unknowns:
         raise NoSolutionError(
-            f"registration: {len(measurements)} configurations give {equations} equations for {unknowns} unknowns of "
-            "instrument frame and targets; measure more configurations"
+            f"registration: {len(measurements)} configurations give {equations} equations for "
+            f"{unknowns} unknowns of instrument frame and targets; measure more configurations"
         )
     refined = [
         refine(measurements, candidate, poses) for candidate in _starts(measurements, poses, start)
@@ -56,22 +61,27 @@ def register(
     best, cost = min(refined, key=lambda item: item[1])
     if not np.isfinite(cost):
         raise NoSolutionError(
-            "registration: no start converged; check joint values, units and the order of the targets"
+            "registration: no start converged; check joint values, units and the order "
+            "of the targets"
         )
     return best
 
 
 def update_setup(setup: Setup, base: Array | None, target_shift: Array | None) -> Setup:
-    """Apply a Gauss–Newton step: a twist (6,) of K_0 that moves the predictions, and shifts (d,) as in `target_columns`."""
+    """Set-up after a Gauss–Newton step.
+
+    twist (6,) of K_0, which moves the predictions; changes (d,) of the targets as in
+    `target_columns`.
+    """
     if base is not None:
         setup = replace(setup, T_instrument_base=readonly(setup.T_instrument_base @ exp6(base)))
     return setup if target_shift is None else setup.kind.moved(setup, target_shift)
 
 
 def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setup, float]:
-    """Damped Gauss–Newton with minimum-norm steps from one set-up, and its cost: infinite when it does not settle.
+    """Damped Gauss–Newton with minimum-norm steps from one set-up: the set-up and its cost.
 
-    poses (N, 4, 4) are T_base_tool.
+    poses: T_base_tool (N, 4, 4). The cost is infinite when the iteration does not converge.
     """
     of_base = None if setup.frame_known else np.broadcast_to(np.eye(6), (len(poses), 6, 6))
     base, shift = (slice(0), slice(None)) if setup.frame_known else (slice(6), slice(6, None))
@@ -107,7 +117,7 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
 
 
 def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> list[Setup]:
-    """Starting values of the unknown parts."""
+    """Starting values of the unknown parts of the set-up."""
     setup, arm = measurements.setup, measurements.noise_position / measurements.noise_orientation
     readings = Readings(measurements.points, measurements.rotations)
     points, targets = setup.kind.as_points(readings, setup, arm)
@@ -134,10 +144,11 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
 def frames_of_least_squares(
     poses: Array, points: Array, guesses: list[Array], *, only_guesses: bool = False
 ) -> list[Array]:
-    """T_instrument_base that make C p_k,i + s − R_k t_i − t_k small with free targets t_i: the lowest minima, best first.
+    """T_instrument_base that minimise C p_k,i + s − R_k t_i − t_k with free targets t_i, best
+    first.
 
-    poses (N, 4, 4), points (N, m, 3), NaN where unseen. guesses: frames to start from beside a grid over all rotations, or,
-    with only_guesses, instead of it; their rotations matter alone, as the rest is linear.
+    poses (N, 4, 4), points (N, m, 3), NaN where unseen. guesses: frames whose rotations are starts
+    beside a grid over all rotations, or instead of it with only_guesses.
     """
     count, m = points.shape[:2]
     seen = ~np.isnan(points[..., 0])
@@ -153,8 +164,8 @@ def frames_of_least_squares(
     both = np.concatenate([A, b], axis=-1)[seen].reshape(-1, 10)
     linear = B[seen].reshape(-1, 3 + 3 * m)
     solved = np.linalg.lstsq(linear, both, rcond=1e-9)[0].astype(float)
-    left = both - linear @ solved
-    form = RotationForm.of(left[:, :9], left[:, 9])
+    reduced = both - linear @ solved
+    form = RotationForm.of(reduced[:, :9], reduced[:, 9])
     turned = [inverse(guess)[None, :3, :3] for guess in guesses]
     rotations = form.minimum(
         np.concatenate(turned if only_guesses else [*turned, form.relaxed(), rotation_grid()])
@@ -180,7 +191,10 @@ def _mean_targets(poses: Array, T_instrument_base: Array, points: Array) -> Arra
 
 
 def rigid_fit(source: Array, target: Array) -> Array:
-    """The motion T with T · source ≈ target in least squares (Kabsch), batched: (…, m, 3), (…, m, 3) → (…, 4, 4)."""
+    """Rigid motion T (…, 4, 4) with T · source ≈ target in least squares (Kabsch).
+
+    source, target: (…, m, 3), m.
+    """
     a, b = source.mean(axis=-2, keepdims=True), target.mean(axis=-2, keepdims=True)
     T = np.zeros((*source.shape[:-2], 4, 4))
     T[..., :3, :3] = nearest_rotation(np.swapaxes(target - b, -1, -2) @ (source - a))

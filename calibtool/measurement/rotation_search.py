@@ -1,4 +1,6 @@
-"""Least squares over rotations: the smallest value of a quadratic form of the nine elements, from many starts at once."""
+"""Least squares over rotations: minima of a quadratic form of the nine elements
+from many starts.
+"""
 
 from dataclasses import dataclass
 
@@ -17,7 +19,9 @@ _GENERATORS = skew(np.eye(3))
 
 @dataclass(frozen=True, eq=False)
 class RotationForm:
-    """f(C) = |E vec(C) − e|² / 2 of a rotation C, vec row by row, kept as M = EᵀE (9, 9) and g = Eᵀe (9,)."""
+    """f(C) = |E vec(C) − e|² / 2 of a rotation C, vec row by row, kept as M = EᵀE (9, 9)
+    and g = Eᵀe (9,).
+    """
 
     M: Array
     g: Array
@@ -34,7 +38,7 @@ class RotationForm:
         return result
 
     def relaxed(self) -> Array:
-        """Rotations nearest to the solutions without the constraint, one per rank tolerance: (2, 3, 3)."""
+        """Rotations (2, 3, 3) nearest to the unconstrained solutions, one per rank tolerance."""
         # The second is for designs in which a direction is seen only through errors.
         solutions = [
             np.linalg.pinv(self.M, rcond=tolerance, hermitian=True) @ self.g
@@ -43,9 +47,10 @@ class RotationForm:
         return nearest_rotation(np.stack(solutions).reshape(-1, 3, 3))
 
     def minimum(self, starts: Array) -> list[Array]:
-        """Where Newton's descent from starts (s, 3, 3) settles: distinct rotations, lowest value first.
+        """Distinct local minima from starts (s, 3, 3), the lowest value first.
 
-        Newton on SO(3) with the exact Hessian, its eigenvalues made positive, steps halved until they descend.
+        Newton's method on SO(3) with the exact Hessian, whose eigenvalues are made positive; steps
+        are halved until the value decreases.
         """
         from scipy.spatial.transform import Rotation
 
@@ -87,7 +92,7 @@ class RotationForm:
 
 
 def rotation_grid() -> Array:
-    """The 24 rotations of a cube, no rotation is further than 63 deg from one of them: (24, 3, 3)."""
+    """The 24 rotations (24, 3, 3) of a cube; every rotation is within 63 deg of one of them."""
     from scipy.spatial.transform import Rotation
 
     grid: Array = Rotation.create_group("O").as_matrix()

@@ -1,12 +1,12 @@
-"""Configurations to measure: drawn in task space, reachable, inside the limits, away from singularities."""
+"""Random configurations to measure: reachable, inside the limits, away from singularities."""
 
 import numpy as np
 
 from calibtool.errors import NoSolutionError
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.description import Workspace
 from calibtool.robot.inverse import solve_poses
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
 
 
@@ -15,9 +15,10 @@ def sample_configurations(
 ) -> Array:
     """Joint positions (count, n) of a workspace, in rad or m.
 
-    With a workspace: poses uniform in its box and cone, solved by inverse kinematics from its home; for n < 6 the
-    reachable pose nearest to the drawn one. Without (`full`): uniform over the joint range. Configurations outside the
-    limits or nearer to a singularity than MIN_SINGULARITY_DISTANCE are drawn again.
+    With a workspace: poses uniform in its box and cone, solved by inverse kinematics from its home;
+    for n < 6 the reachable pose nearest to the drawn one. Without (`full`): uniform over the joint
+    range. Configurations outside the limits or nearer to a singularity than
+    MIN_SINGULARITY_DISTANCE are drawn again.
 
     Raises NoSolutionError when hardly any pose of the workspace is reachable.
     """
@@ -26,7 +27,7 @@ def sample_configurations(
     while found < count:
         batch = max(2 * (count - found), 50)
         drawn = (
-            _uniform(robot, batch, rng)
+            robot.anywhere(batch, rng)
             if workspace is None
             else _poses(robot, workspace, batch, rng)
         )
@@ -40,14 +41,15 @@ def sample_configurations(
             found += len(q)
         if tried > 2000 and found < 0.01 * tried:
             raise NoSolutionError(
-                f"{robot.name}: only {found} of {tried} poses of the workspace can be reached inside the joint limits; "
-                "make it smaller or move its home"
+                f"{robot.name}: only {found} of {tried} poses of the workspace can be reached "
+                "inside the joint limits; make it smaller or move its home"
             )
     return np.concatenate(accepted)[:count]
 
 
-def _uniform(robot: Robot, count: int, rng: np.random.Generator) -> Array:
-    return robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
+def spread_rows(count: int, most: int) -> np.ndarray:
+    """Indices of at most `most` of `count` rows, evenly spread from the first to the last."""
+    return np.linspace(0, count - 1, min(count, most)).astype(int)
 
 
 def _poses(robot: Robot, workspace: Workspace, count: int, rng: np.random.Generator) -> Array:
@@ -72,7 +74,9 @@ def _poses(robot: Robot, workspace: Workspace, count: int, rng: np.random.Genera
 
 
 def _solved(robot: Robot, workspace: Workspace, target: Array) -> Array:
-    """Joint positions for poses of the box and cone (N, 4, 4); rows that are not reached, or left the box, are dropped."""
+    """Joint positions for poses of the box and cone (N, 4, 4); rows that are not reached, or left
+    the box, are dropped.
+    """
     home = robot.home(workspace)
     solved = solve_poses(
         robot.mechanism.forward_and_jacobian,
@@ -87,7 +91,8 @@ def _solved(robot: Robot, workspace: Workspace, target: Array) -> Array:
     if robot.n >= 6:
         q = solved.q[solved.reached]
         return q
-    # At a joint limit the nearest pose is the end of the arm's range, not the shadow of the drawn one.
+    # At a joint limit the nearest pose is the end of the arm's range, not the shadow
+    # of the drawn one.
     q = solved.q[solved.converged]
     q = q[((q > robot.lower + 1e-6) & (q < robot.upper - 1e-6)).all(axis=-1)]
     centre = robot.mechanism.forward(home[None])[0, :3, 3]

@@ -1,17 +1,17 @@
-"""Measure an actual robot that only the simulation knows."""
+"""Simulated measurements of an actual robot with errors."""
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
-from calibtool.errormodel.conditions import Conditions
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errors import InputError, check_number
 from calibtool.measurement.measurements import Measurements, Setup, Truth, check_targets
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
 SMALLEST_NOISE, NO_NOISE = (
@@ -23,17 +23,19 @@ ORIENTATION_NOISE = 0.1e-3  # rad, stated for 6-D instruments unless told otherw
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What is to be simulated.
+    """Options of a simulation.
 
-    payload_kg      masses at the tool are drawn evenly between these two; None: that of the robot's description
-    temperature_c   the links warm or cool evenly from the first to the second over the rows; None: see `ActualRobot`
-    seed            of everything random
+    seed            of all random numbers
     configurations  number to sample in `workspace` (None: the whole joint range)
-    scales          kinds and sizes of the actual robot's errors
+    scales          kinds and magnitudes of the errors of the actual robot
     noise           standard deviation per coordinate, m
-    unregistered    instrument and targets at random places that the estimators do not know
+    unregistered    instrument and targets are at random places that the estimators do not know
     at              (N, n) joint positions to measure at instead of sampled ones, rad or m
-    same_robot      the robot and set-up of an earlier simulation (`Measurements.truth`), measured again
+    same_robot      robot and set-up of an earlier simulation (`Measurements.truth`), measured again
+    payload_kg      masses at the tool are drawn evenly between these two; None: that of the
+                    description of the robot
+    temperature_c   temperature of the links from the first to the last row, linear in between;
+                    None: see `ActualRobot`
     """
 
     seed: int = 0
@@ -56,12 +58,13 @@ class Simulation:
 def simulate(robot: Robot, simulation: Simulation) -> Measurements:
     """Draw an actual robot, drive it to configurations and observe its targets with noise.
 
-    The robot, the configurations, the noise and the set-up have streams of their own, spawned from the seed. A robot
-    measured again takes other streams than its first measurement, so that the same seed gives fresh configurations.
-    Points (N, m, 3) are in the instrument's frame, which is K_0 unless `unregistered`; units in `Measurements`.
+    Robot, configurations, noise and set-up have separate random streams, spawned from the seed. A
+    robot that is measured again uses other streams than its first measurement, so that the same
+    seed gives new configurations. Points (N, m, 3) are in the instrument's frame, which is K_0
+    unless `unregistered`; units as in `Measurements`.
 
-    Raises NoSolutionError when hardly any pose of the workspace can be reached, InputError for configurations (`at`) or
-    targets that do not fit the robot.
+    Raises NoSolutionError when hardly any pose of the workspace can be reached, InputError for
+    configurations (`at`) or targets that do not fit the robot.
     """
     again = simulation.same_robot is not None
     entropy = np.random.SeedSequence([simulation.seed, 1] if again else simulation.seed)
@@ -113,12 +116,14 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
 def observe(
     actual: ActualRobot, setup: Setup, q: Array, conditions: Conditions | None = None
 ) -> Array:
-    """Target points in the instrument's frame without noise, q (N, n) → (N, m, 3)."""
+    """Target points (N, m, 3) in the instrument's frame, m, without noise, for q (N, n) in rad or
+    m.
+    """
     return transform_points(setup.T_instrument_base @ actual.forward(q, conditions), setup.targets)
 
 
 def _random_setup(nominal: Setup, rng: np.random.Generator) -> Setup:
-    """An instrument up to 5 m away in any orientation, targets moved and turned together anywhere near the tool."""
+    """An instrument up to 5 m away in any orientation, and targets moved together near the tool."""
     frame = exp6(np.concatenate([rng.normal(size=3), rng.normal(size=3)]))
     frame[:3, 3] = rng.uniform(-5, 5, 3)
     shift = exp6(np.concatenate([np.zeros(3), rng.normal(size=3)]))

@@ -1,1 +1,3 @@
-"""Planning: which configurations to measure, under what conditions, in which order; poses of an acceptance test."""
+"""Planning: configurations to measure, constraints, visiting order, and poses of an acceptance
+test.
+"""

@@ -1,4 +1,6 @@
-"""Where a robot may be measured: joint margins, singularities, floor, keep-out boxes, line of sight to the instrument."""
+"""Constraints on configurations: joint margins, singularities, floor, keep-out boxes, line of
+sight.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -9,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, transform_points
 
 _TOGETHER = 500  # draws at least
@@ -34,16 +36,18 @@ class Sight:
 
 @dataclass(frozen=True)
 class Constraints:
-    """What a configuration has to keep.
+    """Constraints that a configuration has to satisfy.
 
     joint_margin          part of each joint's range that stays free at both ends
     singularity_distance  smallest `Robot.singularity_distance`
-    floor                 lowest z of anything that moves, m in K_0; None: no floor
-    keep_out              boxes (x0, y0, z0, x1, y1, z1) that nothing enters, m in K_0; they block the sight as well
-    sight                 line of sight from every target to the instrument; None: not asked for
+    floor                 lowest z of everything that moves, m in K_0; None: no floor
+    keep_out              boxes (x0, y0, z0, x1, y1, z1) that nothing enters, m in K_0; they also
+                          block the line of sight
+    sight                 line of sight from every target to the instrument; None: not required
 
-    What moves: the straight links between joint origins, from the flange to the tool and to every target. Bodies have
-    no thickness; widen the boxes by theirs. Motions between configurations are not checked.
+    The moving parts are straight links between joint origins, from the flange to the tool and to
+    every target. They have no thickness; widen the boxes accordingly. Motions between
+    configurations are not checked.
     """
 
     joint_margin: float = 0.0
@@ -116,10 +120,11 @@ def draw_candidates(
     needed: int,
     rng: np.random.Generator,
 ) -> Candidates:
-    """`count` configurations of a workspace that keep the constraints, fewer where they are hard to find.
+    """`count` configurations of a workspace that keep the constraints, fewer where they
+    are hard to find.
 
-    targets (m, 3) in the tool frame, m. Raises NoSolutionError when not even `needed` are found, naming the constraint
-    that turns down most.
+    targets (m, 3) in the tool frame, m. Raises NoSolutionError when not even `needed` are found,
+    naming the constraint that turns down most.
     """
     accepted: list[Array] = []
     first: Array | None = None
@@ -139,8 +144,9 @@ def draw_candidates(
     if found < needed:
         worst = max(rejected, key=lambda option: rejected[option])
         raise NoSolutionError(
-            f"{robot.name}: {found} of {drawn} configurations keep the constraints, {needed} are needed; {worst} turns "
-            f"down {rejected[worst]}: loosen it, or choose another --workspace"
+            f"{robot.name}: {found} of {drawn} configurations keep the constraints, {needed} are "
+            f"needed; {worst} turns down {rejected[worst]}: loosen it, or choose "
+            "another --workspace"
         )
     return Candidates(
         np.concatenate(accepted)[:count], first, drawn, {o: k for o, k in rejected.items() if k}
@@ -148,7 +154,9 @@ def draw_candidates(
 
 
 def links(robot: Robot, targets: Array, q: Array) -> tuple[Array, Array]:
-    """Ends (N, s, 3) of the straight pieces of the moving arm, in K_0: joint to joint, flange to tool and to targets."""
+    """Ends (N, s, 3) of the straight pieces of the moving arm, in K_0: joint to joint, flange to
+    tool and to targets.
+    """
     frames = robot.mechanism.frames(q)
     joints = frames.after[:, :, :3, 3]
     points = np.concatenate(
@@ -161,7 +169,9 @@ def links(robot: Robot, targets: Array, q: Array) -> tuple[Array, Array]:
 
 
 def crosses(start: Array, end: Array, box: Array) -> np.ndarray:
-    """Whether straight pieces (…, 3) touch a box (6,) of lower and upper corner, by slabs: (…,) bool."""
+    """Whether straight pieces (…, 3) touch a box (6,) of lower and upper corner, by
+    slabs: (…,) bool.
+    """
     way = end - start
     way = np.where(np.abs(way) < 1e-12, 1e-12, way)  # a piece along a face: far away or everywhere
     first, second = (box[:3] - start) / way, (box[3:] - start) / way
@@ -172,7 +182,8 @@ def crosses(start: Array, end: Array, box: Array) -> np.ndarray:
 
 
 def inside(robot: Robot, workspace: Workspace | None, q: Array) -> np.ndarray:
-    """Whether q (N, n) is in a workspace, as `sample_configurations` draws from it: limits, box, cone and roll. (N,) bool
+    """Whether q (N, n) is in a workspace, as `sample_configurations` draws from it: limits, box,
+    cone and roll. (N,) bool
 
     For n < 6 the cone is not asked for: the drawn pose is only approached.
     """

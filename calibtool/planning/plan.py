@@ -1,4 +1,6 @@
-"""A measurement plan: the most informative configurations, what they will tell, and the table to drive."""
+"""A measurement plan: the most informative configurations, predicted accuracy, and the table to
+drive.
+"""
 
 from dataclasses import dataclass
 from typing import get_args
@@ -7,15 +9,15 @@ import numpy as np
 
 from calibtool.errors import check_choice, check_number
 from calibtool.planning.constraints import Candidates, Constraints, draw_candidates, inside
-from calibtool.planning.knowledge import Knowledge
-from calibtool.planning.observability import observability_indices
+from calibtool.planning.information import Knowledge
+from calibtool.planning.joint_table import as_written, in_columns, joint_table
+from calibtool.planning.observability_indices import observability_indices
 from calibtool.planning.selection import Criterion, improve, select
-from calibtool.planning.table import as_written, in_columns, joint_table
-from calibtool.planning.travel import short_order, travel
+from calibtool.planning.visiting_order import short_order, travel
 from calibtool.progress import Progress, silent
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.description import Workspace
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 _REFINED = (0.2, 0.1, 0.1, 0.05)  # size of the neighbourhoods, parts of the joint range
@@ -25,9 +27,9 @@ _JUDGED = 500  # configurations of the workspace over which predictions are aver
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What is expected after measuring, over the workspace.
+    """Expected accuracy after measuring, over the workspace.
 
-    effective  parameters' worth known beyond the tolerances
+    effective  effective number of parameters known beyond the tolerances
     target     (M,) standard deviation of the target points after compensation, m
     """
 
@@ -45,13 +47,14 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Chosen configurations and what they are worth.
+    """Chosen configurations with predictions.
 
-    knowledge     what is known before, and the instrument
-    criterion     `d`: every direction of the errors counts; `i`: the mean variance of the target points
-    candidates    what was chosen from
+    knowledge     prior information and instrument
+    criterion     `d`: determinant of the covariance of the errors; `i`: mean variance of the target
+                  points
+    candidates    configurations from which was chosen
     q             (N, n) chosen joint positions in the order of travel, rad or m
-    before, selected, random   predictions before, with the plan, and with as many random candidates instead
+    before, selected, random   predictions before, with the plan, and with as many random candidates
     observability, observability_random   indices O1 … O5 of the two designs
     joint_values  whose joint values `table` and `as_json` hold (q is always the serial chain's)
     """
@@ -69,7 +72,7 @@ class Plan:
 
     @property
     def table(self) -> str:
-        """CSV of the joints, which `simulate --at` reads and a controller's list can be made from."""
+        """CSV of the joints, for `simulate --at` and for the controller."""
         return joint_table(self.knowledge.robot, self.q, joint_values=self.joint_values)
 
     def as_json(self) -> dict[str, object]:
@@ -110,11 +113,11 @@ def make_plan(
     refine: bool = True,
     progress: Progress = silent,
 ) -> Plan:
-    """Choose `count` of `candidates` configurations of a workspace (None: the joint range) that keep the constraints.
+    """Choose `count` of `candidates` configurations of a workspace that satisfy the constraints.
 
-    refine: then let every chosen configuration wander through its neighbourhood, which no finite set of candidates covers.
-    Joint positions are rounded as the table is written, so that the plan is what will be driven. Raises NoSolutionError
-    when too few candidates are found.
+    workspace: None is the whole joint range. refine: then improve every chosen configuration in its
+    neighbourhood. Joint positions are rounded as they are written to the table, so that the plan is
+    what will be driven. Raises NoSolutionError when too few candidates are found.
     """
     check_choice(criterion, get_args(Criterion), "criterion")
     check_number(count, "configurations", 1)
@@ -150,7 +153,9 @@ def make_plan(
 
 
 def _neighbours(robot: Robot, q: Array, scale: float, rng: np.random.Generator) -> Array:
-    """Configurations near q (N, n): about half of the joints moved by normal steps of a part of the range, to the limits."""
+    """Configurations near q (N, n): about half of the joints moved by normal steps of a part of the
+    range, to the limits.
+    """
     repeated = np.repeat(q, max(_NEIGHBOURS // len(q), 4), axis=0)
     step = rng.normal(size=repeated.shape) * (rng.random(repeated.shape) < 0.5)
     result: Array = np.clip(

@@ -1,4 +1,4 @@
-"""Optimal design by greedy choice and exchange, from a finite set of candidates (Fedorov 1972; METHOD §9)."""
+"""Optimal design by greedy choice and exchange, from a finite set of candidates (Fedorov 1972)."""
 
 from typing import Literal
 
@@ -23,14 +23,16 @@ def select(
     reference: Array | None = None,
     progress: Progress = silent,
 ) -> np.ndarray:
-    """Indices of `count` candidates that leave the least uncertainty, in the order of the greedy choice.
+    """Indices of `count` candidates that leave the least uncertainty, in the order of
+    the greedy choice.
 
     rows        (N, r, p) of every candidate, over the noise
     covariance  (p, p) of the parameters before, in units in which its entries are comparable
-    criterion   `d`: the determinant of the covariance; `i`: the mean variance of observations over `reference` rows
-                (M, r, p), the candidates' own unless given
+    criterion   `d`: the determinant of the covariance; `i`: the mean variance of observations over
+                `reference` rows (M, r, p), the candidates' own unless given
 
-    No candidate is chosen twice. A step costs a product with all rows and no factorisation beyond r × r and p × p.
+    No candidate is chosen twice. A step costs a product with all rows and no factorisation beyond
+    r × r and p × p.
     """
     moments = _moments(criterion, rows if reference is None else reference)
     information = inverse(covariance)
@@ -80,11 +82,12 @@ def _exchanged(rows: Array, information: Array, moments: Array | None, count: in
 
 
 class _Design:
-    """Covariance C = Λ⁻¹ of chosen configurations and, per candidate k, G_k = A_k C A_kᵀ and (`i`) H_k = A_k C M C A_kᵀ.
+    """Covariance C = Λ⁻¹ of chosen configurations and, per candidate k, G_k = A_k C A_kᵀ and (`i`)
+    H_k = A_k C M C A_kᵀ.
 
-    With C that of the design without a configuration of rows A, K = C Aᵀ and T = (I + A K)⁻¹, the one with it is
-    C − K T Kᵀ; G and H follow by r products per candidate. T is well conditioned for removals, too, as C is always that
-    without, and C itself is never updated but computed from Λ.
+    With C that of the design without a configuration of rows A, K = C Aᵀ and T = (I + A K)⁻¹, the
+    one with it is C − K T Kᵀ; G and H follow by r products per candidate. T is well conditioned for
+    removals, too, as C is always that without, and C itself is never updated but computed from Λ.
     """
 
     def __init__(self, rows: Array, information: Array, moments: Array | None) -> None:

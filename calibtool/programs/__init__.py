@@ -1,1 +1,3 @@
-"""Controller programs as filters: targets are found in the text, corrected, and only their numbers are rewritten."""
+"""Controller programs as filters: targets are found in the text, corrected, and only their
+numbers are rewritten.
+"""

@@ -19,14 +19,15 @@ from calibtool.programs.motions import (
     Label,
     Literal,
     Program,
+    ProgramText,
     Return,
     Routine,
-    Source,
     Unknown,
     Value,
     frame_of,
 )
 from calibtool.programs.motions import Statement as Step
+from calibtool.programs.numbers import LineNumbers, Remark, comments_blanked
 from calibtool.programs.rapid import Argument, Statement, arguments
 from calibtool.programs.rapid_changes import HANDLER, TYPES, Changes, by_name
 from calibtool.programs.rapid_data import Text
@@ -40,8 +41,7 @@ from calibtool.programs.rapid_motions import (
 )
 from calibtool.programs.rapid_names import Data, Names, Procedure, placed
 from calibtool.programs.rapid_values import Values
-from calibtool.programs.targets import Lines, Remark, comments_blanked
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 NAME = "abb-rapid"
 SUFFIXES = (".mod", ".modx", ".prg", ".sys", ".sysx")
@@ -59,14 +59,14 @@ def matches(text: str) -> bool:
     return _START.search(text) is not None
 
 
-def program(sources: Sequence[Source], robot: Robot) -> Program:
+def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
     """The positions and motions of modules of one task."""
     literals: list[Literal] = []
     names = Names()
     texts = []
     for number, source in enumerate(sources):
         code = comments_blanked(source.text, r"![^\r\n]*")
-        text = Text(number, source.text, code, Lines(source.text), robot, literals)
+        text = Text(number, source.text, code, LineNumbers(source.text), robot, literals)
         names.read(text)
         texts.append(text)
     declared: dict[str, Value] = {"tool0": FLANGE, "wobj0.u": BASE, "wobj0.o": BASE}
@@ -102,8 +102,10 @@ class _Module:
 
     # --- data ----------------------------------------------------------------------------------
 
-    def declare(self, places: dict[str, tuple[int, int]], sources: Sequence[Source]) -> None:
-        """What data hold when the program begins. places: where variables are declared, text and line."""
+    def declare(self, places: dict[str, tuple[int, int]], sources: Sequence[ProgramText]) -> None:
+        """What data hold when the program begins. places: where variables are
+        declared, text and line.
+        """
         values, declared = self.values, self.values.declared
         for statement, scopes in placed(self.code, values.text.number):
             values.scopes = scopes
@@ -286,7 +288,9 @@ class _Module:
             yield from self.changes.arguments(self.values, "%…%", given, line)
 
     def _changed(self, name: str, given: Sequence[Argument], line: int) -> Iterator[Step]:
-        """What an instruction of the controller may change: arguments of all that are not known to read them."""
+        """What an instruction of the controller may change: arguments of all that are not
+        known to read them.
+        """
         values = self.values
         if not is_motion(values, name, given):
             yield from self.changes.arguments(values, name, given, line)

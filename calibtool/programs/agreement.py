@@ -1,9 +1,9 @@
-"""What all uses of a position agree on: its frame and tool, or why it is left as it is."""
+"""Frame and tool on which all uses of a position agree, or the reason why it is not corrected."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from calibtool.programs.flow import Flow, Use
+from calibtool.programs.motion_flow import Flow, Use
 from calibtool.programs.motions import FRAME, JOINT, Frame, Program, Unknown
 
 SEED = "only a start of the controller's inverse kinematics"
@@ -12,9 +12,9 @@ _ROUNDING = 1e-9  # m: frames that are computed in two ways are the same
 _LINES = 5  # lines named in one reason
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class Position:
-    """A literal that can be corrected: its number in the program, its uses, and of a pose its frame and tool."""
+    """A literal that can be corrected: number, uses, and the frame and tool of a pose."""
 
     literal: int
     uses: tuple[int, ...]
@@ -23,7 +23,7 @@ class Position:
 
 
 def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, str]]:
-    """Positions in the order of the literals, and why the other literals are left, by their numbers."""
+    """Positions in the order of the literals, and reasons for the others."""
     uses: list[list[int]] = [[] for _ in program.literals]
     for number, use in enumerate(flow.uses):
         uses[use.literal].append(number)
@@ -31,8 +31,8 @@ def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, s
     left: dict[int, str] = {}
     for number, literal in enumerate(program.literals):
         here = [flow.uses[k] for k in uses[number]]
-        if literal.left:
-            left[number] = literal.left
+        if literal.not_corrected:
+            left[number] = literal.not_corrected
         elif number in flow.spoiled:
             left[number] = flow.spoiled[number]
         elif number in flow.frames:
@@ -87,7 +87,7 @@ def _places(lines: set[int]) -> str:
 def _not_given(frame: Frame) -> str:
     kind, name = frame.kind, frame.name
     if name is None:
-        what, key = f"the program does not say its {kind}", "default"
+        what, key = f"the program does not state its {kind}", "default"
     else:
         what, key = f"{kind} '{name}' is not known", name
     return f"{what}; give it with --frames, [{kind}s.{key}]"

@@ -1,4 +1,4 @@
-"""Joint positions for the poses of a program: inverse kinematics on the branch that is meant, for many at once."""
+"""Joint positions for the poses of a program: inverse kinematics by branch, in batches."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -9,10 +9,10 @@ import numpy as np
 
 from calibtool.programs.configurations import Configuration, Posture, has_postures, postures
 from calibtool.robot.inverse import InverseResult, solve_poses
-from calibtool.robot.model import Robot
+from calibtool.robot.inverse_starts import Starts, drawn, starts_of
 from calibtool.robot.reach import excluded
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
-from calibtool.robot.starts import Starts, drawn, starts_of
 
 _NEAR = 8  # starts near the pose, on the branch that is asked for
 _RANDOM = 96  # random starts that find the branches of a pose where those do not
@@ -23,7 +23,7 @@ _SAME = 1e-6  # rad or m: nearer joint positions are one answer
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """The nominal robot as its controller counts joints: q_serial = coupling @ q_controller, coupling (n, n)."""
+    """The nominal robot in controller joints: q_serial = coupling @ q_controller, (n, n)."""
 
     robot: Robot
     coupling: Array
@@ -36,7 +36,7 @@ class Controller:
 
     @cached_property
     def home(self) -> Array:
-        """Where the robot is taken to stand if nothing is known: the home of its default workspace, (n,)."""
+        """Assumed joint positions (n,) where nothing is known: home of the default workspace."""
         return self.robot.home(self.robot.workspace(None)[1])
 
     def to_serial(self, q: Array) -> Array:
@@ -62,7 +62,9 @@ class Controller:
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Joint positions q (N, n), and why a row has none, "" where it has; obeyed (N,): on the configuration's branch."""
+    """Joint positions q (N, n), and why a row has none, "" where it has; obeyed (N,): on the
+    configuration's branch.
+    """
 
     q: Array
     why: list[str]
@@ -81,12 +83,13 @@ def solve(
     configurations: Sequence[Configuration | None],
     strict: np.ndarray,
 ) -> Answers:
-    """Joint positions of the nominal robot within its limits for poses (N, 4, 4), each row by itself.
+    """Joint positions of the nominal robot within its limits for poses (N, 4, 4),
+    each row by itself.
 
-    near (N, n): of several answers the one that Newton's method reaches from there, if it reaches one,
-    otherwise the nearest that is found; external axes are there. configurations: the branch and turns
-    that are asked for; then the answer from `near` if it is one of those, otherwise the nearest that
-    is. strict (N,): a row without such an answer has none.
+    near (N, n): of several answers the one that Newton's method reaches from there, if it reaches
+    one, otherwise the nearest that is found; external axes are there. configurations: the branch
+    and turns that are asked for; then the answer from `near` if it is one of those, otherwise the
+    nearest that is. strict (N,): a row without such an answer has none.
     """
     parts = [slice(first, first + _ROWS) for first in range(0, len(near), _ROWS)]
     found = [
@@ -158,7 +161,9 @@ def solve_pose(
 
 @dataclass(eq=False)
 class _Search:
-    """Answers for poses T (N, 4, 4) from several starts, nearest to `near` (N, n) and on the branches that are asked for."""
+    """Answers for poses T (N, 4, 4) from several starts, nearest to `near` (N, n) and on the
+    branches that are asked for.
+    """
 
     controller: Controller
     T: Array
@@ -167,7 +172,7 @@ class _Search:
 
     @property
     def tolerance(self) -> float:
-        """What counts as reached, as in `inverse_kinematics`."""
+        """Tolerance of a solution, as in `inverse_kinematics`."""
         return 1e-8 if self.controller.robot.n >= 6 else 1e-5
 
     def newton(self, T: Array, start: Array) -> InverseResult:
@@ -222,7 +227,9 @@ class _Search:
         return np.broadcast_to(seeds, (len(rows), *seeds.shape))
 
     def nearest(self, rows: np.ndarray, seeds: Array) -> tuple[np.ndarray, Array]:
-        """Which rows have an answer from their seeds (rows, k, n) that is asked for, and the nearest one."""
+        """Which rows have an answer from their seeds (rows, k, n) that is asked for, and
+        the nearest one.
+        """
         robot, (count, tries) = self.controller.robot, seeds.shape[:2]
         held = list(robot.external.values())
         if held:
@@ -242,7 +249,9 @@ class _Search:
         return found, best
 
     def meant(self, rows: np.ndarray, q: Array) -> tuple[np.ndarray, Array]:
-        """Which joint positions q (rows, n) are on the branch that their row asks for, and the turn that is meant."""
+        """Which joint positions q (rows, n) are on the branch that their row asks for, and the
+        turn that is meant.
+        """
         robot = self.controller.robot
         turned = _near_turn(robot, q, self.near[rows])
         meant = np.array([self.configurations[k] is None for k in rows], dtype=bool)

@@ -1,31 +1,33 @@
 """A controller program in, the corrected program and a summary out."""
 
+import gc
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from calibtool.calibration import Calibration
-from calibtool.compensation.backlash import BacklashPath
+from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.one_step import default_bounds
-from calibtool.compensation.program import OutsidePolicy, guarded
 from calibtool.compensation.solve import Compensation, Method
 from calibtool.compensation.status import MEANING, OK, OUTSIDE, UNCORRECTED
-from calibtool.compensation.weighed import Weights
+from calibtool.compensation.targets import OutsidePolicy, guarded
+from calibtool.compensation.weighted_error import Weights
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
 from calibtool.programs.agreement import AS_FRAME, SEED, Position, positions
 from calibtool.programs.branches import Controller
 from calibtool.programs.controller_poses import check_controller_known, poses_to_write
-from calibtool.programs.flow import follow
 from calibtool.programs.formats import coupling_of, read_program
-from calibtool.programs.frames import Frames
-from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, Source
-from calibtool.programs.nominal import Stands, stands
-from calibtool.programs.summary import CompensatedProgram, Fate
-from calibtool.programs.targets import Remark
+from calibtool.programs.frames import NamedFrames
+from calibtool.programs.motion_flow import follow
+from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, ProgramText
+from calibtool.programs.nominal_joints import Stands, stands
+from calibtool.programs.numbers import Remark
+from calibtool.programs.program_summary import CompensatedProgram, Fate
 from calibtool.programs.writing import NewPositions, Writing, remark_of
 from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.mechanism import Mechanism
@@ -47,8 +49,8 @@ class ProgramOptions:
     joint_values      whose they are; None: what the format says, see `coupling_of`
     frames            frames and tools that the program does not define
     backlash          take it up where the text is in the order of motion
-    controller_model  T_base_tool by which the controller solves poses; None: nobody says, which is
-                      the nominal robot's where the description knows of no other
+    controller_model  T_base_tool by which the controller solves poses; None: nobody states, which
+                      is the nominal robot's where the description knows of no other
     ignore_external   poses beside external axes are those of the arm alone
     largest_change    rad; this and weights: see `default_bounds`
     """
@@ -57,7 +59,7 @@ class ProgramOptions:
     outside: OutsidePolicy = "mark"
     on_error: str = "stop"
     joint_values: JointValues | None = None
-    frames: Frames = field(default_factory=Frames)
+    frames: NamedFrames = field(default_factory=NamedFrames)
     backlash: bool = True
     controller_model: Mechanism | None = None
     ignore_external: bool = False
@@ -74,31 +76,41 @@ def compensate_program(
 ) -> CompensatedProgram:
     """Correct every joint and pose target of a program.
 
-    A joint target gets the joints that bring the calibrated robot where the nominal one would be; a pose target, solved
-    on the branch that the controller takes there, gets the pose that the controller's robot takes at the corrected
-    joints, in its own frame and with its own tool. program_format: one of docs/programs; name stands in messages;
-    options: exact, stop at the first failure, unless given.
+    A joint target gets the joints that bring the calibrated robot where the nominal one would be; a
+    pose target, solved on the branch that the controller takes there, gets the pose that the
+    controller's robot takes at the corrected joints, in its own frame and with its own tool.
+    program_format: one of docs/programs; name is used in messages; options: exact, stop at the
+    first
+    failure, unless given.
 
-    Raises InputError for bad data and NoSolutionError for targets without an answer, both with the line; with on_error
-    `skip` such targets stay as they are and are listed.
+    Raises InputError for bad data and NoSolutionError for targets without an answer, both with the
+    line; with on_error `skip` such targets stay as they are and are listed.
     """
     return compensate_texts(calibration, [(name, data, True)], program_format, options)
 
 
+@contextmanager
+def _without_collector() -> Iterator[None]:
+    """Nothing here makes circles of references; looking for them costs a quarter of the time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+@_without_collector()
 def compensate_texts(
     calibration: Calibration,
-    texts: Sequence[tuple[str, bytes, bool]],
+    texts: Iterable[tuple[str, bytes, bool]],
     program_format: str,
     options: ProgramOptions | None = None,
 ) -> CompensatedProgram:
-    """The same for a program of several texts: name, bytes and whether it is corrected or only looked up."""
+    """The same for several texts: name, bytes and whether it is corrected."""
     options = options or ProgramOptions()
-    for name, data, _ in texts:
-        if b"\0" in data:
-            raise InputError(
-                f"{name}: holds zero bytes; expected a program in ASCII, UTF-8 or Latin-1"
-            )
-    sources = [Source(name, data.decode("latin-1"), edited) for name, data, edited in texts]
+    sources = [_source(*text) for text in texts]
     robot = calibration.robot
     program = read_program(program_format, sources, robot)
     if len(program.literals) > LARGEST:
@@ -110,6 +122,12 @@ def compensate_texts(
         program = replace(program, literals=tuple(map(_alone, program.literals)))
     controller = Controller(robot, coupling_of(robot, program_format, options.joint_values))
     return _Correction(calibration, program, controller, options, program_format).result()
+
+
+def _source(name: str, data: bytes, edited: bool) -> ProgramText:
+    if b"\0" in data:
+        raise InputError(f"{name}: holds zero bytes; expected a program in ASCII, UTF-8 or Latin-1")
+    return ProgramText(name, data.decode("latin-1"), edited)
 
 
 _Failure = type[CalibtoolError]
@@ -164,7 +182,8 @@ class _Correction:
                 corrected = replace(corrected, q=corrected.q + taken)
             else:
                 notes += (
-                    "the backlash is not taken up: a program does not say in which order its targets are reached",
+                    "the backlash is not taken up: a program does not state in which order its "
+                    "targets are reached",
                 )
         new = self._agreed(found, answers, rows, q, corrected)
         self._stop()
@@ -200,7 +219,9 @@ class _Correction:
     # --- joints and poses ------------------------------------------------------------------------
 
     def _rows(self, found: Sequence[Position], answers: Stands) -> tuple[np.ndarray, Array]:
-        """Rows to correct, a position and its joints (N, n): one for each branch on which a position is used."""
+        """Rows to correct, a position and its joints (N, n): one for each branch on which a
+        position is used.
+        """
         robot = self.controller.robot
         rows = np.array([k for k, q in enumerate(answers.q) for _ in q], dtype=int)
         q = np.array([row for rows_of in answers.q for row in rows_of]).reshape(-1, robot.n)
@@ -317,7 +338,7 @@ class _Correction:
             if not program.sources[literal.source].edited:
                 continue
             left = number in self.why
-            targets += not literal.left and self.why.get(number) not in (SEED, AS_FRAME)
+            targets += not literal.not_corrected and self.why.get(number) not in (SEED, AS_FRAME)
             what = "left" if left else "corrected" if number in writing.changed else "unchanged"
             place = (literal.source, literal.line, literal.name)
             why = self.why[number] if left else looks.get(place, "")
@@ -344,7 +365,11 @@ class _Correction:
 
 def _alone(literal: Literal) -> Literal:
     """A literal without its external axes."""
-    return replace(literal, left="") if literal.left == EXTERNAL and literal.numbers else literal
+    return (
+        replace(literal, not_corrected="")
+        if literal.not_corrected == EXTERNAL and literal.numbers
+        else literal
+    )
 
 
 def _others(failures: Sequence[Remark]) -> str:
@@ -358,13 +383,16 @@ def _others(failures: Sequence[Remark]) -> str:
 
 
 def _nothing(program_format: str) -> str:
-    return f"no positions are written in it as {program_format}; if it is something else, say so with --format"
+    return (
+        f"no positions are written in it as {program_format}; if it is something else, say "
+        "so with --format"
+    )
 
 
 def _beyond(controller: Controller, q: Array) -> str:
     robot = controller.robot
     outside = np.flatnonzero((q < robot.lower - 1e-9) | (q > robot.upper + 1e-9))
     j = int(outside[0])
-    factor, unit = (1e3, "mm") if robot.prismatic[j] else (180 / np.pi, "deg")
+    factor, unit = robot.display_unit(j)
     limits = f"{robot.lower[j] * factor:.6g} … {robot.upper[j] * factor:.6g} {unit}"
     return f"joint {j + 1} at {q[j] * factor:.6g} {unit} is outside its limits ({limits})"

@@ -1,4 +1,5 @@
-"""Configuration data of controllers: which branch of the inverse kinematics a pose means, and in which turn.
+"""Configuration data of controllers: which branch of the inverse kinematics a pose means,
+and in which turn.
 
 Posture and joint values are looked at as the controller does, at the nominal robot:
 
@@ -12,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
 
 _BORDER = np.deg2rad(0.01)  # a joint so near to the border of two turns may be called either
@@ -53,15 +54,19 @@ class Configuration(Protocol):
         """Whether the joints are in the turns that are meant."""
 
     def digits(self, q: Array) -> list[tuple[Digit, int]]:
-        """Integers that have to change, and to what, where the correction took a joint into another turn."""
+        """Integers that have to change, and to what, where the correction took a joint
+        into another turn.
+        """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Fanuc:
-    """`N U T, 0, 0, 0`: no-flip/flip, up/down, top (front)/bottom (back), and the turns of three joints.
+    """`N U T, 0, 0, 0`: no-flip/flip, up/down, top (front)/bottom (back), and the turns
+    of three joints.
 
-    N: the wrist is bent as with J5 = −90 deg; U: the elbow as at the zero position; T: wrist in front of axis 1. Turn k of
-    a joint: from 360 k − 180 to 360 k + 180 deg. What is not written is 0. axes: the joints, from 0, see $TURN_AXIS.
+    N: the wrist is bent as with J5 = −90 deg; U: the elbow as at the zero position; T: wrist in
+    front of axis 1. Turn k of a joint: from 360 k − 180 to 360 k + 180 deg. What is not written is
+    0. axes: the joints, from 0, see $TURN_AXIS.
     """
 
     flip: str
@@ -96,9 +101,10 @@ class Fanuc:
         return [(number, turn) for number, turn in pairs if turn != number.value]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Kuka:
-    """`S` and `T` of a POS or E6POS. S: bit 0 overhead area, bit 1 axis 3 beyond the stretched arm, bit 2 A5 < 0.
+    """`S` and `T` of a POS or E6POS. S: bit 0 overhead area, bit 1 axis 3 beyond the stretched
+    arm, bit 2 A5 < 0.
 
     T: bit k − 1 is set where axis k is negative. Either may be missing.
     """
@@ -133,7 +139,8 @@ class Kuka:
 
 @dataclass(frozen=True, slots=True)
 class Abb:
-    """`[cf1,cf4,cf6,cfx]`: quadrants of axes 1, 4 and 6; cfx: 4 behind axis 1, 2 behind the lower arm, 1 axis 5 negative.
+    """`[cf1,cf4,cf6,cfx]`: quadrants of axes 1, 4 and 6; cfx: 4 behind axis 1, 2 behind the lower
+    arm, 1 axis 5 negative.
 
     Robots whose quadrants decide leave cfx at 0; it is looked at only where it is not zero.
     """
@@ -167,10 +174,11 @@ def _in_quadrant(angle: float, quadrant: int) -> bool:
 
 
 def postures(robot: Robot, q: Array, q_controller: Array) -> np.ndarray:
-    """The branches of joint positions q (N, n) of a six-joint arm: (N, 3) bool, front, bent and flexed.
+    """The branches of joint positions q (N, n) of a six-joint arm: (N, 3) bool, front,
+    bent and flexed.
 
-    q_controller (N, n): as the controller counts. The wrist centre is the origin of joint 5 of the arm; an arm on a track
-    or a turntable has its base's x axis turned with that.
+    q_controller (N, n): as the controller counts. The wrist centre is the origin of joint 5 of the
+    arm; an arm on a track or a turntable has its base's x axis turned with that.
     """
     frames, here = [], np.broadcast_to(np.eye(4), (len(q), 4, 4))
     carried = here

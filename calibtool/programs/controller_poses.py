@@ -1,4 +1,4 @@
-"""Poses for a controller that computes with a model of its own (METHOD §13)."""
+"""Poses for a controller that computes with a model of its own."""
 
 from collections.abc import Sequence
 
@@ -16,10 +16,10 @@ _NEARER = 1e-9  # m: by less the untouched pose is not better
 def check_controller_known(
     calibration: Calibration, model: Mechanism | None, name: str
 ) -> tuple[str, ...]:
-    """What has to be noted of a program with poses; UsageError where its controller is not known.
+    """Note for a program with poses; UsageError where the model of its controller is not known.
 
-    That is where the description says that it may have a model of its own and none is stated. The
-    controller of a simulated robot has the nominal model.
+    That is where the description states that the controller may have a model of its own and none is
+    given. The controller of a simulated robot has the nominal model.
     """
     robot = calibration.robot
     known = robot.source.description.controller

@@ -3,15 +3,15 @@
 import re
 from collections.abc import Sequence
 
-from calibtool.programs.characters import beyond_ascii_blanked
 from calibtool.programs.configurations import has_postures
-from calibtool.programs.motions import FRAME, TOOL, Frame, Literal, Program, Routine, Source
-from calibtool.programs.targets import Lines
+from calibtool.programs.motions import FRAME, TOOL, Frame, Literal, Program, ProgramText, Routine
+from calibtool.programs.multibyte import beyond_ascii_blanked
+from calibtool.programs.numbers import LineNumbers
 from calibtool.programs.tp import sections
 from calibtool.programs.tp_frames import Listed, Selection, is_listing
 from calibtool.programs.tp_instructions import Instructions
 from calibtool.programs.tp_positions import Positions, turn_axes
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 NAME = "fanuc-ls"
@@ -25,16 +25,19 @@ def matches(text: str) -> bool:
 
 
 def coupling(robot: Robot) -> Array:
-    """Controllers state joint values of the description; without a coupling there, six-joint arms state J3 against the
-    horizontal: q3 = J3 + J2. (n, n)"""
+    """Controllers state joint values of the description; without a coupling there, six-joint arms
+    state J3 against the horizontal: q3 = J3 + J2. (n, n)
+    """
     matrix = robot.coupling.copy()
     if not robot.coupled and has_postures(robot):
         matrix[2, 1] = 1.0
     return matrix
 
 
-def program(sources: Sequence[Source], robot: Robot) -> Program:
-    """The positions of motion group 1 and the motions to them; listings of variables give frames and tools."""
+def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
+    """The positions of motion group 1 and the motions to them; listings of variables give
+    frames and tools.
+    """
     listed = Listed()
     texts: dict[int, str] = {}
     for number, source in enumerate(sources):
@@ -48,7 +51,7 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     remarks = listed.remarks
     programs: list[Instructions] = []
     for number, code in texts.items():
-        lines = Lines(code)
+        lines = LineNumbers(code)
         reader = Positions(
             sources[number].text, code, number, lines, robot, axes, literals, remarks
         )

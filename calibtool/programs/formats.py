@@ -1,4 +1,4 @@
-"""The languages of programs, and which one a file is in."""
+"""The languages of programs, and detection of the language of a file."""
 
 from collections.abc import Callable, Sequence
 from pathlib import PurePath
@@ -7,18 +7,19 @@ from typing import Any, Protocol
 import numpy as np
 
 from calibtool.programs import abb, fanuc, kuka, ros2, ur
-from calibtool.programs.motions import Program, Source
-from calibtool.programs.targets import BYTE_ORDER_MARK
+from calibtool.programs.motions import Program, ProgramText
+from calibtool.programs.numbers import BYTE_ORDER_MARK
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 
 class Language(Protocol):
     """What the module of a language offers beside `program`.
 
-    coupling(robot), where there is one: C (n, n) of q_serial = C · q_controller for programs of this language, which
-    then states joint values as the controller shows them unless something else is said.
+    coupling(robot), where there is one: C (n, n) of q_serial = C · q_controller for programs
+    of this language, which then states joint values as the controller shows them unless
+    something else is said.
     """
 
     NAME: str
@@ -30,7 +31,7 @@ class Language(Protocol):
     def matches(self, text: str) -> bool:
         """Whether a text, or its first part, is in this language."""
 
-    def program(self, sources: Sequence[Source], robot: Robot) -> Program:
+    def program(self, sources: Sequence[ProgramText], robot: Robot) -> Program:
         """The positions and motions of a program of one or several texts."""
 
 
@@ -40,7 +41,7 @@ PROGRAM_FORMATS = tuple(_MODULES)
 _HEAD = 65536  # characters that tell a format
 
 
-def read_program(name: str, sources: Sequence[Source], robot: Robot) -> Program:
+def read_program(name: str, sources: Sequence[ProgramText], robot: Robot) -> Program:
     """The positions and motions of a program in the language called `name`."""
     program: Program = _MODULES[name].program(sources, robot)
     return program
@@ -48,14 +49,15 @@ def read_program(name: str, sources: Sequence[Source], robot: Robot) -> Program:
 
 def reader(name: str) -> Callable[[str, Robot], Program]:
     """The same for programs of one text."""
-    return lambda text, robot: read_program(name, [Source("program", text)], robot)
+    return lambda text, robot: read_program(name, [ProgramText("program", text)], robot)
 
 
 def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Array:
     """What stands between a program's joint values and the serial chain, (n, n).
 
-    `controller`: what the language says of the robot, otherwise the robot's own coupling. `serial`: the program's values
-    are the chain's. None: `controller` for languages that say something, `serial` for the others.
+    `controller`: what the language says of the robot, otherwise the robot's own coupling. `serial`:
+    the program's values are the chain's. None: `controller` for languages that say something,
+    `serial` for the others.
     """
     module = _MODULES[name]
     own = getattr(module, "coupling", None)
@@ -65,7 +67,10 @@ def coupling_of(robot: Robot, name: str, joint_values: JointValues | None) -> Ar
 
 
 def detected(text: str, name: str) -> str | None:
-    """The format of a program: by what it holds, with the end of its name where that is not clear; None if nothing tells."""
+    """Format of a program from its contents, or from the suffix where these are ambiguous.
+
+    None if neither decides.
+    """
     text = text.removeprefix(BYTE_ORDER_MARK)
     suffix = PurePath(name).suffix.lower()
     named = [module.NAME for module in _MODULES.values() if suffix in module.SUFFIXES]

@@ -16,8 +16,10 @@ UNIT_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1; four decim
 
 
 @dataclass(frozen=True)
-class Frames:
-    """T_base_frame and T_flange_tool by the names that the program uses; `default` is for poses that name none."""
+class NamedFrames:
+    """T_base_frame and T_flange_tool by the names that the program uses; `default` is for
+    poses that name none.
+    """
 
     frames: dict[str, Array] = field(default_factory=dict)
     tools: dict[str, Array] = field(default_factory=dict)
@@ -77,12 +79,13 @@ class _File(BaseModel):
     tools: dict[str, _Pose] = {}
 
 
-def read_frames(text: str, name: str) -> Frames:
-    """Frames and tools from TOML: `[frames.NAME]` and `[tools.NAME]` with x_mm … and an orientation.
+def read_frames(text: str, name: str) -> NamedFrames:
+    """Frames and tools from TOML: `[frames.NAME]` and `[tools.NAME]` with x_mm …
+    and an orientation.
 
-    Orientations: roll_deg pitch_deg yaw_deg or w_deg p_deg r_deg about the fixed axes x, y, z; a_deg b_deg c_deg about
-    z, the new y and the new x; rx_rad ry_rad rz_rad, a rotation vector; qw qx qy qz. What is left out is 0. Raises
-    InputError for anything else in the file.
+    Orientations: roll_deg pitch_deg yaw_deg or w_deg p_deg r_deg about the fixed axes x, y, z;
+    a_deg b_deg c_deg about z, the new y and the new x; rx_rad ry_rad rz_rad, a rotation vector; qw
+    qx qy qz. What is left out is 0. Raises InputError for anything else in the file.
     """
     try:
         file = _File.model_validate(parse_toml(text, name))
@@ -93,14 +96,16 @@ def read_frames(text: str, name: str) -> Frames:
         raise InputError(
             f"{name}: {place}: {what}; expected [frames.NAME] or [tools.NAME] with x_mm …"
         ) from None
-    return Frames(
+    return NamedFrames(
         {key: value.matrix for key, value in file.frames.items()},
         {key: value.matrix for key, value in file.tools.items()},
     )
 
 
 def poses(values: Array, orientation: str) -> Array:
-    """Poses (N, 4, 4) of x, y, z (m) and an orientation (rad), (N, 6) or (N, 7), see `Literal.orientation`."""
+    """Poses (N, 4, 4) of x, y, z (m) and an orientation (rad), (N, 6) or (N, 7), see
+    `Literal.orientation`.
+    """
     values = np.asarray(values, dtype=float)
     T = np.zeros((len(values), 4, 4))
     T[:, :3, 3], T[:, 3, 3] = values[:, :3], 1.0
@@ -148,7 +153,9 @@ def _of_fixed_angles(angles: Array) -> Array:
 
 
 def poses_values(T: Array, orientation: str, near: Array) -> Array:
-    """Numbers of poses T (N, 4, 4), inverse of `poses`; of several answers that nearest to the numbers `near`."""
+    """Numbers of poses T (N, 4, 4), inverse of `poses`; of several answers that nearest to
+    the numbers `near`.
+    """
     near = np.asarray(near, dtype=float)
     if not len(T):
         return near.copy()
@@ -190,7 +197,9 @@ def _rotation_vectors(vectors: Array, old: Array) -> Array:
 
 
 def _fixed_angles(R: Array, old: Array) -> Array:
-    """Angles about the fixed axes x, y, z (N, 3) nearest to `old`; with the middle one at ±90 deg the first is kept."""
+    """Angles about the fixed axes x, y, z (N, 3) nearest to `old`; with the middle one at ±90 deg
+    the first is kept.
+    """
     horizontal = np.hypot(R[:, 0, 0], R[:, 1, 0])
     pitch = np.arctan2(-R[:, 2, 0], horizontal)
     roll, yaw = np.arctan2(R[:, 2, 1], R[:, 2, 2]), np.arctan2(R[:, 1, 0], R[:, 0, 0])

@@ -12,7 +12,8 @@ _TYPES = "INT|REAL|BOOL|CHAR|FRAME|(?:E3|E6)?(?:POS|AXIS)"
 _LINE = re.compile(r"[^\r\n]+")
 _HEAD = re.compile(
     r"(?P<move>S?(?:PTP|LIN|CIRC)|SPL)(?P<relative>_REL)?(?![\w$=.\[]|\s*+=)"
-    rf"|(?:GLOBAL\s+)?(?:DEF|DEFFCT\s+[\w$]+(?:\s*+{_INDEX})?)\s+(?P<routine>{NAME})(?=\s*+(?:\(|$))"
+    rf"|(?:GLOBAL\s+)?(?:DEF|DEFFCT\s+[\w$]+(?:\s*+{_INDEX})?)"
+    rf"\s+(?P<routine>{NAME})(?=\s*+(?:\(|$))"
     rf"|DEFDAT\s+(?P<data>{NAME})"
     r"|(?P<block>IF|ELSEIF|ELSE|ENDIF|SWITCH|CASE|DEFAULT|ENDSWITCH|FOR|ENDFOR|WHILE|ENDWHILE"
     r"|REPEAT|UNTIL|LOOP|ENDLOOP|EXIT|RETURN|GOTO|END|ENDFCT|ENDDAT|SPLINE|PTP_SPLINE|ENDSPLINE)"
@@ -41,8 +42,8 @@ _REFERENCE = re.compile(rf"({NAME})\s*+({_INDEX})?\s*+((?:{_PART})*)")
 class Statement:
     """A statement, with what stands behind its first words in code[start:end].
 
-    word      `move`, `relative`, `routine`, `data`, `decl`, `assign`, `label`, `other`,
-              `aside` (is declared, or happens beside the motions), or a word of a block in lower case
+    word      `move`, `relative`, `routine`, `data`, `decl`, `assign`, `label`, `other`, `aside` (is
+              declared, or happens beside the motions), or a word of a block in lower case
     name      the motion, routine, data list, type, variable or label, as it is written
     more      of an assignment its index and components; of a declaration the words before its type
     position  where it begins
@@ -78,7 +79,7 @@ class Factor:
 
 
 def statements(code: str) -> Iterator[Statement]:
-    """The statements of a text, comments and strings blanked; another one may follow THEN or ELSE."""
+    """Statements of a text without comments; another one may follow THEN or ELSE."""
     for line in _LINE.finditer(code):
         inner = line[0]
         position = line.start() + len(inner) - len(inner.lstrip())

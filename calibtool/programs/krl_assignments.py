@@ -24,7 +24,7 @@ from calibtool.programs.motions import (
     Value,
     frame_of,
 )
-from calibtool.programs.targets import Remark, number_at
+from calibtool.programs.numbers import Remark, number_at
 
 _KINDS = {"$base": FRAME, "base_data": FRAME, "$tool": TOOL, "tool_data": TOOL}
 _BAS = re.compile(r"\(\s*#(\w+)\s*(?:,\s*([^,)]*?)\s*)?\)")
@@ -215,13 +215,13 @@ class Assignments(Values):
             return  # a frame, which is no position
         if type_ not in POSITIONS and not driven and (type_ or not self.text.complete(start, end)):
             return  # load data, motion parameters, something else
-        left = ""
+        not_corrected = ""
         if type_ == "FRAME" and not driven:
-            left = "a FRAME that no motion of this program goes to"
+            not_corrected = "a FRAME that no motion of this program goes to"
         elif line_framed is not None:
-            left = f"is used as a frame too (line {line_framed})"
+            not_corrected = f"is used as a frame too (line {line_framed})"
         frames = self._alone(low, line) if low not in self.names.used else None
-        yield Assign(line, key, self.text.position(start, end, shown, left, frames))
+        yield Assign(line, key, self.text.position(start, end, shown, not_corrected, frames))
 
     def _alone(self, name: str, line: int) -> tuple[Value, Value] | None:
         """Base and tool of a taught point: those of its frame data, `FP1` of `XP1`."""

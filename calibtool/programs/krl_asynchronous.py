@@ -1,4 +1,4 @@
-"""What interrupts, triggers and cyclic reading of KRL do beside the motions: what they assign is uncertain."""
+"""Interrupts, triggers and cyclic reading of KRL: what they assign is uncertain."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +12,8 @@ class Started:
     """What an instruction lets happen at any time from there on.
 
     routine, place  where it stands: before this step of the routine
-    line, word      its line, and what it is: `TRIGGER`, `ANIN ON`, `INTERRUPT ON`, or `INTERRUPT DECL`, which only declares
+    line, word      its line, and what it is: `TRIGGER`, `ANIN ON`, `INTERRUPT ON`, or `INTERRUPT
+                    DECL`, which only declares
     number          of the interrupt; "" for all
     steps           what happens; of `INTERRUPT ON` what is declared for the number
     """
@@ -64,7 +65,9 @@ def _same(declared: str, number: str) -> bool:
 def _assigned(
     steps: Iterable[Step], bodies: Mapping[str, tuple[Step, ...]], inside: set[str]
 ) -> Iterator[str]:
-    """Names of variables that steps assign, and the routines that they call; those are added to `inside`."""
+    """Names of variables that steps assign, and the routines that they call; those are
+    added to `inside`.
+    """
     for step in steps:
         if isinstance(step, Assign):
             yield step.name
@@ -74,7 +77,9 @@ def _assigned(
 
 
 def _body(routine: Routine, start: Started, changes: Mapping[str, Assign]) -> Iterator[Step]:
-    """The steps of a routine; a variable is uncertain from the start on, and behind each assignment."""
+    """The steps of a routine; a variable is uncertain from the start on, and behind
+    each assignment.
+    """
     here = routine.name == start.routine
     straight = not any(isinstance(step, Jump) for step in routine.body)
     blocks: list[bool] = []  # that are open: whether they are loops

@@ -5,18 +5,18 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from calibtool.programs.configurations import Digit, Kuka
-from calibtool.programs.external import arm_units, beside_pose, joints, unit_of
+from calibtool.programs.external_axes import arm_units, beside_pose, joints, unit_of
 from calibtool.programs.frames import pose
 from calibtool.programs.krl import Statement, statements
 from calibtool.programs.motions import JOINT, POSE, Aim, Literal, Unknown, Value
-from calibtool.programs.targets import (
-    Lines,
+from calibtool.programs.numbers import (
+    LineNumbers,
     Number,
     comments_blanked,
     is_not_finite,
     number_at,
 )
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST
 
@@ -61,9 +61,9 @@ class Text:
         return comments_blanked(self.text, r";[^\r\n]*|^[^\S\r\n]*&[^\r\n]*", r'"[^"\r\n]*"')
 
     @cached_property
-    def lines(self) -> Lines:
+    def lines(self) -> LineNumbers:
         """Line numbers of positions in the text."""
-        return Lines(self.text)
+        return LineNumbers(self.text)
 
     @cached_property
     def statements(self) -> tuple[Statement, ...]:
@@ -116,18 +116,18 @@ class Text:
         start: int,
         end: int,
         name: str,
-        left: str = "",
+        not_corrected: str = "",
         frames: tuple[Value, Value] | None = None,
     ) -> int:
         """The number of the literal in code[start:end].
 
-        left: why it is no position to correct, whatever its numbers; frames: its base and tool where
-        no motion goes there, None if they are not known.
+        not_corrected: why it is no position to correct, whatever its numbers; frames: its base and
+        tool where no motion goes there, None if they are not known.
         """
         self.taken.add(start)
         literal = self._literal(start, end, name, frames)
-        if left and not literal.bad and not literal.left:
-            literal = replace(literal, left=left, alone=None)
+        if not_corrected and not literal.bad and not literal.not_corrected:
+            literal = replace(literal, not_corrected=not_corrected, alone=None)
         self.literals.append(literal)
         return len(self.literals) - 1
 
@@ -143,7 +143,9 @@ class Text:
                 self.literals.append(self._left(kind, start, "{…}", why))
 
     def _left(self, kind: str, start: int, name: str, why: str, bad: bool = False) -> Literal:
-        return Literal(kind, (), self.lines(start), name, source=self.number, left=why, bad=bad)
+        return Literal(
+            kind, (), self.lines(start), name, source=self.number, not_corrected=why, bad=bad
+        )
 
     def _literal(
         self, start: int, end: int, name: str, frames: tuple[Value, Value] | None
@@ -195,7 +197,7 @@ class Text:
         if None in digits.values():
             return self._left(kind, start, name, "S or T is not an integer", bad=True)
         status, turn = digits.get("S"), digits.get("T")
-        external, left = beside_pose(robot, beside)
+        external, not_corrected = beside_pose(robot, beside)
         return Literal(
             POSE,
             tuple(numbers),
@@ -204,7 +206,7 @@ class Text:
             "abc",
             Kuka(None if status is None else status.value, turn) if digits else None,
             self.number,
-            left,
+            not_corrected,
             blank=blank,
             alone=None if frames is None else Aim(number_here, *frames, obeyed=_MAYBE),
             external=external,

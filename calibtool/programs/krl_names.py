@@ -21,7 +21,8 @@ _ITEMS = re.compile(r"\{[^{}]*\}")
 _CONFIG = "$config"
 # Functions that change no argument, and words that are none.
 _BY_VALUE = re.compile(
-    "abs|sqrt|sin|cos|tan|acos|asin|atan2|inverse|forward|varstate|[cs]write|stool2?|sbase|sipo_mode"
+    "abs|sqrt|sin|cos|tan|acos|asin|atan2"
+    "|inverse|forward|varstate|[cs]write|stool2?|sbase|sipo_mode"
     "|and|or|exor|not|b_and|b_or|b_exor|b_not|for|sec|then|to|step|when|delay|until|return"
 )
 _EXTERNAL = re.compile(r"(?:[A-Za-z]\w*\s+)?([A-Za-z_]\w*)\s*\(([^()]*)\)")
@@ -47,7 +48,8 @@ class Names:
     leading   FRAMEs to the left in products that motions go to, and the line
     used      names that stand in other expressions
     changed   routines and names that they assign to; rewritten: those names alone
-    passed    calls in a routine with one of its names as an argument: the name of what is called and the place
+    passed    calls in a routine with one of its names as an argument: the name of what is
+              called and the place
     external  routines of other files, and for every parameter whether it is passed by value
     """
 
@@ -66,7 +68,9 @@ class Names:
     external: dict[str, list[bool]] = field(default_factory=dict)
 
     def key(self, name: str, scopes: Sequence[str]) -> str:
-        """The name of a variable in motions, where these scopes, the innermost first, are in force."""
+        """The name of a variable in motions, where these scopes, the
+        innermost first, are in force.
+        """
         for scope in (*scopes, ""):
             if name in self.inside.get(scope, ()):
                 return f"{scope}|{name}" if scope else name
@@ -81,7 +85,9 @@ class Names:
         return self.routines.get(f"{module}|{name.lower()}") or self.routines.get(name.lower())
 
     def changes(self, called: str, place: int, module: str) -> bool:
-        """Whether a routine may change its argument at a place; one that no file holds may, except `:IN`."""
+        """Whether a routine may change its argument at a place; one that no file holds
+        may, except `:IN`.
+        """
         procedure, low = self.routine(called, module), called.lower()
         if procedure is None:
             values = self.external.get(low, [])

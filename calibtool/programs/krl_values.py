@@ -86,7 +86,9 @@ class Values:
         return tuple(part for part in parts if isinstance(part, str))
 
     def frame(self, start: int, end: int, kind: str, line: int) -> Value:
-        """A frame in code[start:end], a product of frames among them; line: where it is assigned."""
+        """A frame in code[start:end], a product of frames among them;
+        line: where it is assigned.
+        """
         factors, stop = product(self.code, start, end)
         if not factors or self.code[stop:end].strip():
             return Unknown(f"is computed (line {line})")
@@ -121,7 +123,9 @@ class Values:
         return Either(tuple(f"{part}{AS_FRAME}" for part in self.variables(value)))
 
     def _called(self, factor: Factor, kind: str, line: int) -> Value:
-        """`STOOL2(FP1)` and `SBASE(FP1.BASE_NO)`, which the inline forms of spline motions write."""
+        """`STOOL2(FP1)` and `SBASE(FP1.BASE_NO)`, which the inline forms
+        of spline motions write.
+        """
         word = f"{factor.word}{factor.call}"
         found = _OF_FORM.fullmatch(word)
         if found is None:
@@ -165,7 +169,9 @@ class Values:
         return key
 
     def form_items(self, start: int, end: int, line: int) -> dict[str, Value] | None:
-        """Base, tool and mode of `{TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE}`; None for other aggregates."""
+        """Base, tool and mode of `{TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE}`; None for
+        other aggregates.
+        """
         found = {key: item.search(self.code, start, end) for key, item in _ITEM.items()}
         base, tool, mode = found["BASE_NO"], found["TOOL_NO"], found["IPO_FRAME"]
         if not base and not tool:

@@ -24,14 +24,14 @@ from calibtool.programs.motions import (
     Label,
     Literal,
     Program,
+    ProgramText,
     Return,
     Routine,
-    Source,
     Value,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.targets import Remark
-from calibtool.robot.model import Robot
+from calibtool.programs.numbers import Remark
+from calibtool.robot.robot import Robot
 
 NAME = "kuka-krl"
 SUFFIXES = (".src", ".dat", ".sub")
@@ -57,7 +57,7 @@ def matches(text: str) -> bool:
     return _START.search(text) is not None
 
 
-def program(sources: Sequence[Source], robot: Robot) -> Program:
+def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
     """The positions and motions of programs and data lists of one controller."""
     literals: list[Literal] = []
     texts = [Text(k, source.name, source.text, robot, literals) for k, source in enumerate(sources)]
@@ -217,7 +217,9 @@ class _Reader(Motions):
         self.started.append(Started(routine, place, line, words, number, steps))
 
     def _calls(self, statement: Statement, line: int) -> Iterator[Step]:
-        """Calls of routines in a statement, with what their parameters hold; BAS sets base and tool."""
+        """Calls of routines in a statement, with what their parameters hold; BAS
+        sets base and tool.
+        """
         for match in CALLED.finditer(self.code, statement.start, statement.end):
             procedure = self.names.routine(match[1], self.text.module)
             if match[1].upper() == "BAS":

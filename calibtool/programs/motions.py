@@ -1,10 +1,13 @@
-"""What a program is read as: the positions written in it, and routines of motions to them, in order of execution.
+"""What a program is read as: the positions written in it, and routines of motions to them, in
+order of execution.
 
-A language module makes these from text; `flow` follows them, and nothing else knows how a language looks.
+A language module makes these from text; `flow` follows them, and nothing else knows how
+a language looks.
 
-Positions, frames, tools and settings are values: a literal's number, the name of a variable, or one of the classes below.
-A variable's name is any text that the language makes unique; what it holds at a motion is found by following the
-routines, so a language reports assignments where they stand and does not ask what is in force.
+Positions, frames, tools and settings are values: a literal's number, the name of a variable, or one
+of the classes below. A variable's name is any text that the language makes unique; what it holds at
+a motion is found by following the routines, so a language reports assignments where they stand and
+does not ask what is in force.
 """
 
 from collections.abc import Sequence
@@ -13,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibtool.programs.configurations import Configuration
-from calibtool.programs.targets import Number, Numbers, Remark
+from calibtool.programs.numbers import Number, Numbers, Remark
 from calibtool.robot.se3 import Array, readonly
 
 JOINT, POSE = "joint", "pose"
@@ -22,7 +25,7 @@ FRAME, TOOL = "frame", "tool"
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class ProgramText:
     """A text of the program, Latin-1 so that every byte is one character.
 
     edited  whether it is corrected; a text that is only looked up for frames and positions is not
@@ -33,15 +36,17 @@ class Source:
     edited: bool = True
 
 
-# --- values ----------------------------------------------------------------------------------------------------------
+# --- values ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """T_base_frame or T_flange_tool (4, 4) in m, row by row; None where the program does not give it.
+    """T_base_frame or T_flange_tool (4, 4) in m, row by row; None where the program
+    does not give it.
 
     kind  FRAME or TOOL
-    name  how `--frames` calls it: "" is the robot's base or flange, None is not said by the program
+    name  how `--frames` calls it: "" is the robot's base or flange, None where the program
+          does not name it
     line  where the program sets it, 0 for what is there from the start
     """
 
@@ -99,9 +104,10 @@ class Either:
 class Edited:
     """A value of which some components are exchanged, as `$BASE.Z = -300`.
 
-    components   index of the component in x, y, z and the orientation's numbers → its value in SI units
+    components   index of the component in x, y, z and the orientation's numbers → its
+                 value in SI units
     orientation  as in `Literal`
-    line, why    where, and what is said of a literal so treated, which is then no constant
+    line, why    where, and the reason given for such a literal, which is then no constant
     """
 
     base: "Value"
@@ -113,7 +119,10 @@ class Edited:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What a variable holds when the routine begins. Not for languages: `flow` puts in what the calls say."""
+    """What a variable holds when the routine begins.
+
+    Not for languages: `motion_flow` fills in what the calls give.
+    """
 
     name: str
 
@@ -124,7 +133,7 @@ BASE, FLANGE = Frame(FRAME, ""), Frame(TOOL, "")
 ON, OFF = Setting(True), Setting(False)
 
 
-# --- positions and motions -------------------------------------------------------------------------------------------
+# --- positions and motions ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,17 +141,22 @@ class Literal:
     """A position as it is written.
 
     kind           JOINT or POSE
-    numbers        joints in the robot's order; or x, y, z and the orientation; empty if it cannot be corrected
+    numbers        joints in the robot's order; or x, y, z and the orientation; empty if it
+                   cannot be corrected
     line, name     for messages: the line of its first number, from 1, and how the program calls it
-    orientation    of a pose: `wpr` (fixed x, y, z), `abc` (z, y', x''), `quaternion` (scalar first), `rotation vector`
-    configuration  what it says about the branch of a pose
+    orientation    of a pose: `wpr` (fixed x, y, z), `abc` (z, y', x''), `quaternion` (scalar
+                   first), `rotation vector`
+    configuration  data on the branch of a pose
     source         number of its text
-    left           why it is no position to correct: not taught, an expression among its numbers, external axes; bad: this
-                   is an error of the program
-    external       beside a pose, external axes that are joints of the chain: joint from 0 and number
-    blank          its numbers are those of a position that nobody taught; it is one if the robot cannot be there
+    not_corrected  why it is no position to correct: not taught, an expression among its numbers,
+                   external axes; bad: this is an error of the program
+    external       beside a pose, external axes that are joints of the chain: joint
+                   from 0 and number
+    blank          its numbers are those of a position that nobody taught; it is one if the
+                   robot cannot be there
     moved_to       a motion goes there by an expression that is not followed
-    alone          what is known where no motion goes to it, with the literal's own number as value; None: nothing
+    alone          what is known where no motion goes to it, with the literal's own number as
+                   value; None: nothing
     """
 
     kind: str
@@ -152,7 +166,7 @@ class Literal:
     orientation: str = ""
     configuration: Configuration | None = None
     source: int = 0
-    left: str = ""
+    not_corrected: str = ""
     bad: bool = False
     blank: bool = False
     moved_to: bool = False
@@ -176,11 +190,12 @@ class Aim:
 
     value        the position: a literal, a variable, or Unknown
     frame, tool  of a pose
-    obeyed       whether the controller goes to the branch of the configuration data, or stays near where it comes from;
-                 a Setting or the name of a variable that holds one
-    near         joints that choose the branch instead, as a start of the controller's inverse kinematics
-    relative     why the robot does not go to the position itself, as an offset to it: it is near there, and the position
-                 has this frame and tool
+    obeyed       whether the controller goes to the branch of the configuration data, or stays near
+                 where it comes from; a Setting or the name of a variable that holds one
+    near         joints that choose the branch instead, as a start of the controller's
+                 inverse kinematics
+    relative     why the robot does not go to the position itself, as an offset to it: it is near
+                 there, and the position has this frame and tool
     """
 
     value: Value
@@ -193,7 +208,7 @@ class Aim:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Move:
-    """A motion through its aims in their order: a circle has two. name: the instruction, for messages."""
+    """A motion through its aims in order; a circle has two. name: the instruction."""
 
     line: int
     name: str
@@ -223,7 +238,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """The first branch of a selection begins, or a loop. once: its body is executed once at least."""
+    """Begin of the first branch of a selection, or of a loop. once: at least one round."""
 
     loop: bool = False
     once: bool = False
@@ -287,11 +302,12 @@ class Program:
     remarks     what else is left as it is, and errors
     notes       what a reader of the summary has to know
     persistent  variables keep what they hold when a routine is started again
-    in_order    the text is the order of motion, without calls, loops and variables: backlash can be taken up
+    in_order    the text is the order of motion, without calls, loops and variables:
+                backlash can be taken up
     unused      why a literal that no motion goes to and that has no `alone` is left
     """
 
-    sources: tuple[Source, ...]
+    sources: tuple[ProgramText, ...]
     literals: tuple[Literal, ...] = ()
     routines: tuple[Routine, ...] = ()
     declared: dict[str, Value] = field(default_factory=dict)

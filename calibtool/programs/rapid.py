@@ -25,7 +25,8 @@ _UNTIL = {
     "test": re.compile(r"(?=\bCASE\b|\bDEFAULT\b)|;", re.IGNORECASE),
     "case": re.compile(r"[:;]"),
 }
-# A statement ends at its semicolon, or, if that is forgotten, before what can only begin another one.
+# A statement ends at its semicolon, or, if that is forgotten, before what can only
+# begin another one.
 _STATEMENT_END = re.compile(
     r";|^(?=[^\S\n]*+(?:END(?:MODULE|PROC|FUNC|TRAP|IF|FOR|WHILE|TEST)\b|PROC\s|Move[JLCA]\w*\s"
     r"|(?:LOCAL\s+|TASK\s+)?(?:CONST|PERS|VAR)\s))",
@@ -46,7 +47,8 @@ _OPERATOR = re.compile(r"\b(?:AND|OR|XOR|NOT|DIV|MOD|IF)\s*$", re.IGNORECASE)
 class Statement:
     """A statement or a part of one that stands alone.
 
-    word        what it is: `module`, `routine`, `endif` … in lower case; `data`, `assign`, `label`, `instruction`
+    word        what it is: `module`, `routine`, `endif` … in lower case; `data`, `assign`,
+                `label`, `instruction`
     name        of the module, routine, data, label or instruction, as it is written
     start, end  what follows: parameters of a routine, the value of data and assignments, arguments
     ended       it has its semicolon
@@ -64,7 +66,9 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """An argument of an instruction: its span, and of an optional one its name; after: number of the one before it."""
+    """An argument of an instruction: its span, and of an optional one its name; after: number of
+    the one before it.
+    """
 
     start: int
     end: int
@@ -73,7 +77,9 @@ class Argument:
 
 
 def statements(code: str) -> Iterator[Statement]:
-    """The statements of a module, comments and strings blanked; a short `IF` comes as `if`, its statement, `endif`."""
+    """The statements of a module, comments and strings blanked; a short `IF` comes as `if`, its
+    statement, `endif`.
+    """
     position = 0
     while position < len(code):
         block = _BLOCK.match(code, position)
@@ -113,7 +119,9 @@ def statements(code: str) -> Iterator[Statement]:
 
 
 def arguments(code: str, start: int, end: int) -> list[Argument]:
-    """The arguments in code[start:end]: between commas, and after backslashes those that are optional."""
+    """The arguments in code[start:end]: between commas, and after backslashes those
+    that are optional.
+    """
     found: list[Argument] = []
     depth, first, option = 0, start, False
 
@@ -174,7 +182,9 @@ def _simple(code: str, position: int) -> Iterator[Statement]:
 
 
 def _short_if(code: str, at: int, start: int, end: int) -> Iterator[Statement]:
-    """`IF condition statement;`: the statement begins where two words stand side by side without an operator."""
+    """`IF condition statement;`: the statement begins where two words stand side by side
+    without an operator.
+    """
     yield Statement("if", "", at, start, end)
     for match in _OPERAND.finditer(code, start, end):
         before = code[start : match.end()]

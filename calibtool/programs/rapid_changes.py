@@ -1,10 +1,10 @@
-"""Data that RAPID instructions and routines may change without an assignment that is followed."""
+"""RAPID data that instructions and routines may change without an assignment that is followed."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from calibtool.programs.lists import closing
+from calibtool.programs.bracketed_lists import closing
 from calibtool.programs.motions import (
     Assign,
     Call,
@@ -47,7 +47,9 @@ def reading(name: str) -> bool:
 
 
 def variables(values: Values, word: str) -> list[tuple[str, ...]]:
-    """The variables of the target, tool or work object that a word, or its component, refers to, if it can change."""
+    """The variables of the target, tool or work object that a word, or its component, refers to,
+    if it can change.
+    """
     match = _REFERENCE.fullmatch(word)
     data = values.data(match[1].strip()) if match else None
     if match is None or data is None or data.type not in TYPES or data.constant:
@@ -74,7 +76,8 @@ def changed(values: Values, word: str, line: int, why: str) -> Iterator[Assign]:
 class Changes:
     """What is found in all modules of routines that change data.
 
-    passed      assignments that stand for arguments given by reference, with the parameter's variable
+    passed      assignments that stand for arguments given by reference, with the
+                parameter's variable
     unfollowed  routines that are not executed by a call that is followed
     late        names of routines called by a text, and whether the name is only the beginning
     """
@@ -86,7 +89,9 @@ class Changes:
     def settled(
         self, routines: Sequence[Routine], declared: dict[str, Value]
     ) -> tuple[Routine, ...]:
-        """The routines without assignments of parameters that nobody changes; uncertain data unknown."""
+        """The routines without assignments of parameters that nobody changes;
+        uncertain data unknown.
+        """
         pending = {id(step): parameter for step, parameter in self.passed}
         assigned = {
             step.name
@@ -115,14 +120,18 @@ class Changes:
                 yield step
 
     def _unsure(self, name: str, value: Value, why: str) -> Value:
-        """A frame or tool is unknown then; a target is one of those that are assigned, or another one."""
+        """A frame or tool is unknown then; a target is one of those that are
+        assigned, or another one.
+        """
         target = name.partition("{")[0] in self.names.targets
         if not target:
             return Unknown(why)
         return value if isinstance(value, Edited) else Either((value, Unknown(why)))
 
     def _uncertain(self, routines: Sequence[Routine]) -> dict[str, str]:
-        """Variables that are assigned where no call that is followed leads, and why they are unknown."""
+        """Variables that are assigned where no call that is followed leads, and why
+        they are unknown.
+        """
         bodies = {routine.name: routine.body for routine in routines}
         waiting: list[tuple[str, Sequence[Statement]]] = []
         for routine in routines:
@@ -186,7 +195,9 @@ class Changes:
     def _by_reference(
         self, values: Values, word: str, parameter: Data, line: int
     ) -> Iterator[Assign]:
-        """Assignments for an argument given by reference; they count if the parameter is changed."""
+        """Assignments for an argument given by reference; they count if
+        the parameter is changed.
+        """
         why = f"a routine changes it (line {line})"
         parts = FRAMES.get(parameter.type, ("",))
         for keys in variables(values, word):

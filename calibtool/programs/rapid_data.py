@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from calibtool.programs.bracketed_lists import Item, item
 from calibtool.programs.configurations import Abb, Digit
-from calibtool.programs.external import UNUSED, arm_units, beside_pose, joints, unit_of
+from calibtool.programs.external_axes import UNUSED, arm_units, beside_pose, joints, unit_of
 from calibtool.programs.frames import UNIT_TOLERANCE, pose
-from calibtool.programs.lists import Item, item
 from calibtool.programs.motions import (
     BASE,
     FRAME,
@@ -22,8 +22,8 @@ from calibtool.programs.motions import (
     Value,
     frame_of,
 )
-from calibtool.programs.targets import NUMBER, Lines, Number, is_not_finite, number_at
-from calibtool.robot.model import Robot
+from calibtool.programs.numbers import NUMBER, LineNumbers, Number, is_not_finite, number_at
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST, TO_SI
 
@@ -52,12 +52,14 @@ SHAPES = {"robtarget": _ROBTARGET, "jointtarget": _JOINTTARGET}
 
 @dataclass(eq=False)
 class Text:
-    """A module's text and code, where comments and strings are blank, and the positions found in it."""
+    """A module's text and code, where comments and strings are blank, and the
+    positions found in it.
+    """
 
     number: int
     text: str
     code: str
-    lines: Lines
+    lines: LineNumbers
     robot: Robot
     literals: list[Literal]
     taken: set[int] = field(
@@ -128,14 +130,17 @@ class Text:
         return frames[0] or unread, frames[1] or unread
 
     def others(self) -> Iterator[Literal]:
-        """Positions that stand in something else than data, assignments and arguments that are followed."""
+        """Positions that stand in something else than data, assignments and arguments
+        that are followed.
+        """
         for type_, shape in SHAPES.items():
             for found in shape.finditer(self.code):
                 if found.start() not in self.taken:
                     line = self.lines(found.start())
                     yield Literal(
                         POSE if type_ == "robtarget" else JOINT, (), line, type_,
-                        source=self.number, left="stands in something that is not followed",
+                        source=self.number,
+                            not_corrected="stands in something that is not followed",
                         moved_to=self._is_solved(found.start()),
                     )  # fmt: skip
 
@@ -155,7 +160,7 @@ class Text:
 
     def _literal(self, kind: str, start: int, name: str, why: str, bad: bool = False) -> Literal:
         line = self.lines(start)
-        return Literal(kind, (), line, name, source=self.number, left=why, bad=bad)
+        return Literal(kind, (), line, name, source=self.number, not_corrected=why, bad=bad)
 
     def _joints(self, found: re.Match[str], name: str) -> Literal:
         robot, groups = self.robot, found.groups()
@@ -191,7 +196,7 @@ class Text:
             why = f"quaternion of length {np.linalg.norm(values[3:]):.4g}; expected 1"
             return self._literal(POSE, found.start(), name, why, bad=True)
         digits = [Digit(found.start(k), found.end(k), int(found[k])) for k in range(8, 12)]
-        external, left = beside_pose(self.robot, self._beside(found, 12))
+        external, not_corrected = beside_pose(self.robot, self._beside(found, 12))
         return Literal(
             POSE,
             tuple(numbers),
@@ -200,7 +205,7 @@ class Text:
             "quaternion",
             Abb((digits[0], digits[1], digits[2]), digits[3].value),
             self.number,
-            left,
+            not_corrected,
             blank=blank,
             external=external,
         )

@@ -1,4 +1,4 @@
-"""Motions of RAPID's instructions: which arguments are positions, which the tool and the work object."""
+"""Motions of RAPID's instructions: their positions, tool and work object."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -41,7 +41,9 @@ def motion(values: Values, name: str, given: Sequence[Argument], line: int) -> I
 
 
 def is_motion(values: Values, name: str, given: Sequence[Argument]) -> bool:
-    """Whether an instruction moves the robot, by its name or what it gets: it only reads its arguments then."""
+    """Whether an instruction moves the robot, by its name or what it gets: it only reads
+    its arguments then.
+    """
     return MOTION.fullmatch(name) is not None or _Instruction(values, name, given, 0).paced()
 
 
@@ -83,7 +85,9 @@ class _Instruction:
         yield Move(self.line, name, tuple(aims))
 
     def _is_position(self, number: int) -> bool:
-        """Whether an argument can only be a position: a list of lists, a function, or data of these types."""
+        """Whether an argument can only be a position: a list of lists, a function, or
+        data of these types.
+        """
         word, argument = self.word(number), self.given[number]
         if word.startswith("["):
             if self.values.text.shape(argument.start, argument.end) is not None:
@@ -140,7 +144,9 @@ class _Instruction:
         )
 
     def _tool(self, last: int) -> Value:
-        """The tool, wherever it stands after the last point: data of this type, before \\WObj, in its place."""
+        """The tool, wherever it stands after the last point: data of this type, before
+        \\WObj, in its place.
+        """
         option = next((a for a in self.given if a.option == "tool"), None)
         if option is not None:
             return self.values.named(self.values.code[option.start : option.end], "tooldata")

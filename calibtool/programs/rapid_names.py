@@ -15,7 +15,9 @@ _PARAMETER = re.compile(
 
 
 def placed(code: str, number: int) -> Iterator[tuple[Statement, tuple[str, ...]]]:
-    """The statements of a text with the scopes in force at each, the innermost first: routine and module, or module."""
+    """The statements of a text with the scopes in force at each, the innermost first: routine and
+    module, or module.
+    """
     inside = f"{number}"
     scopes: tuple[str, ...] = (inside,)
     for statement in statements(code):
@@ -30,7 +32,8 @@ def placed(code: str, number: int) -> Iterator[tuple[Statement, tuple[str, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Data:
-    """What a name stands for: its type, the name of its variable in motions, and how many indices it has.
+    """What a name stands for: its type, the name of its variable in motions, and how
+    many indices it has.
 
     constant   nothing can change it; reference: a parameter whose argument changes with it
     """
@@ -44,7 +47,9 @@ class Data:
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """A routine: its unique name and its parameters, name and data; optional ones begin with a backslash."""
+    """A routine: its unique name and its parameters, name and data; optional ones begin
+    with a backslash.
+    """
 
     key: str
     parameters: tuple[tuple[str, Data], ...]
@@ -68,7 +73,8 @@ class Names:
     elements    names of an array's elements, by the array's
     changed     names that a routine assigns to or that may be changed as arguments
     targets     variables of positions
-    procedures  unique names of routines that are called by instructions; unfollowed: functions and traps
+    procedures  unique names of routines that are called by instructions; unfollowed:
+                functions and traps
     """
 
     everywhere: dict[str, Data] = field(

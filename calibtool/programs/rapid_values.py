@@ -1,10 +1,10 @@
-"""What RAPID's names and expressions stand for as values of motions."""
+"""Values of RAPID names and expressions, as used by motions."""
 
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from calibtool.programs.lists import closing
+from calibtool.programs.bracketed_lists import closing
 from calibtool.programs.motions import (
     BASE,
     FRAME,
@@ -17,9 +17,9 @@ from calibtool.programs.motions import (
     Value,
     frame_of,
 )
+from calibtool.programs.numbers import Remark, number_at
 from calibtool.programs.rapid_data import SHAPES, Text
 from calibtool.programs.rapid_names import Data, Names
-from calibtool.programs.targets import Remark, number_at
 
 _COMPONENTS = {"x": 0, "y": 1, "z": 2, "q1": 3, "q2": 4, "q3": 5, "q4": 6}
 _WORD = re.compile(r"([^\W\d]\w*)\s*+(?:\{([^{}]*)\})?\s*+")
@@ -27,7 +27,8 @@ _WORD = re.compile(r"([^\W\d]\w*)\s*+(?:\{([^{}]*)\})?\s*+")
 
 @dataclass(eq=False)
 class Values:
-    """Values of a module's texts, where the names of these scopes, the innermost first, are in force.
+    """Values of a module's texts, where the names of these scopes, the innermost
+    first, are in force.
 
     declared  what variables of all modules hold when the program begins
     remarks   errors that were met
@@ -50,7 +51,9 @@ class Values:
         return self.names.data(match[1], self.scopes) if match else None
 
     def reference(self, word: str, type_: str) -> Value | None:
-        """The variable that a word means, if it is one of this type; of an array all elements that it may mean."""
+        """The variable that a word means, if it is one of this type; of an array all elements
+        that it may mean.
+        """
         match, data = _WORD.fullmatch(word), self.data(word)
         if match is None or data is None or data.type != type_:
             return None
@@ -67,7 +70,9 @@ class Values:
         return every
 
     def named(self, word: str, type_: str) -> Value:
-        """A tool or a work object by its name; what the modules do not declare may be given by it."""
+        """A tool or a work object by its name; what the modules do not
+        declare may be given by it.
+        """
         reference = self.reference(word, type_)
         if reference is None:
             name = _WORD.fullmatch(word)
@@ -109,7 +114,9 @@ class Values:
         return Unknown(f"is computed (line {self.text.lines(position)})")
 
     def elements(self, data: Data, start: int, end: int) -> Iterator[tuple[str, int, int]]:
-        """Index in braces and span of each element of an array, row by row; the data itself if it is none."""
+        """Index in braces and span of each element of an array, row by row; the data
+        itself if it is none.
+        """
         if not data.dimensions or self.code[start] != "[":
             yield "", start, end
             return

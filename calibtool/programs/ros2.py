@@ -4,10 +4,10 @@ import re
 from collections.abc import Sequence
 
 from calibtool.errors import InputError, near_names
-from calibtool.programs.lists import closing, split
-from calibtool.programs.motions import JOINT, Aim, Literal, Move, Program, Routine, Source
-from calibtool.programs.targets import Lines, Number, Remark, is_not_finite, number_at
-from calibtool.robot.model import Robot
+from calibtool.programs.bracketed_lists import closing, split
+from calibtool.programs.motions import JOINT, Aim, Literal, Move, Program, ProgramText, Routine
+from calibtool.programs.numbers import LineNumbers, Number, Remark, is_not_finite, number_at
+from calibtool.robot.robot import Robot
 
 NAME = "ros2-trajectory"
 SUFFIXES = (".yaml", ".yml", ".json")
@@ -21,8 +21,10 @@ def matches(text: str) -> bool:
     return {match[2] for match in _LIST.finditer(text)} == {"joint_names", "positions"}
 
 
-def program(sources: Sequence[Source], robot: Robot) -> Program:
-    """Every `positions` list in order, its joints by name; joints that are not the robot's stay as they are."""
+def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
+    """Every `positions` list in order, its joints by name; joints that are not the robot's
+    stay as they are.
+    """
     reader = _Reader(robot)
     for number, source in enumerate(sources):
         reader.read(number, source)
@@ -50,10 +52,10 @@ class _Reader:
         self.remarks: list[Remark] = []
         self.notes: list[str] = []
 
-    def read(self, number: int, source: Source) -> None:
+    def read(self, number: int, source: ProgramText) -> None:
         text = source.text
         code = _COMMENT.sub(lambda match: " " * len(match[0]), text)
-        lines = Lines(text)
+        lines = LineNumbers(text)
         names: list[tuple[int, list[str]]] = []
         points: list[tuple[int, list[tuple[int, int]]]] = []
         for match in _LIST.finditer(code):
@@ -87,7 +89,7 @@ class _Reader:
     def _add(self, found: list[Number] | str, line: int, name: str, source: int) -> None:
         if isinstance(found, str):
             self.literals.append(
-                Literal(JOINT, (), line, name, source=source, left=found, bad=True)
+                Literal(JOINT, (), line, name, source=source, not_corrected=found, bad=True)
             )
         else:
             self.order.append(len(self.literals))
@@ -116,7 +118,9 @@ class _Reader:
 
 
 def _elements(code: str, start: int) -> list[tuple[int, int]]:
-    """Spans of the elements of the list after a key: `[a, b]` over any number of lines, or one `- a` per line."""
+    """Spans of the elements of the list after a key: `[a, b]` over any number of lines, or
+    one `- a` per line.
+    """
     flow = re.compile(r"\s*\[").match(code, start)
     if flow:
         end = closing(code, flow.end() - 1)

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from calibtool.programs.control import Action, Block, blocks
-from calibtool.programs.frames import Frames
+from calibtool.programs.control_flow import Action, Block, blocks
+from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motions import (
     Aim,
     Assign,
@@ -16,7 +16,7 @@ from calibtool.programs.motions import (
     Routine,
     Unknown,
 )
-from calibtool.programs.targets import Remark
+from calibtool.programs.numbers import Remark
 from calibtool.programs.values import Atom, Atoms, joined
 from calibtool.programs.variables import NOWHERE, STANDS, State, Variables
 
@@ -40,7 +40,9 @@ class Node:
 
 @dataclass(eq=False)
 class Summary:
-    """What a routine leaves in variables, and what it calls with what in those that the callee asks for."""
+    """What a routine leaves in variables, and what it calls with what in those that the
+    callee asks for.
+    """
 
     after: State = field(default_factory=dict)
     asked: set[str] = field(default_factory=set)
@@ -56,7 +58,7 @@ class Routines:
     edited     literals to which motions go with other components
     """
 
-    def __init__(self, program: Program, given: Frames, kept: State) -> None:
+    def __init__(self, program: Program, given: NamedFrames, kept: State) -> None:
         self.routines = {routine.name: routine for routine in program.routines}
         self.graphs = {routine.name: blocks(routine.body) for routine in program.routines}
         self.variables = Variables(program, self.graphs.values(), given, kept)
@@ -70,9 +72,11 @@ class Routines:
         self._called = {name for graph in self.graphs.values() for name in _called(graph)}
 
     def run(self) -> State:
-        """Follow every routine, callees first: what variables hold when those that nobody calls have ended.
+        """Follow every routine, callees first: what variables hold when those that nobody
+        calls have ended.
 
-        Where a routine calls itself, what it leaves is at first that of its ways without such a call, and then grows.
+        Where a routine calls itself, what it leaves is at first that of its ways without such a
+        call, and then grows.
         """
         for _ in range(ROUNDS):
             before = {name: summary.after for name, summary in self.summaries.items()}
@@ -219,7 +223,9 @@ class Routines:
         return self.variables.joined(STANDS, stands, stands)
 
     def nowhere(self, unknown: Unknown, move: Move, routine: Routine) -> None:
-        """Note a motion to what is not known; the literal that it is an edited copy of is no constant."""
+        """Note a motion to what is not known; the literal that it is an edited copy
+        of is no constant.
+        """
         if not unknown.quiet:
             self.remark(move.line, move.name, unknown.why, routine)
         if unknown.edited is not None:

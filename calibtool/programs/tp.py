@@ -4,12 +4,13 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from calibtool.programs.targets import Lines
+from calibtool.programs.numbers import LineNumbers
 
 _PROGRAM = re.compile(r"^[ \t]*/PROG\b[ \t]*([^\s;]*)", re.MULTILINE)
 _SECTION = re.compile(r"^[ \t]*/(MN|POS)[ \t]*\r?$", re.MULTILINE)
 _TRACKING = re.compile(r"\bLINE_TRACK_SCHEDULE_NUMBER\s*:\s*0*[1-9]", re.IGNORECASE)
-# A statement has a number; without one its line goes on with the statement before, if that has no semicolon yet.
+# A statement has a number; without one its line goes on with the statement before, if that has
+# no semicolon yet.
 _LINE = re.compile(r"[ \t]*(?:(?P<number>\d*)[ \t]*(?P<colon>:)[ \t]*)?(?P<body>[^\n]*)\n?")
 _BRACKETS = r"\[(?:[^\[\]]++|\[(?:[^\[\]]++|\[[^\[\]]*+\])*+\])*+\]"  # three in each other at most
 _MOTION = re.compile(r"([JLCAS])[ \t]+(?=(?:PR?|PAL_\d+)[ \t]*\[)")
@@ -44,7 +45,9 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """What a motion goes to. kind: `P`, `PR` or `PAL_1`; number: None if a register tells it; text: as it is written."""
+    """What a motion goes to. kind: `P`, `PR` or `PAL_1`; number: None if a register tells it; text:
+    as it is written.
+    """
 
     kind: str
     number: int | None
@@ -79,7 +82,7 @@ def sections(code: str) -> Iterator[Section]:
         yield Section(name, (min(first, last), last), (positions, end), tracking)
 
 
-def statements(code: str, span: tuple[int, int], lines: Lines) -> Iterator[Statement]:
+def statements(code: str, span: tuple[int, int], lines: LineNumbers) -> Iterator[Statement]:
     """The statements in a part of the text; remarks are left out."""
     waiting: list[str] = []
     first, position = 0, span[0]

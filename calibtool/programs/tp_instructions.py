@@ -1,4 +1,4 @@
-"""What the instructions of a TP program do: motions, selections of frames, and the order they are executed in."""
+"""Instructions of a TP program: motions, selections of frames, and their order."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -22,7 +22,7 @@ from calibtool.programs.motions import (
     Unknown,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.targets import Lines, Remark
+from calibtool.programs.numbers import LineNumbers, Remark
 from calibtool.programs.tp import Motion, Point, Section, motion, parts, statements
 from calibtool.programs.tp_frames import Selection
 from calibtool.programs.tp_positions import HELD, Positions, Taught
@@ -57,7 +57,7 @@ _LISTED = 5  # lines in a note
 class Instructions:
     """A program: its statements, and what comes of them once its positions are read."""
 
-    def __init__(self, code: str, section: Section, lines: Lines, reader: Positions) -> None:
+    def __init__(self, code: str, section: Section, lines: LineNumbers, reader: Positions) -> None:
         self.name, self.source, self.section = section.name, reader.source, section
         self.key = f"{reader.source}|{section.instructions[0]}|{section.name}"
         self.statements = list(statements(code, section.instructions, lines))
@@ -73,7 +73,10 @@ class Instructions:
         self.taught = reader.read(section.positions, self._left(relative), relative)
 
     def changed(self) -> Iterator[tuple[tuple[str, str], str]]:
-        """Frames and tools that are assigned, by kind and number ("" if that is not known), and what to say of them."""
+        """Frames and tools that are assigned, by kind and number ("" if that is not known),
+        and
+        what to say of them.
+        """
         for one in self.statements:
             for part in parts(one.text) if "[" in one.text else ():
                 match = _SET.match(part)
@@ -95,7 +98,9 @@ class Instructions:
         }
 
     def _written(self) -> Iterator[tuple[int, str, int | None]]:
-        """Assignments of positions, also behind a condition: the line, the position, its number if it is known."""
+        """Assignments of positions, also behind a condition: the line, the position, its
+        number if it is known.
+        """
         for one in self.statements:
             for part in parts(one.text) if "=" in one.text else ():
                 if match := _WRITTEN.match(part):
@@ -119,7 +124,8 @@ class Instructions:
         ]
         somewhere = next(
             (
-                f"may be used by a relative motion ({point.text[:30]} with INC in line {found.line})"
+                f"may be used by a relative motion ({point.text[:30]} with INC in "
+                f"line {found.line})"
                 for found, point in points
                 if found.options & _INC and point.kind == "P" and point.number is None
             ),
@@ -131,7 +137,7 @@ class Instructions:
         """Let positions that no motion goes to be corrected in their own frame."""
         for one in self.taught.values():
             literal = literals[one.literal]
-            if literal.left in ("", EXTERNAL):
+            if literal.not_corrected in ("", EXTERNAL):
                 aim = Aim(one.literal) if literal.kind == JOINT else self._aim(one)
                 literals[one.literal] = replace(literal, alone=aim)
 
@@ -141,7 +147,7 @@ class Instructions:
             where = Unknown("line tracking: a conveyor moves it")
         return Aim(taught.literal, where, self.tool.of(taught.tool))
 
-    # --- steps -------------------------------------------------------------------------------------------------------
+    # --- steps ------------------------------------------------------------------------------------
 
     def steps(self, names: Mapping[str, str]) -> Iterator[Step]:
         """What the statements do, in their order; names: keys of programs that can be called."""
@@ -227,7 +233,9 @@ class Instructions:
                 yield found
 
     def notes(self) -> Iterator[str]:
-        """What a reader of the summary has to know: motions whose offsets are not in the program."""
+        """What a reader of the summary has to know: motions whose offsets
+        are not in the program.
+        """
         places = [
             (one.line, point)
             for one in self._offset()
@@ -246,7 +254,9 @@ class Instructions:
 
 
 def _reached(steps: Iterable[Step]) -> Iterator[Step]:
-    """The steps without those between a jump and the next label or end of a branch: nothing leads there."""
+    """The steps without those between a jump and the next label or end of a branch:
+    nothing leads there.
+    """
     level, dead = 0, -1  # of nested branches; that of the jump, -1 where there was none
     for step in steps:
         if isinstance(step, Begin):

@@ -1,15 +1,16 @@
-"""The positions of a TP program: what stands between /POS and /END."""
+"""The positions of a TP program, between /POS and /END."""
 
 import re
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain, pairwise
 
 from calibtool.programs.configurations import Digit, Fanuc
-from calibtool.programs.external import arm_units, beside_pose, joints
+from calibtool.programs.external_axes import arm_units, beside_pose, joints
 from calibtool.programs.motions import JOINT, POSE, Literal
-from calibtool.programs.targets import Lines, Number, Remark, is_not_finite, number_at
-from calibtool.robot.model import Robot
+from calibtool.programs.numbers import LineNumbers, Number, Remark, is_not_finite, number_at
+from calibtool.robot.robot import Robot
 
 HELD = "the robot holds the work piece and not the tool"
 _POSITION = re.compile(
@@ -28,7 +29,9 @@ _POSE = (("X", "mm"), ("Y", "mm"), ("Z", "mm"), ("W", "deg"), ("P", "deg"), ("R"
 
 @dataclass(frozen=True, slots=True)
 class Taught:
-    """A position of a program: number of its literal, and its frame and tool as they are written."""
+    """A position of a program: number of its literal, and its frame and
+    tool as they are written.
+    """
 
     literal: int
     frame: str = "F"
@@ -63,24 +66,24 @@ class Positions:
     text: str
     code: str
     source: int
-    lines: Lines
+    lines: LineNumbers
     robot: Robot
     axes: tuple[int, ...]
     literals: list[Literal]
     remarks: list[Remark]
 
     def read(
-        self, span: tuple[int, int], left: Callable[[int], str], relative: Container[int]
+        self, span: tuple[int, int], not_corrected: Callable[[int], str], relative: Container[int]
     ) -> dict[int, Taught]:
         """The positions for motion group 1 in a part of the text.
 
-        left: why one is none to correct, by its number; relative: those that are distances
+        not_corrected: why one is none to correct, by its number; relative: those that are distances
         """
-        found = list(_POSITION.finditer(self.code, *span))
-        limits = [position.start() for position in found[1:]] + [span[1]]
-        twice = Counter(int(position[1]) for position in found)
+        twice = Counter(int(position[1]) for position in _POSITION.finditer(self.code, *span))
         taught: dict[int, Taught] = {}
-        for position, limit in zip(found, limits, strict=False):
+        for position, following in pairwise(chain(_POSITION.finditer(self.code, *span), [None])):
+            assert position is not None
+            limit = span[1] if following is None else following.start()
             number, line = int(position[1]), self.lines(position.start(1))
             name = f"P[{number}]"
             closed = _END.search(self.code, position.end(), limit)
@@ -97,9 +100,9 @@ class Positions:
                     why = "another motion group: only group 1 is this robot"
                     kind = JOINT if any(key.startswith("J") for key in read.values) else POSE
                     self._add(Literal(kind, (), self.lines(group.start()), f"{name} GP{group[1]}",
-                                      source=self.source, left=why))  # fmt: skip
+                                      source=self.source, not_corrected=why))  # fmt: skip
                     continue
-                why = "is written more than once" if twice[number] > 1 else left(number)
+                why = "is written more than once" if twice[number] > 1 else not_corrected(number)
                 literal = self._literal(read, name, why)
                 if why and not literal.bad and number in relative:
                     literal = replace(
@@ -107,7 +110,7 @@ class Positions:
                     )  # it is no position, and its numbers are none
                 elif why and not literal.bad:
                     whole = self._literal(read, name, "")
-                    literal = literal if whole.bad else replace(whole, left=why)
+                    literal = literal if whole.bad else replace(whole, not_corrected=why)
                 self._add(literal)
                 taught[number] = Taught(len(self.literals) - 1, read.frame, read.tool)
         return taught
@@ -148,30 +151,32 @@ class Positions:
                 group.refuse(self.lines(first), f"'{word[:30]}' is not known in a position")
         return group
 
-    def _literal(self, group: _Group, name: str, left: str) -> Literal:
-        """The literal of group 1; left: why it is none to correct, where it is otherwise in order."""
+    def _literal(self, group: _Group, name: str, not_corrected: str) -> Literal:
+        """The literal of group 1; not_corrected: why it is none to correct, where
+        it is otherwise in order.
+        """
         axes = {key: value for key, value in group.values.items() if key[0] != "E"}
         kind = JOINT if "J1" in axes else POSE
         remote = set(axes) == {f"R{key}" for key, _ in _POSE}
         numbers: tuple[Number, ...] = ()
         external: tuple[tuple[int, Number], ...] = ()
         configuration = None
-        if not group.bad and not left and None in group.values.values():
-            left = "not taught"
-        if not group.bad and not left and kind == JOINT:
-            numbers, left = self._joints(group, axes)
-        elif not group.bad and not left:
+        if not group.bad and not not_corrected and None in group.values.values():
+            not_corrected = "not taught"
+        if not group.bad and not not_corrected and kind == JOINT:
+            numbers, not_corrected = self._joints(group, axes)
+        elif not group.bad and not not_corrected:
             numbers = self._pose(group, {k[1:]: v for k, v in axes.items()} if remote else axes)
-            configuration, left = self._configuration(group)
+            configuration, not_corrected = self._configuration(group)
             if remote:
-                left = f"a remote TCP position (RX, RY, …): {HELD}"
-            elif not left:
-                external, left = beside_pose(self.robot, _beside(group))
+                not_corrected = f"a remote TCP position (RX, RY, …): {HELD}"
+            elif not not_corrected:
+                external, not_corrected = beside_pose(self.robot, _beside(group))
         first = next((value for value in axes.values() if value is not None), None)
         line = self.lines(first.start) if first and not group.bad else group.line
         return Literal(
             kind, () if group.bad else numbers, line, name, "wpr" if kind == POSE else "",
-            configuration, self.source, group.why or left, group.bad,
+            configuration, self.source, group.why or not_corrected, group.bad,
             blank=kind == POSE and not any(number.value for number in numbers), external=external,
         )  # fmt: skip
 
@@ -225,9 +230,11 @@ def _beside(group: _Group) -> dict[int, Number | None]:
 
 
 def turn_axes(codes: Sequence[str], robot: Robot) -> tuple[int, ...]:
-    """The joints that turn numbers count, from 0: the controller's setting $TURN_AXIS, where no file gives it.
+    """The joints that turn numbers count, from 0: the controller's setting $TURN_AXIS, where
+    no file gives it.
 
-    Joints 1, 4 and 6; or 4, 5 and 6 where the programs count turns with the first number that joint 1 does not have.
+    Joints 1, 4 and 6; or 4, 5 and 6 where the programs count turns with the first number that joint
+    1 does not have.
     """
     pattern = re.compile(r"[CK]ONFIG\s*:\s*'[^',\n]*,\s*([-+]?\d{1,4})\s*,\s*([-+]?\d{1,4})\b")
     numbers = {(int(m[1]), int(m[2])) for code in codes for m in pattern.finditer(code)}

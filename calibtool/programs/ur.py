@@ -1,11 +1,12 @@
-"""Universal Robots programs (URScript): the motions of a script, and variables that hold positions."""
+"""Universal Robots programs (URScript): motions, and variables that hold positions."""
 
 import re
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 
-from calibtool.programs.lists import closing
+from calibtool.programs.bracketed_lists import closing
 from calibtool.programs.motions import (
     BASE,
     FLANGE,
@@ -26,15 +27,15 @@ from calibtool.programs.motions import (
     Move,
     Product,
     Program,
+    ProgramText,
     Return,
     Routine,
-    Source,
     Unknown,
     Value,
     frame_of,
 )
 from calibtool.programs.motions import Statement as Step
-from calibtool.programs.targets import Remark
+from calibtool.programs.numbers import Remark
 from calibtool.programs.ur_names import TCP, Function, Names
 from calibtool.programs.ur_positions import Positions, elements_of
 from calibtool.programs.urscript import (
@@ -45,7 +46,7 @@ from calibtool.programs.urscript import (
     arguments,
     statements,
 )
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 NAME = "ur-script"
 SUFFIXES = (".script", ".urscript")
@@ -63,7 +64,7 @@ def matches(text: str) -> bool:
     return MOTION_CALL.search(text) is not None
 
 
-def program(sources: Sequence[Source], robot: Robot) -> Program:
+def program(sources: Sequence[ProgramText], robot: Robot) -> Program:
     """The positions and motions of scripts that are run together."""
     literals: list[Literal] = []
     routines: list[Routine] = []
@@ -93,11 +94,17 @@ def program(sources: Sequence[Source], robot: Robot) -> Program:
     )
 
 
+@lru_cache(maxsize=1000)
+def _with_threads(tool: Value) -> Product:
+    """A tool that threads may change too; one for all motions: 50,000 of their own are 9 MB."""
+    return Product(TOOL, (tool, _THREADS))
+
+
 class _Script(Positions):
     """A text, its routines and what is said of it."""
 
     def __init__(
-        self, number: int, source: Source, robot: Robot, names: Names, literals: list[Literal]
+        self, number: int, source: ProgramText, robot: Robot, names: Names, literals: list[Literal]
     ) -> None:
         super().__init__(number, source, robot, names, literals)
         self.remarks: list[Remark] = []
@@ -273,10 +280,12 @@ class _Script(Positions):
             tool, near = f"{value} tool", f"{value} near"
         if isinstance(value, int) and self.literals[value].kind == POSE:
             self.without_tool |= tool == TCP and not self.with_tool
-        return Aim(value, BASE, Product(TOOL, (tool, _THREADS)), near=near)
+        return Aim(value, BASE, _with_threads(tool), near=near)
 
     def _solved(self, start: int, end: int) -> tuple[int, int, Value, Value | None]:
-        """The span of the pose, the tool and `near` of get_inverse_kin; of anything else its own span, the tool in force."""
+        """The span of the pose, the tool and `near` of get_inverse_kin; of anything else its own
+        span, the tool in force.
+        """
         opening = self._inverse(start, end)
         tool: Value = TCP
         near = None
@@ -297,7 +306,9 @@ class _Script(Positions):
         return found.end() if found and closing(self.code, found.end()) == end - 1 else None
 
     def _is_moved_to(self, statement: Statement) -> bool:
-        """Whether joints that are solved here start at qnear, or are where the next motion goes: the robot stands there."""
+        """Whether joints that are solved here start at qnear, or are where the next motion goes:
+        the robot stands there.
+        """
         opening = self._inverse(statement.start, statement.end)
         if opening is None or statement.index:
             return False

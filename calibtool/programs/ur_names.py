@@ -17,11 +17,13 @@ class Function:
 
 @dataclass(eq=False)
 class Names:
-    """Names of all scripts, by text and name, and those that may be meant by a name from another text.
+    """Names of all scripts, by text and name, and those that may be meant by a name
+    from another text.
 
     elements  of lists, by the list's variable
     called    names that are called in a function, by its unique name
-    solved    variables that hold nothing but joints by get_inverse_kin, which are treated as its pose
+    solved    variables that hold nothing but joints by get_inverse_kin, which are
+              treated as its pose
     computed  those that hold something else
     """
 

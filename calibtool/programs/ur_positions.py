@@ -3,8 +3,8 @@
 import re
 from collections.abc import Container, Sequence
 
+from calibtool.programs.bracketed_lists import closing, split
 from calibtool.programs.frames import pose
-from calibtool.programs.lists import closing, split
 from calibtool.programs.motions import (
     JOINT,
     POSE,
@@ -12,13 +12,13 @@ from calibtool.programs.motions import (
     Either,
     Literal,
     Product,
-    Source,
+    ProgramText,
     Unknown,
     Value,
     frame_of,
 )
-from calibtool.programs.targets import (
-    Lines,
+from calibtool.programs.numbers import (
+    LineNumbers,
     Number,
     comments_blanked,
     is_not_finite,
@@ -26,7 +26,7 @@ from calibtool.programs.targets import (
 )
 from calibtool.programs.ur_names import Function, Names
 from calibtool.programs.urscript import CALL, MOTION_CALL, MOVED_TO, constant
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.units import LARGEST
 
 _RELATIVE = ("pose_trans", "pose_add", "pose_sub", "interpolate_pose")
@@ -46,12 +46,12 @@ class Positions:
     """
 
     def __init__(
-        self, number: int, source: Source, robot: Robot, names: Names, literals: list[Literal]
+        self, number: int, source: ProgramText, robot: Robot, names: Names, literals: list[Literal]
     ) -> None:
         self.number, self.text, self.robot = number, source.text, robot
         self.names, self.literals = names, literals
         self.code = comments_blanked(source.text, r"#[^\r\n]*", r'"[^"\n]*"|\'[^\'\n]*\'')
-        self.lines = Lines(source.text)
+        self.lines = LineNumbers(source.text)
         self.function = Function("", "", 0, ())
         self._taken: set[int] = set()  # where literals begin
 
@@ -68,13 +68,17 @@ class Positions:
         return value if isinstance(value, Unknown) else Product(TOOL, (value,))
 
     def key(self, name: str) -> str:
-        """The variable that a name means here: a parameter of the function, or one of the script."""
+        """The variable that a name means here: a parameter of the
+        function, or one of the script.
+        """
         if name in self.function.parameters:
             return f"{self.function.key}|{name}"
         return self.names.variable(self.number, name)
 
     def value(self, start: int, end: int, name: str, told: bool = False) -> Value:
-        """What an expression is: a position that is written, a variable, or unknown. told: in a motion."""
+        """What an expression is: a position that is written, a variable, or unknown.
+        told: in a motion.
+        """
         word, line = self.code[start:end], self.lines(start)
         opening = re.match(r"p?(?=\[)", word)
         if opening and closing(self.code, start + opening.end()) == end - 1:
@@ -107,19 +111,28 @@ class Positions:
         opening = start + 1 if kind == POSE else start
         self._taken.add(start)
         read = self._numbers(opening, end, units)
-        left, bad = "", False
+        not_corrected, bad = "", False
         if isinstance(read, str):
             count = len(elements_of(self.code, opening, end))
-            left = f"an expression ({read[:30]})"
+            not_corrected = f"an expression ({read[:30]})"
             if count != len(units):
                 which = "6" if kind == POSE else f"{self.robot.n} ({self.robot.name})"
-                left, bad = f"holds {count} values; expected {which}", told
+                not_corrected, bad = f"holds {count} values; expected {which}", told
             elif is_not_finite(read):
-                left, bad = f"'{read}'; expected a number", True
+                not_corrected, bad = f"'{read}'; expected a number", True
         numbers = () if isinstance(read, str) else tuple(read)
         line = self.lines(start)
         turn = "rotation vector" if kind == POSE else ""
-        found = Literal(kind, numbers, line, name, turn, source=self.number, left=left, bad=bad)
+        found = Literal(
+            kind,
+            numbers,
+            line,
+            name,
+            turn,
+            source=self.number,
+            not_corrected=not_corrected,
+            bad=bad,
+        )
         self.literals.append(found)
         return len(self.literals) - 1
 
@@ -155,17 +168,19 @@ class Positions:
                 line = self.lines(found.start())
                 self.literals.append(
                     Literal(
-                        POSE, (), line, calls[-1] if calls else "", source=self.number, left=why,
+                        POSE, (), line, calls[-1] if calls else "", source=self.number,
+                            not_corrected=why,
                         moved_to=_is_place(re.split(r"[\r\n]", before)[-1], aims),
                     )
                 )  # fmt: skip
 
 
 def _is_place(before: str, aims: Container[str]) -> bool:
-    """Whether a motion goes to a pose, not by it as an offset. before: the line up to it; aims: words in motions.
+    """Whether a motion goes to a pose, not by it as an offset. before: the line up to it; aims:
+    words in motions.
 
-    An offset is what is added to a pose that is read, written or moved to itself; in any other variable, a feature, the
-    pose is a place.
+    An offset is what is added to a pose that is read, written or moved to itself; in any other
+    variable, a feature, the pose is a place.
     """
     call = _LAST_CALL.search(before)
     assigned = re.match(r"\s*(?:global\s+|local\s+)?(\w+)\s*=(?!=)", before)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from calibtool.programs.lists import closing, split
+from calibtool.programs.bracketed_lists import closing, split
 
 # Motions and the parameters that say where they go.
 MOTIONS = {
@@ -66,7 +66,9 @@ def statements(code: str) -> Iterator[Statement]:
 
 
 def arguments(code: str, opening: int) -> list[tuple[str, int, int]]:
-    """Arguments of the call whose parenthesis opens here: name or "", and the span without blanks."""
+    """Arguments of the call whose parenthesis opens here: name or "", and
+    the span without blanks.
+    """
     end = closing(code, opening)
     found = []
     for start, stop in split(code, opening + 1, end) if end is not None else ():

@@ -1,4 +1,4 @@
-"""What variables of a program can hold: sets of values, and what is computed from them."""
+"""Sets of values that variables of a program can hold, and values computed from them."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from calibtool.programs.frames import Frames, pose, pose_values
+from calibtool.programs.frames import NamedFrames, pose, pose_values
 from calibtool.programs.motions import (
     FRAME,
     POSE,
@@ -51,17 +51,18 @@ def _few(atoms: Atoms) -> Atoms:
 
 
 @dataclass(eq=False)
-class Evaluation:
+class ValueAnalysis:
     """Values of variables and of what is made of them.
 
     literals  positions by their numbers; frames: those that are used as frames or tools
     given    frames and tools by name, which win over those that the program declares
     owners   of each literal the variables that it is assigned to
-    spoiled  literals that are no constants, because a component of such a variable, or of a copy, is assigned, and why
+    spoiled  literals that are no constants, because a component of such a variable, or of a copy,
+             is assigned, and why
     """
 
     literals: Sequence[Literal]
-    given: Frames
+    given: NamedFrames
     owners: Mapping[int, set[str]]
     spoiled: dict[int, str] = field(default_factory=dict)
     frames: set[int] = field(default_factory=set)
@@ -106,7 +107,9 @@ class Evaluation:
         return result
 
     def _known(self, frame: Frame) -> Frame:
-        """A frame with the pose that is given for it, if one is and the program has not set it since."""
+        """A frame with the pose that is given for it, if one is and the program has
+        not set it since.
+        """
         given = self.given.frames if frame.kind == FRAME else self.given.tools
         if frame.values is not None and (frame.line or frame.name not in given):
             return frame

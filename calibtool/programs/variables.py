@@ -1,11 +1,11 @@
-"""The variables of a program: what is assigned to them somewhere, and what they hold where it begins."""
+"""Variables of a program: their assignments, and their values at the beginning."""
 
 from collections.abc import Iterable
 
-from calibtool.programs.control import Block
-from calibtool.programs.frames import Frames
+from calibtool.programs.control_flow import Block
+from calibtool.programs.frames import NamedFrames
 from calibtool.programs.motions import Assign, Call, Either, Program, Unknown, Value
-from calibtool.programs.values import MANY, Atoms, Evaluation, joined
+from calibtool.programs.values import MANY, Atoms, ValueAnalysis, joined
 
 STANDS = ""  # the variable that holds at which uses the robot stands
 NOWHERE = -1  # among them: or somewhere that nobody knows
@@ -21,19 +21,22 @@ class Variables:
     """Variables of a program whose routines have these blocks.
 
     kept      what variables may hold at the beginning beside what is declared
-    assigned  what is assigned to variables somewhere, without those that hold one literal all the time
+    assigned  what is assigned to variables somewhere, without those that hold one
+              literal all the time
     """
 
     def __init__(
-        self, program: Program, graphs: Iterable[list[Block]], given: Frames, kept: State
+        self, program: Program, graphs: Iterable[list[Block]], given: NamedFrames, kept: State
     ) -> None:
         self.program, self.kept = program, kept
         self.assigned = self._assigned(graphs)
-        self.evaluation = Evaluation(program.literals, given, self.owners)
+        self.evaluation = ValueAnalysis(program.literals, given, self.owners)
         self._beginning: dict[str, Atoms | None] = {}
 
     def _assigned(self, graphs: Iterable[list[Block]]) -> dict[str, list[Value]]:
-        """What is assigned to variables somewhere, without those that hold one literal all the time."""
+        """What is assigned to variables somewhere, without those that hold one
+        literal all the time.
+        """
         found: dict[str, list[Value]] = {}
         parameters: set[str] = set()
         self.owners: dict[int, set[str]] = {}
@@ -68,7 +71,9 @@ class Variables:
         return [self.program.declared[name]] if name in self.program.declared else []
 
     def begin(self, name: str) -> Atoms:
-        """What a variable holds where the program begins, all the time if nothing is assigned to it."""
+        """What a variable holds where the program begins, all the time if nothing
+        is assigned to it.
+        """
         known = self._beginning.get(name, frozenset())
         if known:
             return known
@@ -84,7 +89,9 @@ class Variables:
         return result
 
     def joined(self, name: str, one: Atoms, other: Atoms) -> Atoms:
-        """What a variable can hold if it is either; literals of a variable with very many are no constants."""
+        """What a variable can hold if it is either; literals of a variable with very many
+        are no constants.
+        """
         both = joined(one, other)
         if len(both) <= BEFORE or (name != STANDS and len(both) <= _POSITIONS):
             return both

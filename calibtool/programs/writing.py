@@ -1,7 +1,8 @@
-"""New numbers put where the old ones stand, text by text."""
+"""Replacement of the numbers of corrected positions in the texts of a program."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 
 import numpy as np
 
@@ -11,12 +12,12 @@ from calibtool.programs.branches import Controller
 from calibtool.programs.configurations import Digit
 from calibtool.programs.frames import poses_values
 from calibtool.programs.motions import POSE, Literal, Program
-from calibtool.programs.nominal import placed
-from calibtool.programs.targets import Remark, rewritten, spliced
+from calibtool.programs.nominal_joints import placed
+from calibtool.programs.numbers import Remark, pieces, rewritten
 from calibtool.robot.se3 import Array
 
 _NO_CHANGE = 1e-9  # rad or m: below, a target's text stays as it is
-_GUESSED = "its branch is a guess: the program does not say from where the robot comes"
+_GUESSED = "its branch is a guess: the program does not state from where the robot comes"
 _TURNED = "a joint passes into another turn: its configuration data are changed too"
 
 
@@ -59,21 +60,27 @@ class Writing:
         """The bytes of each source."""
         literals = self.program.literals
         numbers = self._numbers()
-        rows: list[list[tuple[int, int]]] = [[] for _ in self.program.sources]
+
+        def start(row: int) -> int:
+            return literals[self.new.found[row].literal].numbers[0].start
+
+        rows: list[list[int]] = [[] for _ in self.program.sources]
         for row, position in enumerate(self.new.found):
-            literal = literals[position.literal]
-            rows[literal.source].append((literal.numbers[0].start, row))
+            rows[literals[position.literal].source].append(row)
         for source, here in zip(self.program.sources, rows, strict=True):
             if not source.edited:
                 yield source.text.encode("latin-1")
                 continue
-            edits = (
-                edit for _, row in sorted(here) for edit in self._edits(row, numbers, source.text)
-            )
-            yield spliced(source.text, edits).encode("latin-1")
+            here.sort(key=start)
+            edits = (edit for row in here for edit in self._edits(row, numbers, source.text))
+            corrected = BytesIO()
+            corrected.writelines(piece.encode("latin-1") for piece in pieces(source.text, edits))
+            yield corrected.getvalue()
 
     def _numbers(self) -> Array:
-        """What to write: joints as the controller shows them, or poses in their frames, (N, 7) with zeros behind."""
+        """What to write: joints as the controller shows them, or poses in their frames, (N, 7)
+        with zeros behind.
+        """
         literals = [self.program.literals[position.literal] for position in self.new.found]
         joints = self.controller.to_controller(self.new.q_new)
         result = np.zeros((len(literals), max(7, joints.shape[1])))
@@ -116,7 +123,9 @@ class Writing:
         return sorted(edits)
 
     def _digits(self, literal: Literal, row: int) -> list[tuple[Digit, int]]:
-        """Configuration data to change: those that were right and are not for the corrected joints."""
+        """Configuration data to change: those that were right and are not
+        for the corrected joints.
+        """
         data = literal.configuration
         arm = self.controller.robot.arm
         if data is None or not data.turns(self.controller.to_controller(self.new.q[row])[arm]):

@@ -1,16 +1,16 @@
-"""The carried robots, and everything that is accepted where a robot's name is."""
+"""The built-in robots, and robots by name or path."""
 
 from functools import lru_cache
 from pathlib import Path
 
 from calibtool.errors import UsageError, near_names
 from calibtool.robot.description import read_source
-from calibtool.robot.model import Robot, is_path
+from calibtool.robot.robot import Robot, is_path
 from calibtool.robot.shipped import shipped
 
 
 def robot_names() -> list[str]:
-    """Names of the carried robots, sorted."""
+    """Names of the built-in robots, sorted."""
     return sorted(path.parent.name for path in shipped("robots").glob("*/robot.toml"))
 
 
@@ -21,10 +21,11 @@ def load_robot(name: str) -> Robot:
     """
     names = robot_names()
     if name in names:
-        return _carried(name)
+        return _built_in(name)
     if not is_path(name):
         raise UsageError(
-            f"unknown robot '{name}'; {near_names(name, names)} (or the path of a robot.toml or URDF)"
+            f"unknown robot '{name}'; {near_names(name, names)} (or the path of a "
+            "robot.toml or URDF)"
         )
     if not Path(name).exists():
         raise UsageError(f"{name}: no such file or folder")
@@ -32,5 +33,5 @@ def load_robot(name: str) -> Robot:
 
 
 @lru_cache
-def _carried(name: str) -> Robot:
+def _built_in(name: str) -> Robot:
     return Robot.from_source(read_source(shipped("robots") / name / "robot.toml"))

@@ -1,4 +1,4 @@
-"""A robot description → a serial chain: joint placements and twists from the base frame to the tool (Eq. 7)."""
+"""A robot description → a serial chain of joint placements and twists (Eq. 7)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,13 +26,15 @@ LimitSource = Literal["urdf", "continuous", "missing"]
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """n one-coordinate joints in a row, from K_0 to the tool.
+    """n joints with one coordinate each, in series from K_0 to the tool.
 
-    bodies       names, inertias and gravity: what no geometric error changes
-    placements   (n+1, 4, 4) M_j, pose of joint frame j in frame j−1 at q_j = 0; the last one is the tool's, K_{n+1}
+    bodies       names, inertias and gravity, which geometric errors do not change
+    placements   (n+1, 4, 4) M_j, pose of joint frame j in frame j−1 at q_j = 0; the last one is
+                 that of the tool, K_{n+1}
     twists       (n, 6) ξ_j, unit twist of joint j in its own frame
-    lower, upper (n,) joint limits in rad or m; ±π for a continuous or unlimited angle, NaN for an unlimited slide
-    limited_by   (n,) where they come from: the URDF, a continuous joint, or nowhere
+    lower, upper (n,) joint limits in rad or m; ±π for a continuous or unlimited angle, NaN for an
+                 unlimited slide
+    limited_by   (n,) source of the limits: the URDF, a continuous joint, or none
     """
 
     bodies: Bodies
@@ -54,10 +56,10 @@ class SerialChain:
 
 
 def build_chain(source: Source) -> SerialChain:
-    """The chain of a description, its locked joints fixed; joints that Pinocchio stores as (cos, sin) become angles.
+    """The serial chain of a description, with locked joints fixed.
 
-    Raises InputError for an unknown joint or frame, a chain that branches before the tool, or a joint of several
-    degrees of freedom.
+    Joints that Pinocchio stores as (cos, sin) become angles. Raises InputError for an unknown joint
+    or frame, a chain that branches before the tool, or a joint of several degrees of freedom.
     """
     name = source.place
     kinematics = source.description.kinematics
@@ -74,8 +76,9 @@ def build_chain(source: Source) -> SerialChain:
         old, called = reduced.joints[j], joint_name(reduced, j)
         if called in followed:
             raise InputError(
-                f"{name}: joint '{called}' between base and tool mimics '{followed[called]}'; only independent "
-                "joints are modelled: lock it in [kinematics], or make it fixed in the URDF"
+                f"{name}: joint '{called}' between base and tool mimics '{followed[called]}'; "
+                "only independent joints are modelled: lock it in [kinematics], or make it "
+                "fixed in the URDF"
             )
         twist = _unit_twist(old, called, name)
         placement = reduced.jointPlacements[j]
@@ -107,7 +110,9 @@ def _gravity(direction: tuple[float, float, float] | None, urdf: Array) -> Array
 
 
 def joints_to(model: pin.Model, last: int, name: str) -> list[int]:
-    """Joint ids from the base to joint `last`; a joint beside or beyond this way must be locked by the description."""
+    """Joint ids from the base to joint `last`; a joint beside or beyond this way must be locked by
+    the description.
+    """
     way: list[int] = []
     while last > 0:
         way.insert(0, last)
@@ -115,7 +120,8 @@ def joints_to(model: pin.Model, last: int, name: str) -> list[int]:
     beside = [joint_name(model, j) for j in range(1, model.njoints) if j not in way]
     if beside:
         raise InputError(
-            f"{name}: joints {', '.join(beside)} are not between base and tool; lock them in [kinematics]"
+            f"{name}: joints {', '.join(beside)} are not between base and tool; lock them "
+            "in [kinematics]"
         )
     if not way:
         raise InputError(f"{name}: no joint moves the tool frame")

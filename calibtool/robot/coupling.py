@@ -21,9 +21,11 @@ _SMALLEST_CONDITION = (
 
 
 def coupling_matrix(description: Description, n: int, place: str) -> Array:
-    """C (n, n) of q_serial = C · q_controller, both in rad or m; the identity unless the description has a [coupling].
+    """C (n, n) of q_serial = C · q_controller, both in rad or m; the identity unless the
+    description has a [coupling].
 
-    Raises InputError for a matrix of another shape, one that cannot be inverted, or an unknown joint.
+    Raises InputError for a matrix of another shape, one that cannot be inverted, or
+    an unknown joint.
     """
     coupling = description.coupling
     if coupling is None:
@@ -33,7 +35,8 @@ def coupling_matrix(description: Description, n: int, place: str) -> Array:
         if len(coupling.matrix) != n or lengths != {n}:
             shape = f"{len(coupling.matrix)} rows of {' and '.join(map(str, sorted(lengths)))}"
             raise InputError(
-                f"{place}: coupling.matrix has {shape} numbers; the robot has {n} joints, so give {n} x {n}"
+                f"{place}: coupling.matrix has {shape} numbers; the robot has {n} joints, so "
+                f"give {n} x {n}"
             )
         return _invertible(np.array(coupling.matrix), f"{place}: coupling.matrix")
     matrix = np.eye(n)
@@ -42,7 +45,8 @@ def coupling_matrix(description: Description, n: int, place: str) -> Array:
             j, k = (_joint(each, n, f"{place}: coupling.add") for each in (name, other))
             if j == k:
                 raise InputError(
-                    f"{place}: coupling.add.{name} names itself; name the joints that are added to it"
+                    f"{place}: coupling.add.{name} names itself; name the joints that "
+                    "are added to it"
                 )
             matrix[j, k] = factor
     return _invertible(matrix, f"{place}: coupling.add")
@@ -63,14 +67,14 @@ def coupling_text(coupling: Array) -> str:
     return ", ".join(joints)
 
 
-def settled_values(coupling: Array, place: str, *said: JointValues | None) -> JointValues:
+def settled_values(coupling: Array, place: str, *stated: JointValues | None) -> JointValues:
     """Whose joint values these are, by what a header and an option say of them (None: nothing).
 
     coupling (n, n) as in `coupling_matrix`. Where both kinds are the same, nothing has to be said.
-    Raises UsageError with `place` where they differ and nothing is said, or header and option
+    Raises UsageError with `place` where they differ and nothing is stated, or header and option
     contradict each other.
     """
-    words = [word for word in said if word is not None]
+    words = [word for word in stated if word is not None]
     if np.array_equal(coupling, np.eye(len(coupling))):
         return words[0] if words else "serial"
     if not words:
@@ -99,8 +103,8 @@ def _joint(name: str, n: int, place: str) -> int:
 
 
 def _invertible(matrix: Array, place: str) -> Array:
-    sizes = np.linalg.svd(matrix, compute_uv=False)
-    if not sizes[-1] > _SMALLEST_CONDITION * sizes[0]:
+    singular_values = np.linalg.svd(matrix, compute_uv=False)
+    if not singular_values[-1] > _SMALLEST_CONDITION * singular_values[0]:
         raise InputError(
             f"{place} is singular: joint values cannot be converted back; check its rows"
         )

@@ -1,4 +1,4 @@
-"""robot.toml: what a robot is called, where its kinematics come from, its targets, workspaces and limits."""
+"""robot.toml: name of a robot, source of its kinematics, targets, workspaces and limits."""
 
 import tomllib
 from dataclasses import dataclass
@@ -23,7 +23,9 @@ class _Strict(BaseModel):
 
 
 class Kinematics(_Strict):
-    """Source of the kinematics: one of `urdf` (a path beside robot.toml) and `example_robot_data` (a path inside it)."""
+    """Source of the kinematics: one of `urdf` (a path beside robot.toml) and `example_robot_data`
+    (a path inside it).
+    """
 
     urdf: str | None = None
     example_robot_data: str | None = None
@@ -39,10 +41,11 @@ class Kinematics(_Strict):
 
 
 class Workspace(_Strict):
-    """A box (full edge lengths, along K_0) and an orientation cone (half angle) round the tool pose at `home`.
+    """A box (full edge lengths, along K_0) and an orientation cone (half angle) round the
+    tool pose at `home`.
 
-    `roll_deg` bounds the turn about the tool's z axis; it is the cone's angle unless given. `home` is written with the
-    names of table columns: `{ j1_deg = 0, j2_mm = 100 }`.
+    `roll_deg` bounds the turn about the tool's z axis; it is the cone's angle unless given. `home`
+    is written with the names of table columns: `{ j1_deg = 0, j2_mm = 100 }`.
     """
 
     home: dict[str, float]
@@ -58,7 +61,9 @@ class Targets(_Strict):
 
 
 class Equivalent(_Strict):
-    """Overrides of the equivalent robot: the virtual joints, elementary twists of the tool frame, of an arm with n < 6."""
+    """Overrides of the equivalent robot: the virtual joints, elementary twists of the tool frame,
+    of an arm with n < 6.
+    """
 
     virtual_joints: list[VirtualJoint]
 
@@ -71,7 +76,9 @@ class JointTolerance(_Strict):
 
 
 class ToleranceTable(_Strict):
-    """Expected standard deviations of the errors, the prior of the complete model; `joints` by name: j3 = { … }."""
+    """Expected standard deviations of the errors, the prior of the complete model; `joints` by
+    name: j3 = { … }.
+    """
 
     length_mm: Annotated[float, Field(gt=0)] = 1.0
     angle_mrad: Annotated[float, Field(gt=0)] = 1.0
@@ -82,10 +89,11 @@ class ToleranceTable(_Strict):
 
 
 class Coupling(_Strict):
-    """How the controller's joint values become those of the serial chain: q_serial = C q_controller, in rad or m.
+    """How the controller's joint values become those of the serial chain: q_serial = C
+    q_controller, in rad or m.
 
-    One of `matrix`, C row by row, and `add`, what differs from the identity: `add = { j3 = { j2 = 1 } }` is a FANUC's
-    serial q3 = J3 + 1 J2.
+    One of `matrix`, C row by row, and `add`, what differs from the identity: `add = { j3 = { j2 = 1
+    } }` is a FANUC's serial q3 = J3 + 1 J2.
     """
 
     matrix: list[list[float]] | None = None
@@ -99,8 +107,11 @@ class Coupling(_Strict):
 
 
 class Mounting(_Strict):
-    """How the robot stands and what it carries: `gravity`, its direction in K_0 (that of the URDF's world unless given, any
-    length), and the mass at the tool where a row does not say otherwise."""
+    """Mounting and load of the robot.
+
+    `gravity`: its direction in K_0, of any length (default: that of the URDF's world). The mass at
+    the tool holds where a row does not state its own.
+    """
 
     gravity: tuple[float, float, float] | None = None
     payload_kg: Annotated[float, Field(ge=0, le=1e5)] = 0.0
@@ -154,7 +165,7 @@ class Description(_Strict):
 
 @dataclass(frozen=True)
 class Source:
-    """A description together with the texts that it was read from; enough to build the robot again anywhere."""
+    """A description with the texts that it was read from, to build the robot again."""
 
     description: Description
     toml_text: str
@@ -163,7 +174,10 @@ class Source:
 
 
 def parse_source(toml_text: str, urdf_text: str, place: str) -> Source:
-    """Validate the text of a robot.toml. Raises InputError with `place`, the key and what is wrong."""
+    """Validate the text of a robot.toml.
+
+    Raises InputError with `place`, the key and what is wrong.
+    """
     return Source(_parse_description(toml_text, place), toml_text, urdf_text, place)
 
 
@@ -185,7 +199,7 @@ def read_source(path: Path) -> Source:
 
 
 def source_from_urdf(urdf_text: str, name: str) -> Source:
-    """A description for a bare URDF: the last link is the tool, three targets on a circle of 0.1 m round it."""
+    """A description for a bare URDF: last link as tool, three targets 0.1 m round it."""
     from calibtool.robot.urdf import last_frame  # Pinocchio is only needed here
 
     safe = (
@@ -196,7 +210,8 @@ def source_from_urdf(urdf_text: str, name: str) -> Source:
     )
     toml_text = (
         f'name = "{safe}"\ntitle = "{safe}, from a bare URDF"\n'
-        'notes = ["Made from a bare URDF: the tool is the last link, the targets are stand-ins."]\n\n'
+        'notes = ["Made from a bare URDF: the tool is the last link, the targets are assumed."]\n'
+        "\n"
         f'[kinematics]\nurdf = "robot.urdf"\ntool_frame = "{last_frame(urdf_text, name)}"\n\n'
         "[targets]\npoints_mm = [[100.0, 0.0, 0.0], [-50.0, 86.6, 0.0], [-50.0, -86.6, 0.0]]\n"
     )
@@ -226,7 +241,10 @@ def _parse_description(toml_text: str, place: str) -> Description:
 
 
 def parse_toml(text: str, place: str) -> dict[str, Any]:
-    """The keys of a TOML text. InputError with `place` for anything else, and for nesting that Python cannot follow."""
+    """The keys of a TOML text.
+
+    InputError with `place` for anything else, and for nesting that Python cannot follow.
+    """
     if (
         max(line.count(".") for line in text.split("\n")) > _MOST_DOTS
     ):  # tomllib's time grows with the square of a key's
@@ -242,7 +260,9 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
 
 
 def validation_message(error: ValidationError, model: type[BaseModel]) -> str:
-    """A finding of pydantic as one line: key, what is wrong, near names for an unknown key, which comes first."""
+    """A finding of pydantic as one line: key, what is wrong, near names for an unknown key,
+    which comes first.
+    """
     findings = error.errors()
     first = next(
         (finding for finding in findings if finding["type"] == "extra_forbidden"), findings[0]
@@ -261,7 +281,9 @@ def _fields_at(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]
     """Keys of the model that stands at `path` inside another one, none if that cannot be told."""
     for part in path:
         if isinstance(part, int) or part not in model.model_fields:
-            continue  # an element of a list or of a table with free names: the model is already that of its values
+            # an element of a list or of a table with free names: the model is already
+            # that of its values
+            continue
         inner = _models_in(model.model_fields[part].annotation)
         if not inner:
             return []
@@ -276,7 +298,9 @@ def _models_in(annotation: object) -> list[type[BaseModel]]:
 
 
 def inside(folder: Path, name: str, place: str) -> Path:
-    """A file of a folder or below it, links followed: a description from elsewhere reads nothing else (InputError)."""
+    """A file of a folder or below it, links followed: a description from elsewhere reads nothing
+    else (InputError).
+    """
     try:
         path = (folder / name).resolve()
         if not path.is_relative_to(folder.resolve()):

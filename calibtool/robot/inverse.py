@@ -1,19 +1,20 @@
-"""Inverse kinematics: damped Newton in batches, joint limits, several starts, and a verdict for every row."""
+"""Inverse kinematics: damped Newton in batches, with joint limits and several starts."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.robot.damped import at_point, scale_rows
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import at_point, scale_rows
+from calibtool.robot.inverse_starts import drawn, starts_of
 from calibtool.robot.reach import excluded
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
-from calibtool.robot.starts import drawn, starts_of
 
 ForwardAndJacobian = Callable[[Array], tuple[Array, Array]]
 
-_STEP_LIMIT = 0.6  # rad (or characteristic lengths): longer steps leave the region where the Jacobian tells the truth
+# rad (or characteristic lengths): longer steps leave the region where the Jacobian tells the truth
+_STEP_LIMIT = 0.6
 
 _ROWS_TOGETHER = 64  # rows for which several starts are tried at once
 _NEAR_STARTS = 24  # starts near the pose before those drawn from everywhere
@@ -25,13 +26,14 @@ _FROM_AFAR = 60
 
 @dataclass(frozen=True, eq=False)
 class InverseResult:
-    """Answers of an inverse kinematics, one row per pose.
+    """Result of an inverse kinematics, one row per pose.
 
     q            (N, n) best joint positions found, rad or m
-    converged    (N,) a stationary point was reached: the pose itself, or, where steps descend, the nearest one
-    reached      (N,) what is left is below the tolerance
-    position     (N,) what is left at the tool point, m
-    orientation  (N,) what is left as a rotation angle, rad
+    converged    (N,) whether a stationary point was reached: the pose itself, or, where steps
+                 descend, the nearest one
+    reached      (N,) whether the remaining pose error is below the tolerance
+    position     (N,) remaining error of the tool point, m
+    orientation  (N,) remaining rotation angle, rad
     iterations   (N,) Newton steps of the successful start
     """
 
@@ -55,16 +57,16 @@ def solve_poses(
     tolerance: float = 1e-9,
     descend: bool = False,
 ) -> InverseResult:
-    """Damped Newton from `q_start` to T(q) = target; for n < 6, or to `descend`, to the least weighted pose error.
+    """Damped Newton from `q_start` to T(q) = target.
 
-    The error is weighed at the tool point: translation divided by `length` beside the rotation in rad; the damping of
-    Levenberg and Marquardt grows with the squared error (Sugihara 2011), so that it vanishes at the answer.
+    target (N, 4, 4) in K_0; q_start (N, n) in rad or m; length in m; limits (n,) or (N, n): joints
+    stay inside when given. tolerance: rad, or characteristic lengths.
 
-    target (N, 4, 4) in K_0, q_start (N, n) in rad or m, length in m, limits (n,) or (N, n): joints are kept inside when
-    given.
-    `tolerance` (rad, or characteristic lengths) decides between reached and not.
-    descend: accept only steps that lower the error, so that a target out of reach has the nearest pose for an answer;
-    without it n ≥ 6 joints may pass over a hill, which finds more of the targets that can be reached.
+    The error is that of the tool point divided by `length`, and of the rotation in rad. The
+    Levenberg–Marquardt damping grows with the squared error (Sugihara 2011), so that it vanishes at
+    the solution. For n < 6, or with `descend`, only steps that reduce the error are accepted, and
+    the result for an unreachable target is the nearest pose. Otherwise the error may increase on
+    the way, which finds more of the reachable targets.
     """
     q = q_start.copy()
     count, n = q.shape
@@ -105,11 +107,11 @@ def solve_poses(
         done = (moved < 1e-10) | (np.linalg.norm(error[active], axis=-1) < 1e-12)
         stationary[active[done]] = True
         active = active[~done]
-    left = np.linalg.norm(error, axis=-1)
+    remaining = np.linalg.norm(error, axis=-1)
     return InverseResult(
         q=q,
-        converged=stationary | (left < tolerance),
-        reached=left < tolerance,
+        converged=stationary | (remaining < tolerance),
+        reached=remaining < tolerance,
         position=np.linalg.norm(error[:, :3], axis=-1) * length,
         orientation=np.linalg.norm(error[:, 3:], axis=-1),
         iterations=iterations,
@@ -125,14 +127,15 @@ def inverse_kinematics(
     starts: int = 100,
     tolerance: float | None = None,
 ) -> InverseResult:
-    """Joint positions of the nominal robot within its limits for T_base_tool, (N, 4, 4).
+    """Joint positions of the nominal robot within its limits for T_base_tool (N, 4, 4) in K_0.
 
-    q_seed (N, n) or (n,): where to start, the answer is on its branch if it can be; without it any branch will do. Rows
-    that do not arrive are started again, up to `starts` times, first from joint positions whose poses are near, then from
-    those drawn from `rng` (a fixed one unless given), but not where `excluded` tells that none can. An angle is returned
-    within half a turn of its seed (of 0 without one) where the limits allow it.
-    tolerance (rad, or characteristic lengths) decides what counts as reached: 1e-8, for n < 6 1e-5, because a pose written
-    with six digits lies that far beside the poses that the arm can take.
+    q_seed (N, n) or (n,): start of the iteration, which stays on its branch if possible; without a
+    seed any branch is returned. Rows that do not converge are started again, up to `starts` times,
+    first from joint positions whose poses are near, then from random ones of `rng` (a fixed one by
+    default), unless `excluded` shows that there is no solution. Angles are returned within half a
+    turn of the seed (or of 0) where the limits allow it. tolerance (rad, or characteristic
+    lengths): 1e-8 by default, 1e-5 for n < 6, because a pose written with six digits is that far
+    from the poses that the robot can take.
     """
     rng = np.random.default_rng(0) if rng is None else rng
     tolerance = (1e-8 if robot.n >= 6 else 1e-5) if tolerance is None else tolerance
@@ -189,9 +192,10 @@ def inverse_kinematics(
 def follow_path(
     robot: Robot, target: Array, q_seed: Array | None = None
 ) -> tuple[Array, np.ndarray]:
-    """Nominal joint positions (N, n) of poses in order (N, 4, 4), each from the answer before, and which were reached (N,).
+    """Nominal joint positions (N, n) of poses in order (N, 4, 4), and which were reached (N,).
 
-    Neighbours stay on one branch. q_seed (n,) starts the first row, the home of the default workspace unless given.
+    Each row starts from the solution of the row before, so that rows stay on one branch. q_seed
+    (n,) starts the first row; by default the home of the default workspace.
     """
     q = np.empty((len(target), robot.n))
     reached = np.zeros(len(target), dtype=bool)
@@ -213,7 +217,9 @@ def _bounded_step(
     upper: Array,
     again: int = 2,
 ) -> Array:
-    """A damped step in which the joints that stand at a limit and would leave it keep still, looked for `again` times."""
+    """A damped step in which the joints that stand at a limit and would leave it keep still, looked
+    for `again` times.
+    """
     step = _damped_step(jacobian, error, caution)
     held = ((q <= lower) & (step < 0)) | ((q >= upper) & (step > 0))
     rows = np.flatnonzero(held.any(axis=-1))
@@ -225,9 +231,12 @@ def _bounded_step(
 
 
 def _damped_step(jacobian: Array, error: Array, caution: Array) -> Array:
-    """Least-squares step (minimum norm for n > 6) with damping |error|² + caution: (N, 6, n), (N, 6) → (N, n)."""
+    """Least-squares step (minimum norm for n > 6) with damping |error|² + caution: (N, 6, n),
+    (N, 6) → (N, n).
+    """
     transposed = np.swapaxes(jacobian, -1, -2)
-    # The last term keeps the matrix regular at a singularity: it must not drown in the rounding of large entries.
+    # The last term keeps the matrix regular at a singularity: it must not drown in the rounding
+    # of large entries.
     damping = (
         np.minimum((error**2).sum(-1), 1.0) * 0.03
         + caution

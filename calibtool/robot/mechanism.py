@@ -1,4 +1,4 @@
-"""A serial chain as a Pinocchio model, nominal or with errors: its poses, Jacobians and frames, row by row."""
+"""A serial chain as a Pinocchio model, nominal or with errors."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -8,13 +8,13 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
-from calibtool.robot.screw import Screw
+from calibtool.robot.screw_joint import Screw
 from calibtool.robot.se3 import Array, readonly, translation
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """What a serial chain has beside its geometry.
+    """Properties of a serial chain beside its geometry.
 
     robot, joints, tool   names of the robot, of its n joints and of its tool frame
     inertias              (n) of the links, in the frames of their joints
@@ -44,13 +44,15 @@ class Frames:
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """A serial chain T(q) = Π_j M_j exp(ξ_j (q_j + δq_j)) · M_{n+1} (Eq. 7), nominal or with errors.
+    """A serial chain T(q) = Π_j M_j exp(ξ_j (q_j + δq_j)) · M_{n+1} (Eq. 7),
+    nominal or with errors.
 
     Pinocchio computes every row; a row's answer does not depend on the rows beside it.
 
-    model       the chain as a Pinocchio model; `configuration` turns joint positions into its coordinates
-    placements  (n+1, 4, 4) M_j, the last one the tool's; (N, n+1, 4, 4) where they change from row to row: such a
-                mechanism answers for its N rows only
+    model       the chain as a Pinocchio model; `configuration` turns joint positions
+                into its coordinates
+    placements  (n+1, 4, 4) M_j, the last one the tool's; (N, n+1, 4, 4) where they change from row
+                to row: such a mechanism answers for its N rows only
     offsets     (n,) δq_j in rad or m
     screws      (n) the joints of the model
     """
@@ -64,7 +66,9 @@ class Mechanism:
     def of(
         cls, bodies: Bodies, placements: Array, twists: Array, offsets: Array | None = None
     ) -> Self:
-        """The chain with these M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch per rad or m, and δq_j (n,), zero unless given."""
+        """The chain with these M_j (n+1, 4, 4), ξ_j (n, 6) of any pitch per rad or m, and δq_j
+        (n,), zero unless given.
+        """
         screws = tuple(Screw.of(twist) for twist in twists)
         model = pin.Model()
         model.name = bodies.robot
@@ -82,44 +86,45 @@ class Mechanism:
         return cls(model, readonly(placements), offsets, screws)
 
     def forward(self, q: Array) -> Array:
-        """T_base_tool for q (N, n) in rad or m: (N, 4, 4). Pinocchio's `framesForwardKinematics`."""
-        columns = np.empty((len(q), 4, 3))
+        """T_base_tool (N, 4, 4) for q (N, n), rad or m. Pinocchio's `framesForwardKinematics`."""
         model, data, rows = self._moving(q)
         tool, move = _columns_of(data.oMf[model.nframes - 1]), pin.framesForwardKinematics
-        for k, row in enumerate(rows):
+        columns = bytearray()
+        for row in rows:
             move(model, data, row)
-            columns[k] = tool
-        return _poses(columns)
+            columns += tool
+        return _poses(columns, len(q))
 
     def forward_and_jacobian(self, q: Array) -> tuple[Array, Array]:
-        """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0, columns ∂(δy)/∂q_j = Ad(F_j) ξ_j (Eq. 14).
+        """T_base_tool (N, 4, 4) and the spatial Jacobian (N, 6, n) in K_0.
 
-        Pinocchio's `computeJointJacobians` and `updateFramePlacements`.
+        The columns are ∂(δy)/∂q_j = Ad(F_j) ξ_j (Eq. 14). Pinocchio's `computeJointJacobians` and
+        `updateFramePlacements`.
         """
-        columns, jacobians = np.empty((len(q), 4, 3)), np.empty((len(q), self.model.nv, 6))
         model, data, rows = self._moving(q)
-        tool, jacobian = _columns_of(data.oMf[model.nframes - 1]), data.J.T
+        tool, jacobian = _columns_of(data.oMf[model.nframes - 1]), data.J.T.data
         move, place = pin.computeJointJacobians, pin.updateFramePlacements
-        for k, row in enumerate(rows):
+        columns, jacobians = bytearray(), bytearray()
+        for row in rows:
             move(model, data, row)
             place(model, data)
-            columns[k] = tool
-            jacobians[k] = jacobian
-        return _poses(columns), np.swapaxes(self._per_joint(jacobians), -1, -2)
+            columns += tool
+            jacobians += jacobian
+        per_coordinate = np.frombuffer(jacobians).reshape(len(q), model.nv, 6)
+        return _poses(columns, len(q)), np.swapaxes(self._per_joint(per_coordinate), -1, -2)
 
     def frames(self, q: Array) -> Frames:
-        """Every frame of the chain for q (N, n) in rad or m, from Pinocchio's `framesForwardKinematics`."""
+        """Frames of the chain for q (N, n), rad or m. Pinocchio's `framesForwardKinematics`."""
         n = len(self.screws)
-        columns = np.empty((len(q), n + 1, 4, 3))
         model, data, rows = self._moving(q)
-        live = [_columns_of(data.oMi[j + 1]) for j in range(n)] + [
-            _columns_of(data.oMf[model.nframes - 1])
-        ]
-        for row, moved in zip(rows, columns, strict=True):
+        live = [_columns_of(data.oMi[j + 1]) for j in range(n)]
+        live.append(_columns_of(data.oMf[model.nframes - 1]))
+        columns = bytearray()
+        for row in rows:
             pin.framesForwardKinematics(model, data, row)
-            for j, frame in enumerate(live):
-                moved[j] = frame
-        poses = _poses(columns)
+            for frame in live:
+                columns += frame
+        poses = _poses(columns, len(q), n + 1)
         after, tool = poses[:, :n], poses[:, n]
         for j, screw in enumerate(self.screws):
             if screw.shift.any():
@@ -144,7 +149,9 @@ class Mechanism:
         return replace(self, model=model, placements=readonly(self.placements[row]))
 
     def _moving(self, q: Array) -> tuple[pin.Model, pin.Data, Iterable[Array]]:
-        """A model, its data, and its coordinates row by row; placements that change are set before each row."""
+        """A model, its data, and its coordinates row by row; placements that change are set
+        before each row.
+        """
         if self.placements.ndim == 3:
             return self.model, self.model.createData(), self.configuration(q)
         model = self.model.copy()
@@ -156,7 +163,9 @@ class Mechanism:
             yield row
 
     def _in_model(self) -> Array:
-        """M_j as placements of the model's frames, which stand beside the chain's by the shifts of the screws."""
+        """M_j as placements of the model's frames, which stand beside the chain's by the
+        shifts of the screws.
+        """
         shifts = np.array([np.zeros(3), *(screw.shift for screw in self.screws)])
         there = self.placements.copy()
         there[..., :3, 3] -= shifts
@@ -164,7 +173,7 @@ class Mechanism:
         return there
 
     def as_model(self, lower: Array, upper: Array) -> pin.Model:
-        """A copy of the Pinocchio model with joint limits (n,) in rad or m, to go on with elsewhere."""
+        """A copy of the Pinocchio model with joint limits (n,) in rad or m."""
         model = self.model.copy()
         model.lowerPositionLimit, model.upperPositionLimit = self.configuration(
             np.array([lower, upper])
@@ -184,7 +193,9 @@ class Mechanism:
 
     @cached_property
     def _rates(self) -> Array | None:
-        """(n,) coordinates of the model per unit of the joint positions; None where a joint has several."""
+        """(n,) coordinates of the model per unit of the joint positions; None where a
+        joint has several.
+        """
         if any(len(screw.rates) > 1 for screw in self.screws):
             return None
         return readonly(np.concatenate([screw.rates for screw in self.screws]))
@@ -197,18 +208,21 @@ def _place(model: pin.Model, placements: Array) -> None:
     model.frames[model.nframes - 1].placement = pin.SE3(placements[-1])
 
 
-def _columns_of(frame: pin.SE3) -> Array:
-    """Axes x, y, z and origin of a frame of Pinocchio's data (4, 3): a view, which changes with every row."""
+def _columns_of(frame: pin.SE3) -> memoryview:
+    """Axes x, y, z and origin of a frame of Pinocchio's data (4, 3), which change with every row.
+
+    Appending memory to a `bytearray` is the fastest way to keep the numbers of a row.
+    """
     rotation, position = frame.rotation, frame.translation
     start, end = (array.__array_interface__["data"][0] for array in (rotation, position))
     if rotation.strides != (8, 24) or end - start != 72:
         raise RuntimeError("this Pinocchio stores poses in another way; install pin 3.4 to 4.x")
-    return np.lib.stride_tricks.as_strided(rotation.T, (4, 3), (24, 8), writeable=False)
+    return np.lib.stride_tricks.as_strided(rotation.T, (4, 3), (24, 8), writeable=False).data
 
 
-def _poses(columns: Array) -> Array:
-    """Axes x, y, z and origin (…, 4, 3) as poses (…, 4, 4)."""
-    poses = np.empty((*columns.shape[:-2], 4, 4))
-    poses[..., :3, :] = np.swapaxes(columns, -1, -2)
+def _poses(columns: bytearray, *shape: int) -> Array:
+    """Axes x, y, z and origin of frames, one after the other, as poses (*shape, 4, 4)."""
+    poses = np.empty((*shape, 4, 4))
+    poses[..., :3, :] = np.swapaxes(np.frombuffer(columns).reshape(*shape, 4, 3), -1, -2)
     poses[..., 3, :] = (0.0, 0.0, 0.0, 1.0)
     return poses

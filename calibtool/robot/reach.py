@@ -1,4 +1,4 @@
-"""Poses that no joint positions can give, told from the pose alone: what the triangle inequality says about a chain."""
+"""Unreachable poses, found from the pose alone by the triangle inequality."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse, readonly
 
 _ROUNDING = 1e-9  # m and rad
@@ -16,8 +16,9 @@ _ROUNDING = 1e-9  # m and rad
 class Reach:
     """Bounds between a point and a direction of K_0 and others of the tool, whatever the joints do.
 
-    A turning joint keeps every point of its axis, and its axis. So points o_j on the axes are a polygon with sides of fixed
-    length, which slides lengthen by their stroke, and the axes a polygon on the sphere with sides of fixed angle.
+    A turning joint keeps every point of its axis, and its axis. So points o_j on the axes are a
+    polygon with sides of fixed length, which slides lengthen by their stroke, and the axes a
+    polygon on the sphere with sides of fixed angle.
 
     p_base, p_tool   (3,) first point in K_0, last point in K_{n+1}, m
     a_base, a_tool   (3,) first and last axis in the same frames
@@ -59,7 +60,9 @@ class Reach:
         )
 
     def excludes(self, target: Array, position: float, orientation: float) -> np.ndarray:
-        """Poses (N, 4, 4) that no joint positions give to within `position` (m) and `orientation` (rad): (N,) bool."""
+        """Poses (N, 4, 4) that no joint positions give to within `position` (m) and `orientation`
+        (rad): (N,) bool.
+        """
         distance = np.linalg.norm(
             target[:, :3, :3] @ self.p_tool + target[:, :3, 3] - self.p_base, axis=-1
         )
@@ -71,9 +74,11 @@ class Reach:
 
 
 def excluded(robot: Robot, target: Array, tolerance: float) -> np.ndarray:
-    """Poses (N, 4, 4) that the robot cannot take to within `tolerance`, rad or characteristic lengths: (N,) bool.
+    """Poses (N, 4, 4) that the robot cannot take to within `tolerance`, rad or characteristic
+    lengths: (N,) bool.
 
-    Most of those out of reach, and every wrong tilt of an arm whose axes are parallel; joint limits count for slides only.
+    Most of those out of reach, and every wrong tilt of an arm whose axes are parallel; joint limits
+    count for slides only.
     """
     bounds = _reach(robot)
     if bounds is None:
@@ -93,7 +98,10 @@ def angle_between(a: Array, b: Array) -> Array:
 
 
 def _nearest_points(points: Array, axes: Array) -> Array:
-    """Points on the axes whose polygon is short: (k, 3). Weighted least squares, repeated; any choice gives bounds."""
+    """Points on the axes whose polygon is short: (k, 3).
+
+    Weighted least squares, repeated; any choice gives bounds.
+    """
     k = len(axes)
     sides = np.zeros((3 * (k - 1), k))  # ∂ sides / ∂ shifts along the axes
     for j in range(k - 1):
@@ -110,7 +118,9 @@ def _nearest_points(points: Array, axes: Array) -> Array:
 
 
 def _polygon(sides: Array, slack: float) -> tuple[float, float]:
-    """Least and greatest closing side of a polygon with these sides, and with others of together at most `slack`."""
+    """Least and greatest closing side of a polygon with these sides, and with others of together
+    at most `slack`.
+    """
     most, longest = float(sides.sum()) + slack, float(sides.max(initial=0.0))
     return max(0.0, 2.0 * longest - most), most
 

@@ -1,4 +1,7 @@
-"""Batched rigid motions. Twists are (v, ω), linear first; poses are homogeneous matrices; any leading shape (…,)."""
+"""Batched rigid motions.
+
+Twists are (v, ω), linear first; poses are homogeneous matrices; any leading shape (…,).
+"""
 
 from typing import Any
 
@@ -9,11 +12,12 @@ from calibtool.errors import InputError
 
 Array = NDArray[np.float64]
 
-_SMALL = 1e-5  # rad: below it the first terms of the series are exact, and quotients of small numbers are not
+# rad: below it the first terms of the series are exact, and quotients of small numbers are not
+_SMALL = 1e-5
 
 
 def readonly(values: Any, shape: tuple[int, ...] | None = None) -> Array:
-    """A read-only float copy of `values`; with `shape`, -1 stands for any length (ValueError otherwise)."""
+    """A read-only float copy; ValueError unless of `shape`, in which -1 is any length."""
     array = np.array(values, dtype=float)
     if shape is not None and (
         array.ndim != len(shape)
@@ -114,12 +118,16 @@ def inverse(pose: Array) -> Array:
 
 
 def relative_error(actual: Array, nominal: Array) -> Array:
-    """Pose error δy = log6(T_actual · T_nominal⁻¹), a spatial twist in K_0 (Eqs. 9, 10): (…, 4, 4) → (…, 6)."""
+    """Pose error δy = log6(T_actual · T_nominal⁻¹), a spatial twist in K_0 (Eqs. 9, 10):
+    (…, 4, 4) → (…, 6).
+    """
     return log6(actual @ inverse(nominal))
 
 
 def check_poses(pose: Array, place: str) -> None:
-    """InputError unless these are finite rigid motions (N, 4, 4), rotations to the six digits that people write."""
+    """InputError unless these are finite rigid motions (N, 4, 4), rotations to the six digits
+    that people write.
+    """
     if pose.ndim != 3 or pose.shape[1:] != (4, 4):
         raise InputError(f"{place}: poses have shape {pose.shape}; expected (N, 4, 4)")
     rotation = pose[:, :3, :3]
@@ -131,12 +139,15 @@ def check_poses(pose: Array, place: str) -> None:
     wrong = np.flatnonzero(~(rigid & np.isfinite(pose).all(axis=(1, 2))))
     if len(wrong):
         raise InputError(
-            f"{place}: row {wrong[0] + 1} is no rigid motion: a finite translation and a rotation matrix"
+            f"{place}: row {wrong[0] + 1} is no rigid motion: a finite translation and a "
+            "rotation matrix"
         )
 
 
 def adjoint(pose: Array) -> Array:
-    """Ad(T) = [[R, [p]× R], [0, R]], maps twists of frame b to frame a for T = T_a_b: (…, 4, 4) → (…, 6, 6)."""
+    """Ad(T) = [[R, [p]× R], [0, R]], maps twists of frame b to frame a for T = T_a_b:
+    (…, 4, 4) → (…, 6, 6).
+    """
     rotation = pose[..., :3, :3]
     result = np.zeros((*pose.shape[:-2], 6, 6))
     result[..., :3, :3] = result[..., 3:, 3:] = rotation
@@ -145,10 +156,12 @@ def adjoint(pose: Array) -> Array:
 
 
 def left_jacobian(twists: Array, q: Array) -> Array:
-    """J_l(x) of SE(3) at x = ξ_j q_j, with exp6(x + dx) ≈ exp6(J_l(x) dx) exp6(x): (n, 6), (N, n) → (N, n, 6, 6).
+    """J_l(x) of SE(3) at x = ξ_j q_j, with exp6(x + dx) ≈ exp6(J_l(x) dx) exp6(x): (n, 6),
+    (N, n) → (N, n, 6, 6).
 
-    J_l(x) = Σ_k ad(x)^k / (k+1)!; as ad (ad² + θ²)² = 0, θ = |ω|, four powers of ad(ξ_j) are enough (Selig 2005, §7.5).
-    Below 0.5 rad, where the closed forms of their factors cancel, the series itself is summed.
+    J_l(x) = Σ_k ad(x)^k / (k+1)!; as ad (ad² + θ²)² = 0, θ = |ω|, four powers of ad(ξ_j) are enough
+    (Selig 2005, §7.5). Below 0.5 rad, where the closed forms of their factors cancel, the series
+    itself is summed.
     """
     ad = np.zeros((len(twists), 6, 6))
     ad[:, :3, :3] = ad[:, 3:, 3:] = skew(twists[:, 3:])
@@ -170,7 +183,9 @@ _TERMS = 14  # 0.5^14 / 15! is below the last digit
 
 
 def _closed_factors(t: Array) -> Array:
-    """What four powers ad^k / (k+1)!, k = 1 … 4, are multiplied by for the whole series: angles (M,) in rad → (M, 4)."""
+    """What four powers ad^k / (k+1)!, k = 1 … 4, are multiplied by for the whole series: angles
+    (M,) in rad → (M, 4).
+    """
     sine, cosine = np.sin(t), np.cos(t)
     closed = [
         (4.0 - t * sine - 4.0 * cosine) / t**2,

@@ -1,4 +1,4 @@
-"""Where the carried robots and data are."""
+"""Folders of the built-in robots and data."""
 
 from pathlib import Path
 

@@ -1,7 +1,7 @@
-"""The only room that knows HDF5: measurements, calibrations and tables of studies to bytes and back.
+"""HDF5 files: measurements, calibrations and tables of studies to bytes and back.
 
-Formats: docs/file-formats.md. The same contents give the same bytes: no time stamps, no pickles, groups and datasets in
-a fixed order.
+Formats: docs/file-formats.md. The same contents give the same bytes: no time stamps, no pickles,
+groups and datasets in a fixed order.
 """
 
 import io
@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, BinaryIO, TypeVar
 import h5py
 
 from calibtool import __version__
-from calibtool.calibration.model import Calibration
+from calibtool.calibration.calibration import Calibration
 from calibtool.errors import CalibtoolError, InputError
 from calibtool.measurement.measurements import Measurements
-from calibtool.storage.calibrations import build_calibration, write_calibration
-from calibtool.storage.measurements import build_measurements, write_measurements
-from calibtool.storage.parts import write_robot
+from calibtool.storage.calibration_groups import build_calibration, write_calibration
+from calibtool.storage.file_checks import check_bytes, check_contents, with_digest
+from calibtool.storage.measurement_groups import build_measurements, write_measurements
+from calibtool.storage.shared_groups import write_robot
 from calibtool.storage.texts import put_string, string
-from calibtool.storage.untrusted import check_bytes, check_contents, sealed
 
 if TYPE_CHECKING:
     from calibtool.storage.studies import StudyFile
@@ -52,21 +52,30 @@ def to_bytes(contents: Measurements | Calibration) -> bytes:
         provenance = file.create_group("provenance")
         for name, text in sorted(contents.provenance.items()):
             put_string(provenance, name, text)
-    return sealed(buffer.getvalue())
+    return with_digest(buffer.getvalue())
 
 
 def read_measurements(stream: BinaryIO, name: str) -> Measurements:
-    """Measurements from a binary stream; `name` stands in messages. Raises InputError for anything else."""
+    """Measurements from a binary stream; `name` is used in messages.
+
+    Raises InputError for anything else.
+    """
     return _read(stream, name, {MEASUREMENTS: build_measurements})
 
 
 def read_calibration(stream: BinaryIO, name: str) -> Calibration:
-    """A calibration from a binary stream; `name` stands in messages. Raises InputError for anything else."""
+    """A calibration from a binary stream; `name` is used in messages.
+
+    Raises InputError for anything else.
+    """
     return _read(stream, name, {CALIBRATION: build_calibration})
 
 
 def read_study(stream: BinaryIO, name: str) -> "StudyFile":
-    """The table of a study from a binary stream; `name` stands in messages. Raises InputError for anything else."""
+    """The table of a study from a binary stream; `name` is used in messages.
+
+    Raises InputError for anything else.
+    """
     return _read(stream, name, {STUDY: _build_study})
 
 
@@ -113,13 +122,14 @@ def _read(stream: BinaryIO, name: str, builders: Builders[T]) -> T:
                 )
             if found not in (MEASUREMENTS, CALIBRATION, STUDY):
                 raise InputError(
-                    f"{name}: an HDF5 file, but not one of calibtool (no schema {MEASUREMENTS} or {CALIBRATION})"
+                    f"{name}: an HDF5 file, but not one of calibtool (no schema {MEASUREMENTS} or "
+                    f"{CALIBRATION})"
                 )
             version = int(file.attrs.get("schema_version", 0))
             if version > SCHEMA_VERSION:
                 raise InputError(
-                    f"{name}: written in format version {version}, this calibtool reads up to {SCHEMA_VERSION}; "
-                    "install a newer calibtool"
+                    f"{name}: written in format version {version}, this calibtool reads up to "
+                    f"{SCHEMA_VERSION}; install a newer calibtool"
                 )
             if found not in builders:
                 raise InputError(f"{name}: holds {found}, expected {' or '.join(builders)}")

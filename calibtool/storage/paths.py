@@ -1,11 +1,11 @@
-"""Measurements and calibrations from and to files by their paths, for scripts; the command line has streams besides."""
+"""Measurements and calibrations read from and written to paths, for scripts."""
 
 import os
 import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-from calibtool.calibration.model import Calibration
+from calibtool.calibration.calibration import Calibration
 from calibtool.errors import InputError, UsageError
 from calibtool.measurement.measurements import Measurements
 from calibtool.storage import read_any, to_bytes

@@ -1,4 +1,4 @@
-"""The table of a study as HDF5: one dataset per column, which says its units."""
+"""The table of a study as HDF5: one dataset per column, with its unit."""
 
 import io
 import json
@@ -9,11 +9,18 @@ import h5py
 import numpy as np
 
 from calibtool import __version__
-from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, Cell, StudyTable, checked_row
+from calibtool.evaluation.study.study_table import (
+    COLUMNS,
+    COUNTS,
+    TEXTS,
+    Cell,
+    StudyTable,
+    checked_row,
+)
 from calibtool.storage import STUDY
-from calibtool.storage.parts import get_with_gaps, put
+from calibtool.storage.file_checks import with_digest
+from calibtool.storage.shared_groups import get_with_gaps, put
 from calibtool.storage.texts import put_string, put_text, string, text
-from calibtool.storage.untrusted import sealed
 
 SCHEMA_VERSION = 1
 
@@ -27,7 +34,9 @@ class StudyFile:
 
 
 def study_to_bytes(table: StudyTable, definition: str) -> bytes:
-    """The file of a study; `definition` is its definition as JSON. A cell without a number is NaN, or -1 for a count."""
+    """The file of a study; `definition` is its definition as JSON. A cell without a number is NaN,
+    or -1 for a count.
+    """
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", libver=("v110", "v110")) as file:
         put_string(file, "schema", STUDY)
@@ -49,7 +58,7 @@ def study_to_bytes(table: StudyTable, definition: str) -> bytes:
                     [np.nan if cell is None else cell for cell in column], dtype=float
                 )
                 put(group, name, values, _units(name), long_name, "", "row")
-    return sealed(buffer.getvalue())
+    return with_digest(buffer.getvalue())
 
 
 def build_study(file: h5py.File) -> StudyFile:

@@ -1,8 +1,9 @@
 """Text in HDF5, of fixed length.
 
-Text of variable length lies in HDF5's global heap, which carries no checksums: a zeroed sector there sends the HDF5
-library (2.0 among them) into an endless loop, an object of size zero that it never passes. Text of fixed length lies in
-object headers, with checksums, or in a dataset of its own. Both kinds are read.
+Text of variable length lies in HDF5's global heap, which carries no checksums: a zeroed sector
+there sends the HDF5 library (2.0 among them) into an endless loop, an object of size zero that it
+never passes. Text of fixed length lies in object headers, with checksums, or in a dataset of its
+own. Both kinds are read.
 """
 
 from collections.abc import Sequence
@@ -20,7 +21,10 @@ def put_string(item: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
 
 
 def string(item: h5py.Group | h5py.Dataset, name: str, default: str | None = None) -> str:
-    """A text attribute. KeyError if it is missing and there is no default, ValueError if it is no text."""
+    """A text attribute.
+
+    KeyError if it is missing and there is no default, ValueError if it is no text.
+    """
     value = item.attrs[name] if default is None else item.attrs.get(name, default)
     if isinstance(value, bytes):
         return value.decode("utf-8")
@@ -47,7 +51,10 @@ def text(group: h5py.Group, name: str) -> str:
 
 
 def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
-    """A list of texts, one read at a time: a small file may refer to one long text many times. ValueError if too long."""
+    """A list of texts, one read at a time: a small file may refer to one long text many times.
+
+    ValueError if too long.
+    """
     dataset = group[name].asstr()
     found: list[str] = []
     room = LONGEST_TEXTS
@@ -60,7 +67,10 @@ def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
 
 
 def _encoded(text: str) -> bytes:
-    """UTF-8. File names that are none, which Python keeps as surrogates, become the replacement character."""
+    """UTF-8.
+
+    File names that are none, which Python keeps as surrogates, become the replacement character.
+    """
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace").encode("utf-8")
 
 

@@ -32,7 +32,7 @@ ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",
 }
 
-COMMANDS: dict[str, Any] = get_command(app).commands  # type: ignore[attr-defined]
+COMMANDS: dict[str, Any] = get_command(app).commands
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,9 @@ def run(*arguments: object, stdin: bytes | str = b"", code: int = 0) -> Result:
 
 
 def answer(*arguments: object, stdin: bytes | str = b"", code: int = 0) -> dict[str, Any]:
-    """Run a command with --json; stdout is exactly one JSON object, on one line, which is returned."""
+    """Run a command with --json; stdout is exactly one JSON object, on one
+    line, which is returned.
+    """
     result = run(*arguments, "--json", stdin=stdin, code=code)
     assert result.stdout.count("\n") == 1
     value = json.loads(result.stdout)
@@ -83,7 +85,9 @@ def refused(code: int, *arguments: object, stdin: bytes | str = b"") -> str:
 
 
 def only_line(stderr: str) -> str:
-    """The one line of stderr that is not a warning; neither a traceback nor a request for a bug report."""
+    """The one line of stderr that is not a warning; neither a traceback nor a request
+    for a bug report.
+    """
     lines = [line for line in stderr.splitlines() if not line.startswith("warning: ")]
     assert len(lines) == 1, stderr
     assert "Traceback" not in stderr
@@ -92,7 +96,9 @@ def only_line(stderr: str) -> str:
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:
-    """Every file below a folder with its bytes, hidden ones too; None for folders and what is no regular file."""
+    """Every file below a folder with its bytes, hidden ones too; None for folders and what is
+    no regular file.
+    """
     return {
         str(p.relative_to(folder)): p.read_bytes() if p.is_file() else None
         for p in sorted(folder.rglob("*"))
@@ -134,7 +140,9 @@ def stored(path: str, name: str) -> np.ndarray:
 
 
 def measured_table(path: str, table: str, joints: Sequence[str] | None = None) -> str:
-    """What an instrument would have written: a measurements file (revolute joints) as CSV in degrees and mm."""
+    """What an instrument would have written: a measurements file (revolute joints) as CSV
+    in degrees and mm.
+    """
     q, points = stored(path, "measurements/joint_positions"), stored(path, "measurements/points")
     header = list(joints or [f"j{j + 1}_deg" for j in range(q.shape[1])])
     header += [f"t{i + 1}_{axis}_mm" for i in range(points.shape[1]) for axis in "xyz"]

@@ -1,4 +1,6 @@
-"""Fixtures for the command line: an empty working folder for every test, and small files made once by the commands."""
+"""Fixtures for the command line: an empty working folder for every test, and small files made once
+by the commands.
+"""
 
 from pathlib import Path
 
@@ -22,7 +24,9 @@ EARLY = ["--base", "local-poe", "--regularisation", "early-stopping"]
 
 @pytest.fixture(scope="session")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
-    """planar-3r: measurements, fresh (the same robot), local-poe, paper, network; fanuc-m1000ia: six-…; ur10: ten."""
+    """planar-3r: measurements, fresh (the same robot), local-poe, paper, network; fanuc-m1000ia:
+    six-…; ur10: ten.
+    """
     folder = tmp_path_factory.mktemp("files")
 
     def path(name: str) -> str:

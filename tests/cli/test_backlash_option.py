@@ -1,4 +1,6 @@
-"""Backlash at the command line: identified where rows tell directions, taken up along rows, refused otherwise."""
+"""Backlash at the command line: identified where rows tell directions, taken up along rows,
+refused otherwise.
+"""
 
 from pathlib import Path
 

@@ -1,6 +1,8 @@
-"""Bad input: one line on stderr with place and remedy, the documented exit code, and no file left half written.
+"""Bad input: one line on stderr with place and remedy, the documented exit code, and no file
+left half written.
 
-`refused` checks all of this: exit code, one line, no traceback, empty stdout, and the folder as it was before.
+`refused` checks all of this: exit code, one line, no traceback, empty stdout, and the folder
+as it was before.
 """
 
 import io
@@ -19,7 +21,7 @@ PLANAR = ["j1_deg", "j2_deg", "j3_deg"]
 POINTS = [f"t{i}_{axis}_mm" for i in (1, 2, 3) for axis in "xyz"]
 
 
-# --- what a file says -------------------------------------------------------------------------------------------------
+# --- what a file says -----------------------------------------------------------------------------
 
 
 def test_words_of_a_file_neither_break_the_line_nor_move_the_cursor(files: Files) -> None:
@@ -37,7 +39,7 @@ def test_names_of_files_are_shown_as_they_are(files: Files) -> None:
     assert r"c[bold]\x1b[31m" in run("evaluate", str(copy), "--on", files.measurements).stderr
 
 
-# --- names ----------------------------------------------------------------------------------------------------------
+# --- names ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -99,7 +101,7 @@ def test_wrong_usage(arguments: list[str]) -> None:
     refused(2, *arguments)
 
 
-# --- files that are not there, and streams --------------------------------------------------------------------------
+# --- files that are not there, and streams --------------------------------------------------------
 
 READERS = {
     "identify": ["identify", "{x}"],
@@ -179,7 +181,7 @@ def test_stdin_cannot_be_read_twice(arguments: list[str]) -> None:
     assert "'-'" in refused(2, *arguments)
 
 
-# --- HDF5 files -----------------------------------------------------------------------------------------------------
+# --- HDF5 files -----------------------------------------------------------------------------------
 
 
 @binary_reader
@@ -288,7 +290,7 @@ for path in sys.argv[1:]:
 """
 
 
-# --- robots that do not fit -----------------------------------------------------------------------------------------
+# --- robots that do not fit -----------------------------------------------------------------------
 
 
 def test_a_calibration_of_another_robot(files: Files) -> None:
@@ -311,7 +313,7 @@ def test_too_few_measurements() -> None:
         assert "at least 5" in message
 
 
-# --- tables ---------------------------------------------------------------------------------------------------------
+# --- tables ---------------------------------------------------------------------------------------
 
 
 def places(files: Files, header: list[str], rows: list[list[object]]) -> list[str]:
@@ -495,7 +497,7 @@ def test_unreachable_poses() -> None:
     )
 
 
-# --- import ---------------------------------------------------------------------------------------------------------
+# --- import ---------------------------------------------------------------------------------------
 
 MAP = """
 [joints]
@@ -579,7 +581,7 @@ def test_too_few_rows_to_find_the_set_up() -> None:
     assert "configurations" in message
 
 
-# --- collinear targets, and a robot of one's own --------------------------------------------------------------------
+# --- collinear targets, and a robot of one's own --------------------------------------------------
 
 
 def own_robot(old: str, new: str, file: str = "robot.toml") -> str:
@@ -620,7 +622,8 @@ def test_collinear_targets_of_a_table(files: Files) -> None:
 def test_collinear_targets_of_a_map(files: Files) -> None:
     measured_table(files.measurements, "t.csv")
     targets = "".join(
-        f'[[targets]]\nmeasured = ["t{i}_x_mm", "t{i}_y_mm", "t{i}_z_mm"]\nunit = "mm"\non_tool_mm = [{i}.0, 0.0, 5.0]\n'
+        f'[[targets]]\nmeasured = ["t{i}_x_mm", "t{i}_y_mm", "t{i}_z_mm"]\nunit = "mm"\n'
+        f"on_tool_mm = [{i}.0, 0.0, 5.0]\n"
         for i in (1, 2, 3)
     )
     Path("map.toml").write_text(MAP[: MAP.index("[[targets]]")] + targets)
@@ -660,7 +663,9 @@ def test_a_misspelt_key_of_a_robot_is_named_before_what_it_leaves_missing() -> N
 
 
 def test_messages_about_a_robot_of_ones_own_name_its_file() -> None:
-    """A copy keeps the name of the robot it was made from: the name alone does not say which file is wrong."""
+    """A copy keeps the name of the robot it was made from: the name alone does not say
+    which file is wrong.
+    """
     robot = own_robot('tool_frame = "tool0"', 'tool_frame = "tool"')
     assert "mine" in refused(3, "robots", robot)
 
@@ -696,7 +701,9 @@ def test_a_folder_without_a_robot() -> None:
 def test_a_urdf_that_cannot_be_read(
     old: str | None, new: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """The URDF library writes lines of its own on the process's stderr; the user must not see them."""
+    """The URDF library writes lines of its own on the process's stderr; the
+    user must not see them.
+    """
     text = (shipped("robots") / "planar-3r" / "robot.urdf").read_text(encoding="utf-8")
     assert old is None or old in text
     Path("arm.urdf").write_text(new if old is None else text.replace(old, new), encoding="utf-8")

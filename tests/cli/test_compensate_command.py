@@ -1,4 +1,6 @@
-"""calibtool compensate: joints or poses in, joints out; units, other columns, status, and what cannot be reached."""
+"""calibtool compensate: joints or poses in, joints out; units, other columns, status, and what
+cannot be reached.
+"""
 
 from pathlib import Path
 
@@ -17,7 +19,7 @@ SIX = [
     "j4_deg",
     "j5_deg",
     "j6_deg",
-]  # of a FANUC: says whose joint 3
+]  # of a FANUC: states whose joint 3
 SERIAL = ["--joint-values", "serial"]
 ANGLES = [[0, 10, -10, 0, -70, 0], [10, 20, -30, 5, -60, 10], [-15, 5, 0, -10, -80, 30]]
 
@@ -53,7 +55,7 @@ def pose_table(
     )
 
 
-# --- joints ---------------------------------------------------------------------------------------------------------
+# --- joints ---------------------------------------------------------------------------------------
 
 
 def test_corrected_joints_bring_the_actual_robot_where_it_should_be(files: Files) -> None:
@@ -105,7 +107,10 @@ def test_prismatic_joints_in_mm_and_m() -> None:
 
 
 def test_other_columns_pass_through(files: Files) -> None:
-    text = 'id,j2_deg,j1_deg,speed mm/s,j3_deg,comment\n7,20,10,0.50,30,"left, then ""up"""\n8,21,11,,31,é\n'
+    text = (
+        'id,j2_deg,j1_deg,speed mm/s,j3_deg,comment\n7,20,10,0.50,30,"left, then ""up"""\n'
+        "8,21,11,,31,é\n"
+    )
     Path("t.csv").write_text(text, encoding="utf-8")
     rows = rows_of(run("compensate", files.network, "t.csv").stdout)
     kept = ["id", "speed mm/s", "comment"]
@@ -180,7 +185,7 @@ def test_without_errors_nothing_is_corrected() -> None:
     )
 
 
-# --- poses ----------------------------------------------------------------------------------------------------------
+# --- poses ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("form", ["quaternion", "rotation vector", "roll pitch yaw"])
@@ -197,7 +202,9 @@ def test_poses_in_every_form(files: Files, form: str, unit: str) -> None:
 
 
 def test_joints_beside_a_pose_choose_the_branch(files: Files) -> None:
-    """A wrist has two ways to one orientation: flip joints 4 and 6 by half a turn and turn joint 5 round."""
+    """A wrist has two ways to one orientation: flip joints 4 and 6 by half a turn and
+    turn joint 5 round.
+    """
     T = poses_of_angles()[1:2]
     flipped = [10, 20, -30, 5 - 180, 60, 10 - 180]
     np.testing.assert_allclose(
@@ -244,7 +251,7 @@ def test_many_remarks_are_counted(files: Files) -> None:
     assert len(rows_of(result.stdout)) == 25
 
 
-# --- status ---------------------------------------------------------------------------------------------------------
+# --- status ---------------------------------------------------------------------------------------
 
 
 def test_near_singular_rows_are_marked(files: Files) -> None:
@@ -265,10 +272,10 @@ def test_rows_outside_the_limits_are_marked(files: Files) -> None:
     assert result.stderr.count("t.csv:") == 1
 
 
-# --- bounds ---------------------------------------------------------------------------------------------------------
+# --- bounds ---------------------------------------------------------------------------------------
 
 
-def test_the_largest_change_is_told_and_kept(files: Files) -> None:
+def test_the_largest_change_is_reported_and_kept(files: Files) -> None:
     write_table("t.csv", SIX, ANGLES)
     free = run("compensate", files.six_network, "t.csv")
     told = [
@@ -334,7 +341,7 @@ def test_weights_that_are_none_are_wrong_usage(files: Files, weights: str, text:
     assert not Path("c.csv").exists()
 
 
-# --- streams --------------------------------------------------------------------------------------------------------
+# --- streams --------------------------------------------------------------------------------------
 
 
 def test_targets_come_from_stdin_and_go_to_stdout_by_default(files: Files) -> None:

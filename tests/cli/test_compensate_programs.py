@@ -68,7 +68,7 @@ def test_a_table_is_still_a_table(calibration: str) -> None:
     )
 
 
-# --- never over the original ----------------------------------------------------------------------------------------
+# --- never over the original ----------------------------------------------------------------------
 
 
 def test_a_program_is_never_written_over_itself(calibration: str) -> None:
@@ -83,7 +83,7 @@ def test_a_program_is_never_written_over_itself(calibration: str) -> None:
     assert "exists already" in refused(2, "compensate", calibration, "a.ls", "-o", "a.ls")
 
 
-# --- errors ---------------------------------------------------------------------------------------------------------
+# --- errors ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -153,7 +153,7 @@ def test_joint_values(calibration: str) -> None:
     assert default == controller != serial
 
 
-# --- programs of several files, and those that are corrected in part ------------------------------------------------
+# --- programs of several files, and those that are corrected in part ------------------------------
 
 TOOLS = """MODULE Cell
   PERS tooldata tGun:=[TRUE,[[0,0,150],[1,0,0,0]],[4,[0,0,60],[1,0,0,0],0,0,0]];
@@ -161,7 +161,10 @@ TOOLS = """MODULE Cell
 ENDMODULE
 """
 TARGET = f"[[1715.243,322.580,658.584],[0.033110,-0.258144,0.963310,-0.065566],[0,0,0,0],{REST}]"
-PART = f"MODULE Part\n  PROC main()\n    MoveL {TARGET},v100,fine,tGun\\WObj:=wFix;\n  ENDPROC\nENDMODULE\n"
+PART = (
+    f"MODULE Part\n  PROC main()\n    MoveL {TARGET},v100,fine,tGun\\WObj:=wFix;\n  ENDPROC\n"
+    "ENDMODULE\n"
+)
 FLANGE = f"[[2300.597,438.964,606.965],[0.033110,-0.258144,0.963310,-0.065566],[0,0,0,0],{REST}]"
 BESIDE = PART.replace("  ENDPROC", f"    MoveL {FLANGE},v100,fine,tool0;\n  ENDPROC")
 
@@ -294,7 +297,7 @@ def test_external_axes_beside_a_pose(calibration: str) -> None:
     assert zero == plain.replace("[9E9,9E9", "[0,9E9", 1)
 
 
-def test_the_message_says_how_many_and_which(calibration: str) -> None:
+def test_the_message_states_how_many_and_which(calibration: str) -> None:
     bad = FAR.replace("[1,0,0,0]", "[1,1,0,0]")
     Path("a.mod").write_text(
         GOOD + bad + bad + GOOD.replace("10", "x", 1) + bad.replace("9000", "nan")

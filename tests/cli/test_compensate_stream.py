@@ -1,4 +1,6 @@
-"""calibtool compensate as a stream: another program talks to it, JSON lines, nothing half written, verification."""
+"""calibtool compensate as a stream: another program talks to it, JSON lines, nothing half
+written, verification.
+"""
 
 import json
 import subprocess

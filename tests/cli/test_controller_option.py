@@ -9,7 +9,10 @@ from commandline import Files, refused, run, write_table
 import calibtool as ct
 
 SHARED = Path(__file__).parent.parent / "controllers"
-POSES = "def a():\n  set_tcp(p[0, 0, 0, 0, 0, 0])\n  movel(p[-0.482478, -0.221476, 0.362441, 2.2, -2.1, 0.1])\nend\n"
+POSES = (
+    "def a():\n  set_tcp(p[0, 0, 0, 0, 0, 0])\n"
+    "  movel(p[-0.482478, -0.221476, 0.362441, 2.2, -2.1, 0.1])\nend\n"
+)
 JOINTS = "movej([0.1, -1.4, 1.7, -1.9, -1.6, 0.2])\n"
 
 
@@ -28,7 +31,7 @@ def program(here: Path) -> None:
     Path("joints.script").write_text(JOINTS, encoding="utf-8")
 
 
-def test_a_program_with_poses_is_refused_until_it_is_said(ten: str) -> None:
+def test_a_program_with_poses_is_refused_until_the_model_is_stated(ten: str) -> None:
     message = refused(2, "compensate", ten, "work.script", "-o", "out.script")
     assert message.startswith(
         "work.script: holds poses, and the controller of ur10 has a model of its own"
@@ -111,7 +114,7 @@ def test_bad_files_are_one_line_and_nothing_is_written(
     assert not Path("out.script").exists()
 
 
-def test_a_dh_table_says_its_convention(ten: str) -> None:
+def test_a_dh_table_states_its_convention(ten: str) -> None:
     """The lengths of a ur10 instead of those of the table."""
     text = (SHARED / "dh.csv").read_text(encoding="utf-8")
     for old, new in (

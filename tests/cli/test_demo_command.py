@@ -38,7 +38,7 @@ def test_it_ends_with_what_there_is_to_look_at(demo_run: Demo) -> None:
 
 def test_the_report_is_that_of_the_evaluation(demo_run: Demo) -> None:
     page = (demo_run[0] / "report.html").read_text(encoding="utf-8")
-    found = json.loads(re.search(r'id="evaluation"[^>]*>(.*?)</script>', page, re.DOTALL)[1])  # type: ignore[index]
+    found = json.loads(re.search(r'id="evaluation"[^>]*>(.*?)</script>', page, re.DOTALL)[1])
     files = [demo_run[0] / f"{name}.h5" for name in FITTED]
     assert found == answer("evaluate", *files, "--on", demo_run[0] / "fresh.h5")
     assert len(page.encode()) < 5e6
@@ -87,7 +87,7 @@ def test_the_files_are_those_of_the_commands(demo_run: Demo) -> None:
     assert table == (folder / "evaluation.csv").read_text()
 
 
-def test_every_file_says_where_it_comes_from(demo_run: Demo) -> None:
+def test_every_file_states_where_it_comes_from(demo_run: Demo) -> None:
     folder, _ = demo_run
     for name in ("measurements", "fresh", *FITTED):
         assert answer("info", folder / f"{name}.h5")["provenance"]["command"] == "calibtool demo"

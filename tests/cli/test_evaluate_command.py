@@ -1,4 +1,6 @@
-"""calibtool evaluate: the JSON contract, methods side by side, limits, signed errors; stdout carries data only."""
+"""calibtool evaluate: the JSON contract, methods side by side, limits, signed errors; stdout
+carries data only.
+"""
 
 from pathlib import Path
 from shutil import copy
@@ -34,7 +36,7 @@ def real(files: Files) -> tuple[str, str]:
     return "real.h5", "real-poe.h5"
 
 
-# --- JSON -----------------------------------------------------------------------------------------------------------
+# --- JSON -----------------------------------------------------------------------------------------
 
 
 def test_keys_of_the_contract(files: Files) -> None:
@@ -128,7 +130,9 @@ def test_a_robot_without_errors_has_none() -> None:
 
 
 def test_nominal_errors_are_those_of_the_simulated_robot(files: Files) -> None:
-    """The arm measured without noise where it was commanded: the mean of its targets is off as the table says."""
+    """The arm measured without noise where it was commanded: the mean of its targets is off
+    as the table says.
+    """
     q = stored(files.fresh, "measurements/joint_positions")
     Path("at.csv").write_text(
         "j1_rad,j2_rad,j3_rad\n" + "\n".join(",".join(map(repr, row)) for row in q.tolist())
@@ -148,7 +152,8 @@ def test_nominal_errors_are_those_of_the_simulated_robot(files: Files) -> None:
         "actual.h5",
     )
     points = "measurements/points"
-    # Displacement of the targets' centroid: that of the tool point, less the lever arm of 50 mm times a few mrad.
+    # Displacement of the targets' centroid: that of the tool point, less the lever arm of 50 mm
+    # times a few mrad.
     left = (stored("actual.h5", points) - stored("drawing.h5", points)).mean(axis=1) * 1e3
     table = rows_of(run("evaluate", files.paper, "--on", files.fresh, "-o", "-").stdout)
     rows = [row for row in table if row["method"] == "nominal"]
@@ -159,7 +164,7 @@ def test_nominal_errors_are_those_of_the_simulated_robot(files: Files) -> None:
     np.testing.assert_allclose(stated + np.cross(turn, lever), left, atol=2e-3)
 
 
-# --- for people -----------------------------------------------------------------------------------------------------
+# --- for people -----------------------------------------------------------------------------------
 
 
 def test_the_table_for_people_goes_to_stderr(files: Files) -> None:
@@ -175,7 +180,7 @@ def test_the_table_for_people_goes_to_stderr(files: Files) -> None:
         assert row[9] == f"{method['orientation_mrad']['max']:.3f}"
 
 
-def test_what_no_joint_can_correct_is_told(files: Files) -> None:
+def test_what_no_joint_can_correct_is_reported(files: Files) -> None:
     stderr = run("evaluate", files.network, "--on", files.fresh).stderr
     beyond = answer("evaluate", files.network, "--on", files.fresh)["uncorrectable"]
     assert (
@@ -192,7 +197,7 @@ def test_no_escape_codes_where_there_is_no_terminal(files: Files) -> None:
     assert "\x1b" not in run("evaluate", files.network, "--on", files.fresh).stderr
 
 
-# --- signed errors --------------------------------------------------------------------------------------------------
+# --- signed errors --------------------------------------------------------------------------------
 
 
 def test_signed_errors_in_a_file(files: Files) -> None:
@@ -232,7 +237,7 @@ def test_json_and_the_table_cannot_share_stdout(files: Files) -> None:
     )
 
 
-# --- real measurements ----------------------------------------------------------------------------------------------
+# --- real measurements ----------------------------------------------------------------------------
 
 
 def test_real_measurements_are_predicted(real: tuple[str, str]) -> None:
@@ -252,7 +257,9 @@ def test_signed_errors_of_every_target(real: tuple[str, str]) -> None:
 
 
 def test_a_moved_instrument(real: tuple[str, str]) -> None:
-    """The tracker stands 100 mm further: only --refit-setup makes the old calibration fit the new measurements."""
+    """The tracker stands 100 mm further: only --refit-setup makes the old calibration fit the
+    new measurements.
+    """
     measurements, calibration = real
     run("simulate", "planar-3r", "-n", 30, "-o", "again.h5")
     table = rows_of(Path(measured_table("again.h5", "moved.csv")).read_text())
@@ -274,7 +281,7 @@ def test_a_moved_instrument(real: tuple[str, str]) -> None:
     assert Path(measurements).exists()
 
 
-# --- acceptance limits ----------------------------------------------------------------------------------------------
+# --- acceptance limits ----------------------------------------------------------------------------
 
 
 def test_a_limit_that_is_met(files: Files) -> None:
@@ -342,8 +349,9 @@ def test_a_limit_on_what_is_not_measured(files: Files) -> None:
 
 
 WRONG_LIMITS = (
-    "nonsense position_max_mm position_max_mm= position_max_mm=a position_max_mm=-1 position_max_mm=nan position_max=1 "
-    "position_max_mrad=1 position_maximum_mm=1 orientation_max_mm=1 position_max_mm=1=2"
+    "nonsense position_max_mm position_max_mm= position_max_mm=a position_max_mm=-1 "
+    "position_max_mm=nan position_max=1 position_max_mrad=1 position_maximum_mm=1 "
+    "orientation_max_mm=1 position_max_mm=1=2"
 )
 
 
@@ -355,7 +363,7 @@ def test_a_limit_that_cannot_be_read(files: Files, limit: str) -> None:
     assert message.startswith(f"--require {limit}: expected position_S_mm=VALUE")
 
 
-# --- methods and files ----------------------------------------------------------------------------------------------
+# --- methods and files ----------------------------------------------------------------------------
 
 
 def test_exact_and_one_step(files: Files) -> None:
@@ -403,7 +411,7 @@ def test_it_changes_no_input(files: Files) -> None:
     assert contents(files.folder) == before
 
 
-# --- what is not like the training, or not measured -------------------------------------------------------------------
+# --- what is not like the training, or not measured -----------------------------------------------
 
 
 def test_rows_unlike_the_training_are_counted(files: Files) -> None:
@@ -427,7 +435,9 @@ def test_rows_unlike_the_training_are_counted(files: Files) -> None:
 
 
 def test_positions_alone_are_shown_without_orientation(files: Files) -> None:
-    """One target three times at every configuration: no turn in the table, nor in the test after ISO 9283."""
+    """One target three times at every configuration: no turn in the table, nor in the
+    test after ISO 9283.
+    """
     q, points = (
         stored(files.ten, "measurements/joint_positions"),
         stored(files.ten, "measurements/points"),

@@ -1,4 +1,6 @@
-"""calibtool export: every format as a file and on stdout; C corrects as `compensate --method one-step` does."""
+"""calibtool export: every format as a file and on stdout; C corrects as `compensate
+--method one-step` does.
+"""
 
 import json
 import shutil

@@ -49,7 +49,7 @@ def test_taught_programs_move_as_little_as_the_arm_is_off(here: Path) -> None:
     )
     assert max(float(row["sd_mm"]) for row in rows) < 0.05
     for file in ("m.h5", "c.h5"):
-        sizes = scene_of(read_any(io.BytesIO(Path(file).read_bytes()), file)).sizes
+        sizes = scene_of(read_any(io.BytesIO(Path(file).read_bytes()), file)).error_rms
         assert 1.0 < 1e3 * np.sqrt((sizes**2).mean()) < 1.6, file
 
 

@@ -1,4 +1,6 @@
-"""Help: there for every command and option, true (the examples run), and quick (no heavy import)."""
+"""Help: there for every command and option, true (the examples run), and
+quick (no heavy import).
+"""
 
 import subprocess
 import sys
@@ -12,15 +14,15 @@ from commandline import COMMANDS, ENVIRONMENT, Files, example_of, measured_table
 
 import calibtool
 
-# What scripts rely on (DESIGN.md); a name may be added, none may go.
+# What scripts rely on (docs/commands.md); a name may be added, none may go.
 CONTRACT = {
     "robots": "--json",
-    "simulate": "-n --configurations --seed --workspace --errors --length-error-mm --angle-error-mrad --noise-mm "
-    "--unregistered --same-robot --at -o --output --force",
+    "simulate": "-n --configurations --seed --workspace --errors --length-error-mm "
+    "--angle-error-mrad --noise-mm --unregistered --same-robot --at -o --output --force",
     "import": "--robot --columns -o --output --force",
-    "plan": "-n --configurations --criterion --from --workspace --candidates --seed --noise-mm --unregistered "
-    "--joint-margin --min-singularity-distance --floor-mm --keep-out --instrument --normal --cone-deg --iso9283 --cube-mm "
-    "--cycles --json -o --output --force",
+    "plan": "-n --configurations --criterion --from --workspace --candidates --seed --noise-mm "
+    "--unregistered --joint-margin --min-singularity-distance --floor-mm --keep-out --instrument "
+    "--normal --cone-deg --iso9283 --cube-mm --cycles --json -o --output --force",
     "identify": "--model --json -o --output --force",
     "train": "--base --loss --optimizer --hidden --validation --seed --json -o --output --force",
     "evaluate": "--on --require --json -o --output --force",
@@ -29,8 +31,8 @@ CONTRACT = {
     "plot": "--on --width-mm --require -o --output --force",
     "report": "--on --require -o --output --force",
     "view": "--html --magnify --meshes --port --force",
-    "study": "--plan --runs --seed --methods -n --configurations --noise-mm --errors --error-scale --workspace --fresh "
-    "--workers --cluster --box-plot --json -o --output --force",
+    "study": "--plan --runs --seed --methods -n --configurations --noise-mm --errors --error-scale "
+    "--workspace --fresh --workers --cluster --box-plot --json -o --output --force",
     "info": "--json",
     "demo": "-o --output --force",
 }
@@ -62,7 +64,7 @@ def test_defaults_of_the_contract() -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_says_what_it_does(command: str) -> None:
+def test_every_command_states_what_it_does(command: str) -> None:
     first = COMMANDS[command].help.strip().splitlines()[0]
     assert first.endswith(".")
     assert len(first) > 15
@@ -130,8 +132,10 @@ def test_help_does_not_import_what_computes() -> None:
     script = (
         "import sys\nfrom calibtool.cli import app\n"
         f"for page in {pages!r}:\n"
-        "    try:\n        app(page)\n    except SystemExit as done:\n        assert not done.code, page\n"
-        "heavy = {'numpy', 'scipy', 'pinocchio', 'h5py', 'matplotlib', 'jinja2'} & set(sys.modules)\n"
+        "    try:\n        app(page)\n    except SystemExit as done:\n"
+        "        assert not done.code, page\n"
+        "heavy = {'numpy', 'scipy', 'pinocchio', 'h5py', 'matplotlib', 'jinja2'} & "
+        "set(sys.modules)\n"
         "print('heavy:', *sorted(heavy), file=sys.stderr)\n"
     )
     finished = subprocess.run(
@@ -141,7 +145,7 @@ def test_help_does_not_import_what_computes() -> None:
     assert finished.returncode == 0
 
 
-# --- the examples run -----------------------------------------------------------------------------------------------
+# --- the examples run -----------------------------------------------------------------------------
 
 
 def _tracker(files: Files) -> None:

@@ -56,14 +56,16 @@ def test_json_and_the_file_cannot_share_stdout(files: Files) -> None:
     ("name", "revolute", "prismatic"), [("planar-3r", 3, 0), ("scara", 3, 1), ("ur10", 6, 0)]
 )
 def test_number_of_identifiable_parameters(name: str, revolute: int, prismatic: int) -> None:
-    """A serial arm has 4 parameters per revolute joint, 2 per prismatic one and 6 of the tool, whatever its model."""
+    """A serial arm has 4 parameters per revolute joint, 2 per prismatic one and 6 of the tool,
+    whatever its model.
+    """
     run("simulate", name, "-n", 25, "-o", "m.h5")
     base = answer("identify", "m.h5", *LOCAL)["base"]
     assert base["rank"] == base["observable_rank"] == 4 * revolute + 2 * prismatic + 6
     assert base["parameters"] == 6 * (revolute + prismatic + 1)
 
 
-def test_what_cannot_be_observed_is_said() -> None:
+def test_what_cannot_be_observed_is_reported() -> None:
     """Only joint 1 moves: joints 2 and 3 cannot be told apart."""
     write_table("at.csv", ["j1_deg", "j2_deg", "j3_deg"], [[5 * k, 60, 20] for k in range(20)])
     run("simulate", "planar-3r", "--at", "at.csv", "-o", "m.h5")
@@ -108,7 +110,9 @@ def test_provenance(files: Files) -> None:
 
 
 def test_files_describe_themselves(files: Files) -> None:
-    """Every number carries units, a name, its frame and dimension labels; every group of the format is there."""
+    """Every number carries units, a name, its frame and dimension labels; every group of the
+    format is there.
+    """
     for path, kind in ((files.measurements, "measurements"), (files.network, "calibration")):
         missing = []
         with h5py.File(path, "r") as file:
@@ -131,8 +135,10 @@ def test_files_describe_themselves(files: Files) -> None:
         assert missing == []
 
 
-def test_refit_moves_a_calibration_and_says_whether_it_still_helps(files: Files) -> None:
-    """The same arm measured again, and another one: the calibration of the first is right for itself alone."""
+def test_refit_moves_a_calibration_and_states_whether_it_still_helps(files: Files) -> None:
+    """The same arm measured again, and another one: the calibration of the first is right
+    for itself alone.
+    """
     run("identify", files.six_measurements, "-o", "old.h5")
     refit = ["--refit", "base,tool", "--from", "old.h5"]
     verdict = answer("identify", files.six_fresh, *refit, "-o", "new.h5")["transfer"]

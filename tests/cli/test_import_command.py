@@ -1,4 +1,6 @@
-"""calibtool import: an instrument's table by its header's names or by a map, in parts, with warnings."""
+"""calibtool import: an instrument's table by its header's names or by a map, in
+parts, with warnings.
+"""
 
 import hashlib
 from pathlib import Path
@@ -77,7 +79,9 @@ def test_order_of_columns_and_units_do_not_matter(files: Files) -> None:
 
 
 def test_spellings_of_a_table(table: str) -> None:
-    """Byte order mark, Windows line ends, empty lines, tabs, semicolons with decimal comma: the same table."""
+    """Byte order mark, Windows line ends, empty lines, tabs, semicolons with decimal
+    comma: the same table.
+    """
     text = Path(table).read_text()
     lines = text.splitlines()
     spellings = {
@@ -96,7 +100,7 @@ def test_spellings_of_a_table(table: str) -> None:
         assert np.array_equal(stored(f"{name}.h5", POINTS), stored("m.h5", POINTS)), name
 
 
-# --- maps -----------------------------------------------------------------------------------------------------------
+# --- maps -----------------------------------------------------------------------------------------
 
 
 def test_by_a_map(files: Files) -> None:
@@ -133,7 +137,8 @@ def test_nominal_points_and_errors(sign: int, error_is: str) -> None:
     )
     target = (
         '[[targets]]\nnominal = ["x", "y", "z"]\nerror = ["dx", "dy", "dz"]\n'
-        f'error_is = "{error_is}"\nunit = "mm"\non_tool_mm = [0.0, 0.0, 31.0]\n[instrument]\nframe = "base"\n'
+        f'error_is = "{error_is}"\nunit = "mm"\non_tool_mm = [0.0, 0.0, 31.0]\n[instrument]\n'
+        'frame = "base"\n'
     )
     Path("map.toml").write_text(map_text(["a", "b", "c"], target, more='delimiter = ";"\n'))
     run("import", "t.csv", "--robot", "planar-3r", "--columns", "map.toml", "-o", "m.h5")
@@ -207,7 +212,7 @@ def test_six_dimensional_poses_by_the_header() -> None:
     assert answer("info", "m.h5")["observation"] == "6-D pose"
 
 
-# --- set-up ---------------------------------------------------------------------------------------------------------
+# --- set-up ---------------------------------------------------------------------------------------
 
 
 def test_known_frame_and_targets(table: str) -> None:
@@ -218,7 +223,9 @@ def test_known_frame_and_targets(table: str) -> None:
 
 
 def test_an_unknown_set_up_is_found() -> None:
-    """An exact robot seen by an instrument somewhere else: import finds where it stands and where the targets sit."""
+    """An exact robot seen by an instrument somewhere else: import finds where it stands and where
+    the targets sit.
+    """
     exact = ["--length-error-mm", 0, "--angle-error-mrad", 0, "--noise-mm", 0]
     run("simulate", "fanuc-m1000ia", "-n", 20, "--unregistered", *exact, "-o", "true.h5")
     measured_table("true.h5", "t.csv")
@@ -247,11 +254,13 @@ def test_wrong_number_of_targets_for_the_robot(files: Files) -> None:
     assert message.startswith("t.csv: ")
 
 
-# --- a part of the rows ---------------------------------------------------------------------------------------------
+# --- a part of the rows ---------------------------------------------------------------------------
 
 
 def split(table: str, *options: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of the table that were taken, that were left, and all of them, by their (unique) joint positions."""
+    """Rows of the table that were taken, that were left, and all of them, by their (unique)
+    joint positions.
+    """
     run(
         "import",
         table,
@@ -324,7 +333,9 @@ def test_a_sample_larger_than_the_table(table: str) -> None:
 
 
 def test_there_is_no_empty_rest(table: str) -> None:
-    """A file of no measurements is of no use to any command; it is refused where it would be made."""
+    """A file of no measurements is of no use to any command; it is refused
+    where it would be made.
+    """
     message = refused(
         2, "import", table, "--robot", "planar-3r", "--rows", "1:40", "--rest", "r.h5", "-o", "m.h5"
     )
@@ -359,7 +370,7 @@ def test_rest_is_checked_before_anything_is_written(table: str) -> None:
     assert "r.h5" in message
 
 
-# --- warnings -------------------------------------------------------------------------------------------------------
+# --- warnings -------------------------------------------------------------------------------------
 
 
 def test_rows_outside_the_limits_are_kept_with_a_warning(files: Files) -> None:

@@ -1,4 +1,6 @@
-"""calibtool import beyond plain tables: lists of points, workbooks, joint files, stated units, dry runs, held-out rows."""
+"""calibtool import beyond plain tables: lists of points, workbooks, joint files, stated units, dry
+runs, held-out rows.
+"""
 
 import io
 from pathlib import Path
@@ -13,7 +15,9 @@ ARM = ["--robot", "planar-3r"]
 
 @pytest.fixture
 def exported(files: Files) -> tuple[str, str]:
-    """What a tracker and a controller wrote of 40 configurations: points.txt (mm) and joints.csv (deg)."""
+    """What a tracker and a controller wrote of 40 configurations: points.txt (mm) and
+    joints.csv (deg).
+    """
     q, points = stored(files.measurements, JOINTS), stored(files.measurements, POINTS) * 1e3
     lines = ["// SA 2024", "// Collection Group Target x y z offset"]
     for k, row in enumerate(points, start=1):
@@ -61,8 +65,8 @@ def test_joints_by_name_in_another_order_and_without_some(
         "import", points, *ARM, "--unit", "mm", "--joints", joints, "--join", "name", "-o", "m.h5"
     )
     assert result.stderr == (
-        "warning: points.txt: 5 of 40 rows have no partner of that name in joints.csv and are left out: "
-        "line 3, 6, 9, 12, 15\n"
+        "warning: points.txt: 5 of 40 rows have no partner of that name in joints.csv and "
+        "are left out: line 3, 6, 9, 12, 15\n"
     )
     same("m.h5", files.measurements, slice(5, None))
     message = refused(3, "import", points, *ARM, "--unit", "mm", "--joints", joints, "-o", "n.h5")
@@ -76,16 +80,18 @@ def test_a_missing_target_is_named_by_line(exported: tuple[str, str]) -> None:
     Path(points).write_text("\n".join(lines))
     result = run("import", points, *ARM, "--unit", "mm", "--joints", joints, "-o", "m.h5")
     assert (
-        "points.txt: target 2 (T2 x …) is missing in 1 of 40 rows; their other targets count: line 6"
-        in result.stderr
+        "points.txt: target 2 (T2 x …) is missing in 1 of 40 rows; their other "
+        "targets count: line 6" in result.stderr
     )
     assert np.isnan(stored("m.h5", POINTS)[1, 1]).all()
 
 
-def test_what_nobody_stated_is_asked_for(exported: tuple[str, str]) -> None:
+def test_what_is_not_stated_is_asked_for(exported: tuple[str, str]) -> None:
     points, joints = exported
     message = refused(3, "import", points, *ARM, "--joints", joints, "-o", "m.h5")
-    assert message == "points.txt: a list of points does not say its unit; give --unit mm, m or in"
+    assert (
+        message == "points.txt: a list of points does not state its unit; give --unit mm, m or in"
+    )
     assert "--joints FILE" in refused(3, "import", points, *ARM, "--unit", "mm", "-o", "m.h5")
     assert "--joints FILE" in refused(2, "import", joints, *ARM, "--join", "name", "-o", "m.h5")
 
@@ -143,7 +149,7 @@ def test_mixed_line_ends_are_one_table(files: Files) -> None:
     same("m.h5", files.measurements)
 
 
-def test_a_dry_run_says_how_the_table_is_understood_and_writes_nothing(
+def test_a_dry_run_states_how_the_table_is_understood_and_writes_nothing(
     exported: tuple[str, str],
 ) -> None:
     points, joints = exported
@@ -179,7 +185,9 @@ def test_a_dry_run_shows_columns_that_are_not_used_and_needs_no_output(files: Fi
 
 
 def test_held_out_rows_do_not_touch_the_registration(files: Files) -> None:
-    """What the rows that are left out hold, does not change a digit of the set-up that the taken ones get."""
+    """What the rows that are left out hold, does not change a digit of the set-up that
+    the taken ones get.
+    """
     measured_table(files.measurements, "t.csv")
     header, *rows = (line.split(",") for line in Path("t.csv").read_text().splitlines())
     for row in rows[20:]:

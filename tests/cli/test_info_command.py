@@ -43,7 +43,8 @@ def test_provenance(files: Files) -> None:
     assert provenance["seed"] == "0"
     assert (
         provenance["command"]
-        == f"calibtool train {files.measurements} --restarts 1 --base local-poe --regularisation early-stopping"
+        == f"calibtool train {files.measurements} --restarts 1 --base local-poe --regularisation "
+        "early-stopping"
     )
     assert (
         provenance["sha256_measurements"]
@@ -54,7 +55,7 @@ def test_provenance(files: Files) -> None:
 
 
 @pytest.mark.parametrize("name", ["measurements", "network", "local_poe", "paper", "ten"])
-def test_text_and_json_say_the_same(files: Files, name: str) -> None:
+def test_text_and_json_state_the_same(files: Files, name: str) -> None:
     path = getattr(files, name)
     result = run("info", path)
     assert result.stderr == ""

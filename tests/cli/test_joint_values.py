@@ -76,7 +76,7 @@ def test_robots_without_coupling_need_no_answer(files: Files) -> None:
 
 
 @pytest.mark.parametrize("values", ["serial", "controller"])
-def test_headers_that_say_it_need_no_option(files: Files, values: str) -> None:
+def test_headers_that_state_it_need_no_option(files: Files, values: str) -> None:
     """What is written can be read again by every command, and a wrong option is noticed."""
     write_table("plain.csv", PLAIN, Q if values == "serial" else shown())
     write_table("said.csv", header(values), Q if values == "serial" else shown())
@@ -86,7 +86,7 @@ def test_headers_that_say_it_need_no_option(files: Files, values: str) -> None:
     assert list(rows_of(text)[0])[:6] == header(values)
     Path("corrected.csv").write_text(text, encoding="utf-8")
     run("simulate", "fanuc-m1000ia", "--at", "corrected.csv", "-o", "again.h5")
-    q = load_robot("fanuc-m1000ia").serial_from(values, np.deg2rad(written(text, values)))  # type: ignore[arg-type]
+    q = load_robot("fanuc-m1000ia").serial_from(values, np.deg2rad(written(text, values)))
     np.testing.assert_allclose(stored("again.h5", "measurements/joint_positions"), q, atol=1e-12)
     other = {"serial": "controller", "controller": "serial"}[values]
     for command in (
@@ -121,7 +121,7 @@ def test_both_kinds_are_the_same_joints(files: Files) -> None:
         ([*header("serial"), "j3_controller_deg"], "joint 3 has two columns"),
     ],
 )
-def test_a_header_that_says_both(files: Files, names: list[str], word: str) -> None:
+def test_a_header_that_states_both(files: Files, names: list[str], word: str) -> None:
     write_table("t.csv", names, [[0] * len(names)])
     message = refused(3, "compensate", files.six_network, "t.csv", "-o", "x.csv")
     assert message.startswith("t.csv")
@@ -224,7 +224,7 @@ def test_what_the_controller_read_is_converted_too() -> None:
     np.testing.assert_allclose(stored("i.h5", "measurements/joint_positions"), q, atol=1e-9)
 
 
-def test_a_column_map_says_it_or_the_option_does() -> None:
+def test_a_column_map_states_it_or_the_option_does() -> None:
     run("simulate", "fanuc-m1000ia", "-n", 12, "-o", "m.h5")
     q, points = (
         stored("m.h5", "measurements/joint_positions"),
@@ -258,7 +258,7 @@ def test_a_column_map_says_it_or_the_option_does() -> None:
         ),
     ],
 )
-def test_a_program_s_format_says_it_and_so_does_the_summary(
+def test_a_program_s_format_states_it_and_so_does_the_summary(
     files: Files, name: str, word: str
 ) -> None:
     sample = Path(__file__).parent.parent / "programs" / name
@@ -266,6 +266,6 @@ def test_a_program_s_format_says_it_and_so_does_the_summary(
     assert f"{name}: note: {word}" in said
 
 
-def test_a_robot_s_page_says_which_limits_it_shows() -> None:
+def test_a_robot_s_page_states_which_limits_it_shows() -> None:
     assert answer("robots", "fanuc-m1000ia")["joint_values"] == "serial (q3 = J3 + J2)"
     assert "joint_values" not in answer("robots", "ur5")

@@ -1,4 +1,6 @@
-"""Output files of every command that writes: whole or not at all, never over another one unasked."""
+"""Output files of every command that writes: whole or not at all, never
+over another one unasked.
+"""
 
 import errno
 import os
@@ -21,7 +23,8 @@ from commandline import (
     write_table,
 )
 
-# Per command: arguments without the output, and the output's name. `m`, `c` and `t` are made by `inputs`.
+# Per command: arguments without the output, and the output's name. `m`, `c` and `t` are
+# made by `inputs`.
 WRITERS: dict[str, tuple[list[str], str]] = {
     "simulate": (["simulate", "planar-3r", "-n", "5"], "out.h5"),
     "import": (["import", "t.csv", "--robot", "planar-3r"], "out.h5"),
@@ -140,7 +143,7 @@ def test_a_failure_while_writing_leaves_everything_as_it_was(
 
     arguments, output = WRITERS[writer]
     Path(output).write_text("mine")
-    monkeypatch.setattr(f"calibtool.cli.staging.os.{broken}", fail)
+    monkeypatch.setattr(f"calibtool.cli.atomic_output.os.{broken}", fail)
     before = contents(Path.cwd())
     result = run(*arguments, "-o", output, "--force", code=2)
     assert contents(Path.cwd()) == before
@@ -163,7 +166,7 @@ def test_c_code_is_written_whole_or_not_at_all(
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         replace(source, str(target))
 
-    monkeypatch.setattr("calibtool.cli.staging.os.replace", fail)
+    monkeypatch.setattr("calibtool.cli.atomic_output.os.replace", fail)
     refused(2, "export", "c.h5", "--format", "c", "-o", "out.c", "--force")
 
 
@@ -178,8 +181,8 @@ def test_measurements_and_the_rest_are_written_whole_or_not_at_all(
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         link(source, str(target))
 
-    monkeypatch.setattr("calibtool.cli.staging.os.link", fail)
-    monkeypatch.setattr("calibtool.cli.staging.os.replace", fail)
+    monkeypatch.setattr("calibtool.cli.atomic_output.os.link", fail)
+    monkeypatch.setattr("calibtool.cli.atomic_output.os.replace", fail)
     message = refused(
         2,
         "import",
@@ -214,7 +217,9 @@ def test_an_input_may_be_replaced_by_the_output() -> None:
 
 @pytest.mark.parametrize("force", [[], ["--force"]])
 def test_what_is_no_regular_file_is_never_replaced(force: list[str]) -> None:
-    """A named pipe stands for every device: --force as root on the null device must not put a file in its place."""
+    """A named pipe stands for every device: --force as root on the null device must not put a
+    file in its place.
+    """
     os.mkfifo("pipe")
     held = os.open(
         "pipe", os.O_RDWR | os.O_NONBLOCK
@@ -230,7 +235,7 @@ def test_what_is_no_regular_file_is_never_replaced(force: list[str]) -> None:
         os.close(held)
 
 
-# --- a terminal at either end ---------------------------------------------------------------------------------------
+# --- a terminal at either end ---------------------------------------------------------------------
 
 
 def on_a_terminal(stream: str, *arguments: str) -> str:
@@ -244,7 +249,7 @@ def on_a_terminal(stream: str, *arguments: str) -> str:
     }
     command = [sys.executable, "-m", "calibtool", *arguments]
     try:
-        done = subprocess.run(command, env=ENVIRONMENT, **streams)  # type: ignore[call-overload]
+        done = subprocess.run(command, env=ENVIRONMENT, **streams)
         assert done.returncode == 2
         return only_line(done.stderr.decode())
     finally:

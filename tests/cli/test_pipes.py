@@ -15,8 +15,12 @@ def targets(folder: Path) -> None:
 
 
 def test_from_the_robot_to_corrected_joints_without_a_file_between(here: Path) -> None:
-    """The pipe of the design document; the same commands with files in between give the same joints."""
-    joints = "j1_deg,j2_deg,j3_serial_deg,j4_deg,j5_deg,j6_deg"  # says whose: on a FANUC it matters
+    """The pipe of the design document; the same commands with files in between give
+    the same joints.
+    """
+    joints = (
+        "j1_deg,j2_deg,j3_serial_deg,j4_deg,j5_deg,j6_deg"  # states whose: on a FANUC it matters
+    )
     (here / "targets.csv").write_text(f"{joints},id\n0,10,-10,0,-70,0,a\n")
     script = (
         "calibtool simulate fanuc-m1000ia -n 40 -o - | calibtool train - --restarts 1 -o - | "
@@ -48,7 +52,9 @@ def test_identical_commands_give_identical_bytes(here: Path) -> None:
 
 
 def test_identical_fits_give_identical_bytes(here: Path) -> None:
-    """In processes of their own, with a hash seed of their own; `train` identifies its base model first."""
+    """In processes of their own, with a hash seed of their own; `train` identifies its
+    base model first.
+    """
     run("simulate", "planar-3r", "-n", 30, "-o", "m.h5")
     for seed, name in (("1", "a"), ("2", "b")):
         finished = shell(
@@ -60,7 +66,8 @@ def test_identical_fits_give_identical_bytes(here: Path) -> None:
 
 def test_info_of_a_stream(here: Path) -> None:
     finished = shell(
-        f"{SIMULATE} | calibtool identify - --model local-poe 2> report | calibtool info - | head -n 1",
+        f"{SIMULATE} | calibtool identify - --model local-poe 2> report | calibtool "
+        "info - | head -n 1",
         here,
     )
     assert finished.stdout == b"kind: calibration\n"
@@ -80,7 +87,10 @@ def test_evaluate_a_stream(here: Path, files: Files) -> None:
 def test_targets_of_a_stream(here: Path, files: Files) -> None:
     """Between the ordinary tools of a shell."""
     targets(here)
-    script = f"cat targets.csv | calibtool compensate '{files.network}' | tee all.csv | tail -n +2 | cut -d, -f4 | sort -r"
+    script = (
+        f"cat targets.csv | calibtool compensate '{files.network}' | tee all.csv | tail -n +2 | "
+        "cut -d, -f4 | sort -r"
+    )
     finished = shell(script, here)
     assert finished.returncode == 0
     assert finished.stdout == b"b\na\n"
@@ -130,8 +140,12 @@ def test_stdout_that_is_closed_is_no_bug(here: Path, files: Files) -> None:
     assert _complaints(finished.stderr.decode()) == []
 
 
-# 64 KiB per file: fails as a full disk does. A measurement of the coverage would want to write, too.
-LIMITED = "trap '' XFSZ; ulimit -f 64; unset COVERAGE_PROCESS_CONFIG; calibtool simulate planar-3r -n 2000"
+# 64 KiB per file: fails as a full disk does. A measurement of the coverage would
+# want to write, too.
+LIMITED = (
+    "trap '' XFSZ; ulimit -f 64; unset COVERAGE_PROCESS_CONFIG; calibtool simulate "
+    "planar-3r -n 2000"
+)
 both = pytest.mark.parametrize("unbuffered", ["", "1"])  # PYTHONUNBUFFERED, as containers set it
 
 
@@ -172,7 +186,9 @@ def test_a_full_disk_behind_a_file_leaves_nothing(here: Path) -> None:
 
 
 def test_a_first_command_that_fails(here: Path) -> None:
-    """One line each: the reason from the first, an empty stdin from the second; the pipe's code is a failure."""
+    """One line each: the reason from the first, an empty stdin from the second; the pipe's
+    code is a failure.
+    """
     targets(here)
     script = "calibtool simulate plannar-3r 2> first | calibtool compensate - targets.csv 2> second"
     finished = shell(script, here)
@@ -184,7 +200,10 @@ def test_a_first_command_that_fails(here: Path) -> None:
 
 def test_a_whole_pipe_that_fails(here: Path) -> None:
     targets(here)
-    script = "calibtool simulate nothing -o - | calibtool train - -o - | calibtool compensate - targets.csv -o c.csv"
+    script = (
+        "calibtool simulate nothing -o - | calibtool train - -o - | calibtool compensate - "
+        "targets.csv -o c.csv"
+    )
     finished = shell(script, here)
     assert finished.returncode == 3
     assert len(finished.stderr.decode().splitlines()) == 3
@@ -193,8 +212,9 @@ def test_a_whole_pipe_that_fails(here: Path) -> None:
 
 def test_exit_codes_reach_the_shell(here: Path, files: Files) -> None:
     script = (
-        f"calibtool info '{__file__}'; echo $?; calibtool simulate planar-3r -n 1 --unregistered; echo $?; "
-        f"calibtool evaluate '{files.paper}' --on '{files.fresh}' --require position_max_mm=0; echo $?"
+        f"calibtool info '{__file__}'; echo $?; calibtool simulate planar-3r -n 1 "
+        f"--unregistered; echo $?; calibtool evaluate '{files.paper}' --on '{files.fresh}' "
+        "--require position_max_mm=0; echo $?"
     )
     assert shell(script, here).stdout.decode().split() == ["3", "4", "5"]
 

@@ -1,4 +1,6 @@
-"""calibtool plan: a table to drive, what to measure next, acceptance poses; the loop with simulate and identify."""
+"""calibtool plan: a table to drive, what to measure next, acceptance poses; the loop with
+simulate and identify.
+"""
 
 from pathlib import Path
 
@@ -119,7 +121,7 @@ def test_the_cube_in_json() -> None:
     assert {"x_mm", "y_mm", "z_mm", "j1_deg", "j6_deg"} <= set(value["iso9283"]["poses"][0])
 
 
-# --- wrong input ----------------------------------------------------------------------------------------------------
+# --- wrong input ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -95,7 +95,7 @@ def test_the_width_is_that_of_the_column(files: Files) -> None:
     refused(2, "plot", "training", files.network, "-o", "b.svg", "--width-mm", 5)
 
 
-def test_figures_without_anything_to_show_say_why(files: Files) -> None:
+def test_figures_without_anything_to_show_state_why(files: Files) -> None:
     assert "local-poe.h5: " in refused(3, "plot", "motions", files.local_poe, "-o", "b.png")
     assert "uncertainty" in refused(3, "plot", "parameters", files.local_poe, "-o", "b.png")
     assert "ISO 9283" in refused(

@@ -1,4 +1,6 @@
-"""What stderr says while something runs: a first line and progress on a terminal only, more with -v, less with -q."""
+"""What stderr reports while something runs: a first line and progress on a terminal only, more with
+-v, less with -q.
+"""
 
 import os
 import pty
@@ -110,7 +112,7 @@ def test_quiet_is_quiet_on_a_terminal(files: Files, here: Path) -> None:
     assert (said, code) == ("", 0)
 
 
-def test_verbose_says_what_is_done_and_how_long_it_took(files: Files) -> None:
+def test_verbose_states_what_is_done_and_how_long_it_took(files: Files) -> None:
     said = run(
         "train",
         files.measurements,

@@ -45,7 +45,7 @@ def test_the_sample_was_driven_to_what_compensate_asks_for(there: Path) -> None:
     assert np.abs(np.array(asked) - driven).max() < 0.01
 
 
-def test_before_and_after_are_measured_and_say_so(there: Path) -> None:
+def test_before_and_after_are_measured_and_state_so(there: Path) -> None:
     value = answer("evaluate", "c.h5", "--on", "after.h5", "--before", "before.h5")
     assert (value["kind"], value["before"], value["configurations"]) == ("measured", "measured", 30)
     nominal, after = value["methods"]
@@ -131,7 +131,7 @@ def changed(source: str, name: str, change: object) -> str:
     """The rows of a table after a change."""
     with Path(source).open() as stream:
         header, *rows = list(csv.reader(stream))
-    return write_table(name, header, change(rows))  # type: ignore[operator]
+    return write_table(name, header, change(rows))
 
 
 @pytest.mark.parametrize("option", ["--joints", "--commanded"])

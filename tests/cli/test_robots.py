@@ -25,7 +25,7 @@ def test_the_list_has_every_robot_of_the_folder() -> None:
     assert result.stderr == ""
 
 
-def test_json_of_the_list_says_the_same() -> None:
+def test_json_of_the_list_states_the_same() -> None:
     value = answer("robots")
     assert value["schema"] == "calibtool/robots"
     assert value["schema_version"] == 1
@@ -70,7 +70,9 @@ def test_virtual_joints_fill_up_to_six(name: str) -> None:
 
 
 def test_planar_arm_by_hand() -> None:
-    """Links of 500, 400 and 200 mm, home at 20, 60 and 20 deg: the tool is where trigonometry puts it."""
+    """Links of 500, 400 and 200 mm, home at 20, 60 and 20 deg: the tool is where
+    trigonometry puts it.
+    """
     value = answer("robots", "planar-3r")
     angles = [math.radians(a) for a in (20, 80, 100)]
     links = (500, 400, 200)
@@ -95,14 +97,14 @@ def test_text_for_people_holds_what_json_holds() -> None:
 
 def test_a_robot_of_ones_own_by_folder_toml_and_urdf() -> None:
     copytree(shipped("robots") / "planar-3r", "mine")
-    carried = answer("robots", "planar-3r")
-    assert answer("robots", "mine") == carried
-    assert answer("robots", "./mine") == carried
-    assert answer("robots", "mine/robot.toml") == carried
+    original = answer("robots", "planar-3r")
+    assert answer("robots", "mine") == original
+    assert answer("robots", "./mine") == original
+    assert answer("robots", "mine/robot.toml") == original
     bare = answer("robots", "mine/robot.urdf")
-    assert bare["joint_table"] == carried["joint_table"]
+    assert bare["joint_table"] == original["joint_table"]
     assert bare["workspaces"] == ["full"]
-    assert bare["tool_frame"] == carried["tool_frame"]
+    assert bare["tool_frame"] == original["tool_frame"]
 
 
 @pytest.mark.parametrize("start", [["robots"], ["simulate"], ["import", "t.csv", "--robot"]])
@@ -114,8 +116,10 @@ def test_unknown_robot_lists_near_names(start: list[str]) -> None:
     assert "fanuc-m900ib-700" in refused(2, *start, "fanuc-m900")
 
 
-def test_json_is_readable_whatever_the_terminal_speaks() -> None:
-    """Titles and notes hold ², ± and °; a JSON text is UTF-8 (or escaped), whatever stdout's encoding is."""
+def test_json_is_readable_whatever_the_terminal_s_encoding() -> None:
+    """Titles and notes hold ², ± and °; a JSON text is UTF-8 (or escaped), whatever
+    stdout's encoding is.
+    """
     finished = subprocess.run(
         [sys.executable, "-m", "calibtool", "robots", "fanuc-m1000ia", "--json"],
         capture_output=True,

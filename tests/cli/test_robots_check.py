@@ -1,4 +1,6 @@
-"""calibtool robots --check and --picture: a user's description looked at before anything is measured."""
+"""calibtool robots --check and --picture: a user's description looked at before
+anything is measured.
+"""
 
 from pathlib import Path
 
@@ -7,11 +9,14 @@ from commandline import answer, refused, run
 from calibtool.robot.catalogue import shipped
 
 URDF = """<robot name="r"><link name="base"/><link name="arm"/><link name="tip"/>
-<joint name="one" type="{one}"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>{limit}</joint>
-<joint name="two" type="revolute"><parent link="arm"/><child link="tip"/><origin xyz="1 0 0"/><axis xyz="0 0 1"/>
+<joint name="one" type="{one}"><parent link="base"/><child link="arm"/>
+<axis xyz="0 0 1"/>{limit}</joint>
+<joint name="two" type="revolute"><parent link="arm"/><child link="tip"/>
+<origin xyz="1 0 0"/><axis xyz="0 0 1"/>
 <limit lower="-2" upper="2" effort="1" velocity="1"/>{mimic}</joint>{more}</robot>"""
 LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
-FINGER = """<link name="finger"/><joint name="grip" type="prismatic"><parent link="arm"/><child link="finger"/>
+FINGER = """<link name="finger"/>
+<joint name="grip" type="prismatic"><parent link="arm"/><child link="finger"/>
 <axis xyz="0 1 0"/><limit lower="0" upper="0.1" effort="1" velocity="1"/></joint>"""
 
 
@@ -20,7 +25,7 @@ def urdf(one: str = "revolute", limit: str = LIMIT, mimic: str = "", more: str =
     return "mine.urdf"
 
 
-def test_a_carried_robot() -> None:
+def test_a_built_in_robot() -> None:
     value = answer("robots", "--check", "planar-3r")
     assert value["schema"] == "calibtool/robot-check"
     assert value["reach_mm"]["from_base"] <= 1100
@@ -30,7 +35,7 @@ def test_a_carried_robot() -> None:
     assert text.stderr.startswith("warning: the URDF has no masses")
 
 
-def test_a_copy_of_a_carried_robot_is_told_from_it() -> None:
+def test_a_copy_of_a_built_in_robot_is_distinguished_from_it() -> None:
     path = shipped("robots") / "planar-3r"
     Path("own").mkdir()
     for name in ("robot.toml", "robot.urdf"):

@@ -1,4 +1,6 @@
-"""calibtool simulate: which robot, where it is measured, with which errors; the truth kept apart."""
+"""calibtool simulate: which robot, where it is measured, with which
+errors; the truth kept apart.
+"""
 
 import hashlib
 import os
@@ -38,7 +40,7 @@ def same_truth(a: str, b: str) -> bool:
     return one.keys() == two.keys() and all(np.array_equal(one[name], two[name]) for name in one)
 
 
-# --- robots and numbers ---------------------------------------------------------------------------------------------
+# --- robots and numbers ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -53,13 +55,15 @@ def test_any_number_of_joints(name: str, n: int) -> None:
     assert value["simulated"] is True
 
 
-def test_a_hundred_configurations_unless_told_otherwise() -> None:
+def test_a_hundred_configurations_by_default() -> None:
     run("simulate", "planar-3r", "-o", "m.h5")
     assert answer("info", "m.h5")["configurations"] == 100
 
 
 def test_without_errors_the_measured_points_are_those_of_the_drawing() -> None:
-    """Planar arm by hand: tool0 stands at the end of the links with its z axis along the last one."""
+    """Planar arm by hand: tool0 stands at the end of the links with its z
+    axis along the last one.
+    """
     run("simulate", "planar-3r", "-n", 5, *EXACT, "-o", "m.h5")
     turned = np.cumsum(stored("m.h5", "measurements/joint_positions"), axis=1)
     tool = sum(
@@ -107,7 +111,7 @@ def test_infinite_noise_is_wrong_usage() -> None:
     assert "finite" in message
 
 
-# --- kinds of errors ------------------------------------------------------------------------------------------------
+# --- kinds of errors ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -150,7 +154,7 @@ def test_unknown_kind_of_errors(text: str) -> None:
     assert all(kind in message for kind in ("all", *KINDS))
 
 
-# --- the same robot again -------------------------------------------------------------------------------------------
+# --- the same robot again -------------------------------------------------------------------------
 
 
 def test_seeds_make_other_robots_and_other_configurations() -> None:
@@ -162,7 +166,9 @@ def test_seeds_make_other_robots_and_other_configurations() -> None:
 
 
 def test_same_robot_keeps_the_truth_and_takes_fresh_configurations() -> None:
-    """Even with the same seed, no configuration may come twice: the second file judges the first."""
+    """Even with the same seed, no configuration may come twice: the
+    second file judges the first.
+    """
     run("simulate", "planar-3r", "-n", 20, "--errors", "all", "--seed", 3, "-o", "first.h5")
     run(
         "simulate", "planar-3r", "-n", 20, "--seed", 3, "--same-robot", "first.h5", "-o", "fresh.h5"
@@ -235,7 +241,7 @@ def test_same_robot_contradicts_unregistered(files: Files) -> None:
     assert "--unregistered" in message
 
 
-# --- where it is measured -------------------------------------------------------------------------------------------
+# --- where it is measured -------------------------------------------------------------------------
 
 
 def test_at_joints_in_degrees_and_radians() -> None:
@@ -282,7 +288,9 @@ def test_the_first_workspace_is_the_default() -> None:
 
 
 def test_configurations_stay_in_the_workspace() -> None:
-    """machining: a cube of 1 m about the home position, the tool axis within 30 deg of that at home."""
+    """machining: a cube of 1 m about the home position, the tool axis within 30 deg
+    of that at home.
+    """
     run("simulate", "fanuc-m1000ia", "-n", 60, "-o", "m.h5")
     robot = load_robot("fanuc-m1000ia")
     value = answer("robots", "fanuc-m1000ia")
@@ -309,10 +317,10 @@ def test_unknown_workspace_lists_near_names() -> None:
     assert "full" in refused(2, "simulate", "planar-3r", "--workspace", "xyz", "-o", "m.h5")
 
 
-# --- set-up ---------------------------------------------------------------------------------------------------------
+# --- set-up ---------------------------------------------------------------------------------------
 
 
-def test_the_set_up_is_known_unless_told_otherwise() -> None:
+def test_the_set_up_is_known_by_default() -> None:
     run("simulate", "ur10", "-n", 5, "-o", "m.h5")
     registration = answer("info", "m.h5")["registration"]
     assert (registration["frame"], registration["targets"]) == ("known", "known")
@@ -320,7 +328,9 @@ def test_the_set_up_is_known_unless_told_otherwise() -> None:
 
 
 def test_unregistered_estimates_what_it_hides() -> None:
-    """With an exact robot and no noise the estimate is the truth; the instrument stands somewhere else."""
+    """With an exact robot and no noise the estimate is the truth; the instrument
+    stands somewhere else.
+    """
     run("simulate", "ur10", "-n", 15, "--unregistered", *EXACT, "-o", "m.h5")
     registration = answer("info", "m.h5")["registration"]
     assert (registration["frame"], registration["targets"]) == ("estimated", "estimated")
@@ -338,16 +348,16 @@ def test_unregistered_needs_enough_configurations() -> None:
     assert "configurations" in message
 
 
-# --- a robot of one's own -------------------------------------------------------------------------------------------
+# --- a robot of one's own -------------------------------------------------------------------------
 
 
 def test_a_robot_of_ones_own() -> None:
     copytree(shipped("robots") / "planar-3r", "mine")
-    run("simulate", "planar-3r", "-n", 5, "-o", "carried.h5")
+    run("simulate", "planar-3r", "-n", 5, "-o", "built-in.h5")
     for k, path in enumerate(("mine", "./mine", "mine/robot.toml", str(Path("mine").resolve()))):
         run("simulate", path, "-n", 5, "-o", f"{k}.h5")
         for name in ("measurements/joint_positions", "measurements/points"):
-            assert np.array_equal(stored(f"{k}.h5", name), stored("carried.h5", name))
+            assert np.array_equal(stored(f"{k}.h5", name), stored("built-in.h5", name))
     run("simulate", "mine/robot.urdf", "-n", 5, "-o", "urdf.h5")
     assert answer("info", "urdf.h5")["configurations"] == 5
 
@@ -362,7 +372,7 @@ def test_a_file_is_used_without_the_folder_it_came_from() -> None:
     assert answer("info", "c.h5")["robot"] == "scara"
 
 
-# --- output ---------------------------------------------------------------------------------------------------------
+# --- output ---------------------------------------------------------------------------------------
 
 
 def test_nothing_but_data_is_printed() -> None:
@@ -395,7 +405,7 @@ def test_binary_is_never_written_to_a_terminal() -> None:
         os.close(terminal)
 
 
-# --- payload and temperature ----------------------------------------------------------------------------------------
+# --- payload and temperature ----------------------------------------------------------------------
 
 
 def test_payload_and_temperature_from_simulation_to_corrected_joints_and_code() -> None:
@@ -418,7 +428,7 @@ def test_payload_and_temperature_from_simulation_to_corrected_joints_and_code() 
     assert "10 kg at the tool, links at 60 C" in Path("arm.h").read_text()
 
 
-def test_a_payload_is_refused_where_nobody_knows_what_it_does() -> None:
+def test_a_payload_is_refused_without_its_errors() -> None:
     run("simulate", "planar-3r", "-n", 20, "-o", "m.h5")
     run("identify", "m.h5", "-o", "c.h5")
     Path("t.csv").write_text("j1_deg,j2_deg,j3_deg\n10,20,30\n")

@@ -1,4 +1,6 @@
-"""calibtool study: table, summary and picture; goes on after an interruption; the same bytes from any number of workers."""
+"""calibtool study: table, summary and picture; goes on after an interruption; the same bytes from
+any number of workers.
+"""
 
 import os
 import signal
@@ -93,7 +95,9 @@ def test_plan_file_options_before_its_keys_and_hdf5() -> None:
 
 
 def stopped(with_signal: signal.Signals) -> tuple[int, str]:
-    """A study into s.csv that got a signal after its first finished run: its exit code and stderr."""
+    """A study into s.csv that got a signal after its first finished run:
+    its exit code and stderr.
+    """
     command = [sys.executable, "-m", "calibtool", "study", *map(str, SMALL), "-o", "s.csv"]
     with subprocess.Popen(
         command, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
@@ -109,7 +113,9 @@ def stopped(with_signal: signal.Signals) -> tuple[int, str]:
 
 
 def test_killed_and_started_again_the_table_is_the_same(table: bytes) -> None:
-    """SIGKILL after the first finished run: no process stays, and the next command performs the rest."""
+    """SIGKILL after the first finished run: no process stays, and the next command
+    performs the rest.
+    """
     stopped(signal.SIGKILL)
     assert "another study" in refused(2, "study", *SMALL, "--seed", 1, "-o", "s.csv")
     result = run("study", *SMALL, "-o", "s.csv")

@@ -59,7 +59,9 @@ def test_same_seed_same_bytes(files: Files) -> None:
 
 
 def test_fresh_configurations_get_better(files: Files) -> None:
-    """Configurations that no fit has seen, a seed for all: on the arm with three joints, and on the one with six."""
+    """Configurations that no fit has seen, a seed for all: on the arm with three joints, and on
+    the one with six.
+    """
     for calibration in (files.paper, files.network, files.local_poe):
         nominal, compensated = mean_error(calibration, files.fresh)
         assert compensated < nominal
@@ -75,7 +77,9 @@ def test_base_models(files: Files) -> None:
 
 
 def test_a_file_as_base(files: Files) -> None:
-    """The identified model of a file is used as it is: the same network as if it were identified here."""
+    """The identified model of a file is used as it is: the same network as if it were
+    identified here.
+    """
     run(
         "train",
         files.measurements,
@@ -190,7 +194,7 @@ def test_a_loss_is_called_validation_only_where_something_was_held_back(files: F
     assert "validation loss" not in without
 
 
-def test_the_learning_curve_falls_and_says_what_more_would_give(files: Files) -> None:
+def test_the_learning_curve_falls_and_states_what_more_would_give(files: Files) -> None:
     paper = ["--base", "nominal", "--folds", 2, "--learning-curve"]
     curve = trained(files, *paper)["learning_curve"]
     sizes, errors = curve["configurations"], curve["position_rms_mm"]

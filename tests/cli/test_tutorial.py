@@ -1,4 +1,6 @@
-"""Every command of docs/tutorial.md, through a real shell, from an empty directory with the data that come along."""
+"""Every command of docs/tutorial.md, through a real shell, from an empty directory with the data
+that come along.
+"""
 
 import re
 from pathlib import Path
@@ -20,7 +22,7 @@ def mean_of(table: str, method: str) -> float:
     return float(re.findall(rf"^\s*{method}\s+([0-9.]+)", table, re.MULTILINE)[-1])
 
 
-def test_the_tutorial_runs_and_says_what_is_true(here: Path) -> None:
+def test_the_tutorial_runs_and_states_what_is_true(here: Path) -> None:
     done = shell("set -e\n" + commands(), here, timeout=600)
     said = done.stderr.decode()
     assert done.returncode == 0, said

@@ -33,7 +33,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> 
     indirect=["failing"],
 )
 @pytest.mark.usefixtures("failing")
-def test_what_the_system_refuses_is_said(line: str) -> None:
+def test_what_the_system_refuses_is_reported(line: str) -> None:
     assert refused(1, "robots") == line
 
 

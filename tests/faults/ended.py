@@ -1,4 +1,5 @@
-"""Commands that are ended at any moment, and the law of what they may leave; for the tests and for benchmarks/faults.py.
+"""Commands that are ended at any moment, and the law of what they may leave; for the tests and for
+benchmarks/faults.py.
 
 A command runs in a fork of this process: what is timed is its work, not the imports before it.
 """
@@ -19,21 +20,25 @@ import h5py
 import numpy as np
 
 import calibtool.demo
-import calibtool.planning.plan  # noqa: F401  all that the commands need is imported once, before the forks
+
+# All that the commands need is imported once, before the forks.
+import calibtool.planning.plan  # noqa: F401
 from calibtool.cli import files, main
-from calibtool.cli.staging import SUFFIX, Part, staged
+from calibtool.cli.atomic_output import SUFFIX, PartialFile, staged
 
 SAMPLES = Path(__file__).resolve().parent.parent / "programs"
 WATCHED = (
     "files.py",
-    "staging.py",
+    "atomic_output.py",
     "interrupts.py",
 )  # modules of the command line in which an output comes to be
 
 
 @dataclass(frozen=True)
 class Writer:
-    """A command that writes: its arguments, its outputs, and what it may keep when it is ended, in the working folder."""
+    """A command that writes: its arguments, its outputs, and what it may keep when it is ended, in
+    the working folder.
+    """
 
     arguments: str
     outputs: tuple[str, ...]
@@ -151,7 +156,9 @@ def finished(process: int) -> int:
 
 
 def at_step(action: Callable[[int], None]) -> Callable[[], None]:
-    """Call `action` with its number at every call and return of the writing, from before the temporary file is made."""
+    """Call `action` with its number at every call and return of the writing, from before the
+    temporary file is made.
+    """
     step = 0
 
     def count(frame: FrameType, event: str, argument: object) -> None:
@@ -162,7 +169,7 @@ def at_step(action: Callable[[int], None]) -> Callable[[], None]:
             action(step)
 
     @contextlib.contextmanager
-    def watched(target: Path) -> Iterator[Part]:
+    def watched(target: Path) -> Iterator[PartialFile]:
         sys.setprofile(count)
         try:
             with staged(target) as part:
@@ -223,7 +230,9 @@ def remove_outputs(folder: Path, writer: Writer) -> None:
 def broken(
     folder: Path, writer: Writer, old: dict[str, bytes], new: dict[str, bytes], others: set[str]
 ) -> str:
-    """What breaks the law, '' for nothing: every output is the old one, the new one or (if there was none) absent."""
+    """What breaks the law, '' for nothing: every output is the old one, the new one or (if there
+    was none) absent.
+    """
     now = snapshot(folder, writer)
     for name in writer.outputs:
         if now.get(name) not in (old.get(name), new[name]):

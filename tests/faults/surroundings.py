@@ -1,6 +1,8 @@
-"""Surroundings that a command must not notice: the same bytes come out, whatever the locale, the clock, HOME, the folder.
+"""Surroundings that a command must not notice: the same bytes come out, whatever the locale, the
+clock, HOME, the folder.
 
-Every one is a real process: `with placed(...)` gives the folder to work in, `run` starts the command there.
+Every one is a real process: `with placed(...)` gives the folder to work in, `run` starts
+the command there.
 """
 
 import os
@@ -28,7 +30,9 @@ _LOCALE = "import locale; assert locale.setlocale(locale.LC_ALL, '') and f'{1.5:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What is taken from the environment, what is added, the folder's name, and Python that runs before calibtool."""
+    """What is taken from the environment, what is added, the folder's name, and Python that runs
+    before calibtool.
+    """
 
     added: dict[str, str] = field(default_factory=dict)
     taken: tuple[str, ...] = ()
@@ -86,4 +90,4 @@ def run(
 
     streams = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     command = [sys.executable, "-c", surroundings.before + _RUN, *words]
-    return subprocess.call(command, cwd=folder, env=environment, preexec_fn=close, **streams)  # type: ignore[call-overload]
+    return subprocess.call(command, cwd=folder, env=environment, preexec_fn=close, **streams)

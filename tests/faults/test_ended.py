@@ -1,6 +1,8 @@
-"""Whatever happens to a command, and whenever: every output is the old file, the new file or absent, never half.
+"""Whatever happens to a command, and whenever: every output is the old file, the new file or
+absent, never half.
 
-`python benchmarks/faults.py` tries every command at a hundred moments; here a handful of them, the same laws.
+`python benchmarks/faults.py` tries every command at a hundred moments; here a handful of
+them, the same laws.
 """
 
 import contextlib
@@ -18,7 +20,7 @@ import pytest
 from ended import WRITERS, Writer, broken, everything, finished, parts, snapshot, start
 from surroundings import SURROUNDINGS, german_locale, placed, run
 
-from calibtool.cli.staging import SUFFIX
+from calibtool.cli.atomic_output import SUFFIX
 
 QUICK = [
     "simulate",
@@ -90,7 +92,9 @@ def test_killed_at_any_moment(name: str, clean: Path) -> None:
 @pytest.mark.parametrize("name", ["simulate", "export, C", "compensate, rows"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_asked_to_end(name: str, number: int, clean: Path) -> None:
-    """As above, and nothing is left over; two files that belong together are both old or both new."""
+    """As above, and nothing is left over; two files that belong together
+    are both old or both new.
+    """
     writer, others, rng = WRITERS[name], everything(clean), random.Random(name)
     steps = ended.count_steps(writer.words, clean)
     new = snapshot(clean, writer)
@@ -144,7 +148,9 @@ def test_a_disk_that_is_really_full(clean: Path) -> None:
 
 
 def test_no_room_for_the_end_of_the_second_of_two_files(clean: Path) -> None:
-    """What is left in the buffer when the first write failed does not fit either: exit code 2 all the same."""
+    """What is left in the buffer when the first write failed does not fit either: exit
+    code 2 all the same.
+    """
     writer = WRITERS["export, C"]
     assert finished(start(writer.words, clean)) == 0
     sizes = [len(data) for data in snapshot(clean, writer).values()]
@@ -168,7 +174,9 @@ def test_a_folder_of_somebody_else(clean: Path) -> None:
 
 @pytest.mark.parametrize(("force", "codes"), [([], [0, 2]), (["--force"], [0, 0])])
 def test_two_at_once(force: list[str], codes: list[int], clean: Path) -> None:
-    """One output for two processes: the file of one of them; without --force, the second is refused however late."""
+    """One output for two processes: the file of one of them; without --force, the second is
+    refused however late.
+    """
     made = []
     for seed in ("1", "2"):
         assert finished(start([*SIMULATE, "--seed", seed, "--force"], clean)) == 0
@@ -243,7 +251,9 @@ def test_surroundings_change_no_byte(fault: str, clean: Path, tmp_path: Path) ->
 
 
 def test_a_hostile_environment_changes_nothing(clean: Path) -> None:
-    """No home, no cache, no UTF-8 locale: the same bytes, not a word, and a name that is not ASCII."""
+    """No home, no cache, no UTF-8 locale: the same bytes, not a word, and a
+    name that is not ASCII.
+    """
     words = ["plot", "training", "c.h5", "--force", "-o"]
     assert finished(start([*words, "out.svg"], clean)) == 0
     environment = {
@@ -273,7 +283,8 @@ class Count:
             Count.left -= 1
             if Count.left == 0:
                 os.kill(os.getpid(), signal.SIGINT)
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background starts with Ctrl-C ignored
+# A job in the background starts with Ctrl-C ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.argv = ["calibtool", "simulate", "planar-3r", "-o", "out.h5", "--force"]
 sys.meta_path.insert(0, Count())
 from calibtool.cli import main

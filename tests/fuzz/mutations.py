@@ -1,4 +1,6 @@
-"""Mutations of files: bytes and lines moved, doubled and lost, numbers at the edge, endless brackets, zeroed sectors."""
+"""Mutations of files: bytes and lines moved, doubled and lost, numbers at the edge, endless
+brackets, zeroed sectors.
+"""
 
 import io
 import random

@@ -1,4 +1,7 @@
-"""Every reader of files as a function of bytes, its seeds, and how they are mutated. Answers have to be finite."""
+"""Every reader of files as a function of bytes, its seeds, and how they are mutated.
+
+Answers have to be finite.
+"""
 
 import io
 import json
@@ -22,7 +25,7 @@ from calibtool.errors import InputError
 from calibtool.evaluation.study import Definition, Study, StudyTable, parse_definition
 from calibtool.evaluation.study.journal import SCHEMA as JOURNAL
 from calibtool.evaluation.study.journal import Journal
-from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, failed, parse_csv
+from calibtool.evaluation.study.study_table import COLUMNS, COUNTS, TEXTS, failed, parse_csv
 from calibtool.measurement.importing import (
     ColumnMap,
     JointFile,
@@ -34,10 +37,10 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.formats import PROGRAM_FORMATS, detected, reader
 from calibtool.programs.frames import read_frames
-from calibtool.programs.targets import rewritten
+from calibtool.programs.numbers import rewritten
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source, source_from_urdf
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.storage import read_any, read_study, to_bytes
 from calibtool.storage.studies import study_to_bytes
 from calibtool.tables import joints_from_header, poses_from_header, read_tables
@@ -48,7 +51,9 @@ CORPUS = HERE / "corpus"
 
 @dataclass(frozen=True)
 class Reader:
-    """seeds: valid files; mutate: one input from a generator; read: the reader, which may raise CalibtoolError only."""
+    """seeds: valid files; mutate: one input from a generator; read: the reader, which may raise
+    CalibtoolError only.
+    """
 
     seeds: Callable[[], Sequence[bytes]]
     mutate: Callable[[random.Random, Sequence[bytes]], bytes]
@@ -100,7 +105,7 @@ def calibrations(robot: str = "planar-3r") -> tuple[Calibration, ...]:
     )
 
 
-# --- HDF5 ------------------------------------------------------------------------------------------------------------
+# --- HDF5 -----------------------------------------------------------------------------------------
 
 
 def _stored(contents: Sequence[Measurements | Calibration]) -> Sequence[bytes]:
@@ -114,7 +119,9 @@ def without_digest(data: bytes) -> bytes:
 
 
 def edited(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
-    """An HDF5 file whose contents are wrong: a dataset or an attribute of another type, shape or value, or missing."""
+    """An HDF5 file whose contents are wrong: a dataset or an attribute of another type, shape or
+    value, or missing.
+    """
     buffer = io.BytesIO(rng.choice(seeds))
     with h5py.File(buffer, "r+") as file:
         paths: list[str] = []
@@ -193,7 +200,7 @@ def _read_hdf5(data: bytes) -> None:
             found.forward(q)
 
 
-# --- tables ----------------------------------------------------------------------------------------------------------
+# --- tables ---------------------------------------------------------------------------------------
 
 
 def _rows(data: bytes) -> None:
@@ -274,7 +281,7 @@ def _workbook(data: bytes) -> None:
     )
 
 
-# --- robots ----------------------------------------------------------------------------------------------------------
+# --- robots ---------------------------------------------------------------------------------------
 
 
 def _check_robot(robot: Robot) -> None:
@@ -305,7 +312,7 @@ def _controller(dh: DhConvention | None) -> Callable[[bytes], object]:
     return read
 
 
-# --- studies ---------------------------------------------------------------------------------------------------------
+# --- studies --------------------------------------------------------------------------------------
 
 
 @cache
@@ -327,7 +334,9 @@ def studied() -> StudyTable:
 
 
 def _journal(data: bytes) -> None:
-    """The journal of a study, as it is continued; what cannot be believed is refused, the rest makes a table."""
+    """The journal of a study, as it is continued; what cannot be believed is refused, the
+    rest makes a table.
+    """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "s.csv.journal"
         path.write_bytes(data)
@@ -345,7 +354,7 @@ def journals() -> Sequence[bytes]:
     ]
 
 
-# --- programs --------------------------------------------------------------------------------------------------------
+# --- programs -------------------------------------------------------------------------------------
 
 
 def _program(program_format: str) -> Callable[[bytes], object]:
@@ -393,7 +402,7 @@ READERS: dict[str, Reader] = {
     "ur-conf": Reader(lambda: corpus("ur-conf"), _text, _controller(None)),
     "dh-table": Reader(lambda: corpus("dh-table"), _text, _controller("standard")),
     **{
-        name: Reader(lambda name=name: corpus(name), _text, _program(name))  # type: ignore[misc]
+        name: Reader(lambda name=name: corpus(name), _text, _program(name))
         for name in PROGRAM_FORMATS
     },
 }

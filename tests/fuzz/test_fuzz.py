@@ -1,4 +1,5 @@
-"""A few hundred mutated inputs per reader: an answer with finite numbers, or one line that says what is wrong.
+"""A few hundred mutated inputs per reader: an answer with finite numbers, or one line that
+says what is wrong.
 
 The long version, with limits of time and memory: benchmarks/fuzz.py. Findings: docs/reliability.md.
 """
@@ -34,7 +35,8 @@ def test_mutated_files_are_read_or_refused(name: str) -> None:
             messages.append(str(error))
         except Exception as error:
             pytest.fail(
-                f"benchmarks/fuzz.py --reader {name} --first {index} --inputs 1: {type(error).__name__}: {error}"
+                f"benchmarks/fuzz.py --reader {name} --first {index} --inputs 1: "
+                f"{type(error).__name__}: {error}"
             )
         if index >= len(seeds):  # the first ones fill the caches: the robot that a file is read for
             assert not done, f"benchmarks/fuzz.py --reader {name} --first {index} --inputs 1"

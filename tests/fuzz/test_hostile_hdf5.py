@@ -1,4 +1,6 @@
-"""HDF5 files of an enemy, or of a failing disk: nothing else is read, nothing fills the memory, nothing loops."""
+"""HDF5 files of an attacker, or of a failing disk: nothing else is read, nothing fills the
+memory, nothing loops.
+"""
 
 import hashlib
 import io
@@ -12,8 +14,8 @@ from readers import calibrations, measurements, studied, without_digest
 
 from calibtool.errors import InputError
 from calibtool.storage import read_any, read_study, to_bytes
+from calibtool.storage.file_checks import check_contents
 from calibtool.storage.studies import study_to_bytes
-from calibtool.storage.untrusted import check_contents
 
 
 def changed(change: Callable[[h5py.File], None]) -> bytes:
@@ -29,7 +31,7 @@ def refused(data: bytes, reason: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-# --- the digest ------------------------------------------------------------------------------------------------------
+# --- the digest -----------------------------------------------------------------------------------
 
 
 def test_the_digest_is_that_of_what_stands_before_it() -> None:
@@ -57,7 +59,7 @@ def test_a_file_that_ends_inside_its_digest_is_refused() -> None:
     "contents", [measurements(), calibrations()[2]], ids=["measurements", "calibration"]
 )
 def test_a_zeroed_sector_anywhere_is_refused(contents: object) -> None:
-    data = to_bytes(contents)  # type: ignore[arg-type]
+    data = to_bytes(contents)
     for start in range(0, len(data) - 82 - 512, 512):  # the digest itself stays
         damaged = data[:start] + bytes(512) + data[start + 512 :]
         if damaged != data:
@@ -94,7 +96,7 @@ def test_a_broken_heap_of_texts_without_a_digest() -> None:
     refused(data[: heap + 512] + bytes(512) + data[heap + 1024 :], "heap of texts is broken")
 
 
-# --- other files -----------------------------------------------------------------------------------------------------
+# --- other files ----------------------------------------------------------------------------------
 
 
 def move(file: h5py.File, path: str, link: object) -> None:
@@ -150,7 +152,7 @@ def test_external_storage(tmp_path: Path) -> None:
     refused(changed(change), "in another file")
 
 
-# --- memory ----------------------------------------------------------------------------------------------------------
+# --- memory ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("shape", [(10**15, 3), (2**40, 2**40), (1 << 24, 3)])
@@ -192,7 +194,7 @@ def test_a_long_list_of_texts() -> None:
     refused(buffer.getvalue(), "characters")
 
 
-# --- types -----------------------------------------------------------------------------------------------------------
+# --- types ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -233,7 +235,7 @@ def test_a_named_type_is_neither_a_group_nor_a_dataset() -> None:
     refused(changed(name_a_type), "neither a group nor a dataset")
 
 
-# --- studies ---------------------------------------------------------------------------------------------------------
+# --- studies --------------------------------------------------------------------------------------
 
 
 def test_the_file_of_a_study_is_checked_like_the_others(tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""Text and workbooks of an enemy: no other file is read, no nesting, no number and no name brings a reader down."""
+"""Text and workbooks of an attacker: no other file is read, no nesting, no number and no name
+brings a reader down.
+"""
 
 import io
 import zipfile
@@ -13,19 +15,19 @@ from calibtool.compensation.stream import StreamOptions, StreamReport, compensat
 from calibtool.errors import CalibtoolError, InputError, UsageError
 from calibtool.evaluation.study import parse_definition
 from calibtool.evaluation.study.journal import Journal
-from calibtool.evaluation.study.table import parse_csv
+from calibtool.evaluation.study.study_table import parse_csv
 from calibtool.measurement.importing import parse_column_map
 from calibtool.measurement.importing.excel import parse_workbook
 from calibtool.programs.formats import reader
 from calibtool.programs.frames import read_frames
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source, read_source, source_from_urdf
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
 URDF, TOML = arm().source.urdf_text, arm().source.toml_text
 
 
-# --- TOML and JSON ---------------------------------------------------------------------------------------------------
+# --- TOML and JSON --------------------------------------------------------------------------------
 
 TOML_READERS: list[Callable[[str], object]] = [
     lambda text: parse_source(text, URDF, "x.toml"),
@@ -78,7 +80,7 @@ def test_json_values_that_are_no_number(value: str) -> None:
         )
 
 
-# --- robots ----------------------------------------------------------------------------------------------------------
+# --- robots ---------------------------------------------------------------------------------------
 
 
 def folder_with(tmp_path: Path, urdf: str) -> Path:
@@ -178,7 +180,7 @@ def test_numbers_of_a_urdf_are_finite(attribute: str, value: str) -> None:
     assert np.isfinite(robot.upper).all()
 
 
-# --- workbooks -------------------------------------------------------------------------------------------------------
+# --- workbooks ------------------------------------------------------------------------------------
 
 
 def with_sheet(xml: str, **extra: bytes) -> bytes:
@@ -192,7 +194,10 @@ def with_sheet(xml: str, **extra: bytes) -> bytes:
     return out.getvalue()
 
 
-SHEET = '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>{}</sheetData></worksheet>'
+SHEET = (
+    '<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main">'
+    "<sheetData>{}</sheetData></worksheet>"
+)
 
 
 def test_a_zip_bomb() -> None:
@@ -237,7 +242,7 @@ def test_what_is_no_workbook(data: bytes) -> None:
         parse_workbook(data, "w.xlsx")
 
 
-# --- tables and programs ---------------------------------------------------------------------------------------------
+# --- tables and programs --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -265,19 +270,22 @@ def test_tables_with_endless_names_and_numbers(name: str, data: bytes) -> None:
 )
 @pytest.mark.parametrize(
     "word",
-    ["[", "{", "(", "a", "END", "P[1]{", "/POS\n", "robtarget a := [", "robtarget a {", "MoveL ", "movej(", "E6POS A={",
-     "LIN {X 1,", "positions: [", "joint_names:\n- ", "- ", " ", "\n", "'", '"', "#", "a=[", "GP1:", "Offs(", "//"],
+    ["[", "{", "(", "a", "END", "P[1]{", "/POS\n", "robtarget a := [", "robtarget a {", "MoveL ",
+        "movej(", "E6POS A={",
+     "LIN {X 1,", "positions: [", "joint_names:\n- ", "- ", " ", "\n", "'", '"', "#", "a=[", "GP1:",
+     "Offs(", "//"],
 )  # fmt: skip
 def test_a_word_again_and_again(name: str, word: str) -> None:
-    # The time grows with the length, not with its square: 100,000 characters would take minutes otherwise.
+    # The time grows with the length, not with its square: 100,000 characters would take
+    # minutes otherwise.
     program = reader(name)(word * (100_000 // len(word)), six())
-    assert all(literal.left for literal in program.literals)
+    assert all(literal.not_corrected for literal in program.literals)
 
 
 def test_a_program_of_numbers_without_end() -> None:
     for value in ("1e999", "9" * 400, "1e308"):
         program = reader("ur-script")(f"movej([{value}, 0, 0, 0, 0, 0])", six())
-        assert [bool(literal.left) for literal in program.literals] == [True]
+        assert [bool(literal.not_corrected) for literal in program.literals] == [True]
     program = reader("ros2-trajectory")("points:\n- positions: [1, 2, 3, 4, 5, 6]\n", six())
     assert [literal.bad for literal in program.literals] == [True]
 
@@ -298,7 +306,7 @@ def test_instructions_that_are_never_ended() -> None:
     assert {remark.why for remark in program.remarks} == {"no ; at its end"}
 
 
-# --- studies ---------------------------------------------------------------------------------------------------------
+# --- studies --------------------------------------------------------------------------------------
 
 TABLE = studied().as_csv()
 

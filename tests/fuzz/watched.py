@@ -67,7 +67,10 @@ sys.addaudithook(_note)
 
 @contextmanager
 def watched() -> Iterator[list[str]]:
-    """A list that grows with everything of EVENTS until the end. Calls of C libraries are not seen."""
+    """A list that grows with everything of EVENTS until the end.
+
+    Calls of C libraries are not seen.
+    """
     global _seen
     _seen = found = []
     try:

@@ -1,4 +1,5 @@
-"""A second way to every number of the kinematics: URDF text by ElementTree, motions by scipy's matrix exponential.
+"""A second way to every number of the kinematics: URDF text by ElementTree, motions by scipy's
+matrix exponential.
 
 Nothing here is taken from calibtool.
 """
@@ -50,7 +51,9 @@ def exponential(twist: Array) -> Array:
 
 
 def read_urdf(text: str, base: str | None, tool: str, locked: dict[str, float]) -> PlainChain:
-    """The chain from `base` (the root link unless named; it does not move) to `tool`, with some joints locked."""
+    """The chain from `base` (the root link unless named; it does not move) to `tool`, with
+    some joints locked.
+    """
     root = ElementTree.fromstring(text)
     joint_to = {child_of(joint): joint for joint in root.findall("joint")}
 
@@ -78,11 +81,11 @@ def read_urdf(text: str, base: str | None, tool: str, locked: dict[str, float]) 
 
 
 def parent_of(joint: ElementTree.Element) -> str:
-    return str(joint.find("parent").get("link"))  # type: ignore[union-attr]
+    return str(joint.find("parent").get("link"))
 
 
 def child_of(joint: ElementTree.Element) -> str:
-    return str(joint.find("child").get("link"))  # type: ignore[union-attr]
+    return str(joint.find("child").get("link"))
 
 
 def numbers(element: ElementTree.Element | None, key: str, default: list[float]) -> Array:

@@ -1,4 +1,6 @@
-"""Drawn robots: serial chains of 1 to 8 joints as URDF text, the carried robots, and errors, set-ups and rows for them."""
+"""Drawn robots: serial chains of 1 to 8 joints as URDF text, the built-in robots, and errors,
+set-ups and rows for them.
+"""
 
 from dataclasses import replace
 
@@ -15,9 +17,9 @@ from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.measurements import Measurements, Setup, Truth
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.gravity import load_carrying
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.gravity_torque import load_carrying
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly, transform_points
 
 seeds = st.integers(0, 2**32 - 1)
@@ -73,12 +75,12 @@ def drawn_chains(
     )
 
 
-carried = st.sampled_from(robot_names()).map(load_robot)
+built_in = st.sampled_from(robot_names()).map(load_robot)
 
 
 def robots(largest: int = 8) -> st.SearchStrategy[Robot]:
     """Carried robots and drawn chains."""
-    return carried | drawn_chains(largest=largest).map(DrawnChain.robot)
+    return built_in | drawn_chains(largest=largest).map(DrawnChain.robot)
 
 
 def plain_chain(robot: Robot) -> PlainChain:
@@ -142,7 +144,9 @@ def measured(
     pose: bool = False,
     frame: Array | None = None,
 ) -> Measurements:
-    """What an instrument at T_instrument_base = `frame`, known, sees of an actual robot; `pose`: one 6-D sensor."""
+    """What an instrument at T_instrument_base = `frame`, known, sees of an actual robot;
+    `pose`: one 6-D sensor.
+    """
     frame = np.eye(4) if frame is None else frame
     poses = frame @ actual.forward(q)
     stated = max(noise, 1e-6)
@@ -187,7 +191,9 @@ def calibrated(
     with_motion: bool = True,
     size: float = 1e-3,
 ) -> Calibration:
-    """A calibration with made-up errors of every kind: what it predicts is known without any fit."""
+    """A calibration with made-up errors of every kind: what it predicts
+    is known without any fit.
+    """
     assume_regular(robot)
     q = configurations(robot, 20, rng)
     plain = identify(measured(robot, q, perfect(robot), rng), "nominal")

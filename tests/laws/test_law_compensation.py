@@ -1,4 +1,6 @@
-"""Laws of the correction: it undoes the errors of the model, row by row, here and in exported code."""
+"""Laws of the correction: it undoes the errors of the model, row by row,
+here and in exported code.
+"""
 
 import ctypes
 import json
@@ -17,8 +19,8 @@ from json_reader import correct_from_json
 from plain import Array, logarithm
 from strategies import (
     DrawnChain,
+    built_in,
     calibrated,
-    carried,
     configurations,
     drawn_chains,
     robots,
@@ -33,8 +35,8 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.damped import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.model import Robot
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.robot import Robot
 
 
 def compared(robot: Robot, a: Array, b: Array) -> Array:
@@ -70,7 +72,7 @@ def test_no_correction_is_worse_than_none(
     rng = np.random.default_rng(seed)
     calibration = calibrated(robot, rng, size=size)
     q = configurations(robot, 20, rng)
-    result = compensate_joints(calibration, q, method)  # type: ignore[arg-type]
+    result = compensate_joints(calibration, q, method)
     assert robot.within_limits(result.q).all()
     left = result.status == UNCORRECTED
     np.testing.assert_array_equal(result.q[left], q[left])
@@ -84,7 +86,9 @@ def test_no_correction_is_worse_than_none(
 
 
 def whole_errors(calibration: Calibration, pose: Array, aim: Array) -> Array:
-    """Displacement over the characteristic length and turn, along the axes of the commanded tool: (N, 6)."""
+    """Displacement over the characteristic length and turn, along the axes of the
+    commanded tool: (N, 6).
+    """
     rows = []
     for a, b in zip(pose, aim, strict=True):
         turn = logarithm(a @ np.linalg.inv(b))[3:]
@@ -110,7 +114,7 @@ def test_a_calibration_without_errors_corrects_nothing(
     made = calibrated(robot, rng, with_network=False)
     base = replace(made.base, errors=RobotErrors.of(robot))
     q = configurations(robot, 20, rng)
-    result = compensate_joints(replace(made, base=base), q, method)  # type: ignore[arg-type]
+    result = compensate_joints(replace(made, base=base), q, method)
     assert np.abs(result.q - q).max() < 1e-9
     assert np.isin(result.status, (OK, NEAR_SINGULAR)).all()
 
@@ -118,13 +122,15 @@ def test_a_calibration_without_errors_corrects_nothing(
 @examples(6)
 @given(robots(), seeds, st.sampled_from(["exact", "one-step"]))
 def test_rows_are_corrected_by_themselves(robot: Robot, seed: int, method: str) -> None:
-    """Alone, in another order or twice: a row of joints, or of a pose with its seed, has one answer."""
+    """Alone, in another order or twice: a row of joints, or of a pose with its
+    seed, has one answer.
+    """
     rng = np.random.default_rng(seed)
     calibration = calibrated(robot, rng)
     q = configurations(robot, 12, rng)
     order = rng.integers(0, 12, 20)
-    together = compensate_joints(calibration, q, method)  # type: ignore[arg-type]
-    shuffled = compensate_joints(calibration, q[order], method)  # type: ignore[arg-type]
+    together = compensate_joints(calibration, q, method)
+    shuffled = compensate_joints(calibration, q[order], method)
     assert np.array_equal(shuffled.status, together.status[order])
     sure = together.status[order] == OK
     np.testing.assert_allclose(shuffled.q[sure], together.q[order][sure], atol=1e-9)
@@ -143,7 +149,7 @@ def test_a_commanded_pose_is_corrected_as_its_joints_are(robot: Robot, seed: int
     np.testing.assert_allclose(by_pose.q, by_joints.q, atol=1e-6)
 
 
-# --- exported code ---------------------------------------------------------------------------------------------------
+# --- exported code --------------------------------------------------------------------------------
 
 
 @examples(12)
@@ -168,7 +174,7 @@ def test_compiled_c_is_the_one_step_correction(tmp_path: Path) -> None:
     made: list[Calibration] = []
 
     @examples(12)
-    @given(carried | drawn_chains().map(DrawnChain.robot), seeds, st.booleans(), st.booleans())
+    @given(built_in | drawn_chains().map(DrawnChain.robot), seeds, st.booleans(), st.booleans())
     @example(load_robot("scara"), 0, True, True)  # slides that turn a little
     @example(load_robot("gantry"), 0, True, True)
     def draw(robot: Robot, seed: int, with_network: bool, with_motion: bool) -> None:

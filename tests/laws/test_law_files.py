@@ -11,16 +11,23 @@ from hypothesis import strategies as st
 from strategies import calibrated, configurations, robots, seeds, simulated
 
 from calibtool.calibration import Calibration
+from calibtool.calibration.calibration import CrossValidation
 from calibtool.calibration.frame import ChosenFrame
-from calibtool.calibration.model import CrossValidation
 from calibtool.compensation.decimals import DECIMALS, decimal_rows
 from calibtool.equivalent.optimisers import History
 from calibtool.equivalent.training import TrainingReport
-from calibtool.evaluation.study.table import COLUMNS, COUNTS, TEXTS, StudyTable, parse_csv, rounded
-from calibtool.identification.model import Flagged, Posterior
+from calibtool.evaluation.study.study_table import (
+    COLUMNS,
+    COUNTS,
+    TEXTS,
+    StudyTable,
+    parse_csv,
+    rounded,
+)
+from calibtool.identification.identification import Flagged, Posterior
 from calibtool.identification.parameters import Parameters
 from calibtool.measurement.measurements import Measurements
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import exp6, readonly
 from calibtool.storage import read_any, read_study, to_bytes
 from calibtool.storage.studies import study_to_bytes
@@ -156,11 +163,13 @@ def test_calibrations_are_read_as_they_were_written(
     after = read_back(made)
     assert_same(after, made, "calibration")
     q = configurations(robot, 3, rng)
-    assert np.array_equal(after.forward(q), made.forward(q))  # type: ignore[union-attr]
+    assert np.array_equal(after.forward(q), made.forward(q))
 
 
 def cells(column: str) -> st.SearchStrategy:
-    """What may stand in a column of a study: a name or message, a count, a number of nine digits, nothing."""
+    """What may stand in a column of a study: a name or message, a count, a number of nine
+    digits, nothing.
+    """
     if column in TEXTS:
         return words
     filled = (
@@ -182,7 +191,9 @@ def test_studies_are_read_as_they_were_written(key: str, rows: list[tuple]) -> N
 @examples(40)
 @given(robots(), seeds, st.booleans())
 def test_joint_positions_are_read_as_they_were_written(robot: Robot, seed: int, si: bool) -> None:
-    """In every unit that a table may have, to half of the last decimal, or to 14 digits where numbers are large."""
+    """In every unit that a table may have, to half of the last decimal, or to 14 digits where
+    numbers are large.
+    """
     units = [
         ("m" if si else "mm") if prismatic else ("rad" if si else "deg")
         for prismatic in robot.prismatic

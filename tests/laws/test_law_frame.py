@@ -13,7 +13,7 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly
 
 FREE = [(False, False), (False, True), (True, False)]  # frame known, targets known

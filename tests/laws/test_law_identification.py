@@ -30,7 +30,7 @@ from calibtool.identification.parameters import State
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
 GEOMETRIC = ErrorScales()
@@ -50,7 +50,7 @@ def difference(a: Calibration, b: Calibration, q: Array) -> float:
     return float(np.abs(poses[0] - poses[1]).max() / max(1.0, float(np.abs(poses[0]).max())))
 
 
-# --- what must not matter --------------------------------------------------------------------------------------------
+# --- what must not matter -------------------------------------------------------------------------
 
 
 @examples(8)
@@ -105,7 +105,9 @@ def test_where_the_instrument_stands_does_not_matter(
 def test_targets_that_were_not_seen_change_nothing_else(
     robot: Robot, seed: int, options: BaseOptions
 ) -> None:
-    """A row of three targets is the same as two rows of it, in which one and the other two were seen."""
+    """A row of three targets is the same as two rows of it, in which one and the
+    other two were seen.
+    """
     rng = np.random.default_rng(seed)
     data = simulated(robot, rng, 20)
     one, two = data.points.copy(), data.points.copy()
@@ -123,7 +125,7 @@ def test_targets_that_were_not_seen_change_nothing_else(
     assert difference(identified(data, options), identified(twice, options), data.q) < 1e-9
 
 
-# --- what must come out ----------------------------------------------------------------------------------------------
+# --- what must come out ---------------------------------------------------------------------------
 
 
 @examples(10)
@@ -146,7 +148,9 @@ def test_zero_errors_are_found_as_zero(robot: Robot, seed: int, model: str, pose
 def test_errors_without_noise_are_found_where_they_can_be_seen(
     robot: Robot, seed: int, model: str
 ) -> None:
-    """Predicted and actual poses of the measured configurations agree a thousand times better than before."""
+    """Predicted and actual poses of the measured configurations agree a thousand times
+    better than before.
+    """
     rng = np.random.default_rng(seed)
     actual = random_actual(robot, GEOMETRIC, rng)
     if model == "local-poe":
@@ -166,14 +170,16 @@ def without_twists(actual: ActualRobot) -> ActualRobot:
     return replace(actual, errors=actual.errors.without("twists"))
 
 
-# --- how sure it may be ----------------------------------------------------------------------------------------------
+# --- how sure it may be ---------------------------------------------------------------------------
 
 FALSE_ALARM = 1e-5  # of each bound, so that fewer than one in 10,000 correct programs fail here
 ROBOTS = 100
 
 
 def test_errors_are_recovered_within_their_covariance() -> None:
-    """(θ̂ − θ)ᵀ C⁻¹ (θ̂ − θ) is χ² with one degree of freedom per parameter, if θ is drawn from the prior."""
+    """(θ̂ − θ)ᵀ C⁻¹ (θ̂ − θ) is χ² with one degree of freedom per parameter, if θ is
+    drawn from the prior.
+    """
     tolerances = Tolerances(length=0.3e-3, angle=0.3e-3)
     options = CompleteOptions(
         tolerances, {"harmonics": 0, "gravity": 0, "twists": 1}, estimate_priors=False
@@ -191,7 +197,8 @@ def test_errors_are_recovered_within_their_covariance() -> None:
         off = found.state.vector(posterior.parameters) - true
         distances.append(off @ np.linalg.solve(posterior.covariance, off))
         scores.append(off / posterior.std)
-    # The noise is estimated from about 500 residuals beyond the parameters: their spread adds 2 % to that of the sum.
+    # The noise is estimated from about 500 residuals beyond the parameters: their spread adds 2 %
+    # to that of the sum.
     low, high = chi2.ppf([FALSE_ALARM, 1 - FALSE_ALARM], ROBOTS * parameters)
     total = float(np.sum(distances))
     margin = 0.02 * (high - low)

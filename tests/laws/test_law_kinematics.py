@@ -1,4 +1,6 @@
-"""Laws of the kinematics: the product of exponentials, its derivatives, and what must not matter."""
+"""Laws of the kinematics: the product of exponentials, its derivatives,
+and what must not matter.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,14 +33,16 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.twists import twist_columns
 from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.observation import observation_matrix, target_columns
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly, relative_error, transform_points
 
 
 def assert_slope(
     function: Callable[[Array], Array], derivative: Array, rng: np.random.Generator
 ) -> None:
-    """`derivative` (…, k) is that of `function` at zero (k,), along three random directions: every column is in each."""
+    """`derivative` (…, k) is that of `function` at zero (k,), along three random directions: every
+    column is in each.
+    """
     directions = rng.normal(size=(derivative.shape[-1], 3))
     assert_derivative(lambda x: function(directions @ x), derivative @ directions, np.zeros(3))
 
@@ -115,7 +119,9 @@ def test_error_columns_are_derivatives(robot: Robot, seed: int) -> None:
 def test_columns_of_the_complete_model_are_derivatives_of_what_is_seen(
     robot: Robot, seed: int, pose: bool
 ) -> None:
-    """Every parameter: δζ, δξ, δq, harmonics, wind-up, instrument frame, targets, orientation of a sensor."""
+    """Every parameter: δζ, δξ, δq, harmonics, wind-up, instrument frame, targets,
+    orientation of a sensor.
+    """
     rng = np.random.default_rng(seed)
     q = configurations(robot, 1, rng)
     frame = exp6(rng.normal(size=6))
@@ -162,7 +168,7 @@ def test_slope_of_the_loss_is_the_derivative_by_the_weights(robot: Robot, seed: 
     assert_slope(lambda w: -loss.residual(start.with_weights(start.weights + w)).ravel(), J, rng)
 
 
-# --- what must not matter --------------------------------------------------------------------------------------------
+# --- what must not matter -------------------------------------------------------------------------
 
 bases = st.tuples(*[st.floats(-2, 2)] * 6).map(lambda x: np.round(x, 3))
 

@@ -1,8 +1,10 @@
-"""Every figure, for `plot` and the report alike: publication-ready, colour-blind safe, the same bytes every time."""
+"""Every figure, for `plot` and the report alike: publication-ready, colour-blind safe, the same
+bytes every time.
+"""
 
-from calibtool.evaluation.plots.arm import draw_arm
+from calibtool.evaluation.plots.arm_picture import draw_arm
 from calibtool.evaluation.plots.figures import FIGURES, Subject, draw
-from calibtool.evaluation.plots.study import draw_study
+from calibtool.evaluation.plots.study_figures import draw_study
 from calibtool.evaluation.plots.style import WIDTH_MM, ImageFormat, image_format
 
 __all__ = [

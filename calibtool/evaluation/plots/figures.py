@@ -1,4 +1,4 @@
-"""The figures by name: what each shows, and what it is drawn from."""
+"""The figures by name, with the data that each needs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,15 +9,20 @@ from calibtool.calibration import Calibration
 from calibtool.errors import UsageError, near_names
 from calibtool.evaluation.acceptance import Limit
 from calibtool.evaluation.compare import Evaluation, judged_rows
-from calibtool.evaluation.plots import calibrations as inside
-from calibtool.evaluation.plots import errors
+from calibtool.evaluation.plots import calibration_figures, error_figures
 from calibtool.evaluation.plots.style import WIDTH_MM, ImageFormat, styled, to_bytes
 from calibtool.measurement.measurements import Measurements
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What figures are drawn from: named calibrations; where they are judged, measurements, errors and limits."""
+    """What figures and reports are made from.
+
+    calibrations  with their names
+    measurements  on which they are judged, None where they are not
+    evaluation    their errors there
+    limits        acceptance limits to draw
+    """
 
     calibrations: list[tuple[str, Calibration]]
     measurements: Measurements | None = None
@@ -27,7 +32,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class FigureKind:
-    """A figure: one line about it, whether it needs measurements, and how it is drawn at a width in mm."""
+    """A figure: description, whether it needs measurements, and its drawing function."""
 
     title: str
     judged: bool
@@ -42,51 +47,53 @@ def _with_evaluation(subject: Subject) -> tuple[Measurements, Evaluation]:
 
 def _vectors(subject: Subject, width_mm: float) -> Figure:
     judged, evaluation = _with_evaluation(subject)
-    return errors.vectors(evaluation, judged.robot.mechanism.forward(judged.q)[:, :3, 3], width_mm)
+    return error_figures.vectors(
+        evaluation, judged.robot.mechanism.forward(judged.q)[:, :3, 3], width_mm
+    )
 
 
 def _coverage(subject: Subject, width_mm: float) -> Figure:
     judged, _ = _with_evaluation(subject)
-    return inside.coverage(subject.calibrations, judged.robot, judged.q, width_mm)
+    return calibration_figures.coverage(subject.calibrations, judged.robot, judged.q, width_mm)
 
 
 FIGURES: dict[str, FigureKind] = {
     "errors": FigureKind(
         "Errors of every configuration, and their spread",
         True,
-        lambda s, w: errors.errors(_with_evaluation(s)[1], w),
+        lambda s, w: error_figures.errors(_with_evaluation(s)[1], w),
     ),
     "distribution": FigureKind(
         "Cumulative distribution of the errors",
         True,
-        lambda s, w: errors.distribution(_with_evaluation(s)[1], s.limits, w),
+        lambda s, w: error_figures.distribution(_with_evaluation(s)[1], s.limits, w),
     ),
     "vectors": FigureKind("Error vectors in the workspace, three projections", True, _vectors),
     "training": FigureKind(
         "Loss over the iterations of the training",
         False,
-        lambda s, w: inside.training(s.calibrations, w),
+        lambda s, w: calibration_figures.training(s.calibrations, w),
     ),
     "motions": FigureKind(
         "Joint motions δρ against the joint positions",
         False,
-        lambda s, w: inside.motions(s.calibrations, w),
+        lambda s, w: calibration_figures.motions(s.calibrations, w),
     ),
     "parameters": FigureKind(
         "Identified parameters ± 2 standard deviations",
         False,
-        lambda s, w: inside.parameters(s.calibrations, w),
+        lambda s, w: calibration_figures.parameters(s.calibrations, w),
     ),
     "observability": FigureKind(
         "Singular values of the identification",
         False,
-        lambda s, w: inside.observability(s.calibrations, w),
+        lambda s, w: calibration_figures.observability(s.calibrations, w),
     ),
     "coverage": FigureKind("Joint positions of the training and judged ones", True, _coverage),
     "iso9283": FigureKind(
         "Pose accuracy AP and repeatability RP (ISO 9283)",
         True,
-        lambda s, w: errors.pose_test(_with_evaluation(s)[1], w),
+        lambda s, w: error_figures.pose_test(_with_evaluation(s)[1], w),
     ),
 }
 
@@ -101,8 +108,9 @@ def draw(
 ) -> bytes:
     """The figure called `kind`, as the bytes of a picture of this width.
 
-    letters: text of an SVG stays text, in the reader's font, on no background: for a page. UsageError for an unknown
-    figure, or one that needs measurements without them; InputError where the subject has nothing of the kind to show.
+    letters: text of an SVG stays text, in the reader's font, on no background: for a page.
+    UsageError for an unknown figure, or one that needs measurements without them; InputError where
+    the subject has nothing of the kind to show.
     """
     if kind not in FIGURES:
         raise UsageError(f"unknown figure '{kind}'; {near_names(kind, FIGURES)}")

@@ -1,5 +1,5 @@
 """One page about calibrations: what they reach, where, why, and how sure that is."""
 
-from calibtool.evaluation.report.page import html_report
+from calibtool.evaluation.report.report_page import html_report
 
 __all__ = ["html_report"]

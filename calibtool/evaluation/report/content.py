@@ -1,12 +1,12 @@
-"""What the page is made of: sections of lines, tables and drawings, all of them text."""
+"""Contents of the page: sections of lines, tables and drawings, all as text."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Table:
-    """Rows of cells under headers; the first cell of a row is its header. folded: shown on request."""
+class PageTable:
+    """Rows of cells under headers, headers of rows first. folded: shown on request."""
 
     caption: str
     header: Sequence[str]
@@ -24,15 +24,14 @@ class Drawing:
 
 
 @dataclass(frozen=True)
-class Section:
-    """A heading and what stands under it, lines first; nothing but a line where there is nothing to say."""
+class PageSection:
+    """A heading with lines, drawings and tables; a line where there is nothing to show."""
 
     id: str
     title: str
     lines: Sequence[str] = ()
     drawings: Sequence[Drawing] = ()
-    tables: Sequence[Table] = ()
-    vectors: bool = False  # the workspace in three dimensions stands here
+    tables: Sequence[PageTable] = ()
 
 
 @dataclass(frozen=True)

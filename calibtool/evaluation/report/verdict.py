@@ -1,7 +1,7 @@
-"""The verdict: what every calibration changes, whether the limits are met, and what weakens either statement."""
+"""The verdict: effect of every calibration, limits, and cautions."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from calibtool.evaluation.acceptance import broken_limits
 from calibtool.evaluation.metrics import pose_statistics
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Change, Judgement, Verdict, number
-from calibtool.evaluation.words import brought, words
+from calibtool.evaluation.wording import brought, words
 from calibtool.robot.se3 import Array
 
 _WORDS = {
@@ -24,7 +24,7 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class Headline:
-    """One sentence, and whether it is good (True), bad (False) or only said (None)."""
+    """One sentence, and whether it is good (True), bad (False) or neutral (None)."""
 
     text: str
     good: bool | None
@@ -33,7 +33,7 @@ class Headline:
 def verdicts(subject: Subject) -> list[Verdict]:
     """One per calibration, from the numbers of `evaluate --json`."""
     assert subject.evaluation is not None
-    entries: list[dict[str, Any]] = subject.evaluation.as_json()["methods"]  # type: ignore[assignment]
+    entries = cast("list[dict[str, Any]]", subject.evaluation.as_json()["methods"])
     nominal, *others = entries
     return [
         Verdict(entry["name"], _changes(nominal, entry), _judgements(subject, k))
@@ -42,14 +42,19 @@ def verdicts(subject: Subject) -> list[Verdict]:
 
 
 def headline(subject: Subject, found: list[Verdict]) -> Headline:
-    """The outcome in one sentence: the limits where there are any, otherwise the calibration with the least mean error."""
+    """The outcome in one sentence: the limits where there are any, otherwise the calibration with
+    the least mean error.
+    """
     best = min(found, key=lambda verdict: verdict.changes[0].after_value)
     change = best.changes[0]
     lowered = change.after_value < change.before_value
     assert subject.evaluation is not None
     outcome = brought(subject.evaluation, best.name, change.before, change.after)
     if not lowered:
-        outcome = f"No calibration lowers the mean position error: {change.before} without, {change.after} with {best.name}."
+        outcome = (
+            f"No calibration lowers the mean position error: {change.before} without, "
+            f"{change.after} with {best.name}."
+        )
     if not subject.limits:
         return Headline(outcome, None if lowered else False)
     passed = [verdict.name for verdict in found if verdict.met]
@@ -66,7 +71,7 @@ def headline(subject: Subject, found: list[Verdict]) -> Headline:
 
 
 def cautions(subject: Subject, judged: Array) -> list[str]:
-    """What a reader has to know before believing the numbers; judged (N, n) joint positions."""
+    """Cautions that weaken the numbers; judged (N, n) joint positions."""
     evaluation = subject.evaluation
     assert evaluation is not None
     result = []
@@ -74,16 +79,17 @@ def cautions(subject: Subject, judged: Array) -> list[str]:
         seen = _also_in_training(calibration, judged)
         if seen:
             result.append(
-                f"{seen} of the {len(judged)} judged configurations were used to make {name}: a fit shows less error there "
-                "than anywhere else."
+                f"{seen} of the {len(judged)} judged configurations were used to make {name}: a "
+                "fit shows less error there than anywhere else."
             )
-        if evaluation.marked[k]:
+        found = evaluation.results[k]
+        if found.marked:
             result.append(
-                f"{evaluation.marked[k]} corrections by {name} leave a part of the error, or all of it."
+                f"{found.marked} corrections by {name} leave a part of the error, or all of it."
             )
-        if evaluation.outside[k]:
+        if found.outside:
             result.append(
-                f"{evaluation.outside[k]} judged configurations are unlike those of the training of {name}."
+                f"{found.outside} judged configurations are unlike those of the training of {name}."
             )
     return result
 
@@ -104,9 +110,9 @@ def remarks(subject: Subject) -> list[str]:
         stays = pose_statistics(evaluation.uncorrectable)["position_mm"]
         assert stays is not None
         result.append(
-            f"{len(evaluation.uncorrectable.position)} poses are out of the actual robot's reach: there "
-            f"{number(stays['mean'])} mm on average stay whatever the method. The change in percent is of the part "
-            "that the joints can correct."
+            f"{len(evaluation.uncorrectable.position)} poses are out of the actual "
+            f"robot's reach: there {number(stays['mean'])} mm on average stay whatever the method. "
+            "The change in percent is of the part that the joints can correct."
         )
     return result
 

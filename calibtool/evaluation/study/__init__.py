@@ -1,7 +1,7 @@
-"""Monte Carlo studies: definition → runs → execution (local processes or a Dask cluster) → table and summary."""
+"""Monte Carlo studies: definition → runs → local processes or Dask → table and summary."""
 
 from calibtool.evaluation.study.definition import METHODS, Definition, Study, parse_definition
 from calibtool.evaluation.study.runs import perform
-from calibtool.evaluation.study.table import StudyTable
+from calibtool.evaluation.study.study_table import StudyTable
 
 __all__ = ["METHODS", "Definition", "Study", "StudyTable", "parse_definition", "perform"]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calibtool.errors import CalibtoolError, UsageError
 from calibtool.evaluation.study.definition import Study
 from calibtool.evaluation.study.runs import lost, perform
-from calibtool.evaluation.study.table import Row
+from calibtool.evaluation.study.study_table import Row
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -20,11 +20,12 @@ REACH_SECONDS = 4  # a scheduler answers at once or not at all
 def on_cluster(
     study: Study, indices: Sequence[int], address: str
 ) -> Generator[tuple[int, list[Row]], None, None]:
-    """(index, rows) of every run, in the order in which they finish, from the workers of a Dask scheduler.
+    """(index, rows) of every run, in the order in which they finish, from the workers of
+    a Dask scheduler.
 
-    Workers need calibtool of this version. A run whose worker dies again and again gets rows that say so.
-    UsageError without dask[distributed], or when no scheduler answers at `address`; CalibtoolError when the cluster
-    goes away, or a worker cannot perform runs.
+    Workers need calibtool of this version. A run whose worker dies again and again gets rows that
+    say so. UsageError without dask[distributed], or when no scheduler answers at `address`;
+    CalibtoolError when the cluster goes away, or a worker cannot perform runs.
     """
     client = _connect(address)
     from distributed import KilledWorker, as_completed
@@ -53,7 +54,9 @@ def on_cluster(
 
 
 def _given(study: Study) -> Study:
-    """The study as a task, so that it travels once and can be made again when its worker is lost."""
+    """The study as a task, so that it travels once and can be made again
+    when its worker is lost.
+    """
     return study
 
 
@@ -93,7 +96,10 @@ def _reason(address: str, error: Any) -> str:
     if isinstance(error, CalibtoolError):
         return f"{address}: {error}"
     if isinstance(error, ImportError):
-        return f"{address}: a worker cannot perform runs: {error}; install calibtool {_version()} there"
+        return (
+            f"{address}: a worker cannot perform runs: {error}; install calibtool "
+            f"{_version()} there"
+        )
     return f"{address}: a worker failed: {type(error).__name__}: {' '.join(str(error).split())}"
 
 

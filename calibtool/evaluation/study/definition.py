@@ -1,4 +1,4 @@
-"""What a study varies: the definition (a TOML file or options), and the runs that follow from it."""
+"""Definition of a study, from a TOML file or options, and its runs."""
 
 import hashlib
 from collections.abc import Mapping
@@ -35,7 +35,9 @@ Size = Annotated[float, Field(ge=0)]
 
 
 class Definition(BaseModel):
-    """The keys of a `--plan` file. Lists are varied against each other; a single value stands for a list of one.
+    """The keys of a `--plan` file.
+
+    Lists are varied against each other; a single value stands for a list of one.
 
     robots          names of the catalogue or paths
     workspace       of every robot; None: each robot's first
@@ -45,7 +47,8 @@ class Definition(BaseModel):
     error_scale     factor on all sizes of errors
     noise_mm        standard deviation per coordinate
     methods         of METHODS; `nominal` is always among them
-    fresh           configurations of the same robot for judging; 0: judge on the measured ones, like the paper
+    fresh           configurations of the same robot for judging; 0: judge on the measured
+                    ones, like the paper
     *_mm, *_mrad, *_k   sizes of the errors, as in `ErrorScales`
     """
 
@@ -97,7 +100,10 @@ class Definition(BaseModel):
         )
 
     def changed(self, changes: Mapping[str, object]) -> "Definition":
-        """The definition with some keys replaced, for options over a file. UsageError names the option that is wrong."""
+        """The definition with some keys replaced, for options over a file.
+
+        UsageError names the option that is wrong.
+        """
         try:
             return Definition.model_validate({**self.model_dump(), **changes})
         except ValidationError as error:
@@ -129,7 +135,9 @@ def parse_definition(text: str, name: str) -> Definition:
 
 @dataclass(frozen=True)
 class Run:
-    """One actual robot of one combination; `number` counts from 1 and draws the same robot in every combination."""
+    """One actual robot of one combination; `number` counts from 1 and draws the same robot in
+    every combination.
+    """
 
     robot: int  # index in Study.robots
     configurations: int
@@ -152,7 +160,12 @@ class RobotText:
 
 @dataclass(frozen=True)
 class Study:
-    """A definition with its robots read: all that a worker needs for any run of it."""
+    """A definition with its robots read: all that a worker needs for any run of it.
+
+    definition  what is varied, and how runs are made and judged
+    robots      texts of their descriptions
+    version     of the calibtool that made it; another one does not run it
+    """
 
     definition: Definition
     robots: tuple[RobotText, ...]
@@ -160,7 +173,10 @@ class Study:
 
     @classmethod
     def of(cls, definition: Definition) -> "Study":
-        """Read the robots. UsageError for an unknown robot or workspace, or when there is no robot or too many runs."""
+        """Read the robots.
+
+        UsageError for an unknown robot or workspace, or when there is no robot or too many runs.
+        """
         if not definition.robots:
             raise UsageError("no robot; name one, or give --plan STUDY.toml with robots = [...]")
         texts = []
@@ -196,7 +212,10 @@ class Study:
         return len(self._combinations) * self.definition.runs
 
     def run(self, index: int) -> Run:
-        """Run `index`, 0 … count−1. Its seed comes from the study's seed and the number alone: paired combinations."""
+        """Run `index`, 0 … count−1.
+
+        Its seed comes from the study's seed and the number alone: paired combinations.
+        """
         combination, replicate = divmod(index, self.definition.runs)
         robot, errors, scale, noise, configurations = self._combinations[combination]
         stream = np.random.SeedSequence(self.definition.seed, spawn_key=(replicate,))
@@ -209,5 +228,6 @@ class Study:
         """CalibtoolError unless a worker's calibtool is the one that defined the study."""
         if version != self.version:
             raise CalibtoolError(
-                f"a worker has calibtool {version}, this is {self.version}; install the same on both"
+                f"a worker has calibtool {version}, this is {self.version}; install "
+                "the same on both"
             )

@@ -1,14 +1,17 @@
-"""Finished runs on disk while a study runs: one line each, synced, so that an interruption costs only what was running."""
+"""Journal of finished runs on disk, one synced line each, from which a study is resumed."""
 
-import fcntl
 import json
 import os
+import sys
 from pathlib import Path
 from types import TracebackType
 
 from calibtool.errors import UsageError
 from calibtool.evaluation.study.definition import Study
-from calibtool.evaluation.study.table import Row, checked_row
+from calibtool.evaluation.study.study_table import Row, checked_row
+
+if sys.platform != "win32":
+    import fcntl
 
 SCHEMA = "calibtool/study-journal"
 _START = json.dumps({"schema": SCHEMA})[:-1].encode()
@@ -20,8 +23,8 @@ class Journal:
 
     finished   rows by the index of their run
 
-    Opening reads what is there. Raises UsageError when the file belongs to another study (unless it may be discarded), is
-    in use, or cannot be written.
+    Opening reads what is there. Raises UsageError when the file belongs to another study (unless it
+    may be discarded), is in use, or cannot be written.
     """
 
     def __init__(self, path: Path | None, study: Study, *, discard: bool = False) -> None:
@@ -70,7 +73,8 @@ class Journal:
     def _open(self, path: Path, discard: bool) -> int:
         file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if sys.platform != "win32":  # no such locks there: two studies are told apart by hand
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(file)
             raise UsageError(f"{path}: another calibtool is working on this study") from None
@@ -106,8 +110,8 @@ class Journal:
             raise UsageError(f"{path}:1: damaged; {_REMEDY}") from None
         if key != self.study.key:
             raise UsageError(
-                f"{path}: holds the finished runs of another study ({key}, this one is {self.study.key}); finish that one, "
-                f"or {_REMEDY}"
+                f"{path}: holds the finished runs of another study ({key}, this one is "
+                f"{self.study.key}); finish that one, or {_REMEDY}"
             )
         for number, line in enumerate(lines[1:], start=2):
             try:

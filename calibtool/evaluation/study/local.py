@@ -1,4 +1,4 @@
-"""Runs in processes of this machine: a killed process is noticed, replaced, and its run repeated once."""
+"""Runs in processes of this machine: a killed process is replaced, its run repeated once."""
 
 import contextlib
 import multiprocessing
@@ -12,10 +12,31 @@ from multiprocessing.context import SpawnProcess
 from calibtool.errors import CalibtoolError
 from calibtool.evaluation.study.definition import Study
 from calibtool.evaluation.study.runs import lost, perform
-from calibtool.evaluation.study.table import Row
+from calibtool.evaluation.study.study_table import Row, StudyTable, table_of
 
 _TRIES = 2
 _BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def processors() -> int:
+    """How many processors this process may use; where the system does not tell, all there are."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def run_study(study: Study, workers: int = 1) -> StudyTable:
+    """The table of all runs of a study; it does not depend on the number of workers.
+
+    One worker is this process. More are processes of their own, which start the script that calls
+    this again: its own work belongs under `if __name__ == "__main__":` then.
+    """
+    indices = range(study.count)
+    if workers == 1:
+        rows = {index: perform(study, index) for index in indices}
+    else:
+        rows = dict(in_processes(study, indices, workers))
+    return table_of([row for index in indices for row in rows[index]], "study")
 
 
 def in_processes(
@@ -23,8 +44,9 @@ def in_processes(
 ) -> Generator[tuple[int, list[Row]], None, None]:
     """(index, rows) of every run, in the order in which they finish, from `workers` processes.
 
-    A run whose process is killed twice gets rows that say so. Raises CalibtoolError when processes cannot even start.
-    The processes end with the iterator, and by themselves when this process is killed.
+    A run whose process is killed twice gets rows that say so. Raises CalibtoolError when
+    processes cannot even start. The processes end with the iterator, and by themselves when this
+    process is killed.
     """
     waiting = deque(indices)
     tries = dict.fromkeys(indices, 0)
@@ -103,7 +125,9 @@ class _Worker:
 
 @contextlib.contextmanager
 def _one_blas_thread() -> Iterator[None]:
-    """What is started inside gets one BLAS thread: workers that have several each wait for one another."""
+    """What is started inside gets one BLAS thread: workers that have several each wait
+    for one another.
+    """
     before = {name: os.environ.get(name) for name in _BLAS_THREADS}
     os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
     try:

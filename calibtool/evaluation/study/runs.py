@@ -1,4 +1,4 @@
-"""One run of a study: draw a robot, measure it, calibrate it by every method, judge them side by side."""
+"""One run of a study: draw a robot, measure, calibrate by every method, evaluate."""
 
 import threading
 from collections.abc import Callable
@@ -12,30 +12,33 @@ from calibtool.errors import CalibtoolError
 from calibtool.evaluation.compare import Evaluation, evaluate
 from calibtool.evaluation.metrics import STATISTICS
 from calibtool.evaluation.study.definition import NOMINAL, RobotText, Study
-from calibtool.evaluation.study.table import OK, REDUCTIONS, Cell, Row, failed, rounded
+from calibtool.evaluation.study.study_table import OK, REDUCTIONS, Cell, Row, failed, rounded
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.description import parse_source
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 
-# A worker of a cluster may have several threads, and a robot's kinematics keep their work space in the robot.
+# A worker of a cluster may have several threads, and a robot's kinematics keep their work
+# space in the robot.
 _ONE_AT_A_TIME = threading.Lock()
 
 _CALIBRATE: dict[str, Callable[[Measurements, int], Calibration]] = {
     "local-poe": lambda m, seed: identify(m, "local-poe"),
     "complete": lambda m, seed: identify(m, "complete"),
     "network": lambda m, seed: train(m, "nominal", TrainingOptions(seed=seed)),
-    "network-local-poe": lambda m, seed: train(m, "local-poe", TrainingOptions(seed=seed)),
-    "default": lambda m, seed: train(
-        m, "complete", TrainingOptions(regularisation="bayes", seed=seed)
+    "network-local-poe": lambda m, seed: train(
+        m, "local-poe", TrainingOptions(regularisation="early-stopping", seed=seed)
     ),
+    "default": lambda m, seed: train(m, options=TrainingOptions(seed=seed)),
 }
 
 
 def perform(study: Study, index: int) -> list[Row]:
-    """The rows of run `index`, one per method; a method that fails leaves a row with the reason as its status.
+    """The rows of run `index`, one per method; a method that fails leaves a row with the
+    reason as its status.
 
-    The rows depend on the study and the index alone. CalibtoolError when the study comes from another calibtool.
+    The rows depend on the study and the index alone. CalibtoolError when the study comes from
+    another calibtool.
     """
     study.check_version(__version__)
     with _ONE_AT_A_TIME:
@@ -125,7 +128,7 @@ def _results(evaluation: Evaluation, networks: dict[str, int]) -> dict[str, tupl
     return {
         entry["name"]: (
             networks.get(entry["name"], 0),
-            marked,
+            result.marked,
             *(_cell(entry["position_mm"], s) for s in STATISTICS),
             *(_cell(entry["orientation_mrad"], s) for s in STATISTICS),
             *(
@@ -134,7 +137,7 @@ def _results(evaluation: Evaluation, networks: dict[str, int]) -> dict[str, tupl
                 for s in REDUCTIONS
             ),
         )
-        for entry, marked in zip(entries, evaluation.marked, strict=True)
+        for entry, result in zip(entries, evaluation.results, strict=True)
     }
 
 

@@ -1,1 +1,1 @@
-"""Looking at it: the arm, its targets, and where they really are, as a page of its own or live by viser."""
+"""Views of the arm with nominal and actual targets: an HTML page, or live with viser."""

@@ -1,4 +1,4 @@
-"""The scene live in a browser: the arm by Pinocchio's ViserVisualizer, targets and errors beside it by viser."""
+"""The scene live in a browser: the arm by Pinocchio's ViserVisualizer, the rest by viser."""
 
 import contextlib
 import io
@@ -25,7 +25,8 @@ _SMALL = 1e-3  # m: no scene is drawn smaller
 def serving(
     scene: Scene, shape: pin.GeometryModel, magnify: float, port: int, host: str = "127.0.0.1"
 ) -> Iterator["ViserVisualizer"]:
-    """A server that shows the scene inside the block, with a slider for the configuration and the magnification.
+    """A server that shows the scene inside the block, with a slider for the configuration and
+    the magnification.
 
     shape: what the arm looks like, on the joints of the robot's chain. Its `viewer` is the server.
     UsageError without viser or a Pinocchio that knows it, or when the port is taken.
@@ -60,8 +61,9 @@ def serving(
         )
         _pairs(server, "all", scene.nominal[rest], found[rest], size / 300)
         told.content = (
-            f"**{scene.sizes[now] * 1e3:.3f} mm** off here, {np.median(scene.sizes) * 1e3:.3f} mm in the median; "
-            f"blue: nominal, orange: {scene.meaning}"
+            f"**{scene.error_rms[now] * 1e3:.3f} mm** off here, "
+            f"{np.median(scene.error_rms) * 1e3:.3f} mm "
+            f"in the median; blue: nominal, orange: {scene.meaning}"
         )
 
     for control in (chosen, factor, everywhere):
@@ -100,7 +102,7 @@ def _look_at(server: "ViserServer", scene: Scene) -> None:
 
 
 def _pairs(server: "ViserServer", name: str, nominal: Array, found: Array, width: float) -> None:
-    """Nominal and found targets and the lines between them; targets that were not seen stay away."""
+    """Nominal and found targets and the lines between them, without unseen targets."""
     seen = ~np.isnan(found[..., 0])
     _lines(server, f"/errors/{name}", np.stack([nominal[seen], found[seen]], axis=1), _FOUND, 3.0)
     for kind, points, colour in (

@@ -1,4 +1,4 @@
-"""What there is to see: the arm at every configuration, its targets where they should be and where they are."""
+"""Contents of a view: the arm at every configuration, nominal and found targets."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import measured_in_base
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly, transform_points
 
 
@@ -16,7 +16,8 @@ class Scene:
     """Everything in K_0 and m, one entry per configuration; points are not magnified.
 
     q        (N, n) joint positions, rad or m
-    arm      (N, 2n+2, 3) base, every joint before and after its motion, tool: origins on the nominal robot
+    arm      (N, 2n+2, 3) base, every joint before and after its motion, tool: origins on
+             the nominal robot
     nominal  (N, m, 3) target points on the nominal robot
     found    (N, m, 3) the same, measured or predicted; NaN where a target was not seen
     meaning  what `found` is: `measured` or `calibrated`
@@ -38,7 +39,7 @@ class Scene:
         return float(np.ptp(self.arm.reshape(-1, 3), axis=0).max())
 
     @property
-    def sizes(self) -> Array:
+    def error_rms(self) -> Array:
         """Error of every configuration: length, RMS over the seen targets. (N,) m"""
         squared = ((self.found - self.nominal) ** 2).sum(axis=-1)
         seen = ~np.isnan(squared)
@@ -52,7 +53,7 @@ class Scene:
     @property
     def fitting_factor(self) -> float:
         """A round factor that makes the median error about a twelfth of the scene's size."""
-        median = float(np.median(self.sizes))
+        median = float(np.median(self.error_rms))
         if median <= 0 or self.extent <= 0:
             return 1.0
         wanted = self.extent / 12 / median
@@ -63,7 +64,9 @@ class Scene:
 
 
 def scene_of(contents: Measurements | Calibration) -> Scene:
-    """Measured targets against those of the nominal robot, or a calibration's prediction at its own configurations."""
+    """Measured targets against those of the nominal robot, or a calibration's prediction at its
+    own configurations.
+    """
     robot, q = contents.robot, contents.q
     nominal_pose = robot.mechanism.forward(q)
     if isinstance(contents, Measurements):

@@ -1,4 +1,4 @@
-"""What the joint positions alone show: the design of the experiment, before any point is looked at."""
+"""Checks of the joint positions alone: the design of the experiment."""
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -6,7 +6,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from calibtool.measurement.checks.finding import Finding, listed
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 MOVES = 1e-3  # rad or m: a joint that moves less stands still
@@ -16,7 +16,8 @@ _ALONE = 0.8  # part of the rows in which at most one joint has left its usual p
 
 
 def design_findings(robot: Robot, q: Array) -> list[Finding]:
-    """Joints that never move, equal columns, one joint at a time, repeated rows, tool positions in a plane.
+    """Joints that never move, equal columns, one joint at a time, repeated rows, tool
+    positions in a plane.
 
     q (N, n), rad or m.
     """
@@ -31,7 +32,9 @@ def design_findings(robot: Robot, q: Array) -> list[Finding]:
 
 
 def repeated_groups(q: Array) -> np.ndarray:
-    """Number of the configuration each row of q (N, n) belongs to; neighbours within REPEATS belong together. (N,)"""
+    """Number of the configuration each row of q (N, n) belongs to; neighbours within REPEATS
+    belong together. (N,)
+    """
     pairs = cKDTree(q).query_pairs(REPEATS, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(q), len(q)))
     groups: np.ndarray = connected_components(links, directed=False)[1]
@@ -62,7 +65,10 @@ def _still(robot: Robot, q: Array) -> Finding | None:
     still = np.flatnonzero(np.ptp(q, axis=0) < MOVES)
     if not len(still):
         return None
-    message = f"joint {listed(still)} never moves: what depends on it stays at its tolerance; measure with it moved"
+    message = (
+        f"joint {listed(still)} never moves: what depends on it stays at its tolerance; "
+        "measure with it moved"
+    )
     return Finding("joint_never_moves", "warning", message, {"joints": [int(j) + 1 for j in still]})
 
 
@@ -73,7 +79,8 @@ def _equal_joints(robot: Robot, q: Array) -> list[Finding]:
         Finding(
             "duplicate_columns",
             "warning",
-            f"joints {a + 1} and {b + 1} hold the same numbers in every row; a column was taken twice",
+            f"joints {a + 1} and {b + 1} hold the same numbers in every row; a column "
+            "was taken twice",
             {"joints": [a + 1, b + 1]},
         )
         for a, b in equal_columns(q)
@@ -88,8 +95,9 @@ def _one_at_a_time(robot: Robot, q: Array) -> Finding | None:
     if part < _ALONE or (np.ptp(q, axis=0) > MOVES).sum() < 3:
         return None
     message = (
-        f"in {100 * part:.0f} % of the rows at most one joint has left its usual position: errors that only show when "
-        "joints move together are not seen; add configurations with all joints moved"
+        f"in {100 * part:.0f} % of the rows at most one joint has left its usual position: errors "
+        "that only show when joints move together are not seen; add configurations with "
+        "all joints moved"
     )
     return Finding("one_joint_at_a_time", "warning", message, {"rows_percent": 100 * part})
 
@@ -99,7 +107,10 @@ def _repeated(q: Array) -> Finding | None:
     repeated = len(q) - int(groups.max()) - 1
     if not repeated:
         return None
-    message = f"{repeated} rows repeat the joint positions of another row; they count, but show nothing new"
+    message = (
+        f"{repeated} rows repeat the joint positions of another row; they count, but "
+        "show nothing new"
+    )
     return Finding(
         "repeated_configurations",
         "note",

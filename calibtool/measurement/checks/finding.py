@@ -1,4 +1,4 @@
-"""A finding: something about the measurements that people should know, with the numbers behind it."""
+"""A finding: a statement about the measurements with the numbers behind it."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
@@ -10,7 +10,10 @@ Numbers = dict[str, float | int | list[float]]
 
 @dataclass(frozen=True)
 class Finding:
-    """One named finding; `warning` asks for a decision, `note` only informs. Units are in the keys of `numbers`."""
+    """One named finding; `warning` asks for a decision, `note` only informs.
+
+    Units are in the keys of `numbers`.
+    """
 
     name: str
     severity: Severity

@@ -1,4 +1,6 @@
-"""Import of what instruments write: tables by header or by map, SpatialAnalyzer's points, Excel sheets, joint files."""
+"""Import of what instruments write: tables by header or by map, SpatialAnalyzer's points, Excel
+sheets, joint files.
+"""
 
 from calibtool.measurement.importing.assemble import (
     Imported,
@@ -8,10 +10,10 @@ from calibtool.measurement.importing.assemble import (
     read_table,
 )
 from calibtool.measurement.importing.column_map import ColumnMap, parse_column_map
-from calibtool.measurement.importing.commanded import CommandedFile
+from calibtool.measurement.importing.commanded_targets import CommandedFile
 from calibtool.measurement.importing.header import Stated
 from calibtool.measurement.importing.preview import preview
-from calibtool.measurement.importing.rows import choose_rows, select_rows
+from calibtool.measurement.importing.row_selection import choose_rows, select_rows
 
 __all__ = [
     "ColumnMap",

@@ -1,36 +1,39 @@
-"""Instrument tables → measurements and their companions; unknown parts of the set-up are registered afterwards."""
+"""Instrument tables → measurements and their auxiliary; unknown parts of the set-up are
+registered afterwards.
+"""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from calibtool.errormodel.conditions import Conditions, directions
+from calibtool.errormodel.operating_conditions import Conditions, directions
 from calibtool.errors import InputError, NoSolutionError
-from calibtool.measurement.companions import Companions
+from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.importing.column_map import ColumnMap, Frame
-from calibtool.measurement.importing.commanded import (
+from calibtool.measurement.importing.commanded_targets import (
     CommandedFile,
     commanded_poses,
     join_commanded,
     of_kept_rows,
 )
 from calibtool.measurement.importing.header import Stated, complete_map
-from calibtool.measurement.importing.joining import JOIN_TOLERANCE, Join, join_rows
-from calibtool.measurement.importing.known import known_setup
+from calibtool.measurement.importing.joint_files import JOIN_TOLERANCE, Join, join_rows
+from calibtool.measurement.importing.known_setup import known_setup
 from calibtool.measurement.importing.readings import (
-    read_companions,
+    read_auxiliary,
     read_joints,
     read_payload,
     read_points,
     read_rotations,
 )
-from calibtool.measurement.importing.rows import choose_rows, line_ranges
-from calibtool.measurement.importing.sources import Source, read_source
+from calibtool.measurement.importing.row_selection import choose_rows, line_ranges
+from calibtool.measurement.importing.sources import SourceTable, read_source
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.registration import register
+from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 from calibtool.tables import Table
 
@@ -52,7 +55,7 @@ class JointFile(NamedTuple):
 class Understood:
     """How the files were read: for people, before anything is written (`preview.preview`)."""
 
-    source: Source
+    source: SourceTable
     columns: ColumnMap
     joints_name: str
     noise_stated: bool
@@ -61,25 +64,27 @@ class Understood:
 
 
 class Imported(NamedTuple):
-    """Measurements, warnings, what stands beside the measurements, and how the files were understood."""
+    """Measurements, warnings, what stands beside the measurements, and how the files
+    were understood.
+    """
 
     measurements: Measurements
     warnings: list[str]
-    companions: Companions
+    auxiliary: AuxiliaryReadings
     understood: Understood
 
     def split(
         self, rows: str | None, sample: int | None, seed: int
     ) -> "tuple[Imported, Imported | None]":
         """The chosen rows and the rest (None if there is none), see `rows.choose_rows`."""
-        taken, left = choose_rows(len(self.measurements), rows, sample, seed)
-        return self.rows(taken), self.rows(left) if len(left) else None
+        taken, rest = choose_rows(len(self.measurements), rows, sample, seed)
+        return self.rows(taken), self.rows(rest) if len(rest) else None
 
     def rows(self, index: np.ndarray) -> "Imported":
         """Some of the rows: their indices (k,)."""
         return self._replace(
             measurements=self.measurements.rows(index),
-            companions=self.companions.rows(index),
+            auxiliary=self.auxiliary.rows(index),
             understood=replace(self.understood, lines=self.understood.lines[index]),
         )
 
@@ -90,12 +95,11 @@ class Imported(NamedTuple):
     def registered(self) -> "Imported":
         """The same with the unknown parts of the set-up fitted to these rows (nominal robot).
 
-        Raises NoSolutionError for too few rows; a warning about the table goes along, it may tell why.
+        Raises NoSolutionError for too few rows; a warning about the table goes along,
+        it may tell why.
         """
-        count = len(self.measurements)
         used = self.measurements
-        if count > REGISTRATION_ROWS:
-            used = used.rows(np.linspace(0, count - 1, REGISTRATION_ROWS).astype(int))
+        used = used.rows(spread_rows(len(used), REGISTRATION_ROWS))
         try:
             return self.with_setup(register(used))
         except NoSolutionError as error:
@@ -113,7 +117,9 @@ def import_table(
     robot_targets: bool = False,
     joint_values: JointValues | None = None,
 ) -> Imported:
-    """Measurements from a table, registered to all of its rows: `read_table(…).registered()`, which see."""
+    """Measurements from a table, registered to all of its rows:
+    `read_table(…).registered()`, which see.
+    """
     return read_table(
         data,
         name,
@@ -141,15 +147,18 @@ def read_table(
     joint_values: JointValues | None = None,
     commanded: CommandedFile | None = None,
 ) -> Imported:
-    """Measurements and companions from the contents of a file; nothing of the set-up is estimated yet.
+    """Measurements and auxiliary from the contents of a file; nothing of the set-up
+    is estimated yet.
 
-    columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame: overrides the map's.
-    robot_targets: the targets are those of the robot's description, in their order. format, sheet, layout: see
-    `sources.read_source`. stated: units and convention where the header is silent. joints: their own file. joint_values:
-    whose they are where the header does not say it (`Robot.joint_values`); overrides the map's. commanded: targets
-    whose corrected joints the arm was driven to.
-    Raises InputError for a bad cell, column or target set, UsageError for options that do not fit
-    the file, and for joint values of which nothing says whose they are, where it matters.
+    columns: what it leaves out is taken from the header's names (docs/file-formats.md). frame:
+    overrides the map's.
+    robot_targets: the targets are those of the robot's description, in their order. format, sheet,
+    layout: see `sources.read_source`. stated: units and convention where the header is silent.
+    joints: their own file. joint_values: whose they are where the header does not state it
+    (`Robot.joint_values`); overrides the map's. commanded: targets whose corrected joints the arm
+    was driven to. Raises InputError for a bad cell, column or target set, UsageError for options
+    that do not fit the file, and for joint values of which nothing states whose they are, where it
+    matters.
     """
     how = {"delimiter": columns.delimiter, "decimal": columns.decimal} if columns else {}
     source = read_source(data, name, format, sheet=sheet, layout=layout, **how)
@@ -171,10 +180,10 @@ def read_table(
     mapped = columns is not None and columns.joints is not None
     complete = complete_map(source, joint_table, robot, columns, stated)
     assert complete.joints is not None
-    said = complete.joints.values
+    stated_values = complete.joints.values
     if mapped and joint_values is not None:
-        said = joint_values
-    values = robot.joint_values(joint_table.name, said, joint_values)
+        stated_values = joint_values
+    values = robot.joint_values(joint_table.name, stated_values, joint_values)
     complete = complete.with_joint_values(values)
     assert complete.joints is not None
     table = source.table
@@ -193,7 +202,7 @@ def read_table(
         why = " (0, 0, 0 is not seen)" if zero[row].any() else ""
         raise InputError(f"{table.place(row)}: no target was measured in this row{why}")
     rotations = None if complete.pose is None else readonly(read_rotations(table, complete.pose))
-    companions = read_companions(table, joint_table, robot, complete, q)
+    auxiliary = read_auxiliary(table, joint_table, robot, complete, q)
     measurements = Measurements(
         robot=robot,
         q=readonly(q),
@@ -209,7 +218,7 @@ def read_table(
             payload_kg=None
             if complete.payload is None
             else readonly(read_payload(table, complete.payload)),
-            temperature_c=companions.temperature_c if _whole(companions.temperature_c) else None,
+            temperature_c=auxiliary.temperature_c if _whole(auxiliary.temperature_c) else None,
         ),
         commanded=None if targets is None else commanded_poses(targets, robot, joint_values),
     )
@@ -228,14 +237,15 @@ def read_table(
         ignored=_ignored(source, joint_table, complete),
         lines=np.array(table.lines),
     )
-    return Imported(measurements, warnings, companions, understood)
+    return Imported(measurements, warnings, auxiliary, understood)
 
 
 def _lacking(table: Table, columns: ColumnMap, seen: np.ndarray) -> list[str]:
     """A warning per target that is missing somewhere, with every line."""
     return [
-        f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in {int((~seen[:, i]).sum())} of {len(seen)} "
-        f"rows; their other targets count: line {line_ranges([table.lines[k] for k in _rows(~seen[:, i])])}"
+        f"{table.name}: target {i + 1} ({target.columns[0]} …) is missing in "
+        f"{int((~seen[:, i]).sum())} of {len(seen)} rows; their other targets count: line "
+        f"{line_ranges([table.lines[k] for k in _rows(~seen[:, i])])}"
         for i, target in enumerate(columns.targets)
         if not seen[:, i].all()
     ]
@@ -256,11 +266,12 @@ def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str
         return []
     first = table.place(int(np.argmax(outside)))
     return [
-        f"{first}: {int(outside.sum())} of {len(outside)} rows are outside the joint limits of {robot.name}; kept"
+        f"{first}: {int(outside.sum())} of {len(outside)} rows are outside the joint limits of "
+        f"{robot.name}; kept"
     ]
 
 
-def _ignored(source: Source, joints: Table, columns: ColumnMap) -> dict[str, list[str]]:
+def _ignored(source: SourceTable, joints: Table, columns: ColumnMap) -> dict[str, list[str]]:
     """Columns of each file that nothing is read from."""
     of_joints = {
         column for part in (columns.joints, columns.joints_read) if part for column in part.columns

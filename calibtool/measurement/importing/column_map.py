@@ -1,4 +1,6 @@
-"""The column map: which column of a table is what, in which unit, by which convention (`--columns MAP.toml`)."""
+"""The column map: which column of a table is what, in which unit, by which convention
+(`--columns MAP.toml`).
+"""
 
 import re
 from typing import Annotated, Literal
@@ -18,7 +20,10 @@ TimeUnit = Literal["s", "ms", "iso"]
 Frame = Literal["base", "unknown"]
 Triple = Annotated[list[str], Field(min_length=3, max_length=3)]
 
-CONVENTIONS = "intrinsic-xyz, extrinsic-xyz (any axes), zyx (= intrinsic-zyx), rotation-vector, quaternion-wxyz, -xyzw"
+CONVENTIONS = (
+    "intrinsic-xyz, extrinsic-xyz (any axes), zyx (= intrinsic-zyx), rotation-vector, "
+    "quaternion-wxyz, -xyzw"
+)
 
 
 class _Strict(BaseModel):
@@ -26,7 +31,9 @@ class _Strict(BaseModel):
 
 
 class JointColumns(_Strict):
-    """One column per joint, in the robot's order; one unit for all, or a list; whose values they are."""
+    """One column per joint, in the robot's order; one unit for all, or a list; whose
+    values they are.
+    """
 
     columns: list[str]
     unit: Literal["deg", "rad", "mm", "m"] | list[Literal["deg", "rad", "mm", "m"]]
@@ -38,7 +45,9 @@ class JointColumns(_Strict):
 
 
 class TargetColumns(_Strict):
-    """A target point: measured coordinates, or nominal ones and errors; `on_tool_mm` where its place is known."""
+    """A target point: measured coordinates, or nominal ones and errors; `on_tool_mm` where
+    its place is known.
+    """
 
     measured: Triple | None = None
     nominal: Triple | None = None
@@ -112,7 +121,9 @@ class PayloadColumn(_Strict):
 
 
 class JoinColumns(_Strict):
-    """Which columns bring a row of the table and a row of the joint file together: names, or time stamps with a unit."""
+    """Which columns bring a row of the table and a row of the joint file together: names, or time
+    stamps with a unit.
+    """
 
     measured: str
     joints: str
@@ -150,7 +161,7 @@ class ColumnMap(_Strict):
     noise: Noise = Noise()
 
     def with_joint_values(self, values: JointValues) -> "ColumnMap":
-        """The same with whose joint values they are; those read back too, unless they say it."""
+        """The same with whose joint values they are; those read back too, unless they state it."""
         joints, read = self.joints, self.joints_read
         if joints is not None:
             joints = joints.model_copy(update={"values": values})
@@ -182,7 +193,9 @@ def parse_column_map(text: str, name: str) -> ColumnMap:
 
 
 def check_convention(value: str) -> None:
-    """ValueError unless `value` names an orientation: Euler angles say whether the axes turn along (`intrinsic`)."""
+    """ValueError unless `value` names an orientation: Euler angles say whether the axes turn
+    along (`intrinsic`).
+    """
     if value in ("zyx", "rotation-vector", "quaternion-wxyz", "quaternion-xyzw"):
         return
     match = re.fullmatch(r"(intrinsic|extrinsic|fixed)-([xyz])([xyz])([xyz])", value)

@@ -17,16 +17,19 @@ _ROWS = 1_048_576  # of a sheet
 def parse_workbook(
     data: bytes, name: str, sheet: str | None = None, decimal: str | None = None
 ) -> Table:
-    """The first sheet of a workbook, or the named one, as a table; line numbers are those of the sheet.
+    """The first sheet of a workbook, or the named one, as a table; line numbers are
+    those of the sheet.
 
-    Formulas give the value stored with them. Raises UsageError without openpyxl or for an unknown sheet, InputError for
-    what is no workbook, an empty sheet, a repeated column or a cell outside the header's columns.
+    Formulas give the value stored with them. Raises UsageError without openpyxl or for an unknown
+    sheet, InputError for what is no workbook, an empty sheet, a repeated column or a cell outside
+    the header's columns.
     """
     try:
         import openpyxl
     except ImportError:
         raise UsageError(
-            f"{name}: reading Excel files needs openpyxl; pip install 'calibtool[excel]', or save the sheet as CSV"
+            f"{name}: reading Excel files needs openpyxl; pip install 'calibtool[excel]', or save "
+            "the sheet as CSV"
         ) from None
     try:
         _check_size(data, name)
@@ -50,7 +53,10 @@ def parse_workbook(
 
 
 def _check_size(data: bytes, name: str) -> None:
-    """InputError for a workbook that unpacks to far more than tables do. (Python unpacks no more than is stated.)"""
+    """InputError for a workbook that unpacks to far more than tables do.
+
+    (Python unpacks no more than is stated.)
+    """
     with ZipFile(io.BytesIO(data)) as archive:
         size = sum(member.file_size for member in archive.infolist())
     if size > _ROOM + _PACKED * len(data):

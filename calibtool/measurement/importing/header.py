@@ -1,4 +1,4 @@
-"""What the names of a header stand for: the parts of a column map that no file gives."""
+"""Meaning of the names of a header: the parts of a column map that no file gives."""
 
 import re
 from collections.abc import Sequence
@@ -21,8 +21,8 @@ from calibtool.measurement.importing.column_map import (
     TimeUnit,
     check_convention,
 )
-from calibtool.measurement.importing.sources import Source
-from calibtool.robot.model import Robot
+from calibtool.measurement.importing.sources import SourceTable
+from calibtool.robot.robot import Robot
 from calibtool.tables import Table, joint_columns_of, pose_columns_of, stated_values, unit_of
 
 _LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")
@@ -33,11 +33,12 @@ _ANGLES = (("rx", "ry", "rz"), ("a", "b", "c"), ("roll", "pitch", "yaw"))
 
 @dataclass(frozen=True)
 class Stated:
-    """What the user says where a header is silent: all None where nothing is said.
+    """Units and conventions that the user states where a header does not; None where not stated.
 
     unit         of lengths: mm, m or in
     angle_unit   deg or rad
-    convention   of three angles: `intrinsic-…`, `extrinsic-…`, `zyx`, `rotation-vector` (docs/file-formats.md)
+    convention   of three angles: `intrinsic-…`, `extrinsic-…`, `zyx`, `rotation-vector`
+                 (docs/file-formats.md)
     """
 
     unit: LengthUnit | None = None
@@ -46,12 +47,14 @@ class Stated:
 
 
 def complete_map(
-    source: Source, joints: Table, robot: Robot, given: ColumnMap | None, stated: Stated
+    source: SourceTable, joints: Table, robot: Robot, given: ColumnMap | None, stated: Stated
 ) -> ColumnMap:
-    """The map with every part that it leaves out taken from the names of the headers (docs/file-formats.md).
+    """The map with every part that it leaves out taken from the names of the headers
+    (docs/file-formats.md).
 
-    source: the measured values; joints: the table that holds the joint values, the same one unless they have their own.
-    Raises InputError where names or units are missing, or contradict what is stated.
+    source: the measured values; joints: the table that holds the joint values, the same one
+    unless they have their own. Raises InputError where names or units are missing, or
+    contradict what is stated.
     """
     table, given = source.table, given or ColumnMap()
     found: dict[str, object] = {
@@ -75,8 +78,9 @@ def complete_map(
     found_convention = complete.pose.convention if complete.pose else "no orientation"
     if stated.convention not in (None, found_convention):
         raise InputError(
-            f"{table.name}: --convention {stated.convention}, but the columns hold {found_convention}; name three angles "
-            "rx_deg ry_deg rz_deg, or map them with --columns MAP.toml"
+            f"{table.name}: --convention {stated.convention}, but the columns hold "
+            f"{found_convention}; name three angles rx_deg ry_deg rz_deg, or map them with "
+            "--columns MAP.toml"
         )
     return complete
 
@@ -103,7 +107,7 @@ def _payload(table: Table) -> PayloadColumn | None:
     return PayloadColumn(column="payload_kg", unit="kg") if "payload_kg" in table.header else None
 
 
-def _joints(table: Table, robot: Robot, source: Source, stated: Stated) -> JointColumns:
+def _joints(table: Table, robot: Robot, source: SourceTable, stated: Stated) -> JointColumns:
     columns = joint_columns_of(table, robot)
     if columns is not None:
         found = {
@@ -114,7 +118,8 @@ def _joints(table: Table, robot: Robot, source: Source, stated: Stated) -> Joint
         return JointColumns.model_validate(found)
     if source.points is not None and table is source.table:
         raise InputError(
-            f"{table.name}: a list of points holds no joint values; give their file with --joints FILE"
+            f"{table.name}: a list of points holds no joint values; give their file "
+            "with --joints FILE"
         )
     bare = [f"j{i + 1}" for i in range(robot.n)]
     if not all(column in table.header for column in bare):
@@ -130,8 +135,9 @@ def _joints(table: Table, robot: Robot, source: Source, stated: Stated) -> Joint
             else "--angle-unit deg|rad"
         )
         raise InputError(
-            f"{table.name}: the unit of column '{bare[units.index(None)] if None in units else bare[0]}' is not stated; "
-            f"name it {robot.columns(None)[0]} …, or give {option}"
+            f"{table.name}: the unit of column "
+            f"'{bare[units.index(None)] if None in units else bare[0]}' is not stated; name it "
+            f"{robot.columns(None)[0]} …, or give {option}"
         )
     return JointColumns.model_validate({"columns": bare, "unit": units})
 
@@ -156,13 +162,15 @@ def _joints_read(table: Table, robot: Robot) -> JointColumns | None:
     )
 
 
-def _measured(source: Source, stated: Stated) -> dict[str, object]:
-    """Targets or pose by name: `t1_x_mm …`, `t1_nominal_x_mm …` with `t1_error_x_mm …`, `x_mm y_mm z_mm`, a pose."""
+def _measured(source: SourceTable, stated: Stated) -> dict[str, object]:
+    """Targets or pose by name: `t1_x_mm …`, `t1_nominal_x_mm …` with `t1_error_x_mm …`, `x_mm
+    y_mm z_mm`, a pose.
+    """
     table = source.table
     if source.points is not None:
         if stated.unit is None:
             raise InputError(
-                f"{table.name}: a list of points does not say its unit; give --unit mm, m or in"
+                f"{table.name}: a list of points does not state its unit; give --unit mm, m or in"
             )
         return {
             "targets": [TargetColumns(measured=c, unit=stated.unit) for c in source.points.columns]
@@ -177,8 +185,8 @@ def _measured(source: Source, stated: Stated) -> dict[str, object]:
     if position is not None:
         return {"targets": [TargetColumns(measured=position[0], unit=position[1])]}
     raise InputError(
-        f"{table.name}: no measured points: expected t1_x_mm t1_y_mm t1_z_mm …, x_mm y_mm z_mm or a pose, "
-        "or map the columns with --columns MAP.toml"
+        f"{table.name}: no measured points: expected t1_x_mm t1_y_mm t1_z_mm …, x_mm y_mm "
+        "z_mm or a pose, or map the columns with --columns MAP.toml"
     )
 
 
@@ -208,7 +216,10 @@ def _references(table: Table, stated: Stated) -> list[ReferenceColumns]:
 def _numbered(
     table: Table, pattern: re.Pattern[str], stated: Stated
 ) -> list[tuple[int, LengthUnit, str]]:
-    """Number, unit and the suffix of the columns of numbered points, by number. InputError for two units or none."""
+    """Number, unit and the suffix of the columns of numbered points, by number.
+
+    InputError for two units or none.
+    """
     found: dict[int, tuple[str, str | None]] = {}
     for column in table.header:
         match = pattern.fullmatch(column)
@@ -232,7 +243,8 @@ def _length(unit: str | None, column: str, table: Table) -> LengthUnit:
         if unit == known:
             return known
     raise InputError(
-        f"{table.name}: the unit of column '{column}' is not stated; name it {column}_mm (_m, _in), or give --unit mm|m|in"
+        f"{table.name}: the unit of column '{column}' is not stated; name it {column}_mm (_m, "
+        "_in), or give --unit mm|m|in"
     )
 
 
@@ -246,7 +258,10 @@ def _position(table: Table, stated: Stated) -> tuple[list[str], LengthUnit] | No
 
 
 def _pose(table: Table, stated: Stated) -> PoseColumns | None:
-    """A position with an orientation beside it. Three angles without a convention are refused, never guessed."""
+    """A position with an orientation beside it.
+
+    Three angles without a convention are refused, never guessed.
+    """
     position = _position(table, stated)
     if position is None:
         return None
@@ -281,8 +296,8 @@ def _pose(table: Table, stated: Stated) -> PoseColumns | None:
                     )
                     known = CONVENTIONS if stated.convention is None else "deg or rad"
                     raise InputError(
-                        f"{table.name}: the {what} of the orientation {' '.join(angles)} is not stated; "
-                        f"give {option}: {known}"
+                        f"{table.name}: the {what} of the orientation {' '.join(angles)} "
+                        f"is not stated; give {option}: {known}"
                     )
                 return _pose_columns(position, angles, stated.convention, unit)
     return None

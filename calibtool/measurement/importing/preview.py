@@ -1,4 +1,4 @@
-"""How a table was understood, in words: what `import --dry-run` shows."""
+"""Description of how a table was understood, as `import --dry-run` prints it."""
 
 import numpy as np
 
@@ -6,17 +6,18 @@ from calibtool.errors import NoSolutionError
 from calibtool.measurement.importing.assemble import Imported
 from calibtool.measurement.importing.column_map import ColumnMap
 from calibtool.measurement.observation import residuals
-from calibtool.robot.model import Robot
+from calibtool.robot.robot import Robot
 from calibtool.units import TO_SI
 
 _FIRST_ROWS = 3
 
 
 def preview(imported: Imported) -> str:
-    """Robot, columns, units, frame, noise, numbers of rows, columns not used, and the first rows as understood.
+    """Robot, columns, units, frame, noise, numbers of rows, columns not used, and the first
+    rows as understood.
 
-    The last lines say how well the nominal robot fits once the unknown parts of the set-up are registered: a wrong unit,
-    order of joints or Euler convention shows there.
+    The last lines say how well the nominal robot fits once the unknown parts of the set-up are
+    registered: a wrong unit, order of joints or Euler convention shows there.
     """
     measurements, _, _, understood = imported
     robot, columns, table = measurements.robot, understood.columns, understood.source.table
@@ -78,7 +79,10 @@ def preview(imported: Imported) -> str:
 def _spelling(imported: Imported) -> str:
     source = imported.understood.source
     if source.points is not None:
-        return f"SpatialAnalyzer points, layout {source.points.layout}, targets {', '.join(source.points.targets)}"
+        return (
+            f"SpatialAnalyzer points, layout {source.points.layout}, targets "
+            f"{', '.join(source.points.targets)}"
+        )
     if source.format == "excel":
         return "Excel sheet"
     named = {",": "comma", ";": "semicolon", "\t": "tab", " ": "blanks"}.get(
@@ -105,7 +109,7 @@ def _joints(columns: ColumnMap, robot: Robot) -> str:
 
 
 def _beside(imported: Imported) -> list[str]:
-    companions, columns = imported.companions, imported.understood.columns
+    auxiliary, columns = imported.auxiliary, imported.understood.columns
     result = []
     if columns.time is not None:
         result.append(f"time stamps {columns.time.column} [{columns.time.unit}]")
@@ -113,8 +117,8 @@ def _beside(imported: Imported) -> list[str]:
         result.append(f"payload {columns.payload.column} [{columns.payload.unit}]")
     if columns.temperature is not None:
         result.append(f"temperature {columns.temperature.column} [{columns.temperature.unit}]")
-    if companions.reference_points is not None:
-        result.append(f"{companions.reference_points.shape[1]} reference points on the base")
+    if auxiliary.reference_points is not None:
+        result.append(f"{auxiliary.reference_points.shape[1]} reference points on the base")
     return result
 
 
@@ -153,9 +157,13 @@ def _fit(imported: Imported) -> str:
     except NoSolutionError as error:
         return f"nominal robot: {error}"
     poses = measurements.robot.mechanism.forward(measurements.q)
-    left = residuals(measurements, measurements.setup, poses)[:, : 3 * measurements.points.shape[1]]
-    distances = np.linalg.norm(left.reshape(len(left), -1, 3), axis=-1)[measurements.seen] * 1e3
+    residual = residuals(measurements, measurements.setup, poses)[
+        :, : 3 * measurements.points.shape[1]
+    ]
+    distances = (
+        np.linalg.norm(residual.reshape(len(residual), -1, 3), axis=-1)[measurements.seen] * 1e3
+    )
     return (
-        f"nominal robot: {np.sqrt((distances**2).mean()):.3f} mm rms, {distances.max():.3f} mm max from the measured points"
-        + ("" if measurements.setup.known else " after registration")
+        f"nominal robot: {np.sqrt((distances**2).mean()):.3f} mm rms, {distances.max():.3f} mm max "
+        "from the measured points" + ("" if measurements.setup.known else " after registration")
     )

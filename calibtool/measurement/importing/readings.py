@@ -1,10 +1,12 @@
-"""Columns → arrays in metres and radians: joints, target points, sensor orientations, and what stands beside them."""
+"""Columns → arrays in metres and radians: joints, target points, orientations,
+auxiliary readings.
+"""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError
-from calibtool.measurement.companions import Companions
+from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.importing.column_map import (
     ColumnMap,
     JointColumns,
@@ -12,8 +14,8 @@ from calibtool.measurement.importing.column_map import (
     PoseColumns,
     TargetColumns,
 )
-from calibtool.measurement.importing.joining import times
-from calibtool.robot.model import Robot
+from calibtool.measurement.importing.joint_files import times
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.tables import Table, joint_positions
 from calibtool.units import TO_SI
@@ -22,7 +24,10 @@ _CELSIUS = -273.15  # added to K
 
 
 def read_joints(table: Table, robot: Robot, joints: JointColumns) -> Array:
-    """Joint positions (N, n), rad or m. InputError for a wrong number of columns, a unit of the wrong kind, a bad cell."""
+    """Joint positions (N, n), rad or m.
+
+    InputError for a wrong number of columns, a unit of the wrong kind, a bad cell.
+    """
     name, units = table.name, joints.units()
     if len(joints.columns) != robot.n:
         raise InputError(
@@ -33,7 +38,8 @@ def read_joints(table: Table, robot: Robot, joints: JointColumns) -> Array:
     for unit, prismatic, column in zip(units, robot.prismatic, joints.columns, strict=True):
         if (unit in ("mm", "m")) != prismatic:
             raise InputError(
-                f"{name}: column '{column}' is in {unit}, but its joint is {'prismatic' if prismatic else 'revolute'}"
+                f"{name}: column '{column}' is in {unit}, but its joint is "
+                f"{'prismatic' if prismatic else 'revolute'}"
             )
     return robot.serial_from(
         joints.values or "serial", joint_positions(table, robot, joints.columns, units)
@@ -50,14 +56,16 @@ def read_points(table: Table, columns: ColumnMap) -> Array:
 def read_rotations(table: Table, pose: PoseColumns) -> Array:
     """R_instrument_sensor (N, 3, 3) by the convention of the map.
 
-    intrinsic-abc: R = R_a(α) R_b(β) R_c(γ), axes turn along; extrinsic-abc (fixed-abc): R = R_c(γ) R_b(β) R_a(α);
-    zyx is intrinsic-zyx. Raises InputError for another number of columns or a quaternion that is not of length 1.
+    intrinsic-abc: R = R_a(α) R_b(β) R_c(γ), axes turn along; extrinsic-abc (fixed-abc): R = R_c(γ)
+    R_b(β) R_a(α); zyx is intrinsic-zyx. Raises InputError for another number of columns or a
+    quaternion that is not of length 1.
     """
     values = table.numbers(pose.orientation)
     expected = 4 if pose.convention.startswith("quaternion") else 3
     if values.shape[1] != expected:
         raise InputError(
-            f"{table.name}: {pose.convention} takes {expected} columns, {values.shape[1]} are mapped"
+            f"{table.name}: {pose.convention} takes {expected} columns, "
+            f"{values.shape[1]} are mapped"
         )
     if expected == 4:
         lengths = np.linalg.norm(values, axis=-1)
@@ -70,8 +78,8 @@ def read_rotations(table: Table, pose: PoseColumns) -> Array:
     if pose.orientation_unit == "rad" and np.abs(values).max() > 4 * np.pi:
         row, column = (int(i) for i in np.argwhere(np.abs(values) > 4 * np.pi)[0])
         raise InputError(
-            f"{table.place(row)}: column '{pose.orientation[column]}' holds {values[row, column]:g} rad, which looks like "
-            "degrees; state the unit deg"
+            f"{table.place(row)}: column '{pose.orientation[column]}' holds "
+            f"{values[row, column]:g} rad, which looks like degrees; state the unit deg"
         )
     values = values * TO_SI[pose.orientation_unit or "rad"]
     if pose.convention == "rotation-vector":
@@ -90,15 +98,17 @@ def read_payload(table: Table, payload: PayloadColumn) -> Array:
     values = table.numbers([payload.column])[:, 0] * (1e-3 if payload.unit == "g" else 1.0)
     if (values < 0).any():
         raise InputError(
-            f"{table.place(int(np.argmax(values < 0)))}: column '{payload.column}' holds a negative mass"
+            f"{table.place(int(np.argmax(values < 0)))}: column '{payload.column}' holds "
+            "a negative mass"
         )
     return values
 
 
-def read_companions(
+def read_auxiliary(
     table: Table, joints_table: Table, robot: Robot, columns: ColumnMap, q: Array
-) -> Companions:
-    """The columns beside the measurements; joint values come from `joints_table`, all others from the measured table.
+) -> AuxiliaryReadings:
+    """The columns beside the measurements; joint values come from `joints_table`, all others from
+    the measured table.
 
     q (N, n) are the commanded joint positions, rad or m.
     """
@@ -111,7 +121,7 @@ def read_companions(
         celsius = table.optional_numbers([temperature.column])[:, 0] + (
             _CELSIUS if temperature.unit == "K" else 0.0
         )
-    return Companions(
+    return AuxiliaryReadings(
         q_commanded=q,
         q_read=read_joints(joints_table, robot, columns.joints_read)
         if columns.joints_read

@@ -1,4 +1,6 @@
-"""The bytes of a file → its table: text with a header, SpatialAnalyzer's points, or an Excel sheet."""
+"""The bytes of a file → its table: text with a header, SpatialAnalyzer's
+points, or an Excel sheet.
+"""
 
 import codecs
 from dataclasses import dataclass
@@ -18,8 +20,10 @@ FORMATS: tuple[str, ...] = get_args(Format)
 
 
 @dataclass(frozen=True)
-class Source:
-    """What was read, how it was understood; `points` where it is a list of points instead of a table with a header."""
+class SourceTable:
+    """What was read, how it was understood; `points` where it is a list of points instead of a
+    table with a header.
+    """
 
     table: Table
     format: str
@@ -35,11 +39,12 @@ def read_source(
     decimal: str | None = None,
     sheet: str | None = None,
     layout: str | None = None,
-) -> Source:
-    """The table in a file's contents. Without `format` the contents tell: a workbook starts as a zip file, a list of points
-    has numbers where a header would have names.
+) -> SourceTable:
+    """The table in a file's contents.
 
-    Raises InputError for contents that are not of the format, UsageError for an option that is of another format.
+    Without `format` the contents tell: a workbook starts as a zip file, a list of points has
+    numbers where a header would have names. Raises InputError for contents that are not of the
+    format, UsageError for an option that is of another format.
     """
     if format is None and not isinstance(data, str) and data.startswith(ZIP):
         format = "excel"
@@ -48,18 +53,19 @@ def read_source(
     if format == "excel":
         if isinstance(data, str):
             raise UsageError(f"{name}: a workbook is bytes, not text")
-        return Source(parse_workbook(data, name, sheet, decimal), format)
+        return SourceTable(parse_workbook(data, name, sheet, decimal), format)
     text = data if isinstance(data, str) else _decoded(data, name)
     if format is None:
         format = "spatial-analyzer" if looks_like_points(text) else "table"
     if format == "spatial-analyzer":
         points = parse_points(text, name, layout)
-        return Source(points.table, format, points)
+        return SourceTable(points.table, format, points)
     if layout is not None:
         raise UsageError(
-            f"--layout {layout}: {name} is no list of points; give --format spatial-analyzer if it is"
+            f"--layout {layout}: {name} is no list of points; give --format "
+            "spatial-analyzer if it is"
         )
-    return Source(parse_table(text, name, delimiter, decimal), format)
+    return SourceTable(parse_table(text, name, delimiter, decimal), format)
 
 
 def _decoded(data: bytes, name: str) -> str:
@@ -69,5 +75,6 @@ def _decoded(data: bytes, name: str) -> str:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{name}: not a UTF-8 text file (byte {error.start + 1}); save it as UTF-8 or export it as CSV"
+            f"{name}: not a UTF-8 text file (byte {error.start + 1}); save it as UTF-8 or "
+            "export it as CSV"
         ) from None

@@ -1,19 +1,21 @@
-"""SpatialAnalyzer's ASCII points, one measured target per line, brought into one row per configuration.
+"""SpatialAnalyzer's ASCII points, one measured target per line, brought into one row
+per configuration.
 
-A line is `Collection Group Target x y z`, separated by commas or blanks; `//` starts a comment; columns after z (offsets,
-tolerances) are not used. Which name means the configuration and which the target:
+A line is `Collection Group Target x y z`, separated by commas or blanks; `//` starts a
+comment; columns after z (offsets, tolerances) are not used. Which name means the configuration
+and which the target:
 
-| layout    | configuration         | target               | taken without being asked when                     |
-|-----------|-----------------------|----------------------|----------------------------------------------------|
-| `names`   | name before `_ - .`   | the number after it  | every target name ends in such a number (p12_1)    |
-| `groups`  | collection and group  | target name          | otherwise, when there are several groups           |
-| `order`   | a run of lines        | target name          | otherwise, when names repeat (T1 T2 T3 T1 T2 T3 …) |
-| `single`  | every line            | one                  | otherwise                                          |
-| `targets` | target name           | collection and group | only when asked for                                |
+| layout    | configuration         | target               | taken without being asked when    |
+|-----------|-----------------------|----------------------|-----------------------------------|
+| `names`   | name before `_ - .`   | the number after it  | every name ends in one (p12_1)    |
+| `groups`  | collection and group  | target name          | otherwise: several groups         |
+| `order`   | a run of lines        | target name          | otherwise: names repeat           |
+| `single`  | every line            | one                  | otherwise                         |
+| `targets` | target name           | collection and group | only when asked for               |
 
-In `order` a configuration ends where a target is not further on in the order of first appearance. Configurations stay in
-their order of appearance; targets stand in the order of the numbers at the end of their names if all have different ones,
-otherwise in their order of appearance.
+In `order` a configuration ends where a target is not further on in the order of first appearance.
+Configurations stay in their order of appearance; targets stand in the order of the numbers at the
+end of their names if all have different ones, otherwise in their order of appearance.
 """
 
 import re
@@ -41,7 +43,9 @@ class _Point:
 
 @dataclass(frozen=True)
 class PointList:
-    """The table made of a list of points: a column `name`, then `<target> x`, `<target> y`, `<target> z` per target."""
+    """The table made of a list of points: a column `name`, then `<target> x`, `<target> y`,
+    `<target> z` per target.
+    """
 
     table: Table
     targets: tuple[str, ...]
@@ -54,7 +58,9 @@ class PointList:
 
 
 def looks_like_points(text: str) -> bool:
-    """Whether the first line that is no comment is a point: three names, of which not all are numbers, then x, y, z."""
+    """Whether the first line that is no comment is a point: three names, of which not all are
+    numbers, then x, y, z.
+    """
     for line in text_lines(text):
         cells = _cells(line)
         if cells:
@@ -69,7 +75,8 @@ def looks_like_points(text: str) -> bool:
 def parse_points(text: str, name: str, layout: str | None = None) -> PointList:
     """The points of a text, one row per configuration with empty cells for targets that lack.
 
-    Raises InputError with the line for a bad line, a target that a configuration repeats, or names that do not fit.
+    Raises InputError with the line for a bad line, a target that a configuration repeats, or names
+    that do not fit.
     """
     points = _points(text, name)
     chosen = layout or _layout(points, name)
@@ -79,14 +86,15 @@ def parse_points(text: str, name: str, layout: str | None = None) -> PointList:
         seen = configurations.setdefault(configuration, {})
         if target in seen:
             raise InputError(
-                f"{name}:{point.line}: target '{target}' of configuration '{configuration[-1]}' stands in line "
-                f"{seen[target].line} already; keep one, or {_REMEDY}"
+                f"{name}:{point.line}: target '{target}' of configuration '{configuration[-1]}' "
+                f"stands in line {seen[target].line} already; keep one, or {_REMEDY}"
             )
         seen[target] = point
     targets = _ordered(list(dict.fromkeys(target for _, target in keys)))
     if layout is None and len(targets) > max(len(configurations), 3):
         raise InputError(
-            f"{name}: read as {len(configurations)} configurations of {len(targets)} targets; {_REMEDY}"
+            f"{name}: read as {len(configurations)} configurations of {len(targets)} "
+            f"targets; {_REMEDY}"
         )
     header = ["name", *(f"{target} {axis}" for target in targets for axis in "xyz")]
     rows = [
@@ -117,8 +125,8 @@ def _points(text: str, name: str) -> list[_Point]:
         for axis, cell in zip("xyz", cells[3:6], strict=True):
             if not _is_number(cell):
                 raise InputError(
-                    f"{name}:{number}: {axis} holds '{cell}'; expected a number after Collection Group Target "
-                    "(names with blanks need commas between the columns)"
+                    f"{name}:{number}: {axis} holds '{cell}'; expected a number after "
+                    "Collection Group Target (names with blanks need commas between the columns)"
                 )
         points.append(_Point(number, (cells[0], cells[1]), cells[2], cells[3:6]))
     if not points:
@@ -188,7 +196,9 @@ def _keys(points: list[_Point], layout: str, name: str) -> list[tuple[tuple[str,
 
 
 def _labels(keys: Sequence[tuple[str, ...]]) -> list[str]:
-    """The shortest ends of the keys that still tell all of them apart, joined as SpatialAnalyzer does."""
+    """The shortest ends of the keys that still tell all of them apart, joined as
+    SpatialAnalyzer does.
+    """
     for length in range(1, len(keys[0])):
         if len({key[-length:] for key in keys}) == len(keys):
             return ["::".join(key[-length:]) for key in keys]

@@ -1,4 +1,7 @@
-"""Kinds of observation: what an instrument sees of the tool, one file each. A new one is one more line here."""
+"""Kinds of observation, one file each: what an instrument measures of the tool.
+
+A new kind is one more line here.
+"""
 
 from calibtool.measurement.kinds.kind import Kind, Readings
 from calibtool.measurement.kinds.points import TargetPoints

@@ -1,4 +1,6 @@
-"""What a kind of observation is: residuals of a row, their columns, and what of the set-up is free."""
+"""Protocol of a kind of observation: residuals of a row, their columns, and the free part of the
+set-up.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,11 @@ if TYPE_CHECKING:
 
 
 class Readings(NamedTuple):
-    """What was read at N rows: points (N, m, 3), m, NaN for one that was not seen, and rotations (N, 3, 3) or None."""
+    """Readings of N rows.
+
+    points     (N, m, 3) m; NaN for a point that was not seen
+    rotations  (N, 3, 3) or None
+    """
 
     points: Array
     rotations: Array | None = None
@@ -27,11 +33,13 @@ class Readings(NamedTuple):
 
 
 class Kind(ABC):
-    """A kind of observation. Rows have d coordinates in K_0, in m and rad; predicted poses are T_base_tool (N, 4, 4).
+    """A kind of observation.
 
-    id      in files
-    words   for people; `{m}` stands for the number of points
-    arrays  of the set-up beside the targets, by name: (shape, unit, what it is)
+    A row has d coordinates in K_0, in m and rad; predicted poses are T_base_tool (N, 4, 4).
+
+    id      name in files
+    words   description; `{m}` stands for the number of points
+    arrays  of the set-up beside the targets, by name: (shape, unit, description)
     """
 
     id: ClassVar[str]
@@ -40,11 +48,13 @@ class Kind(ABC):
 
     @abstractmethod
     def names(self, points: int) -> tuple[str, ...]:
-        """Names of the free elements of the tool's side of the set-up, which are as many as coordinates of a row (d,)."""
+        """Names (d,) of the free elements of the set-up on the tool, as many as coordinates of a
+        row.
+        """
 
     @abstractmethod
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
-        """Measured (in K_0) minus predicted: (N, d); 0 for what was not seen."""
+        """Measured minus predicted in K_0: (N, d); 0 for what was not seen."""
 
     @abstractmethod
     def matrix(self, setup: Setup, T_base_tool: Array) -> Array:
@@ -52,7 +62,10 @@ class Kind(ABC):
 
     @abstractmethod
     def moved(self, setup: Setup, step: Array) -> Setup:
-        """The set-up after a step (d,) of its free elements: shifts and left turns in the tool frame."""
+        """Set-up after a step (d,) of its free elements.
+
+        Displacements and left-multiplied rotations in the tool frame.
+        """
 
     @abstractmethod
     def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
@@ -60,21 +73,24 @@ class Kind(ABC):
 
     @abstractmethod
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
-        """The readings as points (N, k, 3) of targets (k, 3) on the tool, from which a registration starts.
+        """The readings as points (N, k, 3) of targets (k, 3) on the tool, to start a registration.
 
-        arm: the distance in m at which a turn is worth as much as a shift.
+        arm: distance in m at which a rotation counts as much as a displacement.
         """
 
     @abstractmethod
     def from_points(self, setup: Setup, targets: Array) -> Setup:
-        """The set-up with targets (k, 3) that were found for `as_points`."""
+        """Set-up from targets (k, 3) that were found for `as_points`."""
 
     @abstractmethod
     def in_tool(self, setup: Setup, T_new_tool: Array) -> Setup:
-        """The set-up in another tool frame: T_new_tool (4, 4) is the pose of the present one in it, m."""
+        """The set-up in another tool frame; T_new_tool (4, 4): pose of the present one in it, m."""
 
     def columns(self, setup: Setup, T_base_tool: Array) -> Array:
-        """∂(observation)/∂(free elements): (N, d, d). Shifts and left turns in the tool frame, three by three."""
+        """∂(observation)/∂(free elements): (N, d, d).
+
+        Displacements and left-multiplied rotations in the tool frame, three by three.
+        """
         d = len(self.names(len(setup.targets)))
         columns = np.zeros((len(T_base_tool), d // 3, 3, d // 3, 3))
         for block in range(d // 3):

@@ -1,4 +1,4 @@
-"""Target points on the tool, of which a row may have seen some (Eqs. 18, 19)."""
+"""Target points on the tool, some of which may be unseen in a row (Eqs. 18, 19)."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class TargetPoints(Kind):
         return tuple(f"target{i + 1}.{c}" for i in range(points) for c in "xyz")
 
     def residuals(self, readings: Readings, setup: Setup, T_base_tool: Array) -> Array:
-        left = (readings.points - transform_points(T_base_tool, setup.targets)).reshape(
+        residual = (readings.points - transform_points(T_base_tool, setup.targets)).reshape(
             len(T_base_tool), -1
         )
-        left[~readings.seen.repeat(3, axis=-1)] = 0.0
-        return left
+        residual[~readings.seen.repeat(3, axis=-1)] = 0.0
+        return residual
 
     def matrix(self, setup: Setup, T_base_tool: Array) -> Array:
         """P of Eq. 18, with rows [I, −[p_i]×]."""

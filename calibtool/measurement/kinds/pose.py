@@ -19,7 +19,9 @@ _POINT = TargetPoints()
 
 
 class SensorPose(Kind):
-    """d = 6: x, y, z of the sensor, and a rotation vector; its orientation on the tool is a part of the set-up."""
+    """d = 6: x, y, z of the sensor and a rotation vector; the set-up holds its orientation on the
+    tool.
+    """
 
     id, words = "pose", "6-D pose"
     arrays: ClassVar = {"R_tool_sensor": ((3, 3), "1", "orientation of the 6-D sensor")}
@@ -34,7 +36,7 @@ class SensorPose(Kind):
         return np.concatenate([_POINT.residuals(readings, setup, T_base_tool), turned], axis=-1)
 
     def matrix(self, setup: Setup, T_base_tool: Array) -> Array:
-        """The rows of a point, then [0, I]."""
+        """The rows of a point, followed by [0, I]."""
         turns = np.broadcast_to(np.hstack([np.zeros((3, 3)), np.eye(3)]), (len(T_base_tool), 3, 6))
         return np.concatenate([_POINT.matrix(setup, T_base_tool), turns], axis=1)
 
@@ -51,7 +53,10 @@ class SensorPose(Kind):
         )
 
     def as_points(self, readings: Readings, setup: Setup, arm: float) -> tuple[Array, Array]:
-        """Four points: the sensor's origin and the tips of its axes, as long as makes both kinds of noise alike."""
+        """Four points: origin of the sensor and the tips of its axes.
+
+        The length of the axes makes position noise and orientation noise equal.
+        """
         assert readings.rotations is not None
         tips = readings.points + arm * np.swapaxes(readings.rotations, -1, -2)
         on_tool = setup.targets + arm * _sensor(setup).T

@@ -1,0 +1,167 @@
+"""What a fit found, for people: a few lines, and the table of its parameters."""
+
+import numpy as np
+
+from calibtool.calibration.calibration import Calibration
+from calibtool.calibration.frame_report import frame_report
+from calibtool.equivalent.training import TrainingReport
+from calibtool.identification.identification import Identification
+from calibtool.identification.report import parameter_rows, strongest_correlations
+from calibtool.measurement.checks import design_findings
+
+_CORRELATED = 0.9  # pairs of parameters above it are listed
+
+
+def fit_summary(calibration: Calibration) -> str:
+    """The lines of `fit_lines`, every parameter with its standard deviation, and the pairs that
+    the measurements hardly tell apart.
+    """
+    result = fit_lines(calibration)
+    posterior = calibration.base.posterior
+    if posterior is None:
+        return "\n".join(result)
+    rows = parameter_rows(calibration.base)
+    determined = [row for row in rows if not row.at_prior]
+    width = max((len(row.id) for row in determined), default=0)
+    result.append("parameters:")
+    for row in determined:
+        result.append(
+            f"  {row.id:<{width}}  {row.value:+10.4f} ± {row.std:.4f} {row.unit}"
+            f"  ({row.determined:.0%} determined, tolerance {row.tolerance:.3g})"
+        )
+    others = len(rows) - len(determined)
+    if others:
+        result.append(f"  {others} more stay at zero: these configurations do not determine them")
+    pairs = [pair for pair in strongest_correlations(posterior) if abs(pair[2]) > _CORRELATED]
+    if pairs:
+        result.append("correlations:")
+        result += [f"  {a}, {b}: {value:+.3f}" for a, b, value in pairs]
+    return "\n".join(result)
+
+
+def fit_lines(calibration: Calibration) -> list[str]:
+    """A few lines for people: what was determined, how well it fits, what is suspicious, whether
+    the network helps.
+    """
+    base, training = calibration.base, calibration.training
+    noise = f"stated noise {calibration.noise_position * 1e3:.3g} mm"
+    fit = f"residual {base.residual_rms[0] * 1e3:.3g} mm rms per coordinate, {noise}"
+    if base.residual_rms[1] is not None:
+        fit += (
+            f"; {base.residual_rms[1] * 1e3:.3g} mrad, stated "
+            f"{calibration.noise_orientation * 1e3:.3g}"
+        )
+    result = [
+        f"{base.model}: {calibration.robot.name}, {calibration.configurations} "
+        f"configurations, {fit}"
+    ]
+    if base.posterior is not None:
+        result += _complete_lines(calibration)
+    elif base.model == "local-poe":
+        result += _rank_lines(base)
+    report = frame_report(calibration)
+    result += [] if report is None else report.lines()
+    result += [str(finding) for finding in design_findings(calibration.robot, calibration.q)]
+    if base.flagged is not None and len(base.flagged.rows):
+        result += _flagged_lines(calibration)
+    validation = calibration.validation
+    if validation is not None:
+        verdict = f"cross-validated gain {validation}"
+        members = (
+            "" if training is None else f"{training.effective:.1f} effective weights of a member"
+        )
+        used = (
+            f"{len(calibration.networks)} members, {members}"
+            if calibration.networks
+            else "not used"
+        )
+        result.append(f"network: {used} ({verdict})")
+    elif training is not None:
+        gain = loss_reduction(training)
+        judged = "validation" if len(training.validation_rows) else "training"
+        if calibration.network is None:
+            result.append(f"network: not used, it does not lower the {judged} loss ({gain:+.1f} %)")
+        else:
+            result.append(
+                f"network: {training.hidden} hidden nodes, {training.loss} loss, "
+                f"{training.optimiser}, iteration {training.history.chosen}, {judged} loss "
+                f"{-gain:+.1f} %"
+            )
+    return result
+
+
+def _rank_lines(base: Identification) -> list[str]:
+    result = []
+    if base.parameters:
+        kept = base.singular_values[: base.rank]
+        result.append(
+            f"rank {base.rank} of {base.parameters} parameters ({base.observable_rank} could "
+            f"be determined), singular values {kept[-1]:.3g} to {kept[0]:.3g}, "
+            f"{base.iterations} iterations"
+        )
+    if base.unobservable:
+        missing = base.observable_rank - base.rank
+        result.append(
+            f"warning: {missing} directions are not observable from these configurations, such as "
+            f"{base.unobservable[0]}"
+        )
+    return result
+
+
+def _complete_lines(calibration: Calibration) -> list[str]:
+    base = calibration.base
+    posterior = base.posterior
+    assert posterior is not None
+    parameters = posterior.parameters
+    told = [
+        part.family.told(calibration.robot, base.errors[part.family.id], part.free)
+        for part in parameters.parts
+        if not part.family.always
+    ]
+    functions = ", ".join(told) or "geometry alone"
+    estimated = posterior.noise_factor * calibration.noise_position * 1e3
+    result = [
+        f"{posterior.effective:.1f} of {base.observable_rank} directions determined "
+        f"({parameters.count} parameters), {functions}, estimated noise {estimated:.3g} mm, "
+        f"{base.iterations} iterations"
+    ]
+    if not 0.5 <= posterior.noise_factor <= 2.0:
+        result.append(
+            f"warning: the residuals show {estimated:.3g} mm of noise, stated are "
+            f"{calibration.noise_position * 1e3:.3g} mm: either the statement is wrong or the "
+            "robot does what the model cannot describe"
+        )
+    if base.unobservable:
+        names = ", ".join(base.unobservable[:6]) + (" …" if len(base.unobservable) > 6 else "")
+        result.append(
+            f"{len(base.unobservable)} parameters stay at their tolerance (not observable "
+            f"here): {names}"
+        )
+    return result
+
+
+def _flagged_lines(calibration: Calibration) -> list[str]:
+    flagged = calibration.base.flagged
+    assert flagged is not None
+    done = (
+        "left out"
+        if flagged.dropped
+        else "kept; --loss-function cauchy lowers their weight, --drop-flagged leaves them out"
+    )
+    count = len(flagged.rows)
+    result = [f"warning: {count} {'row does' if count == 1 else 'rows do'} not fit ({done})"]
+    order = np.argsort(-flagged.deviation)[:5]
+    result += [
+        f"  configuration {flagged.rows[k] + 1}: {flagged.position[k] * 1e3:.3g} mm, "
+        f"{flagged.deviation[k]:.1f} times the noise"
+        for k in order
+    ]
+    if flagged.cluster:
+        result.append(f"  {flagged.cluster}")
+    return result
+
+
+def loss_reduction(training: TrainingReport) -> float:
+    """Reduction of the loss by the best network, in percent."""
+    without = training.loss_without
+    return 100.0 * (1.0 - float(training.restart_losses.min()) / without) if without > 0 else 0.0

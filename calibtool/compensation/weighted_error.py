@@ -1,0 +1,100 @@
+"""The weighted pose error: what corrections lower, and what they are judged by."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
+from calibtool.errors import UsageError
+from calibtool.robot.damped_least_squares import at_point
+from calibtool.robot.se3 import Array, log3
+
+Weights = tuple[float, ...]
+
+
+def weighted_error(pose: Array, commanded: Array, length: float) -> Array:
+    """e = ((p − p_c) / length, log3(R R_cᵀ)) in K_0, rad: displacement of the tool point, rotation.
+
+    pose and commanded (N, 4, 4) T_base_tool, length (m) the robot's characteristic one: (N, 6).
+    """
+    turn = log3(pose[:, :3, :3] @ np.swapaxes(commanded[:, :3, :3], -1, -2))
+    return np.concatenate([(pose[:, :3, 3] - commanded[:, :3, 3]) / length, turn], axis=-1)
+
+
+def weighted_jacobian(jacobian: Array, pose: Array, length: float) -> Array:
+    """∂e/∂q to first order: a spatial Jacobian in K_0 (N, 6, c) seen at the tool point of `pose`.
+
+    pose (N, 4, 4), length in m as for `weighted_error`.
+    """
+    result = at_point(jacobian, pose[:, :3, 3])
+    result[:, :3] /= length
+    return result
+
+
+@dataclass(frozen=True)
+class Task:
+    """The components of a pose error that a correction makes up for.
+
+    All six for n ≥ 6, in K_0. For fewer joints those along the axes of the commanded tool that are
+    no virtual joints of the equivalent robot, as many as there are joints; or those with a weight.
+
+    components   their indices among x, y, z, rx, ry, rz; None for all six
+    weights      their weights; None for 1 each
+    """
+
+    components: tuple[int, ...] | None
+    weights: Weights | None = None
+
+    @classmethod
+    def of(cls, equivalent: EquivalentRobot, weights: Weights | None = None) -> "Task":
+        """The task of an equivalent robot; weights of x, y, z, rx, ry, rz make another one.
+
+        Raises UsageError for weights that are not six finite ones ≥ 0, n or more of them positive,
+        and for weights where six joints or more make up for everything.
+        """
+        if weights is None:
+            if not equivalent.virtual_joints:
+                return cls(None)
+            virtual = equivalent.virtual_joints
+            return cls(tuple(i for i, name in enumerate(ELEMENTARY) if name not in virtual))
+        n = equivalent.n
+        if n >= 6:
+            raise UsageError(f"weights are for robots with fewer than six joints; this one has {n}")
+        if len(weights) != 6 or not all(0.0 <= weight < np.inf for weight in weights):
+            raise UsageError(
+                "weights are six numbers, not negative, for x, y, z, rx, ry, rz of the tool, "
+                "for example 1,1,1,0,0,1"
+            )
+        components = tuple(i for i, weight in enumerate(weights) if weight > 0.0)
+        if len(components) < n:
+            raise UsageError(
+                f"{len(components)} weights are positive, but {n} joints need {n} or more"
+            )
+        return cls(components, tuple(weights[i] for i in components))
+
+    @property
+    def is_part(self) -> bool:
+        """Whether the whole pose error has more components than the task."""
+        return self.components is not None and self.weights is None
+
+    def of_jacobian(self, jacobian: Array, commanded: Array) -> Array:
+        """Rows of a weighted Jacobian (N, 6, c) in K_0 for commanded poses (N, 4, 4): (N, k, c)."""
+        if self.components is None:
+            return jacobian
+        R_tool_base = np.swapaxes(commanded[:, :3, :3], -1, -2)
+        turned = np.concatenate(
+            [R_tool_base @ jacobian[:, :3], R_tool_base @ jacobian[:, 3:]], axis=1
+        )
+        rows: Array = turned[:, self.components]
+        return rows if self.weights is None else rows * np.array(self.weights)[:, None]
+
+    def of_error(self, error: Array, commanded: Array) -> Array:
+        """Components of weighted errors (N, 6) in K_0 for commanded poses (N, 4, 4): (N, k)."""
+        if self.components is None:
+            return error
+        return self.of_jacobian(error[..., None], commanded)[..., 0]
+
+    def products(self, a: Array, b: Array, commanded: Array) -> Array:
+        """a·b of weighted errors (N, 6): of the task and, where it is a part, of all; (1|2, N)."""
+        of_task = (self.of_error(a, commanded) * self.of_error(b, commanded)).sum(axis=-1)
+        return np.stack([of_task, (a * b).sum(axis=-1)]) if self.is_part else of_task[None]

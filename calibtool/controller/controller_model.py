@@ -1,0 +1,184 @@
+"""The kinematic model of a controller: read from a file and compared with the nominal robot."""
+
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibtool.controller.constant_placements import chain_of
+from calibtool.controller.denavit_hartenberg import (
+    DhConvention,
+    dh_columns,
+    read_dh,
+    steps_of,
+)
+from calibtool.controller.universal_robots import SECTION, changes_model, frames_model
+from calibtool.errors import InputError, UsageError
+from calibtool.robot.description import ToleranceTable
+from calibtool.robot.mechanism import Mechanism
+from calibtool.robot.robot import Robot
+from calibtool.robot.se3 import Array, inverse, log3
+from calibtool.tables import Table, parse_table
+
+# The calibrations of five real UR arms move the tool by at most 0.33 % of that sum, and 12 mrad.
+PLAUSIBLE_PART = 0.01  # of the sum of link lengths
+PLAUSIBLE_TURN = 30e-3  # rad
+_CONFIGURATIONS = 500
+_LARGEST = 100_000  # characters of a calibration or table
+_CONF = re.compile(rf"^[ \t]*(?:\[{SECTION}\]|delta_(?:theta|alpha|a|d)[ \t]*=)", re.MULTILINE)
+_YAML = re.compile(r"^[ \t{]*[\"']?kinematics[\"']?[ \t]*:", re.MULTILINE)
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerModel:
+    """The kinematics by which a controller turns poses into joint values.
+
+    mechanism    T_base_tool for joint positions of the serial chain, as the nominal robot's
+    position     largest distance of the tool from the nominal robot's over the joint range, m
+    orientation  largest turn against it, rad
+    """
+
+    mechanism: Mechanism
+    position: float
+    orientation: float
+
+
+def read_controller_model(
+    text: str, name: str, robot: Robot, dh: DhConvention | None = None
+) -> ControllerModel:
+    """The model that the text of a file called `name` describes; robot is the nominal one.
+
+    A URDF (with the base and tool frames that the robot's description names), the YAML of the UR
+    driver, a UR controller's calibration.conf, or a table of DH parameters with their convention
+    `dh`; its contents tell which. Raises InputError for a file that is none of these, or of another
+    arm: another number or kind of joints, or a tool farther from the nominal one than a factory
+    calibration moves it (1 % of the sum of link lengths, 30 mrad).
+    """
+    text = text.removeprefix("\ufeff")
+    kind = _kind(text, name)
+    if (dh is not None) != (kind == "dh"):
+        if dh is not None:
+            raise UsageError(f"--dh is for a table of DH parameters, but {name} holds none")
+        raise UsageError(
+            f"{name}: DH parameters do not state their convention; give --dh standard (a and alpha "
+            "behind the joint) or --dh modified (Craig: before it)"
+        )
+    if kind != "urdf" and len(text) > _LARGEST:
+        raise InputError(f"{name}: {len(text)} characters; the calibration of an arm is smaller")
+    if kind == "dh":
+        assert dh is not None
+        return _of_dh(parse_table(text, name), name, robot, dh)
+    read = {"urdf": _of_urdf, "frames": frames_model, "changes": changes_model}[kind]
+    return _plausible(read(text, name, robot), name, robot)
+
+
+def _kind(text: str, name: str) -> str:
+    start = text.lstrip()
+    if start.startswith("<"):
+        return "urdf"
+    if _CONF.search(text):
+        return "changes"
+    if dh_columns([cell.strip() for cell in re.split(r"[,;\t ]", start.split("\n", 1)[0])]):
+        return "dh"
+    if _YAML.search(text) or name.endswith((".yaml", ".yml")):
+        return "frames"
+    raise InputError(
+        f"{name}: no model of a controller; expected a URDF, the YAML of the UR driver "
+        f"(kinematics: with six frames), a calibration.conf ([{SECTION}]) or a table of DH "
+        "parameters (joint a_mm alpha_deg d_mm theta_deg)"
+    )
+
+
+def _of_urdf(text: str, name: str, robot: Robot) -> Robot:
+    """The arm between the base and the tool frame that the nominal robot's description names."""
+    description = robot.source.description.model_copy(
+        update={
+            "limits": {},
+            "workspaces": {},
+            "tolerances": ToleranceTable(),
+            "equivalent": None,
+            "coupling": None,
+        }
+    )
+    return Robot.from_source(
+        replace(robot.source, description=description, urdf_text=text, place=name)
+    )
+
+
+def _of_dh(table: Table, name: str, robot: Robot, convention: DhConvention) -> ControllerModel:
+    rows = read_dh(table)
+    _check_joints(len(rows.joints), name, robot)
+
+    def chain(convention: DhConvention) -> Robot:
+        return chain_of(steps_of(rows, convention), robot.prismatic, name)
+
+    try:
+        return _plausible(chain(convention), name, robot)
+    except InputError as error:
+        other: DhConvention = "modified" if convention == "standard" else "standard"
+        if _small(_compared(chain(other), robot), robot):
+            raise InputError(f"{error}; as --dh {other} it fits") from None
+        raise
+
+
+def _check_joints(count: int, name: str, robot: Robot) -> None:
+    if count != robot.n:
+        raise InputError(f"{name}: a model of {count} joints, but {robot.name} has {robot.n}")
+
+
+# --- compared with the nominal robot -----------------------------------------------------------
+
+
+def _plausible(model: Robot, name: str, robot: Robot) -> ControllerModel:
+    _check_joints(model.n, name, robot)
+    if model.prismatic != robot.prismatic:
+        raise InputError(
+            f"{name}: a joint slides that turns in {robot.name}, or the other way round"
+        )
+    found = _compared(model, robot)
+    if not _small(found, robot):
+        raise InputError(
+            f"{name}: no model of this {robot.name}: its tool is up to "
+            f"{found.position * 1e3:.1f} mm and {found.orientation * 1e3:.1f} mrad from the "
+            f"nominal one, and a factory calibration stays below {_bound(robot) * 1e3:.1f} mm and "
+            f"{PLAUSIBLE_TURN * 1e3:g} mrad{_constant(model, robot)}"
+        )
+    return found
+
+
+def _bound(robot: Robot) -> float:
+    return PLAUSIBLE_PART * 2 * robot.length
+
+
+def _small(model: ControllerModel, robot: Robot) -> bool:
+    return model.position <= _bound(robot) and model.orientation <= PLAUSIBLE_TURN
+
+
+def _compared(model: Robot, robot: Robot) -> ControllerModel:
+    return ControllerModel(model.mechanism, *_largest(*_poses(model, robot)))
+
+
+def _poses(model: Robot, robot: Robot) -> tuple[Array, Array]:
+    """Tool poses of both at configurations of the nominal robot's joint range, (N, 4, 4)."""
+    q = robot.anywhere(_CONFIGURATIONS, np.random.default_rng(0))
+    return model.mechanism.forward(q), robot.mechanism.forward(q)
+
+
+def _largest(a: Array, b: Array) -> tuple[float, float]:
+    """Largest distance and turn between poses (N, 4, 4), m and rad."""
+    turn = log3(a[:, :3, :3] @ np.swapaxes(b[:, :3, :3], -1, -2))
+    distance = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=-1)
+    return float(distance.max()), float(np.linalg.norm(turn, axis=-1).max())
+
+
+def _constant(model: Robot, robot: Robot) -> str:
+    """The end of the message where only the base or the tool frame is another one."""
+    own, nominal = _poses(model, robot)
+    at = 0  # the configuration whose difference is taken for all
+    for frame, moved in (
+        ("base", own[at] @ inverse(nominal[at]) @ nominal),
+        ("tool", nominal @ inverse(nominal[at]) @ own[at]),
+    ):
+        if _small(ControllerModel(model.mechanism, *_largest(own, moved)), robot):
+            return f"; only its {frame} frame is another one: name the controller's in robot.toml"
+    return ""

@@ -1,0 +1,280 @@
+"""Sections about the calibrations themselves: training, joint motions, parameters, flagged rows,
+observability, noise.
+"""
+
+from calibtool.calibration import Calibration
+from calibtool.calibration.frame_report import frame_report
+from calibtool.errormodel.family import COMPONENTS
+from calibtool.evaluation.plots import Subject
+from calibtool.evaluation.report.content import Drawing, PageSection, PageTable, number
+from calibtool.identification.report import parameter_rows, strongest_correlations
+from calibtool.measurement.measurements import Measurements
+
+_OPEN_ROWS = 20  # a longer table is folded
+_NAMED = 12  # unobservable parameters named
+
+
+def training_section(subject: Subject) -> PageSection:
+    """How networks were trained, and whether they are used."""
+    lines = []
+    for name, calibration in subject.calibrations:
+        report, validation = calibration.training, calibration.validation
+        if report is None:
+            continue
+        used = (
+            f"{len(calibration.networks)} used"
+            if calibration.networks
+            else "not used, because it does not help"
+        )
+        text = (
+            f"{name}: network with {report.hidden} hidden nodes, {report.regularisation}, "
+            f"{report.optimiser}, {used}; ended because: {report.history.reason}"
+        )
+        if validation is not None:
+            text += f"; gain in {validation.folds}-fold cross-validation {validation}"
+        lines.append(f"{text}.")
+    caption = "Loss over the iterations of the best restart."
+    alt = "Training and validation loss, the loss without network, and the iteration that was kept."
+    return PageSection("training", "Training", lines, [Drawing("training", caption, alt)])
+
+
+def motions_section(subject: Subject) -> PageSection:
+    """δρ of each joint against its position."""
+    virtual = subject.calibrations[0][1].equivalent.virtual_joints
+    lines = []
+    if virtual and any(c.networks for _, c in subject.calibrations):
+        names = ", ".join(virtual)
+        lines = [
+            f"The virtual joints ({names}, in the tool frame) have no position of their own and "
+            "are not drawn."
+        ]
+    return PageSection(
+        "motions",
+        "Joint motions",
+        lines,
+        [
+            Drawing(
+                "motions",
+                "δρ of each joint at the configurations of the training: joint-motion functions "
+                "(harmonics: line; wind-up under gravity) and network, without constant offsets.",
+                "Joint motion error against joint position, one panel per joint.",
+            )
+        ],
+    )
+
+
+def parameters_section(subject: Subject) -> PageSection:
+    """Every parameter with its uncertainty; for a model without one its placement errors."""
+    tables, lines = [], []
+    for name, calibration in subject.calibrations:
+        base, frame = calibration.base, frame_report(calibration)
+        lines += [] if frame is None else [f"{name}: {line}." for line in frame.lines()]
+        if base.posterior is not None:
+            rows = parameter_rows(base)
+            lines.append(
+                f"{name}: {base.posterior.effective:.1f} of {base.observable_rank} "
+                f"directions determined ({len(rows)} parameters); strongest correlations "
+                + ", ".join(
+                    f"{a} and {b} {value:+.2f}"
+                    for a, b, value in strongest_correlations(base.posterior, 3)
+                )
+                + "."
+            )
+            cells = [
+                [
+                    r.name,
+                    f"{r.value:.4f}",
+                    f"{r.std:.4f}",
+                    f"{r.tolerance:.4f}",
+                    r.unit,
+                    f"{100 * r.determined:.1f} %",
+                ]
+                for r in rows
+            ]
+            header = [
+                "parameter",
+                "value",
+                "± standard deviation",
+                "tolerance",
+                "unit",
+                "determined",
+            ]
+            tables.append(
+                PageTable(f"Parameters of {name}", header, cells, folded=len(cells) > _OPEN_ROWS)
+            )
+        elif base.model != "nominal":
+            tables.append(_placements(name, calibration))
+    if not tables:
+        return PageSection("parameters", "Parameters", ["None: no base model was identified."])
+    caption = (
+        "Values ± 2 standard deviations. A bar as long as the tolerance was not "
+        "determined by the data."
+    )
+    alt = "Identified parameters with error bars, one panel per family."
+    return PageSection(
+        "parameters", "Parameters", lines, [Drawing("parameters", caption, alt)], tables
+    )
+
+
+def _placements(name: str, calibration: Calibration) -> PageTable:
+    errors = calibration.base.errors["placements"]
+    rows = [[f"ζ{j + 1}", *(f"{v * 1e3:.4f}" for v in row)] for j, row in enumerate(errors)]
+    header = ["error", *(f"{c} {'mrad' if c.startswith('r') else 'mm'}" for c in COMPONENTS)]
+    return PageTable(
+        f"Placement errors of {name} (least norm, no uncertainty)", header, rows, folded=True
+    )
+
+
+def flagged_section(subject: Subject) -> PageSection:
+    """Rows of the identification that do not fit."""
+    tables, lines = [], []
+    looked = False
+    for name, calibration in subject.calibrations:
+        flagged = calibration.base.flagged
+        if flagged is None:
+            continue
+        looked = True
+        if not len(flagged.rows):
+            continue
+        done = "left out of the fit" if flagged.dropped else "kept in the fit"
+        count = len(flagged.rows)
+        lines.append(f"{name}: {count} {'row does' if count == 1 else 'rows do'} not fit, {done}.")
+        if flagged.cluster:
+            lines.append(f"{name}: {flagged.cluster}.")
+        rows = [
+            [
+                str(int(flagged.rows[k]) + 1),
+                number(float(flagged.position[k]) * 1e3),
+                f"{flagged.deviation[k]:.1f}",
+            ]
+            for k in (-flagged.deviation).argsort(kind="stable")
+        ]
+        header = ["configuration", "residual mm", "times the noise"]
+        tables.append(
+            PageTable(f"Flagged rows of {name}", header, rows, folded=len(rows) > _OPEN_ROWS)
+        )
+    if not lines:
+        lines = [
+            "None: every row of the identification fits."
+            if looked
+            else "Nobody looked: only the complete model flags rows that do not fit."
+        ]
+    return PageSection("flagged", "Flagged rows", lines, (), tables)
+
+
+def observability_section(subject: Subject) -> PageSection:
+    """Rank, singular values, and what the configurations do not show."""
+    rows, lines = [], []
+    for name, calibration in subject.calibrations:
+        base = calibration.base
+        if not base.parameters:
+            continue
+        kept = base.singular_values[: max(base.rank, 1)]
+        rows.append(
+            [
+                name,
+                str(base.parameters),
+                str(base.rank),
+                str(base.observable_rank),
+                f"{kept[0]:.3g}",
+                f"{kept[-1]:.3g}",
+            ]
+        )
+        if base.unobservable:
+            missing = ", ".join(base.unobservable[:_NAMED])
+            more = (
+                f" and {len(base.unobservable) - _NAMED} more"
+                if len(base.unobservable) > _NAMED
+                else ""
+            )
+            lines.append(f"{name}: not observable from these configurations: {missing}{more}.")
+    header = [
+        "calibration",
+        "parameters",
+        "rank",
+        "could be determined",
+        "largest",
+        "smallest kept",
+    ]
+    tables = [PageTable("Rank and singular values", header, rows)] if rows else []
+    caption = (
+        "Singular values. Complete model: relative to the tolerances; above 1 the data say more "
+        "than those do."
+    )
+    alt = (
+        "Singular values in falling order, with the limit below which a direction is "
+        "not determined."
+    )
+    return PageSection(
+        "observability", "Observability", lines, [Drawing("observability", caption, alt)], tables
+    )
+
+
+def noise_section(subject: Subject) -> PageSection:
+    """Stated noise compared with that of the residuals."""
+    rows = []
+    for name, calibration in subject.calibrations:
+        base = calibration.base
+        factor = None if base.posterior is None else base.posterior.noise_factor
+        position, orientation = base.residual_rms
+        stated = calibration.noise_position * 1e3
+        cells = [
+            number(stated),
+            number(None if factor is None else factor * stated),
+            number(position * 1e3),
+        ]
+        if orientation is not None:
+            angle = calibration.noise_orientation * 1e3
+            cells += [
+                number(angle),
+                number(None if factor is None else factor * angle),
+                number(orientation * 1e3),
+            ]
+        elif any(c.base.residual_rms[1] is not None for _, c in subject.calibrations):
+            cells += ["–"] * 3
+        rows.append([name, *cells, _noise_verdict(factor)])
+    header = ["calibration", "stated mm", "estimated mm", "base residual rms mm"]
+    if len(rows[0]) > len(header) + 1:
+        header += ["stated mrad", "estimated mrad", "base residual rms mrad"]
+    return PageSection(
+        "noise", "Noise", (), (), [PageTable("Per measured coordinate", [*header, "verdict"], rows)]
+    )
+
+
+def _noise_verdict(factor: float | None) -> str:
+    if factor is None:
+        return "not estimated by this model"
+    if factor > 2:
+        return (
+            f"{factor:.1f} times the stated: it is wrong, or the robot does what the model "
+            "cannot describe"
+        )
+    return (
+        "as stated"
+        if factor >= 0.5
+        else f"{factor:.2f} times the stated: the statement is too careful"
+    )
+
+
+def provenance_section(subject: Subject, own: dict[str, str], judged: Measurements) -> PageSection:
+    """Where the page, the calibrations and the measurements come from."""
+    sources = [("this page", own), *((name, c.provenance) for name, c in subject.calibrations)]
+    sources.append(("the measurements", judged.provenance))
+    tables = [
+        PageTable(
+            f"Provenance of {name}",
+            ["entry", "value"],
+            list(map(list, entries.items())),
+            folded=name != "this page",
+        )
+        for name, entries in sources
+        if entries
+    ]
+    missing = [name for name, entries in sources if not entries]
+    return PageSection(
+        "provenance",
+        "Provenance",
+        [f"Nothing is recorded for {name}." for name in missing],
+        (),
+        tables,
+    )

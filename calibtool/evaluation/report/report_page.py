@@ -1,0 +1,114 @@
+"""The page: sections and drawings in one HTML file that needs nothing else."""
+
+import re
+from dataclasses import dataclass
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from calibtool.errors import InputError
+from calibtool.evaluation.compare import judged_rows
+from calibtool.evaluation.plots import Subject, draw
+from calibtool.evaluation.plots.style import COLOURS, GRID, INK, SHADE, WIDTH_MM
+from calibtool.evaluation.report import calibration_sections, error_sections
+from calibtool.evaluation.report.content import Drawing, PageSection, PageTable
+from calibtool.evaluation.report.verdict import cautions, headline, remarks, verdicts
+from calibtool.evaluation.wording import words
+
+_VARIABLES = {
+    INK: "--ink",
+    GRID: "--grid",
+    SHADE: "--shade",
+    **{c: f"--m{i}" for i, c in enumerate(COLOURS)},
+}
+
+_COORDINATES = re.compile(r' (d|x|y|transform)="[^"]*"')
+_DIGITS = re.compile(r"(\.\d\d)\d+")  # a hundredth of a point is enough
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A section ready to be shown: its lines, drawings with their SVG, and tables."""
+
+    section: PageSection
+    lines: list[str]
+    drawings: list[tuple[Drawing, Markup]]
+    tables: list[PageTable]
+
+
+def html_report(subject: Subject, provenance: dict[str, str]) -> str:
+    """A self-contained HTML page about calibrations and their errors on measurements, which
+    `subject` must hold.
+
+    provenance: of the page itself. Nothing is loaded from anywhere; the same subject gives the same
+    text. Names from files are escaped. The whole `evaluate --json` is in the element `#evaluation`.
+    """
+    measurements, evaluation = subject.measurements, subject.evaluation
+    assert measurements is not None
+    assert evaluation is not None
+    rows = judged_rows(measurements)
+    sections = [
+        error_sections.errors_section(subject, rows),
+        error_sections.vectors_section(subject),
+        calibration_sections.training_section(subject),
+        calibration_sections.motions_section(subject),
+        calibration_sections.parameters_section(subject),
+        calibration_sections.flagged_section(subject),
+        calibration_sections.observability_section(subject),
+        error_sections.coverage_section(subject, rows),
+        calibration_sections.noise_section(subject),
+        error_sections.uncorrectable_section(subject),
+        error_sections.pose_test_section(subject),
+        calibration_sections.provenance_section(subject, provenance, rows),
+    ]
+    found = verdicts(subject)
+    environment = Environment(
+        loader=PackageLoader("calibtool.evaluation.report"),
+        undefined=StrictUndefined,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template("page.html.j2").render(
+        evaluation=evaluation.as_json(),
+        title=rows.robot.source.description.title or evaluation.robot,
+        headline=headline(subject, found),
+        verdicts=found,
+        cautions=cautions(subject, rows.q),
+        remarks=remarks(subject),
+        words=words(evaluation.kind, evaluation.before),
+        part=evaluation.uncorrectable is not None,
+        sections=[_shown(section, subject) for section in sections],
+        colours=[f"var(--m{1 + k % (len(COLOURS) - 1)})" for k in range(len(found))],
+    )
+
+
+def _shown(section: PageSection, subject: Subject) -> Shown:
+    """Draw what a section shows; what there is nothing of becomes a line."""
+    lines, drawings = list(section.lines), []
+    for drawing in section.drawings:
+        try:
+            svg = draw(drawing.kind, subject, "svg", WIDTH_MM, letters=True)
+        except InputError as error:
+            lines.append(f"{str(error)[0].upper()}{str(error)[1:]}.")
+        else:
+            drawings.append((drawing, _inline(svg.decode("utf-8"), f"{section.id}-{drawing.kind}")))
+    return Shown(section, lines, drawings, list(section.tables))
+
+
+def _inline(svg: str, prefix: str) -> Markup:
+    """The `<svg>` element with unique names and the colours of the page."""
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r"<!--.*?-->\n?", "", svg, flags=re.DOTALL)
+    svg = re.sub(r' xmlns(:xlink)?="[^"]*"', "", svg).replace("xlink:href", "href")
+    svg = re.sub(r'\bid="', f'id="{prefix}-', svg)
+    svg = re.sub(r'(href="|url\()#', rf"\g<1>#{prefix}-", svg)
+    svg = _COORDINATES.sub(lambda found: _DIGITS.sub(r"\1", found[0]), svg)
+    for value, variable in _VARIABLES.items():
+        svg = svg.replace(value, f"var({variable})")
+    svg = re.sub(
+        r'<svg [^>]*?(viewBox="[^"]*")[^>]*>', r'<svg \1 aria-hidden="true">', svg, count=1
+    )
+    return Markup(svg)

@@ -1,0 +1,155 @@
+"""Shape of the arm: the meshes of its URDF where they are found, or simple solids."""
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+from pinocchio import coal
+
+from calibtool.errors import InputError
+from calibtool.robot.chain import joints_to
+from calibtool.robot.description import Source, example_robot_data, inside
+from calibtool.robot.robot import Robot
+from calibtool.robot.se3 import Array
+from calibtool.robot.urdf import base_placement, frame_id, locked_joints, parse_urdf, read_urdf
+
+MESHES = (".stl", ".dae", ".obj", ".ply")  # what Pinocchio and trimesh both read
+_LINK, _JOINT = np.array([0.62, 0.64, 0.67, 1.0]), np.array([0.35, 0.37, 0.4, 1.0])
+_THIN = 1e-9  # m: shorter links have no length
+
+
+def mesh_folders(robot: Robot, given: Sequence[Path]) -> list[Path]:
+    """Where the robot's meshes may lie: the given folders, and example-robot-data for a robot
+    that comes from it.
+    """
+    from_library = robot.source.description.kinematics.example_robot_data is not None
+    return [*given, *([example_robot_data().parent] if from_library else [])]
+
+
+def described_shape(robot: Robot, folders: Sequence[Path]) -> pin.GeometryModel:
+    """The visual geometry of the robot's URDF, on the joints of its chain; empty where the
+    URDF shows nothing.
+
+    Meshes are read from `folders` and below them alone, whatever the URDF says; InputError names
+    one that is not there or cannot be read.
+    """
+    try:
+        root = ElementTree.fromstring(robot.source.urdf_text)
+    except ElementTree.ParseError:  # Pinocchio's parser forgives more; it has read this text
+        return pin.GeometryModel()
+    for mesh in root.iterfind("link/visual/geometry/mesh"):
+        mesh.set("filename", str(_mesh(mesh.get("filename", ""), folders, robot.name)))
+    for part in root.iter():  # only visual geometry is wanted, and no image is read
+        for other in [child for child in part if child.tag in ("collision", "texture")]:
+            part.remove(other)
+    return _visual_geometry(robot.source, ElementTree.tostring(root, encoding="unicode"))
+
+
+def _visual_geometry(source: Source, urdf_text: str) -> pin.GeometryModel:
+    """What the links look like, on the joints of `build_chain(source)`: placements in their frames,
+    and in K_0 before them.
+
+    urdf_text: the source's URDF with meshes named by absolute paths. InputError for a mesh
+    that cannot be read.
+    """
+    name, kinematics = source.place, source.description.kinematics
+    full = parse_urdf(urdf_text, name)
+    every = read_urdf(
+        urdf_text, name, lambda path: pin.buildGeomFromUrdf(full, path, pin.GeometryType.VISUAL)
+    )
+    reduced, geometry = pin.buildReducedModel(
+        full, every, *locked_joints(full, kinematics.locked_joints, name)
+    )
+    tool = reduced.frames[frame_id(reduced, kinematics.tool_frame, name)]
+    way = [0, *joints_to(reduced, tool.parentJoint, name)]
+    base = base_placement(reduced, kinematics.base_frame, name)
+    result = pin.GeometryModel()
+    for piece in geometry.geometryObjects:
+        piece.parentJoint, piece.parentFrame = way.index(piece.parentJoint), 0
+        if piece.parentJoint == 0:
+            piece.placement = base.actInv(piece.placement)
+        result.addGeometryObject(piece)
+    return result
+
+
+def _mesh(name: str, folders: Sequence[Path], robot: str) -> Path:
+    """The file of a mesh: package://PACKAGE/PATH lies in a folder that holds the package, or is it;
+    other names beside.
+    """
+    place = f"{robot}: mesh '{name}'"
+    if Path(name).suffix.lower() not in MESHES:
+        raise InputError(f"{place} is none of {' '.join(MESHES)}")
+    if Path(name).suffix.lower() == ".dae" and find_spec("collada") is None:
+        raise InputError(f"{place} needs pycollada; run: pip install 'calibtool[view]'")
+    path = name.removeprefix("file://").removeprefix("package://")
+    package, _, below = path.partition("/")
+    for folder in folders:
+        own = name.startswith("package://") and folder.resolve().name == package
+        found = inside(folder, below if own else path, place)
+        if found.is_file():
+            return found
+    raise InputError(f"{place} is not found; name its folder by --meshes")
+
+
+def simple_shape(robot: Robot) -> pin.GeometryModel:
+    """Cylinders along links, rails and round the joint axes, boxes for slides, as thick as the
+    robot's size asks for.
+    """
+    shape = pin.GeometryModel()
+    placements, twists = robot.chain.placements, robot.chain.twists
+    width = float(np.linalg.norm(placements[:, :3, 3], axis=-1).sum()) / 60 or 0.01
+    origin = np.zeros(3)
+    for j, placement in enumerate(
+        placements
+    ):  # link j goes from the origin of joint frame j to that of the next
+        _add_rod(
+            shape, f"link{j}", j, origin, placement[:3, 3], width if j < robot.n else width / 2
+        )
+    for j, twist in enumerate(twists):
+        if robot.prismatic[j]:
+            axis, zero = placements[j][:3, :3] @ twist[:3], placements[j][:3, 3]
+            _add_rod(
+                shape,
+                f"rail{j + 1}",
+                j,
+                zero + axis * robot.lower[j],
+                zero + axis * robot.upper[j],
+                width / 2,
+            )
+            solid, along = coal.Box(3 * width, 3 * width, 4 * width), twist[:3]
+        else:
+            solid, along = coal.Cylinder(1.5 * width, 4 * width), twist[3:]
+        _add(shape, f"joint{j + 1}", j + 1, pin.SE3(_turn_z_to(along), origin), solid, _JOINT)
+    return shape
+
+
+def _add_rod(
+    shape: pin.GeometryModel, name: str, joint: int, start: Array, end: Array, radius: float
+) -> None:
+    """A cylinder between two points of a joint's frame."""
+    length = float(np.linalg.norm(end - start))
+    if length > _THIN:
+        middle = pin.SE3(_turn_z_to((end - start) / length), (start + end) / 2)
+        _add(shape, name, joint, middle, coal.Cylinder(radius, length), _LINK)
+
+
+def _add(
+    shape: pin.GeometryModel,
+    name: str,
+    joint: int,
+    placement: pin.SE3,
+    solid: coal.CollisionGeometry,
+    colour: Array,
+) -> None:
+    piece = pin.GeometryObject(name, joint, placement, solid)
+    piece.meshColor = colour
+    shape.addGeometryObject(piece)
+
+
+def _turn_z_to(direction: Array) -> Array:
+    """A rotation that takes z to a unit direction."""
+    rotation: Array = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction).matrix()
+    return rotation

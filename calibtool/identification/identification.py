@@ -1,0 +1,133 @@
+"""Result of an identification: errors of geometry and joint motions, set-up and uncertainty."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.identification.parameters import Parameters, State
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.observation import residuals
+from calibtool.robot.se3 import Array, readonly
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Gaussian posterior of the parameters of the complete model.
+
+    parameters    the parameters in their order
+    prior_std     (p,) tolerances as used (SI)
+    covariance    (p, p) of the estimate
+    noise_factor  estimated noise over the stated one
+    effective     effective number of parameters γ that the data determined
+    log_evidence  of the data, up to a constant that is the same for every model of the same
+                  measurements
+    """
+
+    parameters: Parameters
+    prior_std: Array
+    covariance: Array
+    noise_factor: float
+    effective: float
+    log_evidence: float
+
+    @property
+    def std(self) -> Array:
+        """(p,) standard deviation of each parameter."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True, eq=False)
+class Flagged:
+    """Rows that do not fit the model.
+
+    rows       (f,) configurations, from 0
+    deviation  (f,) residual in standard deviations per coordinate
+    position   (f,) residual as RMS over the target points, m
+    cluster    one line that names the region and the likely joint, None where the rows are spread
+    dropped    whether they were left out of the final fit
+    """
+
+    rows: np.ndarray
+    deviation: Array
+    position: Array
+    cluster: str | None
+    dropped: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """An identified base model.
+
+    model            `nominal`, `local-poe` or `complete`
+    errors           identified errors of the robot
+    setup            the set-up, its unknown parts fitted together with the errors
+    singular_values  (p,) of the weighted identification matrix at the nominal robot, 1/m and 1/rad
+                     mixed by 1 m = 1 rad
+    rank             number of directions that these measurements determine
+    observable_rank  number that any measurements of this kind could determine
+    unobservable     what is missing between the two, each direction by its largest elements
+    residual_rms     of the measured coordinates after the fit: position (m), orientation (rad, None
+                     for target points)
+    iterations       Gauss–Newton steps
+    posterior        of the complete model, None for the others
+    flagged          rows that do not fit, None where nobody looked
+    """
+
+    model: str
+    errors: RobotErrors
+    setup: Setup
+    singular_values: Array
+    rank: int
+    observable_rank: int
+    unobservable: tuple[str, ...]
+    residual_rms: tuple[float, float | None]
+    iterations: int
+    posterior: Posterior | None = None
+    flagged: Flagged | None = None
+
+    @property
+    def parameters(self) -> int:
+        """Number of estimated parameters, including those that stayed at their prior."""
+        return len(self.singular_values)
+
+    @property
+    def state(self) -> State:
+        """The errors and the set-up together."""
+        return State(self.errors, self.setup)
+
+    def with_setup(self, setup: Setup) -> Self:
+        """The same errors in another set-up."""
+        return replace(self, setup=setup)
+
+
+def split_rms(residual: Array, measurements: Measurements) -> tuple[float, float | None]:
+    """RMS per measured coordinate of residuals (N, d): positions in m, the orientation in rad
+    where it is measured.
+    """
+    split = 3 * measurements.points.shape[1]
+    position = float(np.sqrt((residual[:, :split] ** 2).sum() / (3 * measurements.seen.sum())))
+    return position, float(np.sqrt(np.mean(residual[:, split:] ** 2))) if residual.shape[
+        1
+    ] > split else None
+
+
+def nominal_model(measurements: Measurements) -> Identification:
+    """The nominal robot as a base model, the starting point of the paper.
+
+    No errors; the set-up is known or registered.
+    """
+    robot, setup = measurements.robot, measurements.setup
+    residual = residuals(measurements, setup, robot.mechanism.forward(measurements.q))
+    return Identification(
+        model="nominal",
+        errors=RobotErrors.of(robot),
+        setup=setup,
+        singular_values=readonly(np.zeros(0)),
+        rank=0,
+        observable_rank=0,
+        unobservable=(),
+        residual_rms=split_rms(residual, measurements),
+        iterations=0,
+    )

@@ -1,0 +1,264 @@
+"""What happened while measuring: drift, temperature, scatter of repeated configurations, commanded
+and read positions.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import ndtr
+
+from calibtool.measurement.auxiliary import AuxiliaryReadings
+from calibtool.measurement.checks.design import repeated_groups
+from calibtool.measurement.checks.finding import Finding, Numbers, severity
+from calibtool.measurement.checks.nominal_fit import Fit, nominal_fit
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.observation import observation_matrix
+from calibtool.robot.se3 import Array, adjoint, readonly, transform_points
+
+_LOUD = 3.0  # repeated configurations may scatter by so many times the stated noise
+_RARE = 1e-3  # probability below which a trend is not chance
+_TOLERANCE = 1e-3  # m, and rad: geometric errors that a trend must not be mistaken for
+_CLEAR = 5.0  # standard errors at which a drift or the better joint positions are named
+
+
+def condition_findings(
+    measurements: Measurements, fit: Fit, auxiliary: AuxiliaryReadings
+) -> list[Finding]:
+    """Repeatability, drift of reference points, trend with temperature, and which joint
+    positions explain more.
+
+    fit: the nominal robot registered to the measurements.
+    """
+    found = [_drift(measurements, auxiliary)]
+    if np.isfinite(fit.rms):
+        found += [
+            _repeatability(measurements, fit),
+            _temperature(measurements, fit, auxiliary),
+            _commanded_or_read(measurements, auxiliary),
+        ]
+    return [finding for finding in found if finding is not None]
+
+
+def _repeatability(measurements: Measurements, fit: Fit) -> Finding | None:
+    """Scatter within repeated configurations; of the residuals, so that small differences of the
+    joints do not count.
+    """
+    groups = repeated_groups(measurements.q)
+    seen = measurements.seen.repeat(3, axis=-1)
+    size = np.zeros((int(groups.max()) + 1, seen.shape[1]))
+    total = np.zeros_like(size)
+    np.add.at(size, groups, seen)
+    np.add.at(total, groups, np.where(seen, fit.residual, 0.0))
+    freedom = float(np.maximum(size - 1, 0).sum())
+    if not freedom:
+        return None
+    own = np.where(seen, fit.residual - (total / np.maximum(size, 1))[groups], 0.0)
+    scatter, noise = float(np.sqrt((own**2).sum() / freedom)), measurements.noise_position
+    rows = len(groups) - len(size)
+    message = (
+        f"{rows} rows repeat the joint positions of another row: they scatter by "
+        f"{scatter * 1e3:.3g} mm per coordinate, stated noise {noise * 1e3:.3g} mm"
+    )
+    numbers: Numbers = {
+        "rows": rows,
+        "scatter_mm": scatter * 1e3,
+        "stated_noise_mm": noise * 1e3,
+        "degrees_of_freedom": freedom,
+    }
+    return Finding("repeatability", severity(scatter > _LOUD * noise), message, numbers)
+
+
+def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding | None:
+    """Movement of fixed points: von Neumann's ratio of successive differences to variance tells
+    drift from noise.
+    """
+    if auxiliary.reference_points is None:
+        return None
+    points = auxiliary.reference_points
+    squares = steps = 0.0
+    weight, paths = 0.0, []
+    for i in range(points.shape[1]):
+        rows = np.flatnonzero(np.isfinite(points[:, i]).all(axis=-1))
+        if len(rows) < 6:
+            continue
+        path = points[rows, i] - points[rows, i].mean(axis=0)
+        squares += float((path**2).sum())
+        steps += float((np.diff(path, axis=0) ** 2).sum())
+        weight += 3 * (len(rows) ** 2 - 1) / (len(rows) - 2)
+        means = np.array(
+            [part.mean(axis=0) for part in np.array_split(path, min(5, len(rows) // 3))]
+        )
+        paths.append((rows, means))
+    if not paths:
+        return None
+    z = float((1 - steps / max(2 * squares, 1e-300)) * np.sqrt(weight))
+    spans = [float(np.linalg.norm(np.ptp(means, axis=0))) for _, means in paths]
+    rows, means = paths[int(np.argmax(spans))]
+    span, noise = max(spans), measurements.noise_position
+    numbers: Numbers = {"moved_mm": span * 1e3, "standard_errors": z}
+    if z < _CLEAR:
+        message = (
+            f"the reference points do not drift: {span * 1e3:.3g} mm between parts of the file"
+        )
+        return Finding("reference_drift", "note", message, numbers)
+    numbers["first_to_last_mm"] = [float(v) * 1e3 for v in means[-1] - means[0]]
+    speed = ""
+    if auxiliary.time_s is not None and (hours := float(np.ptp(auxiliary.time_s[rows])) / 3600) > 0:
+        numbers["hours"] = hours
+        speed = f" in {hours:.3g} h"
+    message = (
+        f"the reference points move by {span * 1e3:.3g} mm{speed} against the instrument: the base "
+        "or the instrument drifts; bring each row back by its reference points, or measure faster"
+    )
+    return Finding("reference_drift", severity(span > noise), message, numbers)
+
+
+def _temperature(
+    measurements: Measurements, fit: Fit, auxiliary: AuxiliaryReadings
+) -> Finding | None:
+    """Trend of the residual with temperature: drift along x, y, z of K_0, and growth
+    away from the base.
+
+    What a geometric error of the robot could explain is taken out first. The most significant of
+    the four counts, its p-value times four; the order of the rows is tried as well, because most
+    things that drift do so with time.
+    """
+    if auxiliary.temperature_c is None or np.ptp(auxiliary.temperature_c) < 0.1:
+        return None
+    outward = transform_points(
+        measurements.robot.mechanism.forward(measurements.q), fit.setup.targets
+    )
+    slopes, ratios = _trends(measurements, fit, outward, auxiliary.temperature_c)
+    order_ratios = _trends(measurements, fit, outward, np.arange(float(len(measurements))))[1]
+    strongest, span = int(np.argmax(ratios)), float(np.ptp(auxiliary.temperature_c))
+    slopes[3] *= float(np.linalg.norm(outward, axis=-1).mean())
+    p, change = min(1.0, 8 * float(ndtr(-ratios[strongest]))), abs(float(slopes[strongest])) * span
+    numbers: Numbers = {
+        "range_k": span,
+        "drift_mm_per_k": [float(slope) * 1e3 for slope in slopes[:3]],
+        "growth_mm_per_k": float(slopes[3]) * 1e3,
+        "standard_errors": float(ratios[strongest]),
+        "standard_errors_by_row_order": float(order_ratios.max()),
+        "p_value": p,
+    }
+    place = (
+        f"between {auxiliary.temperature_c.min():.1f} and {auxiliary.temperature_c.max():.1f} °C"
+    )
+    if p > _RARE:
+        message = f"no trend with temperature {place} (p = {p:.2g})"
+        return Finding("temperature_trend", "note", message, numbers)
+    kind = "the arm grows" if strongest == 3 else "the points drift"
+    message = f"{kind} with temperature, by {change * 1e3:.3g} mm {place} (p = {p:.1g})"
+    if order_ratios.max() > ratios[strongest]:
+        message += "; the order of the rows explains more than that: something drifts with time"
+    return Finding(
+        "temperature_trend", severity(change > measurements.noise_position), message, numbers
+    )
+
+
+def _trends(
+    measurements: Measurements, fit: Fit, outward: Array, values: Array
+) -> tuple[Array, Array]:
+    """Slopes (4,) of the residual over values (N,) along x, y, z and outward (N, m, 3); their
+    absolute values in standard errors.
+    """
+    residual = without_geometry(measurements, fit.setup, fit.residual)
+    slopes, ratios = np.empty(4), np.empty(4)
+    directions = [*np.broadcast_to(np.eye(3)[:, None, None], (3, *outward.shape)), outward]
+    for k, direction in enumerate(directions):
+        trend = ((values - values.mean())[:, None, None] * direction).reshape(residual.shape)
+        trend *= measurements.seen.repeat(3, axis=-1)
+        slopes[k], error = _slope(without_geometry(measurements, fit.setup, trend), residual)
+        ratios[k] = abs(slopes[k]) / max(error, 1e-300)
+    return slopes, ratios
+
+
+def without_geometry(measurements: Measurements, setup: Setup, series: Array) -> Array:
+    """A series (N, d) without what placement errors of the links (Eq. 10), of tolerance 1 mm and 1
+    mrad, explain of it.
+    """
+    frames = measurements.robot.mechanism.frames(measurements.q)
+    blocks = adjoint(np.concatenate([frames.before, frames.tool[:, None]], axis=1))
+    P = observation_matrix(setup, frames.tool)
+    seen = measurements.seen.repeat(3, axis=-1)
+    columns: Array = (
+        (P[:, None] @ blocks * seen[:, None, :, None]).transpose(0, 2, 1, 3).reshape(seen.size, -1)
+    )
+    size = _TOLERANCE / measurements.noise_position
+    normal_matrix = columns.T @ columns * size**2 + np.eye(columns.shape[1])
+    errors = np.linalg.solve(normal_matrix, columns.T @ series.ravel() * size**2)
+    return series - (columns @ errors).reshape(series.shape)
+
+
+def _slope(x: Array, y: Array) -> tuple[float, float]:
+    """Slope of y over x, both (N, d), and its standard error, which allows for rows that are
+    like the row before.
+    """
+    power = max(float((x**2).sum()), 1e-300)
+    slope = float((x * y).sum()) / power
+    scores = (x * (y - slope * x)).sum(axis=-1)
+    total = max(float(scores @ scores), 1e-300)
+    alike = float(np.clip(scores[1:] @ scores[:-1] / total, 0.0, 0.95))
+    return slope, float(np.sqrt(total * (1 + alike) / (1 - alike))) / power
+
+
+def _commanded_or_read(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding | None:
+    """How far from the commanded (0) to the read (1) positions the robot really was, as
+    the points show it.
+    """
+    commanded, read = auxiliary.q_commanded, auxiliary.q_read
+    if commanded is None or read is None:
+        commanded = measurements.q if commanded is None else commanded
+        read = measurements.q if read is None else read
+    if np.abs(commanded - read).max() < 1e-9:
+        return None
+    fits = [
+        nominal_fit(replace(measurements, q=readonly(q)), free=False) for q in (commanded, read)
+    ]
+    if not all(np.isfinite(fit.rms) for fit in fits):
+        return None
+    apart = fits[0].residual - fits[1].residual
+    power = float((apart**2).sum())
+    if power < 1e-30:
+        return None
+    apart, whole = (
+        without_geometry(measurements, fits[0].setup, series)
+        for series in (apart, fits[0].residual)
+    )
+    share, error = _slope(apart, whole)
+    used_read = np.abs(measurements.q - read).max() < np.abs(measurements.q - commanded).max()
+    better_read = share > 0.5
+    clear = abs(share - 0.5) > _CLEAR * error
+    names = ("commanded", "read")
+    verdict = (
+        f"the {names[int(better_read)]} ones explain the points better"
+        if clear
+        else "neither explains the points better"
+    )
+    message = (
+        "commanded and read joint positions differ by up to "
+        f"{_size(measurements, commanded - read)}; {verdict} ({fits[0].rms * 1e3:.4g} mm rms "
+        f"commanded, {fits[1].rms * 1e3:.4g} mm read)"
+    )
+    if clear and better_read != used_read:
+        message += f"; the file holds the {names[int(used_read)]} ones"
+    numbers: Numbers = {
+        "commanded_rms_mm": fits[0].rms * 1e3,
+        "read_rms_mm": fits[1].rms * 1e3,
+        "share_of_read": share,
+        "share_standard_error": error,
+    }
+    importance = severity(clear and better_read != used_read)
+    return Finding("commanded_or_read", importance, message, numbers)
+
+
+def _size(measurements: Measurements, difference: Array) -> str:
+    """The largest difference of the joints that turn, and of those that slide."""
+    largest = np.abs(difference).max(axis=0)
+    sliding = np.array(measurements.robot.prismatic)
+    parts = [
+        f"{1e3 * largest[which].max():.3g} {unit}"
+        for which, unit in ((~sliding, "mrad"), (sliding, "mm"))
+        if which.any()
+    ]
+    return " and ".join(parts)

@@ -1,0 +1,334 @@
+"""What the nominal robot makes of the measurements, and which single mistake in the data would
+explain a bad fit.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation
+
+from calibtool.errors import NoSolutionError
+from calibtool.measurement.checks.finding import Finding, Numbers, listed
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.observation import residuals
+from calibtool.measurement.registration import register
+from calibtool.measurement.sampling import spread_rows
+from calibtool.robot.se3 import Array, readonly, transform_points
+
+_SUSPICIOUS, _AT_LEAST = (
+    1.5e-2,
+    5e-3,
+)  # of the length, and m: no arm is built so badly that its drawing misses by more
+_GROSS = 3e-2  # the same, when nothing that was tried explains it
+_BETTER = 3.0  # how much better the data must be explained before a mistake is named
+_FAR = 4.0  # times the median: rows tried without
+_ALIKE = 1.5  # explanations nearer to each other than this are named together
+_MOST_ROWS = 150  # enough to tell one explanation from another
+_UNIT = 180.0 / np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A set-up, the residuals of the points (N, 3m) in K_0, and the rms distance per target, m
+    (infinite: no fit).
+    """
+
+    setup: Setup
+    residual: Array
+    rms: float
+
+
+def nominal_fit(measurements: Measurements, *, free: bool) -> Fit:
+    """The nominal robot registered to the points (orientations left aside); free: given parts
+    of the set-up too.
+    """
+    points = measurements.points_alone()
+    setup = replace(points.setup, frame_known=False, targets_known=False) if free else points.setup
+    points = replace(points, setup=setup)
+    try:
+        setup = register(points)
+    except NoSolutionError:
+        return Fit(setup, np.full((len(points), 3 * points.points.shape[1]), np.nan), np.inf)
+    residual = residuals(points, setup, points.robot.mechanism.forward(points.q))
+    return Fit(setup, residual, float(np.sqrt((residual**2).sum() / points.seen.sum())))
+
+
+def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Finding], np.ndarray]:
+    """Wrong units, axes, joints, orders of targets or set-up; and the rows (k,) whose
+    targets are swapped.
+
+    stated: the fit with what is known of the set-up kept.
+    """
+    none = np.zeros(0, dtype=int)
+    swapped, rows = _swapped_rows(measurements, stated)
+    if swapped is not None:
+        return [swapped], rows
+    limit = max(_SUSPICIOUS * measurements.robot.length, _AT_LEAST)
+    if stated.rms < limit:
+        order = _other_order(measurements, stated.setup)
+        return ([] if order is None else [order]), none
+    given = measurements.setup.frame_known or measurements.setup.targets_known
+    free = nominal_fit(measurements, free=True) if given else stated
+    if free.rms >= limit:
+        return _single_mistake(measurements), none
+    if stated.rms > _BETTER * free.rms:
+        return [_wrong_setup(measurements, stated.rms, free)], none
+    return [], none
+
+
+def orientation_finding(measurements: Measurements, fit: Fit) -> Finding | None:
+    """Whether a 6-D instrument's orientations turn as the robot does: the sensor must keep its
+    place in the tool.
+    """
+    if measurements.rotations is None or len(measurements) < 3 or not np.isfinite(fit.rms):
+        return None
+    T_base_tool = measurements.robot.mechanism.forward(measurements.q)
+    R_instrument_tool = fit.setup.T_instrument_base[:3, :3] @ T_base_tool[:, :3, :3]
+    sensors = Rotation.from_matrix(np.swapaxes(R_instrument_tool, -1, -2) @ measurements.rotations)
+    spread = float(np.sqrt(np.mean((sensors * sensors.mean().inv()).magnitude() ** 2)))
+    if spread < np.deg2rad(5):
+        return None
+    message = (
+        f"the measured orientations differ from the robot's by {np.rad2deg(spread):.3g} deg rms "
+        "although its positions fit; check the convention and the unit of the angles"
+    )
+    return Finding(
+        "orientation_convention", "warning", message, {"rms_deg": float(np.rad2deg(spread))}
+    )
+
+
+@dataclass(frozen=True)
+class _Mistake:
+    """One thing that may be wrong, in words, and the measurements without it."""
+
+    name: str
+    text: str
+    repaired: Measurements
+
+
+def _mistakes(measurements: Measurements) -> Iterator[_Mistake]:
+    """Single mistakes that people make with a table, the likelier first."""
+    robot, q = measurements.robot, measurements.q
+    turning = [j for j in range(robot.n) if not robot.prismatic[j]]
+
+    def with_q(name: str, text: str, values: Array) -> _Mistake:
+        return _Mistake(name, text, replace(measurements, q=readonly(values)))
+
+    for factor, text in (
+        (1 / _UNIT, "in degrees, given as rad"),
+        (_UNIT, "in rad, given as degrees"),
+    ):
+        for joints in [turning, *([j] for j in turning)]:
+            scale = np.ones(robot.n)
+            scale[joints] = factor
+            who = "all angles are" if joints is turning else f"joint {joints[0] + 1} is"
+            yield with_q("angle_unit", f"{who} {text}", q * scale)
+    mirrored = measurements.points * [1.0, -1.0, 1.0]
+    repaired = replace(measurements, points=readonly(mirrored))
+    yield _Mistake(
+        "left_handed_axes",
+        "the instrument's axes are left-handed (mirror one coordinate)",
+        repaired,
+    )
+    for j in range(robot.n):
+        sign = np.ones(robot.n)
+        sign[j] = -1.0
+        yield with_q("joint_sign", f"joint {j + 1} is counted the other way round", q * sign)
+    for a, b in combinations(range(robot.n), 2):
+        order = np.arange(robot.n)
+        order[[a, b]] = b, a
+        yield with_q(
+            "joint_order", f"the columns of joints {a + 1} and {b + 1} are swapped", q[:, order]
+        )
+    if len(turning) >= 3 and turning[1:3] == [1, 2]:
+        coupled = q.copy()
+        coupled[:, 2] += q[:, 1]
+        yield with_q(
+            "joint_coupling", "joint 3 is counted from the horizontal (add joint 2)", coupled
+        )
+
+
+def _single_mistake(measurements: Measurements) -> list[Finding]:
+    """The mistake without which the robot explains the points, or that none of those tried does."""
+    rows = spread_rows(len(measurements), _MOST_ROWS)
+    some = measurements.rows(rows)
+    before = nominal_fit(some, free=True).rms
+    tried = [(nominal_fit(mistake.repaired, free=True).rms, mistake) for mistake in _mistakes(some)]
+    best = min(rms for rms, _ in tried)
+    if best * _BETTER < before:
+        alike = [mistake for rms, mistake in tried if rms <= _ALIKE * best]
+        message = (
+            f"the nominal robot explains the points to {_mm(before)} rms, but to {_mm(best)} if "
+            f"{' or '.join(mistake.text for mistake in alike[:3])}"
+        )
+        numbers: Numbers = (
+            {"rms_mm": before * 1e3, "repaired_rms_mm": best * 1e3} if np.isfinite(before) else {}
+        )
+        return [Finding(alike[0].name, "warning", message, numbers)]
+    if (rows_off := _rows_off(measurements)) is not None:
+        return [rows_off]
+    if not _GROSS * measurements.robot.length < before < np.inf:
+        return []
+    message = (
+        f"the nominal robot explains the points to {_mm(before)} rms only; check the robot, its "
+        "zero positions, the joint columns with their units and signs, and that rows of joints and "
+        "of points belong together"
+    )
+    return [Finding("nominal_robot", "warning", message, {"rms_mm": before * 1e3})]
+
+
+def _rows_off(measurements: Measurements) -> Finding | None:
+    """A few rows without which the rest fits: a slipped decimal, a joint value of another row."""
+    kept = np.arange(len(measurements))
+    before = after = nominal_fit(measurements, free=True)
+    for _ in range(10):
+        size = np.sqrt((after.residual**2).sum(axis=-1))
+        near = size < _FAR * np.median(size)
+        if near.all() or near.sum() < 0.8 * len(measurements):
+            break
+        kept = kept[near]
+        after = nominal_fit(measurements.rows(kept), free=True)
+        if not np.isfinite(after.rms):
+            break
+    rows = np.setdiff1d(np.arange(len(measurements)), kept)
+    if not len(rows) or not after.rms * _BETTER < before.rms:
+        return None
+    message = (
+        f"row {listed(rows)} does not belong to the others: the nominal robot explains the points "
+        f"to {_mm(before.rms)} rms, without {'it' if len(rows) == 1 else 'them'} to "
+        f"{_mm(after.rms)}"
+    )
+    numbers: Numbers = {
+        "rows": [int(r) + 1 for r in rows],
+        "rms_mm": before.rms * 1e3,
+        "repaired_rms_mm": after.rms * 1e3,
+    }
+    return Finding("rows_out_of_place", "warning", message, numbers)
+
+
+def _wrong_setup(measurements: Measurements, before: float, free: Fit) -> Finding:
+    """A given set-up that does not fit: the targets in another order, or the frame or the
+    targets altogether.
+    """
+    setup, m = measurements.setup, len(measurements.setup.targets)
+    if setup.targets_known and 2 <= m <= 5:
+        tried = []
+        for order in permutations(range(m)):
+            permuted = replace(setup, targets=readonly(setup.targets[list(order)]))
+            tried.append(
+                (nominal_fit(replace(measurements, setup=permuted), free=False).rms, order)
+            )
+        after, order = min(tried)
+        if after * _BETTER < before:
+            message = (
+                f"the targets fit to {_mm(before)} rms in the order given, but to {_mm(after)} as "
+                f"{listed(order)}; sort their columns"
+            )
+            numbers: Numbers = {
+                "order": [i + 1 for i in order],
+                "rms_mm": before * 1e3,
+                "repaired_rms_mm": after * 1e3,
+            }
+            return Finding("target_order", "warning", message, numbers)
+    given = " and ".join(
+        what
+        for what, known in (
+            ("instrument frame", setup.frame_known),
+            ("targets on the tool", setup.targets_known),
+        )
+        if known
+    )
+    message = (
+        f"with the {given} as given the points fit to {_mm(before)} rms, with an estimated set-up "
+        f"to {_mm(free.rms)}; check what was given, or leave it out"
+    )
+    return Finding(
+        "given_setup",
+        "warning",
+        message,
+        {"rms_mm": before * 1e3, "estimated_rms_mm": free.rms * 1e3},
+    )
+
+
+def _other_order(measurements: Measurements, setup: Setup) -> Finding | None:
+    """Estimated targets that stand where the robot's description has them,
+    but numbered otherwise.
+    """
+    targets = measurements.robot.targets
+    if measurements.setup.targets_known or len(targets) != len(setup.targets) or len(targets) < 2:
+        return None
+    apart = np.linalg.norm(setup.targets[:, None] - targets[None], axis=-1)
+    order = linear_sum_assignment(apart)[1]
+    spread = float(np.linalg.norm(targets - targets.mean(axis=0), axis=-1).max())
+    if (order == np.arange(len(order))).all() or apart[
+        np.arange(len(order)), order
+    ].max() > 0.1 * spread:
+        return None
+    message = (
+        f"the targets stand where {measurements.robot.name} has its targets {listed(order)}, in "
+        "this order; harmless while they are estimated, wrong with --robot-targets"
+    )
+    return Finding("target_order", "note", message, {"order": [int(i) + 1 for i in order]})
+
+
+def _swapped_rows(measurements: Measurements, stated: Fit) -> tuple[Finding | None, np.ndarray]:
+    """Rows whose targets are numbered otherwise than in the rest of the file."""
+    count, none = len(measurements), np.zeros(0, dtype=int)
+    if len(measurements.setup.targets) < 2 or not np.isfinite(stated.rms):
+        return None, none
+    best, answer = stated.rms / _BETTER, None
+    parts = [np.arange(count), np.arange(count // 2), np.arange(count // 2, count)]
+    for part in parts if stated.rms > _SUSPICIOUS * measurements.robot.length else parts[:1]:
+        orders = None
+        sorted_points, fit = measurements, nominal_fit(measurements.rows(part), free=False)
+        for _ in range(5):  # the set-up and the orders in turn
+            previous, orders = orders, _orders(measurements, fit.setup)
+            if previous is not None and (orders == previous).all():
+                break
+            points = np.take_along_axis(measurements.points, orders[..., None], axis=1)
+            sorted_points = replace(measurements, points=readonly(points))
+            fit = nominal_fit(sorted_points, free=False)
+        if fit.rms < best and orders is not None:
+            best, answer = fit.rms, orders
+    if answer is None:
+        return None, none
+    usual, counts = np.unique(answer, axis=0, return_counts=True)
+    rows = np.flatnonzero((answer != usual[np.argmax(counts)]).any(axis=-1))
+    if not len(rows):
+        return None, none
+    message = (
+        f"in {len(rows)} rows the targets are in another order than in the rest (rows "
+        f"{listed(rows)}): sorted, the nominal robot explains the points to {_mm(best)} instead of "
+        f"{_mm(stated.rms)} rms"
+    )
+    numbers: Numbers = {
+        "rows": [int(r) + 1 for r in rows],
+        "rms_mm": stated.rms * 1e3,
+        "repaired_rms_mm": best * 1e3,
+    }
+    return Finding("target_order", "warning", message, numbers), rows
+
+
+def _orders(measurements: Measurements, setup: Setup) -> np.ndarray:
+    """Which measured point is target i, per row, judged by a set-up: (N, m); as given unless
+    another order is far better.
+    """
+    poses = setup.T_instrument_base @ measurements.robot.mechanism.forward(measurements.q)
+    predicted = transform_points(poses, setup.targets)
+    apart = np.nan_to_num(
+        ((predicted[:, :, None] - measurements.points[:, None]) ** 2).sum(axis=-1)
+    )
+    own = np.arange(len(setup.targets))
+    orders = np.tile(own, (len(apart), 1))
+    for k, cost in enumerate(apart):
+        order = linear_sum_assignment(cost)[1]
+        if _BETTER**2 * cost[own, order].sum() < cost[own, own].sum():
+            orders[k] = order
+    return orders
+
+
+def _mm(metres: float) -> str:
+    return f"{metres * 1e3:.3g} mm"

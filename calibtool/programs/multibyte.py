@@ -1,0 +1,48 @@
+"""Multi-byte characters in Latin-1: a byte that looks like a bracket may be half of one."""
+
+import re
+
+_LINE = re.compile(r"[^\r\n]+")
+_BYTES = re.compile(r"[\x80-\xff]")
+_SHIFT_JIS = r"[\x81-\x9f\xe0-\xfc]", r"[\x40-\x7e\x80-\xfc]", r"|[\xa1-\xdf]"
+_GBK = r"[\x81-\xfe]", r"[\x40-\x7e\x80-\xfe]", ""
+_CUT = r"(?:(?!\][\s\"])%s|(?=\][\s\"]))"  # the second byte is missing, where a name was too long
+_ENCODINGS = (
+    *(re.compile(first + second + more) for first, second, more in (_SHIFT_JIS, _GBK)),
+    *(re.compile(first + _CUT % second + more) for first, second, more in (_SHIFT_JIS, _GBK)),
+    _BYTES,
+)
+
+
+def beyond_ascii_blanked(text: str) -> str:
+    """A text (Latin-1, so that every byte is one character) with `?` for every byte of a
+    character beyond ASCII.
+
+    Positions stay. UTF-8 shows itself; of the encodings with two bytes, whose second one may look
+    like ASCII, each line is taken to be in the first with which its square brackets are in order.
+    """
+    if text.isascii():
+        return text
+    return _LINE.sub(lambda line: line[0] if line[0].isascii() else _blanked(line[0]), text)
+
+
+def _blanked(line: str) -> str:
+    try:
+        line.encode("latin-1").decode("utf-8")
+    except UnicodeDecodeError:
+        pass
+    else:
+        return _BYTES.sub("?", line)
+    readings = [encoding.sub(lambda one: "?" * len(one[0]), line) for encoding in _ENCODINGS]
+    whole = [reading for reading in readings if _BYTES.search(reading) is None]
+    return next((reading for reading in whole if _in_order(reading)), whole[0])
+
+
+def _in_order(line: str) -> bool:
+    """Whether every square bracket has its partner."""
+    depth = 0
+    for mark in line:
+        depth += (mark == "[") - (mark == "]")
+        if depth < 0:
+            return False
+    return depth == 0

@@ -1,0 +1,107 @@
+"""Summary of a corrected program: counts, largest change, uncorrected positions."""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from calibtool.programs.numbers import Remark
+
+_LISTED = 20  # lines named for one reason
+_COLUMNS = ("file", "line", "name", "kind", "fate", "why")
+
+
+@dataclass(frozen=True, slots=True)
+class Fate:
+    """What became of a position that is written in a program.
+
+    source      number of its text
+    line, name  where, and what it is called
+    kind        `joint` or `pose`
+    fate        `corrected`, `unchanged` or `left`
+    why         why it is left, or what to look at
+    """
+
+    source: int
+    line: int
+    name: str
+    kind: str
+    fate: str
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class CompensatedProgram:
+    """What came of a program.
+
+    names         of its texts, as they appear in messages
+    texts         its corrected texts; every byte that is no number of a changed target is as it was
+    targets       how many could be read
+    changed       how many have other numbers now
+    largest_mm, largest_deg   the largest change: of the nominal tool's place, and of a joint
+    left_alone    what was not corrected, and why
+    remarks       corrected targets that need a look
+    notes         what else a reader has to know
+    fates         of every position that is written in it
+    inconsistent  how many poses that the program moves to are left while others are corrected
+    """
+
+    names: tuple[str, ...]
+    texts: tuple[bytes, ...]
+    targets: int
+    changed: int
+    largest_mm: float
+    largest_deg: float
+    left_alone: tuple[Remark, ...]
+    remarks: tuple[Remark, ...]
+    notes: tuple[str, ...]
+    fates: tuple[Fate, ...] = ()
+    inconsistent: int = 0
+
+    @property
+    def data(self) -> bytes:
+        """The corrected text of a program of one text."""
+        return self.texts[0]
+
+    def summary(self, name: str) -> list[str]:
+        """Lines for people: counts, the largest change, and every reason with its lines."""
+        most = (
+            f", at most {self.largest_mm:.3f} mm and {self.largest_deg:.4f} deg"
+            if self.changed
+            else ""
+        )
+        alone = f"; {len(self.left_alone)} left alone" if self.left_alone else ""
+        lines = [f"{name}: {self.changed} of {self.targets} targets changed{most}{alone}"]
+        for what, remarks in (("left alone", self.left_alone), ("changed, but look", self.remarks)):
+            ordered = sorted(remarks, key=lambda remark: (remark.source, remark.why, remark.line))
+            for (source, why), group in groupby(
+                ordered, key=lambda remark: (remark.source, remark.why)
+            ):
+                place = name if len(self.names) == 1 else self.names[source]
+                lines.append(f"{place}: {what}: {why}: {_places(list(group))}")
+        return lines + [f"{name}: note: {note}" for note in self.notes]
+
+    def report(self) -> str:
+        """A CSV with every position, and what else is left: file, line, name, kind, fate, why."""
+        rows = [(f.source, f.line, f.name, f.kind, f.fate, f.why) for f in self.fates]
+        seen = {row[:3] for row in rows}
+        rows += [
+            (r.source, r.line, r.name, "", "left", r.why)
+            for r in self.left_alone
+            if (r.source, r.line, r.name) not in seen
+        ]
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        writer.writerows((self.names[row[0]], *row[1:]) for row in sorted(rows))
+        return text.getvalue()
+
+
+def _places(remarks: Sequence[Remark]) -> str:
+    """`line 3 (P[1])`, or `lines 3, 5, 9 and 14 more`."""
+    if len(remarks) == 1:
+        return f"line {remarks[0].line}" + (f" ({remarks[0].name})" if remarks[0].name else "")
+    numbers = [str(line) for line in sorted({remark.line for remark in remarks})]
+    more = f" and {len(numbers) - _LISTED} more" if len(numbers) > _LISTED else ""
+    return f"line{'s' if len(numbers) > 1 else ''} {', '.join(numbers[:_LISTED])}{more}"

@@ -1,0 +1,90 @@
+"""Torques of the joints under the weight of the links."""
+
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+
+from calibtool.robot.mechanism import Frames
+from calibtool.robot.robot import Robot
+from calibtool.robot.se3 import Array, readonly
+
+_CARRIES_LOAD = 0.02  # of the largest joint's torque: joints that carry load
+_TURNS = 1e-6  # of the same: less is rounding
+
+
+def gravity_torque(robot: Robot, q: Array) -> Array:
+    """Generalised gravity τ_g(q), N m (N if prismatic): q (N, n) → (N, n).
+
+    Pinocchio's `computeGeneralizedGravity`. With the URDF's masses; where it has none, with those
+    of uniform links of 1 kg/m, of which only the shape of the function matters.
+    """
+    model = gravity_model(robot)
+    data = model.createData()
+    torque, torques, move = data.g.data, bytearray(), pin.computeGeneralizedGravity
+    for row in robot.mechanism.configuration(q):
+        move(model, data, row)
+        torques += torque
+    return np.frombuffer(torques).reshape(len(q), robot.n)
+
+
+@lru_cache
+def gravity_model(robot: Robot) -> pin.Model:
+    """The nominal Pinocchio model with the masses that `gravity_torque` uses."""
+    model = robot.chain.model
+    if sum(inertia.mass for inertia in model.inertias) > 0:
+        return model
+    model = model.copy()
+    for j in range(1, robot.n + 1):
+        link = robot.chain.placements[j, :3, 3]  # to the next joint, or to the tool
+        model.inertias[j] = pin.Inertia(float(np.linalg.norm(link)), link / 2, np.zeros((3, 3)))
+    return model
+
+
+def link_masses(robot: Robot) -> tuple[Array, Array, Array]:
+    """Masses (n,) kg, their centres (n, 3) in the joint frames, m, and gravity (3,) in K_0, m/s²,
+    of `gravity_torque`.
+    """
+    model = gravity_model(robot)
+    masses = np.array([inertia.mass for inertia in list(model.inertias)[1:]])
+    centres = np.array([inertia.lever for inertia in list(model.inertias)[1:]])
+    return masses, centres, np.array(model.gravity.linear)
+
+
+def weight_moments(robot: Robot, frames: Frames) -> Array:
+    """Moments of the weight of what each joint carries about the origin of F0_j, in K_0: (N, n, 3)
+    N m."""
+    masses, centres, gravity = link_masses(robot)
+    after = frames.after
+    first = (after[..., :3, :3] @ centres[..., None])[..., 0] + after[..., :3, 3]
+    first = np.cumsum((masses[:, None] * first)[:, ::-1], axis=1)[:, ::-1]
+    mass = np.cumsum(masses[::-1])[::-1]
+    return np.cross(first - mass[:, None] * frames.before[..., :3, 3], gravity)
+
+
+def load_carrying(robot: Robot) -> np.ndarray:
+    """Revolute joints whose static torque matters, at least 2 % of the largest joint's: (n,)
+    bool."""
+    return _reaching(robot, _CARRIES_LOAD)
+
+
+def turned_by_gravity(robot: Robot) -> np.ndarray:
+    """Revolute joints that gravity turns at all, whatever masses the description has: (n,) bool."""
+    return _reaching(robot, _TURNS)
+
+
+def _reaching(robot: Robot, part: float) -> np.ndarray:
+    largest = largest_torque(robot)
+    revolute = ~np.array(robot.prismatic)
+    reaching: np.ndarray = (
+        revolute & (largest > part * largest[revolute].max(initial=0.0)) & (largest > 1e-9)
+    )
+    return reaching
+
+
+@lru_cache
+def largest_torque(robot: Robot) -> Array:
+    """Largest |τ_g| of each joint over 500 fixed configurations of the whole joint range: (n,)."""
+    rng = np.random.default_rng(0)
+    q = robot.anywhere(500, rng)
+    return readonly(np.abs(gravity_torque(robot, q)).max(axis=0))

@@ -1,0 +1,349 @@
+"""A calibration as HDF5 groups."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+
+from calibtool.calibration.calibration import Calibration, CrossValidation
+from calibtool.calibration.frame import FRAMES, ChosenFrame
+from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
+from calibtool.equivalent.optimisers import History
+from calibtool.equivalent.regressor import Regressor
+from calibtool.equivalent.regressors import REGRESSORS
+from calibtool.equivalent.training import TrainingReport
+from calibtool.errormodel.families import FAMILIES
+from calibtool.identification.identification import Flagged, Identification, Posterior
+from calibtool.identification.parameters import Parameters, Part
+from calibtool.measurement.measurements import Setup
+from calibtool.robot.robot import Robot
+from calibtool.robot.se3 import check_poses
+from calibtool.storage.shared_groups import (
+    get,
+    get_indices,
+    get_with_gaps,
+    put,
+    read_conditions,
+    read_errors,
+    read_number,
+    read_provenance,
+    read_robot,
+    read_setup,
+    write_conditions,
+    write_errors,
+    write_setup,
+)
+from calibtool.storage.texts import put_string, put_text, string, texts
+
+
+def write_calibration(file: h5py.File, calibration: Calibration) -> None:
+    """Groups of a calibration, in a fixed order."""
+    robot, base = calibration.robot, calibration.base
+    model = file.create_group("model")
+    put_string(model, "name", base.model)
+    model.attrs["simulated"] = calibration.simulated
+    model.attrs["noise_position_m"] = calibration.noise_position
+    model.attrs["noise_orientation_rad"] = calibration.noise_orientation
+    model.attrs["rank"] = base.rank
+    model.attrs["observable_rank"] = base.observable_rank
+    model.attrs["iterations"] = base.iterations
+    model.attrs["residual_rms_position_m"] = base.residual_rms[0]
+    if base.residual_rms[1] is not None:
+        model.attrs["residual_rms_orientation_rad"] = base.residual_rms[1]
+    put_text(
+        model,
+        "unobservable",
+        list(base.unobservable),
+        "parameters or directions that were not determined",
+    )
+    units = ", ".join(robot.joint_units)
+    put(
+        model,
+        "joint_positions",
+        calibration.q,
+        units,
+        "configurations used",
+        "joint",
+        "configuration",
+        "joint",
+    )
+    write_errors(model.create_group("errors"), base.errors)
+    write_conditions(model.create_group("conditions"), calibration.conditions)
+    put(
+        model,
+        "singular_values",
+        base.singular_values,
+        "1/m, 1/rad",
+        "of the weighted identification matrix",
+        "",
+        "index",
+    )
+    if base.posterior is not None:
+        _write_posterior(model.create_group("posterior"), base.posterior)
+    if base.flagged is not None:
+        _write_flagged(model.create_group("flagged"), base.flagged)
+    write_setup(file.create_group("registration"), base.setup)
+    write_setup(file.create_group("registration_nominal"), calibration.nominal_setup)
+    if calibration.frame is not None:
+        _write_frame(file.create_group("frame"), calibration.frame)
+    equivalent = file.create_group("equivalent")
+    put_text(
+        equivalent,
+        "virtual_joints",
+        list(calibration.equivalent.virtual_joints),
+        "elementary twists of the tool frame",
+    )
+    for i, network in enumerate(calibration.networks):
+        _write_network(file.create_group(f"networks/{i}"), network, units)
+    if calibration.training is not None:
+        _write_training(file.create_group("training"), calibration.training)
+    if calibration.validation is not None:
+        group = file.create_group("cross_validation")
+        for name in ("folds", "gain", "standard_error"):
+            group.attrs[name] = getattr(calibration.validation, name)
+
+
+def _write_frame(group: h5py.Group, frame: ChosenFrame) -> None:
+    put_string(group, "name", frame.name)
+    put(
+        group,
+        "T_taught_fitted",
+        frame.T_taught_fitted,
+        "m",
+        "base of the fit",
+        "taught base",
+        "row",
+        "column",
+    )
+    put(
+        group,
+        "T_tool_taught",
+        frame.T_tool_taught,
+        "m",
+        "taught tool frame",
+        "tool of the fit",
+        "row",
+        "column",
+    )
+
+
+def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
+    parameters = posterior.parameters
+    for part in parameters.parts:
+        group.attrs[f"order_{part.family.id}"] = part.family.order(part.shape)
+        elements = "elements of its value that are parameters, from 0"
+        put(group, f"elements_{part.family.id}", part.elements, "1", elements, "", "parameter")
+    for name in ("noise_factor", "effective", "log_evidence"):
+        group.attrs[name] = getattr(posterior, name)
+    put_text(group, "names", parameters.names, "parameter names")
+    put(group, "prior_std", posterior.prior_std, "SI", "tolerance as used", "", "parameter")
+    put(
+        group,
+        "covariance",
+        posterior.covariance,
+        "SI",
+        "of the estimate",
+        "",
+        "parameter",
+        "parameter",
+    )
+
+
+def _write_flagged(group: h5py.Group, flagged: Flagged) -> None:
+    put_string(group, "cluster", flagged.cluster or "")
+    group.attrs["dropped"] = flagged.dropped
+    put(group, "rows", flagged.rows, "1", "configurations that do not fit, from 0", "", "row")
+    put(
+        group,
+        "size",
+        flagged.deviation,
+        "1",
+        "residual in standard deviations per coordinate",
+        "",
+        "row",
+    )
+    put(group, "position", flagged.position, "m", "residual over the target points", "base", "row")
+
+
+def _write_network(group: h5py.Group, network: Regressor, units: str) -> None:
+    put_string(group, "kind", network.id)
+    for name, (unit, words, dimensions) in network.fields.items():
+        unit = {"q": units, "rho": "rad or m"}.get(unit, unit)
+        frame = "joint" if set(dimensions) <= {"joint", "motion"} else ""
+        put(group, name, getattr(network, name), unit, words, frame, *dimensions)
+
+
+def _write_training(group: h5py.Group, training: TrainingReport) -> None:
+    history = training.history
+    put_string(group, "reason", history.reason)
+    group.attrs["chosen"] = history.chosen
+    group.attrs["loss_without"] = training.loss_without
+    put_string(group, "loss", training.loss)
+    put_string(group, "optimiser", training.optimiser)
+    put_string(group, "regularisation", training.regularisation)
+    group.attrs["effective"] = training.effective
+    group.attrs["hidden"] = training.hidden
+    put(
+        group,
+        "training_loss",
+        history.training,
+        training.loss_units,
+        "loss on the training rows",
+        "",
+        "iteration",
+    )
+    put(
+        group,
+        "validation_loss",
+        history.validation,
+        training.loss_units,
+        "loss on the validation rows",
+        "",
+        "iteration",
+    )
+    put(
+        group,
+        "restart_losses",
+        training.restart_losses,
+        training.loss_units,
+        "best loss of each restart",
+        "",
+        "restart",
+    )
+    put(group, "training_rows", training.training_rows, "1", "configurations trained on", "", "row")
+    put(
+        group,
+        "validation_rows",
+        training.validation_rows,
+        "1",
+        "configurations validated on",
+        "",
+        "row",
+    )
+
+
+def build_calibration(file: h5py.File) -> Calibration:
+    """The calibration of an open file. KeyError or ValueError for a damaged one."""
+    robot = read_robot(file)
+    model = file["model"]
+    setup = read_setup(file["registration"])
+    orientation = model.attrs.get("residual_rms_orientation_rad")
+    base = Identification(
+        model=string(model, "name"),
+        errors=read_errors(model["errors"], robot),
+        setup=setup,
+        singular_values=get(model, "singular_values", -1),
+        rank=int(model.attrs["rank"]),
+        observable_rank=int(model.attrs["observable_rank"]),
+        unobservable=texts(model, "unobservable"),
+        residual_rms=(
+            read_number(model, "residual_rms_position_m"),
+            None if orientation is None else float(orientation),
+        ),
+        iterations=int(model.attrs["iterations"]),
+        posterior=_posterior(model["posterior"], robot, setup) if "posterior" in model else None,
+        flagged=_flagged(model["flagged"]) if "flagged" in model else None,
+    )
+    virtual = texts(file["equivalent"], "virtual_joints")
+    if len(virtual) != max(6 - robot.n, 0) or not set(virtual) <= set(ELEMENTARY):
+        raise ValueError(f"equivalent/virtual_joints {virtual} do not complete {robot.n} joints")
+    equivalent = EquivalentRobot(robot.n, virtual)  # type: ignore[arg-type]
+    networks = file.get("networks", {})
+    validation = file["cross_validation"].attrs if "cross_validation" in file else None
+    return Calibration(
+        robot=robot,
+        base=base,
+        equivalent=equivalent,
+        networks=tuple(
+            _network(networks[str(i)], robot.n, equivalent.p) for i in range(len(networks))
+        ),
+        training=_training(file["training"]) if "training" in file else None,
+        validation=None
+        if validation is None
+        else CrossValidation(
+            int(validation["folds"]), float(validation["gain"]), float(validation["standard_error"])
+        ),
+        nominal_setup=read_setup(file["registration_nominal"]),
+        noise_position=read_number(model, "noise_position_m"),
+        noise_orientation=read_number(model, "noise_orientation_rad"),
+        q=get(model, "joint_positions", -1, robot.n),
+        conditions=read_conditions(model["conditions"], robot.n),
+        provenance=read_provenance(file),
+        simulated=bool(model.attrs.get("simulated", False)),
+        frame=_frame(file["frame"]) if "frame" in file else None,
+    )
+
+
+def _frame(group: h5py.Group) -> ChosenFrame:
+    name = string(group, "name")
+    if name not in FRAMES:
+        raise ValueError(f"frame/name '{name}' is none of {', '.join(FRAMES)}")
+    base, tool = (get(group, pose, 4, 4) for pose in ("T_taught_fitted", "T_tool_taught"))
+    check_poses(np.stack([base, tool]), "frame")
+    return ChosenFrame(name, base, tool)  # type: ignore[arg-type]
+
+
+def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
+    parts = []
+    for family in FAMILIES:
+        if f"order_{family.id}" in group.attrs:
+            shape = family.shape(robot.n, int(group.attrs[f"order_{family.id}"]))
+            elements = get_indices(group, f"elements_{family.id}")
+            if not np.array_equal(np.unique(elements), elements) or not (
+                0 <= elements.min() <= elements.max() < np.prod(shape)
+            ):
+                raise ValueError(
+                    f"{group.name}: elements_{family.id} are not those of a value of shape {shape}"
+                )
+            parts.append(Part(family, shape, elements))
+    parameters = replace(Parameters.of(robot, setup), parts=tuple(parts))
+    p = parameters.count
+    return Posterior(
+        parameters=parameters,
+        prior_std=get(group, "prior_std", p),
+        covariance=get(group, "covariance", p, p),
+        noise_factor=read_number(group, "noise_factor"),
+        effective=read_number(group, "effective"),
+        log_evidence=read_number(group, "log_evidence"),
+    )
+
+
+def _flagged(group: h5py.Group) -> Flagged:
+    return Flagged(
+        rows=get_indices(group, "rows"),
+        deviation=get(group, "size", -1),
+        position=get(group, "position", -1),
+        cluster=string(group, "cluster") or None,
+        dropped=bool(group.attrs["dropped"]),
+    )
+
+
+def _network(group: h5py.Group, n: int, p: int) -> Regressor:
+    kind = REGRESSORS[string(group, "kind")]
+    sizes = {"joint": n, "motion": p, "hidden": group["output_weights"].shape[1]}
+    shapes = {
+        name: [sizes[dimension] for dimension in dimensions]
+        for name, (_, _, dimensions) in kind.fields.items()
+    }
+    return kind(**{name: get(group, name, *shape) for name, shape in shapes.items()})
+
+
+def _training(group: h5py.Group) -> TrainingReport:
+    history = History(
+        training=get(group, "training_loss", -1),
+        validation=get_with_gaps(group, "validation_loss", -1),  # NaN without validation rows
+        chosen=int(group.attrs["chosen"]),
+        reason=string(group, "reason"),
+    )
+    return TrainingReport(
+        history=history,
+        training_rows=get_indices(group, "training_rows"),
+        validation_rows=get_indices(group, "validation_rows"),
+        restart_losses=get(group, "restart_losses", -1),
+        loss_without=read_number(group, "loss_without"),
+        loss=string(group, "loss"),  # type: ignore[arg-type]
+        optimiser=string(group, "optimiser"),  # type: ignore[arg-type]
+        regularisation=string(group, "regularisation"),  # type: ignore[arg-type]
+        effective=read_number(group, "effective"),
+        hidden=int(group.attrs["hidden"]),
+    )

@@ -1,0 +1,119 @@
+"""Checks of an HDF5 file before it is read: its digest, its text heaps, its links and its sizes.
+
+An HDF5 call cannot be interrupted, and damaged bytes can send it into an endless loop. calibtool
+therefore appends one line with the SHA-256 of all bytes before it, where no reader of HDF5 looks.
+Files without that line, made or edited by other tools, are accepted if their heaps of texts end.
+"""
+
+import hashlib
+import math
+import re
+import struct
+from typing import Any
+
+import h5py
+
+_MARK = b"calibtool/sha256 "
+_DIGEST_LINE = re.compile(_MARK + rb"[0-9a-f]{64}\n\Z")
+_LENGTH = len(_MARK) + 65
+_HEAP = re.compile(rb"GCOL\x01\0\0\0", re.DOTALL)  # a global heap: signature, version 1
+_ROOM = 16 << 20  # bytes that any file may hold …
+_PACKED = 20  # … and this many times its length: compressed numbers are not smaller
+_TEXTS = 32  # texts of one attribute
+
+
+def with_digest(data: bytes) -> bytes:
+    """The file and, behind it, a line of text with its digest."""
+    return data + _digest(memoryview(data))
+
+
+def _digest(data: memoryview) -> bytes:
+    return _MARK + hashlib.sha256(data).hexdigest().encode() + b"\n"
+
+
+def check_bytes(data: bytes) -> None:
+    """ValueError for bytes that do not match the digest, or an endless global heap."""
+    if _DIGEST_LINE.search(data, max(0, len(data) - _LENGTH)):
+        if data[-_LENGTH:] != _digest(memoryview(data)[:-_LENGTH]):
+            raise ValueError(
+                "its bytes do not match its SHA-256: changed since it was written; get it again "
+                f"(if it was edited on purpose: head -c -{_LENGTH} FILE is the same "
+                "without the digest)"
+            )
+        return
+    behind = data[_end_of_file(data) :]
+    if behind and (behind.startswith(_MARK) or _MARK.startswith(behind)):
+        raise ValueError(
+            "it ends in the middle of its SHA-256: cut off since it was written; get it again"
+        )
+    for heap in _HEAP.finditer(data):
+        _check_heap(data, heap.start())
+
+
+def _end_of_file(data: bytes) -> int:
+    """Where HDF5's own bytes end, from the superblock (HDF5 file format specification, II.A)."""
+    at = 40 if data[8:9] in (b"\0", b"\1") else 28
+    at += 4 if data[8:9] == b"\1" else 0
+    return int.from_bytes(data[at : at + 8], "little")
+
+
+def _check_heap(data: bytes, start: int) -> None:
+    """Objects follow one another: index, length; index 0 is the free rest.
+
+    A step of 0 would never end.
+    """
+    end, at = start + int.from_bytes(data[start + 8 : start + 16], "little"), start + 16
+    while at + 16 <= min(end, len(data)):
+        index, length = struct.unpack_from("<H6xQ", data, at)
+        step = 16 + (length + 7) // 8 * 8 if index else length
+        if step < 16 or at + step > end:
+            raise ValueError(f"a heap of texts is broken at byte {at}")
+        at += step
+
+
+def check_contents(file: h5py.File, length: int) -> None:
+    """ValueError for anything but groups and datasets of numbers and texts, each under one name and
+    inside the file.
+
+    length: bytes of the file. Soft and external links, virtual datasets and external storage would
+    read other files; what claims much more than the file's length would fill the memory.
+    """
+    room = _ROOM + _PACKED * length
+    seen: set[int] = set()
+    waiting: list[tuple[str, Any]] = [("", file)]
+    while waiting:
+        path, item = waiting.pop()
+        address = h5py.h5o.get_info(item.id).addr
+        if address in seen:
+            raise ValueError(f"{path} is another object under a second name")
+        seen.add(address)
+        _check_attributes(path, item)
+        if isinstance(item, h5py.Group):
+            for name in item:
+                below = f"{path}/{name}"
+                if not isinstance(item.get(name, getlink=True), h5py.HardLink):
+                    raise ValueError(f"{below} is a link to another place")
+                waiting.append((below, item[name]))
+        elif isinstance(item, h5py.Dataset):
+            room -= _check_dataset(path, item)
+            if room < 0:
+                raise ValueError(f"{path}: claims more data than a file of {length} bytes can hold")
+        else:
+            raise ValueError(f"{path} is neither a group nor a dataset")
+
+
+def _check_dataset(path: str, dataset: h5py.Dataset) -> int:
+    """Its size in bytes."""
+    if dataset.is_virtual or dataset.external:
+        raise ValueError(f"{path}: its data stand in another file")
+    if dataset.dtype.kind not in "iufb" and h5py.check_string_dtype(dataset.dtype) is None:
+        raise ValueError(f"{path} holds {dataset.dtype}; expected numbers or text")
+    return int(math.prod(dataset.shape or ()) * dataset.dtype.itemsize)
+
+
+def _check_attributes(path: str, item: Any) -> None:
+    """Many references to one long text would fill the memory."""
+    for name in item.attrs:
+        attribute = item.attrs.get_id(name)
+        if attribute.dtype.kind == "O" and math.prod(attribute.shape) > _TEXTS:
+            raise ValueError(f"{path}: attribute {name} holds {math.prod(attribute.shape)} texts")

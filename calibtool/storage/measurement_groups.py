@@ -1,0 +1,106 @@
+"""Measurements as HDF5 groups."""
+
+import h5py
+
+from calibtool.errormodel.actual import ActualRobot
+from calibtool.measurement.measurements import Measurements, Truth
+from calibtool.storage.shared_groups import (
+    get,
+    get_with_gaps,
+    put,
+    read_conditions,
+    read_errors,
+    read_number,
+    read_provenance,
+    read_robot,
+    read_setup,
+    write_conditions,
+    write_errors,
+    write_setup,
+)
+from calibtool.storage.texts import put_string
+
+
+def write_measurements(file: h5py.File, measurements: Measurements) -> None:
+    """Groups of measurements, in a fixed order."""
+    robot = measurements.robot
+    group = file.create_group("measurements")
+    put_string(group, "kind", measurements.kind)
+    group.attrs["noise_position_m"] = measurements.noise_position
+    group.attrs["noise_orientation_rad"] = measurements.noise_orientation
+    units = ", ".join(robot.joint_units)
+    put(
+        group,
+        "joint_positions",
+        measurements.q,
+        units,
+        "commanded joint positions",
+        "joint",
+        "configuration",
+        "joint",
+    )
+    write_conditions(group, measurements.conditions)
+    if measurements.commanded is not None:
+        labels = ("configuration", "row", "column")
+        long_name = "tool poses asked for, where the joints are corrected for them"
+        put(group, "commanded_poses", measurements.commanded, "m", long_name, "base", *labels)
+    labels = ("configuration", "target", "axis")
+    put(group, "points", measurements.points, "m", "measured target points", "instrument", *labels)
+    if measurements.rotations is not None:
+        labels = ("configuration", "row", "column")
+        put(
+            group,
+            "rotations",
+            measurements.rotations,
+            "1",
+            "measured sensor orientations",
+            "instrument",
+            *labels,
+        )
+    if measurements.deviations is not None:
+        words = "standard deviations along the instrument's axes"
+        put(
+            group,
+            "deviations",
+            measurements.deviations,
+            "m, rad",
+            words,
+            "instrument",
+            "configuration",
+            "coordinate",
+        )
+    write_setup(file.create_group("registration"), measurements.setup)
+    if measurements.truth is not None:
+        actual = measurements.truth.actual
+        truth = file.create_group("truth")
+        write_errors(truth.create_group("errors"), actual.errors)
+        truth.attrs["temperature_c"] = actual.temperature_c
+        write_setup(truth.create_group("registration"), measurements.truth.setup)
+
+
+def build_measurements(file: h5py.File) -> Measurements:
+    """The measurements of an open file. KeyError or ValueError for a damaged one."""
+    robot = read_robot(file)
+    group = file["measurements"]
+    rotations = get(group, "rotations", -1, 3, 3) if "rotations" in group else None
+    truth = None
+    if "truth" in file:
+        stored = file["truth"]
+        actual = ActualRobot(
+            read_errors(stored["errors"], robot), read_number(stored, "temperature_c")
+        )
+        truth = Truth(actual, read_setup(stored["registration"]))
+    return Measurements(
+        robot=robot,
+        q=get(group, "joint_positions", -1, robot.n),
+        points=get_with_gaps(group, "points", -1, -1, 3),  # NaN: a target that was not seen
+        rotations=rotations,
+        setup=read_setup(file["registration"]),
+        noise_position=read_number(group, "noise_position_m"),
+        noise_orientation=read_number(group, "noise_orientation_rad"),
+        truth=truth,
+        conditions=read_conditions(group, robot.n),
+        deviations=get(group, "deviations", -1, -1) if "deviations" in group else None,
+        provenance=read_provenance(file),
+        commanded=get(group, "commanded_poses", -1, 4, 4) if "commanded_poses" in group else None,
+    )

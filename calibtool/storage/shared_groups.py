@@ -1,0 +1,179 @@
+"""Groups that both kinds of HDF5 file have: robot, errors, conditions, set-up."""
+
+from typing import Any
+
+import h5py
+import numpy as np
+
+from calibtool.errormodel.families import FAMILIES
+from calibtool.errormodel.operating_conditions import Conditions
+from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.measurement.kinds import KINDS
+from calibtool.measurement.measurements import Setup
+from calibtool.robot.description import parse_source
+from calibtool.robot.robot import Robot
+from calibtool.robot.se3 import Array, readonly
+from calibtool.storage.texts import put_string, put_text, string, text
+
+
+def put(
+    group: h5py.Group, name: str, values: Any, units: str, long_name: str, frame: str, *dims: str
+) -> None:
+    """A dataset that describes itself."""
+    dataset = group.create_dataset(name, data=np.asarray(values))
+    put_string(dataset, "units", units)
+    put_string(dataset, "long_name", long_name)
+    put_string(dataset, "frame", frame)
+    for axis, label in enumerate(dims):
+        dataset.dims[axis].label = label
+
+
+def read_number(group: h5py.Group, name: str) -> float:
+    """A finite attribute. KeyError or ValueError otherwise."""
+    value = float(group.attrs[name])
+    if not np.isfinite(value):
+        raise ValueError(f"{group.name}: {name} is not finite")
+    return value
+
+
+def get(group: h5py.Group, name: str, *shape: int) -> Array:
+    """A finite dataset (…,) of the given shape, -1 for any length.
+
+    KeyError or ValueError otherwise.
+    """
+    array = get_with_gaps(group, name, *shape)
+    if not np.isfinite(array).all():
+        raise ValueError(f"{group.name}/{name} holds a value that is not finite")
+    return array
+
+
+def get_with_gaps(group: h5py.Group, name: str, *shape: int) -> Array:
+    """A dataset (…,) of the given shape, -1 for any length, where NaN has a meaning.
+
+    KeyError or ValueError otherwise.
+    """
+    dataset = group[name]
+    if dataset.dtype.kind not in "iuf":  # numpy would read numbers from text
+        raise ValueError(f"{dataset.name} holds {dataset.dtype}; expected numbers")
+    return readonly(dataset[()], shape)
+
+
+def get_indices(group: h5py.Group, name: str) -> np.ndarray:
+    """Row numbers from 0, (N,)."""
+    values = get(group, name, -1)
+    if (np.abs(values) >= 2**53).any():
+        raise ValueError(f"{group.name}/{name} holds a value that is no row number")
+    return values.astype(int)
+
+
+def write_robot(file: h5py.File, robot: Robot) -> None:
+    """The description and URDF texts."""
+    group = file.create_group("robot")
+    put_string(group, "name", robot.name)
+    put_text(group, "description", robot.source.toml_text, "text of robot.toml")
+    put_text(group, "urdf", robot.source.urdf_text, "text of the URDF")
+
+
+def read_robot(file: h5py.File) -> Robot:
+    """The robot, built from its texts again."""
+    group = file["robot"]
+    return Robot.from_source(parse_source(text(group, "description"), text(group, "urdf"), "robot"))
+
+
+def write_setup(group: h5py.Group, setup: Setup) -> None:
+    """A set-up."""
+    group.attrs["frame_known"] = setup.frame_known
+    group.attrs["targets_known"] = setup.targets_known
+    put(
+        group,
+        "T_instrument_base",
+        setup.T_instrument_base,
+        "m",
+        "pose of the robot base",
+        "instrument",
+        "row",
+        "column",
+    )
+    put(group, "targets", setup.targets, "m", "target points on the tool", "tool", "target", "axis")
+    put_string(group, "kind", setup.kind.id)
+    for name, (_, unit, words) in setup.kind.arrays.items():
+        put(group, name, setup.arrays[name], unit, words, "tool", "row", "column")
+
+
+def read_setup(group: h5py.Group) -> Setup:
+    """The same back."""
+    return Setup(
+        T_instrument_base=get(group, "T_instrument_base", 4, 4),
+        targets=get(group, "targets", -1, 3),
+        **{
+            name: get(group, name, *shape)
+            for name, (shape, _, _) in KINDS[string(group, "kind")].arrays.items()
+        },
+        frame_known=bool(group.attrs["frame_known"]),
+        targets_known=bool(group.attrs["targets_known"]),
+    )
+
+
+def write_errors(group: h5py.Group, errors: RobotErrors) -> None:
+    """The errors of a robot, a dataset for each family."""
+    for family in FAMILIES:
+        value = errors[family.id]
+        labels = ("joint", "term")[: value.ndim]
+        put(
+            group,
+            family.id,
+            value,
+            family.unit,
+            f"{family.words}: {family.meaning}",
+            "joint",
+            *labels,
+        )
+
+
+def read_errors(group: h5py.Group, robot: Robot) -> RobotErrors:
+    """The same back. KeyError or ValueError for a damaged file."""
+    shapes = {family.id: [-1] * len(family.shape(robot.n)) for family in FAMILIES}
+    return RobotErrors.of(
+        robot, **{name: get(group, name, *shape) for name, shape in shapes.items()}
+    )
+
+
+def write_conditions(group: h5py.Group, conditions: Conditions) -> None:
+    """Known conditions of the rows."""
+    if conditions.direction is not None:
+        signs = conditions.direction.astype(np.int8)
+        put(
+            group,
+            "direction",
+            signs,
+            "1",
+            "sign of each joint's last motion",
+            "joint",
+            "configuration",
+            "joint",
+        )
+    for name, unit, words in (
+        ("payload_kg", "kg", "mass at the tool"),
+        ("temperature_c", "°C", "of the links"),
+    ):
+        values = getattr(conditions, name)
+        if values is not None:
+            put(group, name, values, unit, words, "", *["configuration"][: np.ndim(values)])
+
+
+def read_conditions(group: h5py.Group, n: int) -> Conditions:
+    """The same back, for n joints."""
+    known = {
+        name: get(group, name, *[-1] * group[name].ndim)
+        for name in ("payload_kg", "temperature_c")
+        if name in group
+    }
+    return Conditions(
+        direction=get(group, "direction", -1, n) if "direction" in group else None, **known
+    )
+
+
+def read_provenance(file: h5py.File) -> dict[str, str]:
+    """Texts by name."""
+    group = file["provenance"]
+    return {name: string(group, name) for name in group.attrs}
