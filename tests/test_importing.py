@@ -576,3 +576,36 @@ def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> 
         joint_values="serial",
     )
     np.testing.assert_array_equal(overridden.q, measured.q)
+
+
+# --- not seen -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cells", [[(3, 1)], [(0, 0), (0, 2), (11, 1)]])
+def test_a_cell_of_zeros_is_a_target_that_was_not_seen(cells: list[tuple[int, int]]) -> None:
+    points = points_mm(UR5.targets, instrument())
+    spoiled = points.copy()
+    for row, target in cells:
+        spoiled[row, target] = 0.0
+    found, warnings, *_ = import_table(three_targets_csv(spoiled), "table.csv", UR5)
+    rows = {row for row, _ in cells}
+    assert f"'not seen' in {len(cells)} places" in warnings[0]
+    assert all(str(row + 2) in warnings[0] for row in rows)
+    assert {(int(k), int(i)) for k, i in np.argwhere(~found.seen)} == set(cells)
+    whole = imported(three_targets_csv(points))
+    np.testing.assert_allclose(found.setup.targets, whole.setup.targets, atol=1e-6)
+
+
+@pytest.mark.parametrize("row", [0, 7])
+def test_a_row_of_zeros_says_where_it_is(row: int) -> None:
+    points = points_mm(UR5.targets, instrument())
+    points[row] = 0.0
+    with pytest.raises(InputError, match=rf"csv:{row + 2}: no target .* \(0, 0, 0 is not seen\)"):
+        import_table(three_targets_csv(points), "table.csv", UR5)
+
+
+def test_a_zero_in_one_coordinate_is_a_number() -> None:
+    points = points_mm(UR5.targets, instrument())
+    points[4, 1, 2] = 0.0
+    found = import_table(three_targets_csv(points), "table.csv", UR5)[0]
+    assert found.seen.all()

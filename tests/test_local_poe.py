@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from calibtool.calibration import identify
+from calibtool.calibration.guard import coverage
 from calibtool.errormodel.actual import ActualRobot
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import NoSolutionError
@@ -376,3 +377,24 @@ def test_the_nominal_model_is_the_drawing(fanuc_measurements: Measurements) -> N
         np.sqrt(((fanuc_measurements.points - expected) ** 2).mean()),
         rtol=1e-12,
     )
+
+
+@pytest.mark.parametrize("jitter", [1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("unregistered", [False, True])
+def test_joints_that_only_jitter_settle_with_less_shown(jitter: float, unregistered: bool) -> None:
+    """Directions that the noise hides are not estimated, and rows like those measured are
+    inside."""
+    robot = load_robot("ur10")
+    home, rng = np.array([0.3, -1.2, 1.4, -0.8, 1.0, 0.4]), np.random.default_rng(0)
+    q, again = (home + jitter * rng.normal(size=(100, 6)) for _ in range(2))
+    calibration = identify(
+        simulate(robot, Simulation(at=q, unregistered=unregistered)), "local-poe"
+    )
+    base = calibration.base
+    assert base.rank < base.observable_rank
+    assert base.unobservable
+    assert np.abs(base.errors["placements"]).max() < 15e-3
+    assert base.residual_rms[0] < 0.06e-3
+    assert not coverage(calibration, again).outside.any()
+    moved = home + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert coverage(calibration, moved[None]).outside.all()

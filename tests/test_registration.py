@@ -19,6 +19,7 @@ from calibtool.measurement.registration import (
     update_setup,
 )
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
@@ -229,3 +230,21 @@ def test_rigid_fit_is_the_least_squares_motion(rng: np.random.Generator) -> None
     fitted, _ = Rotation.align_vectors(target - target.mean(axis=0), source - source.mean(axis=0))
     assert np.abs(T[:3, :3] - fitted.as_matrix()).max() < 1e-9
     assert np.abs(T[:3, :3] @ source.mean(axis=0) + T[:3, 3] - target.mean(axis=0)).max() < 1e-12
+
+
+@pytest.mark.parametrize("target", [0, 2])
+@pytest.mark.parametrize("name", ["ur10", "scara"])
+def test_a_target_that_is_never_seen_is_named(name: str, target: int) -> None:
+    measurements = simulate(load_robot(name), Simulation(configurations=30, unregistered=True))
+    points = measurements.points.copy()
+    points[:, target] = np.nan
+    with pytest.raises(NoSolutionError, match=f"target {target + 1} is seen in none of the 30"):
+        register(replace(measurements, points=points))
+
+
+def test_rows_of_which_none_sees_all_targets_register_all_the_same() -> None:
+    whole = simulate(load_robot("ur10"), Simulation(configurations=30, unregistered=True))
+    points = whole.points.copy()
+    points[np.arange(30), np.arange(30) % 3] = np.nan
+    found = register(replace(whole, points=points))
+    np.testing.assert_allclose(found.targets, register(whole).targets, atol=2e-3)

@@ -12,6 +12,7 @@ from calibtool.robot.se3 import Array
 # times the largest distance between a configuration of the training and its nearest neighbour
 _DISTANCE = 1.5
 _COMPARED = 100_000  # pairs at a time: they stay in the processor's cache
+_STANDS = 1e-3  # rad or m: a joint that moved less stood still, and this far from there is like it
 _UNCERTAINTY = 2.0  # times the largest predicted standard deviation on the training configurations
 
 
@@ -65,12 +66,13 @@ class _Reference:
 def _reference(calibration: Calibration) -> _Reference:
     known = calibration.q
     half = np.ptp(known, axis=0) / 2
-    scale = np.where(half > 0.5e-9, half, 1e-3)
+    scale = np.maximum(half, _STANDS)
     within = _nearest(known / scale, known / scale, others=True) if len(known) > 1 else np.ones(1)
     deviation = 0.0
     if calibration.base.posterior is not None:
         deviation = float(predicted_uncertainty(calibration, known).position.max())
-    return _Reference(known / scale, scale, max(float(within.max()), 1e-12), deviation)
+    spacing = max(float(within.max()), float(np.linalg.norm(_STANDS / scale)))
+    return _Reference(known / scale, scale, spacing, deviation)
 
 
 def _nearest(known: Array, points: Array, others: bool = False) -> Array:

@@ -24,7 +24,8 @@ from calibtool.measurement.observation import (
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
-_LEAST_CERTAIN = 0.01  # m or rad: with closed loops, a direction less certain than this is left out
+# 1 over m and rad: a direction is shown where its standard deviation is below 10 mm and 10 mrad
+_SHOWN = 100.0
 RANK_TOLERANCE = 1e-8  # of the largest singular value; the exact redundancies lie near 1e-16
 
 
@@ -69,9 +70,7 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
         nonlocal rank, last, singular_values, null_space
         u, s, vt = np.linalg.svd(system[0].reshape(-1, parameters.count), full_matrices=False)
         if not rank:  # that of the nominal design: errors must not make it look better
-            rank = numerical_rank(s)
-            if loops:
-                rank = min(rank, int((s > 1.0 / _LEAST_CERTAIN).sum()))
+            rank = int((s > max(RANK_TOLERANCE * s[0], _SHOWN)).sum())
             singular_values, null_space = s, vt[rank:]
         gains = s[:rank] + damping * s[0] ** 2 / s[:rank]
         step = vt[:rank].T @ ((u[:, :rank].T @ system[1].ravel()) / gains)

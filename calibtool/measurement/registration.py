@@ -41,6 +41,13 @@ def register(
     poses = (
         measurements.robot.mechanism.forward(measurements.q) if T_base_tool is None else T_base_tool
     )
+    never = np.flatnonzero(~measurements.seen.any(axis=0))
+    if len(never) and not setup.targets_known:
+        raise NoSolutionError(
+            f"registration: target {', '.join(str(i + 1) for i in never)} is seen in none of the "
+            f"{len(measurements)} configurations, so nothing tells where it is; measure it or "
+            "leave it out"
+        )
     unknowns = 6 * (not setup.frame_known) + len(setup.free_names)
     equations = measurements.equations
     if equations <= unknowns:

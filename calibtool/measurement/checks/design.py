@@ -44,7 +44,7 @@ def repeated_groups(q: Array) -> np.ndarray:
 def equal_columns(values: Array) -> list[tuple[int, int]]:
     """Pairs of columns of (N, c) that hold the same numbers and do vary."""
     moving = np.flatnonzero(
-        np.nan_to_num(np.nanmax(values, axis=0) - np.nanmin(values, axis=0)) > 1e-6
+        np.ptp(np.where(np.isnan(values), _first_seen(values), values), axis=0) > 1e-6
     )
     pairs = [(int(a), int(b)) for k, a in enumerate(moving) for b in moving[k + 1 :]]
     return [
@@ -52,6 +52,13 @@ def equal_columns(values: Array) -> list[tuple[int, int]]:
         for a, b in pairs
         if np.allclose(values[:, a], values[:, b], rtol=0, atol=1e-9, equal_nan=True)
     ]
+
+
+def _first_seen(values: Array) -> Array:
+    """The first number of every column of (N, c), 0 where there is none."""
+    seen = ~np.isnan(values)
+    first = values[seen.argmax(axis=0), np.arange(values.shape[1])]
+    return np.where(seen.any(axis=0), first, 0.0)
 
 
 def _still(robot: Robot, q: Array) -> Finding | None:

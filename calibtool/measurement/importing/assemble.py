@@ -251,13 +251,21 @@ def read_table(
     table = source.table
     q = read_joints(joint_table, robot, complete.joints)
     points = read_points(table, complete)
+    zero = (points == 0.0).all(axis=-1) & (complete.lengths is None)
+    if zero.any():  # no instrument measures its own origin to the last digit
+        points = np.where(zero[..., None], np.nan, points)
+        warnings.append(
+            f"{table.name}: 0, 0, 0 was taken for 'not seen' in {int(zero.sum())} places: line "
+            f"{line_ranges([table.lines[k] for k in _rows(zero.any(axis=-1))])}"
+        )
     seen = ~np.isnan(points[..., 0])
     values = None if complete.lengths is None else read_lengths(table, complete.lengths)
     if values is not None:
         seen = np.isfinite(values)
     if not seen.any(axis=-1).all():
-        place = table.place(int(np.argmin(seen.any(axis=-1))))
-        raise InputError(f"{place}: no target was measured in this row")
+        row = int(np.argmin(seen.any(axis=-1)))
+        why = " (0, 0, 0 is not seen)" if zero[row].any() else ""
+        raise InputError(f"{table.place(row)}: no target was measured in this row{why}")
     place_of, places = (
         (None, ()) if complete.place is None else read_places(table, complete.place.column)
     )
