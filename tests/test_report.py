@@ -14,6 +14,7 @@ from calibtool.calibration import Calibration, identify, train
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.evaluation.acceptance import parse_limit
 from calibtool.evaluation.compare import evaluate
+from calibtool.evaluation.metrics import MethodResult
 from calibtool.evaluation.plots import FIGURES, Subject
 from calibtool.evaluation.report import html_report
 from calibtool.evaluation.report.content import number
@@ -301,7 +302,10 @@ def test_the_headline_names_who_keeps_the_limits_and_who_does_not(subject: Subje
     worse = replace(
         subject,
         limits=(),
-        evaluation=replace(subject.evaluation, methods=[complete, nominal, paper]),
+        evaluation=replace(
+            subject.evaluation,
+            results=tuple(MethodResult(errors, errors) for errors in (complete, nominal, paper)),
+        ),
     )
     found = headline(worse, verdicts(worse))
     assert found.good is False
@@ -312,9 +316,9 @@ def test_doubtful_corrections_and_unlike_rows_are_cautions(
     subject: Subject, fresh: Measurements
 ) -> None:
     assert subject.evaluation is not None
-    doubtful = replace(
-        subject, evaluation=replace(subject.evaluation, marked=[0, 0, 3], outside=[0, 2, 0])
-    )
+    nominal, paper, complete = subject.evaluation.results
+    results = (nominal, replace(paper, outside=2), replace(complete, marked=3))
+    doubtful = replace(subject, evaluation=replace(subject.evaluation, results=results))
     found = cautions(doubtful, fresh.q)
     assert f"2 judged configurations are unlike those of the training of {EVIL}." in found
     assert "3 corrections by complete leave a part of the error, or all of it." in found

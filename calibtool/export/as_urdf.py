@@ -129,8 +129,9 @@ def _set_origin(part: ET.Element, pose: Array) -> None:
 
 
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
-    """Fixed-axes angles that give R to rounding also where the pitch is ±90°: roll is what is left
-    after yaw and pitch.
+    """Fixed-axes angles (rad) that give R (3, 3) to rounding, where the pitch is ±90° too.
+
+    Roll is the turn that remains after yaw and pitch.
     """
     yaw = np.arctan2(R[1, 0], R[0, 0])
     s, c = np.sin(yaw), np.cos(yaw)

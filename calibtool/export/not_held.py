@@ -20,7 +20,8 @@ def not_held(
     """One line per part of a calibration that `held` leaves out, and one for all of it.
 
     Sizes are in mm and mrad at the tool.
-    basis: the directions in which the format holds placement errors, see `fitted_geometry`.
+    basis (6n+6, k): the directions in which the format holds placement errors, see
+    `fitted_geometry`.
     """
     robot, q = calibration.robot, calibration.q
     whole, tool = calibration.forward(q), held.forward(q)

@@ -28,7 +28,8 @@ def urdf_geometry(calibration: Calibration, basis: Array | None = None) -> Robot
 
     Fitted over the configurations of the calibration and over a sample of where they lie, which
     count the same. There are no errors where those found are not better than none on other samples,
-    by two standard errors of the mean weighted pose error. basis: see `fitted_geometry`.
+    by two standard errors of the mean weighted pose error. basis (6n+6, k): see
+    `fitted_geometry`.
     """
     robot, q = calibration.robot, fit_configurations(calibration)
     judged = _sample(calibration, 2 * _SAMPLE)[_SAMPLE:]
@@ -52,9 +53,10 @@ def fit_configurations(calibration: Calibration) -> Array:
 
 
 def full_basis(robot: Robot) -> Array:
-    """Every placement error, each by its tolerance: (6n+6, 6n+6), m and rad."""
+    """Every placement error, each by its tolerance: (6n+6, 6n+6), more with loops; m and rad."""
     tolerances = Tolerances.of_robot(robot)
-    return np.diag(np.tile(np.repeat([tolerances.length, tolerances.angle], 3), robot.n + 1))
+    count = len(robot.chain.placements)
+    return np.diag(np.tile(np.repeat([tolerances.length, tolerances.angle], 3), count))
 
 
 def joint_basis(robot: Robot) -> Array:

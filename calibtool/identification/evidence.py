@@ -133,7 +133,10 @@ def _singular() -> NoSolutionError:
 
 def log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> float:
     """ln N(0; θ, C) − ln N(0; 0, S): the evidence for the model without these parameters against
-    the one with them."""
+    the one with them.
+
+    theta θ (k,), covariance C (k, k), prior_std the root of the diagonal of S (k,).
+    """
     if not len(theta):
         return 0.0
     from scipy.linalg.lapack import dpotrf, dpotrs

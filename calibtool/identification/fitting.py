@@ -45,10 +45,12 @@ class Fit:
 
     @cached_property
     def covariance(self) -> Array:
+        """Posterior covariance (p, p) of the parameters."""
         return inverse(self.information / self.noise_factor**2 + np.diag(self.prior_std**-2.0))
 
     @cached_property
     def theta(self) -> Array:
+        """Values (p,) of the parameters."""
         return self.state.vector(self.parameters)
 
     def conditional(self, dropped: np.ndarray) -> tuple[Array, Array]:

@@ -143,8 +143,9 @@ class Parameters:
 
     @cached_property
     def sections(self) -> list[tuple[Family, np.ndarray]]:
-        """Families and indices of parameters that are chosen together; not of those that are
-        always identified."""
+        """Families and indices (k,) of parameters that are chosen together; not of those that are
+        always identified.
+        """
         result = []
         for part in self.parts:
             numbers = part.family.sections(part.shape).ravel()[part.elements]

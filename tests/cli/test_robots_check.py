@@ -94,8 +94,8 @@ def test_what_is_wrong_ends_with_place_and_remedy() -> None:
     assert message.startswith("mine: slide 'one' has no limits")
     assert "[limits] j1_mm = " in message
     message = refused(3, "robots", "--check", urdf(mimic='<mimic joint="none"/>'))
-    assert "joint 'two' mimics 'none'" in message
-    assert "lock 'two' too" in message
+    assert "joint 'two' between base and tool mimics 'none'" in message
+    assert "lock it there" in message
     urdf()
     Path("mine.urdf").write_text(Path("mine.urdf").read_text().replace('<origin xyz="1 0 0"/>', ""))
     message = refused(3, "robots", "--check", "mine.urdf")
