@@ -17,6 +17,7 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import weights
 from calibtool.robot.se3 import Array
 
+_WEIGHTED = 1e-4  # times as small must a step be where rows change their weights with it
 CONVERGED = 1e-3  # a step this small against the posterior's standard deviations changes nothing
 ROUGHLY = 0.1  # and this small a one not the choice of a model
 _MAX_ITERATIONS = 30
@@ -122,8 +123,11 @@ def fit(
         )
         std, noise_factor = solution.prior_std, solution.noise_factor
         used, row_weight = row_weight, row_weights(equations.row_squares, d, loss_function)
+        # Weights that change with the step settle by a factor only, not by the square of the step.
+        finer = 1.0 if np.array_equal(used, row_weight) else _WEIGHTED
         return solution.step, bool(
-            solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01
+            solution.farthest < finer * converged
+            and abs(noise_factor / previous - 1.0) < 0.01 * finer
         )
 
     state, iterations, settled = gauss_newton(

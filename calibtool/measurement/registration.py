@@ -42,7 +42,7 @@ def register(
         measurements.robot.mechanism.forward(measurements.q) if T_base_tool is None else T_base_tool
     )
     never = np.flatnonzero(~measurements.seen.any(axis=0))
-    if len(never) and not setup.targets_known:
+    if len(never) and not setup.targets_known and setup.kind.id == "points":
         raise NoSolutionError(
             f"registration: target {', '.join(str(i + 1) for i in never)} is seen in none of the "
             f"{len(measurements)} configurations, so nothing tells where it is; measure it or "

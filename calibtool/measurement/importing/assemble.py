@@ -251,7 +251,7 @@ def read_table(
     table = source.table
     q = read_joints(joint_table, robot, complete.joints)
     points = read_points(table, complete)
-    zero = (points == 0.0).all(axis=-1) & (complete.lengths is None)
+    zero = _not_seen(points) & (complete.lengths is None)
     if zero.any():  # no instrument measures its own origin to the last digit
         points = np.where(zero[..., None], np.nan, points)
         warnings.append(
@@ -374,6 +374,16 @@ def _driven(joints: Table) -> tuple[list[int], str | None]:
 def _whole(values: Array | None) -> bool:
     """Whether there is a number in every row."""
     return values is not None and bool(np.isfinite(values).all())
+
+
+def _not_seen(points: Array) -> np.ndarray:
+    """Where points (N, m, 3) are 0, 0, 0, which no instrument reads to the last digit. (N, m)
+
+    Points of a gauge are no readings: they come again and again, and one of them may be the origin.
+    """
+    distinct = len(np.unique(points.reshape(-1, 3), axis=0))
+    zero: np.ndarray = (points == 0.0).all(axis=-1)
+    return zero & (2 * distinct > points.shape[0])
 
 
 def _rows(chosen: np.ndarray) -> list[int]:
