@@ -1,5 +1,5 @@
 """A mechanism with closed loops over its actuated joints: Newton's method on closure, then what its
-tree gives (METHOD §11).
+tree gives (docs/closed-loops.md).
 """
 
 from collections.abc import Callable, Iterator
