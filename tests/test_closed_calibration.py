@@ -105,7 +105,7 @@ def test_passive_joints_have_no_offsets_twists_or_functions(closed: Robot) -> No
 
 
 def test_with_a_perfect_model_nothing_stays_in_the_task_components(closed: Robot) -> None:
-    """Less than 1e-6 mm, also where no joint can correct the rest (METHOD §11)."""
+    """Less than 1e-6 mm, also where no joint can correct the rest (docs/closed-loops.md)."""
     measurements = measured(closed)
     calibration = knowing(measurements)
     assert measurements.truth is not None

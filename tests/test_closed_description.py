@@ -310,7 +310,7 @@ def test_the_check_shows_the_closed_mechanism(tmp_path: Path) -> None:
 def test_as_many_parameters_are_identifiable_as_the_mathematics_says(
     name: str, identifiable: int
 ) -> None:
-    """METHOD §11, of the geometry with three targets."""
+    """docs/closed-loops.md, of the geometry with three targets."""
     from calibtool.identification.parameters import Parameters, State
     from calibtool.measurement.measurements import Setup
     from calibtool.measurement.observation import observation_matrix
