@@ -1,4 +1,4 @@
-"""The equations of closed loops and their derivatives, for many rows at once (docs/closed-loops.md).
+"""Equations of closed loops and their derivatives, for many rows at once (docs/closed-loops.md).
 
 For loop ℓ with frames A and B, E = T_A⁻¹ T_B: the residual r is the translation of E and what of
 its rotation the cut joint forbids; its derivative is C_ℓ = W_ℓ (σ_ℓ ∘ J), J the spatial columns of
