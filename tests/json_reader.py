@@ -134,7 +134,7 @@ def correct_from_json(c: dict, q: Array) -> tuple[Array, str]:
         D_A, (D_J, _) = D, bounded_step(J, e)
         cost = np.sum((J @ (D_A - D_J)) ** 2)
         allowed = 0.75 * max(0.0, e @ e - np.sum((e + J @ D_J) ** 2))
-        D = D_J + (np.sqrt(allowed / cost) if cost > allowed else 1.0) * (D_A - D_J)
+        D = D_J + np.sqrt(allowed / cost) * (D_A - D_J) if cost > allowed else D_A
 
     def squares(a: Array, b: Array) -> Array:
         return np.array([a @ b, task(a) @ task(b)])

@@ -116,14 +116,17 @@ class Linearised:
         )
 
     def blended(self, of_task: Array, of_all: Array) -> tuple[Array, np.ndarray]:
-        """Δ of item 4 of `one_step` for n < 6 from Δ_A and Δ_J, (N, n) each; rows where w < 1."""
+        """Δ of item 4 of `one_step` for n < 6 from Δ_A and Δ_J, (N, n) each; rows where w < 1.
+
+        The others are Δ_A to the last digit: a joint that is held stays on the face of the box.
+        """
         J, e = self.jacobian, self.error
         gain = (e**2).sum(axis=-1) - ((e + times(J, of_all)) ** 2).sum(axis=-1)
         cost = (times(J, of_task - of_all) ** 2).sum(axis=-1)
         allowed = _COST_OF_TASK * np.maximum(0.0, gain)
         traded = cost > allowed
-        weight = np.where(traded, np.sqrt(allowed / np.where(traded, cost, 1.0)), 1.0)
-        return of_all + weight[:, None] * (of_task - of_all), traded
+        weight = np.sqrt(allowed / np.where(traded, cost, 1.0))[:, None]
+        return np.where(traded[:, None], of_all + weight * (of_task - of_all), of_task), traded
 
 
 @lru_cache(maxsize=8)  # a calibration is what it is: hashed by identity
