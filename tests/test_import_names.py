@@ -8,7 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError
 from calibtool.measurement.importing import Imported, Stated, read_table
+from calibtool.measurement.importing.long_form import one_row_each
+from calibtool.measurement.importing.spelling import split_unit
 from calibtool.robot.catalogue import load_robot
+from calibtool.tables import parse_table
 
 ARM = load_robot("ur10")
 URDF = list(ARM.chain.model.names)[1:]
@@ -192,3 +195,17 @@ def test_joints_asked_for_and_read_back() -> None:
     assert np.allclose(np.rad2deg(found.measurements.q[0]), Q)
     assert found.auxiliary.q_read is not None
     assert np.allclose(np.rad2deg(found.auxiliary.q_read[0]), np.add(Q, 0.1))
+
+
+@pytest.mark.parametrize("part", ["{a=", "_", "a1_", "[ ", "°"])
+def test_a_name_of_any_length_is_split_at_its_end(part: str) -> None:
+    """Such names come from damaged files, and once took minutes."""
+    name = "x" + part * 20_000 + "x"
+    assert split_unit(name + " [mm]") == (name, "mm")
+    assert split_unit(name + "!") == (name + "!", None)
+
+
+def test_names_of_points_of_any_length_are_no_list() -> None:
+    rows = "".join(f"{'_' * 20_000}!,{k},0,0\n" for k in range(3))
+    table = parse_table("name,x_mm,y_mm,z_mm\n" + rows, "t.csv")
+    assert one_row_each(table, None, ()) == (table, None)

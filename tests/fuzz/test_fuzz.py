@@ -11,7 +11,6 @@ from watched import watched
 from calibtool.errors import CalibtoolError
 
 SLOW = {
-    "import",
     "hdf5-measurements",
     "hdf5-calibration",
     "urdf",

@@ -14,8 +14,8 @@ from calibtool.tables import Table
 
 _MOST_TARGETS = 12
 _SPLITS = (  # of a name into configuration and target, or the other way round
-    (re.compile(r"(.+)[_.\-:/ ]+([^_.\-:/ ]+)"), False),
-    (re.compile(r"([^_.\-:/ ]+)[_.\-:/ ]+(.+)"), True),
+    (re.compile(r"(.+)[_.\-:/ ]([^_.\-:/ ]+)"), False),
+    (re.compile(r"([^_.\-:/ ]+)[_.\-:/ ]++(.+)"), True),
     (re.compile(r"(.*\d)([a-z]+\d*)", re.IGNORECASE), False),
 )
 Key = tuple[str, str]

@@ -20,9 +20,10 @@ UNITS = {
     for spelling in spellings.split()
 }
 _DEGREES = str.maketrans({"º": "°", "˚": "°"})
-_BRACKETED = re.compile(r"(.*?)[\s_.,/:]*[\[({<]\s*([^\])}>]*?)\s*[\])}>]")
+_BRACKETED = re.compile(r"(.*?)[\s_.,/:]*[\[({<]\s*([^\[({<\])}>]*?)\s*[\])}>]")
 _TRAILING = re.compile(r'(.*?)[\s_.,/]+(?:in\s+)?([a-z"]+|°c?)', re.IGNORECASE)
 _ATTACHED = re.compile(r"(.*?\w)(°c?)", re.IGNORECASE)
+_LONGEST = 32  # characters that a unit has at most, with brackets and separators
 _GAPS = re.compile(r"[\s_.\-/:]+")
 
 
@@ -31,10 +32,14 @@ def split_unit(column: str) -> tuple[str, str | None]:
     known.
     """
     text = " ".join(column.replace("Â°", "°").translate(_DEGREES).split())
+    # Only the end is searched: the patterns take the square of the length of what they look at.
+    front, end = text[:-_LONGEST], text[-_LONGEST:]
     for pattern in (_BRACKETED, _TRAILING, _ATTACHED):
-        match = pattern.fullmatch(text)
-        if match and match[1] and (unit := UNITS.get(match[2].lower())) is not None:
-            return match[1], unit
+        match = pattern.fullmatch(end)
+        if match and (front or match[1]):
+            unit = UNITS.get(match[2].lower())
+            if unit is not None:
+                return front + match[1], unit
     return text, None
 
 
