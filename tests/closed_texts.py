@@ -1,4 +1,4 @@
-"""Descriptions with closed loops, changed: the texts of a carried robot, or a URDF of few "
+"""Descriptions with closed loops, changed: the texts of a built-in robot, or a URDF of few "
 "joints."""
 
 from pathlib import Path
@@ -9,13 +9,13 @@ from calibtool.robot.robot import Robot
 
 
 def texts(name: str) -> tuple[str, str]:
-    """robot.toml and robot.urdf of a carried robot."""
+    """robot.toml and robot.urdf of a built-in robot."""
     folder = shipped("robots") / name
     return (folder / "robot.toml").read_text(), (folder / "robot.urdf").read_text()
 
 
 def changed(name: str, *pairs: tuple[str, str]) -> Robot:
-    """A carried robot with texts replaced, each of which must be there."""
+    """A built-in robot with texts replaced, each of which must be there."""
     toml, urdf = texts(name)
     for old, new in pairs:
         assert old in toml or old in urdf, old

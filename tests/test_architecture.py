@@ -24,6 +24,7 @@ ROOMS = (
     "robot",
     "errormodel",
     "tables",
+    "joint_and_pose_columns",
     "measurement",
     "identification",
     "planning",

@@ -1,4 +1,4 @@
-"""Checks at the door: each finds the damage that was done, with its numbers, and clean
+"""Checks on import: each finds the damage that was done, with its numbers, and clean
 measurements raise no warning.
 """
 
@@ -27,7 +27,7 @@ def measured(robot: Robot, count: int = 40, **options: object) -> Measurements:
     return simulate(
         robot,
         Simulation(seed=1, configurations=count, workspace=robot.workspace(None)[1], **options),
-    )  # type: ignore[arg-type]
+    )
 
 
 def damaged(
@@ -243,7 +243,7 @@ def test_one_joint_counted_from_another_zero(name: str, joint: int, degrees: flo
     q[:, joint - 1] -= np.deg2rad(degrees)
     found = named(check_measurements(damaged(clean, q=q)), "joint_zero")
     assert found.numbers["joints"] == [joint]
-    (add,) = found.numbers["add_deg_or_mm"]  # type: ignore[misc]
+    (add,) = found.numbers["add_deg_or_mm"]
     assert add == pytest.approx(degrees, abs=0.4)
 
 
@@ -253,7 +253,7 @@ def test_one_zero_that_is_a_little_elsewhere(fanuc: Robot) -> None:
     q[:, 3] -= np.deg2rad(1.5)
     found = named(check_measurements(damaged(clean, q=q)), "joint_zero")
     assert "joint 4" in found.message
-    assert found.numbers["add_deg_or_mm"][0] == pytest.approx(1.5, abs=0.3)  # type: ignore[index]
+    assert found.numbers["add_deg_or_mm"][0] == pytest.approx(1.5, abs=0.3)
 
 
 @pytest.mark.parametrize("name", SIX)
@@ -264,7 +264,7 @@ def test_poses_of_a_fixed_board_in_a_camera_on_the_flange(name: str) -> None:
     turned = replace(clean, points=readonly(T[:, None, :3, 3]), rotations=readonly(T[:, :3, :3]))
     turned = replace(turned, setup=replace(turned.setup, frame_known=False, targets_known=False))
     found = named(check_measurements(turned), "inverse_poses")
-    assert found.numbers["repaired_rms_mm"] < 5.0  # type: ignore[operator]
+    assert found.numbers["repaired_rms_mm"] < 5.0
 
 
 def as_poses(measurements: Measurements) -> Array:
@@ -394,7 +394,7 @@ def test_drift_of_the_base_against_the_instrument(fanuc: Robot, drift: float) ->
     )
     if drift:
         assert found.numbers["moved_mm"] == pytest.approx(0.27, abs=0.06)
-        assert found.numbers["first_to_last_mm"][2] > 0.2  # type: ignore[index]
+        assert found.numbers["first_to_last_mm"][2] > 0.2
         assert "0.925 h" in found.message
 
 
@@ -407,7 +407,7 @@ def test_trend_with_temperature(fanuc: Robot, growth: float) -> None:
         replace(clean, points=readonly(points)), AuxiliaryReadings(temperature_c=temperature)
     )
     trend = named(found, "temperature_trend", "warning" if growth else "note")
-    assert (trend.numbers["p_value"] < 1e-3) == bool(growth)  # type: ignore[operator]
+    assert (trend.numbers["p_value"] < 1e-3) == bool(growth)
 
 
 def test_commanded_or_read_positions(fanuc: Robot) -> None:
@@ -418,8 +418,8 @@ def test_commanded_or_read_positions(fanuc: Robot) -> None:
     both = AuxiliaryReadings(q_commanded=commanded, q_read=read)
     found = named(check_measurements(robot_was_at_read, both), "commanded_or_read", "note")
     share, error = found.numbers["share_of_read"], found.numbers["share_standard_error"]
-    assert abs(share - 1) < 4 * error < 1  # type: ignore[operator]
-    assert found.numbers["read_rms_mm"] < found.numbers["commanded_rms_mm"]  # type: ignore[operator]
+    assert abs(share - 1) < 4 * error < 1
+    assert found.numbers["read_rms_mm"] < found.numbers["commanded_rms_mm"]
     file_of_commanded = replace(robot_was_at_read, q=readonly(commanded))
     assert (
         "the file holds the commanded ones"
@@ -474,4 +474,4 @@ def test_read_positions_are_compared_with_the_file_s_where_no_commanded_ones_are
     share = named(check_measurements(measurements, others), "commanded_or_read", "note").numbers[
         "share_of_read"
     ]
-    assert abs(share) < 0.3  # type: ignore[arg-type]
+    assert abs(share) < 0.3

@@ -27,7 +27,7 @@ COUNT = 40
 def measured(robot: Robot, seed: int = 1, **options: object) -> Measurements:
     workspace = robot.workspace(None)[1]
     basis = Simulation(seed=seed, configurations=COUNT, workspace=workspace)
-    return simulate(robot, replace(basis, **options))  # type: ignore[arg-type]
+    return simulate(robot, replace(basis, **options))
 
 
 def fresh(measurements: Measurements) -> Measurements:
@@ -209,7 +209,7 @@ def test_an_evaluation_has_all_rows_in_numbers() -> None:
     robot = load_robot("hexapod")
     measurements = measured(robot)
     value = evaluate([("complete", identify(measurements))], fresh(measurements)).as_json()
-    nominal, complete = value["methods"]  # type: ignore[misc]
+    nominal, complete = value["methods"]
     assert complete["position_mm"]["max"] < 0.1 * nominal["position_mm"]["max"]
     assert complete["reduction_percent"]["position_mean"] > 95
 

@@ -46,7 +46,7 @@ def test_a_table_of_dh_parameters_reads_back_as_the_calibrated_robot(
     q = anywhere(calibration, 20)
     expected = calibration.base.errors.mechanism.forward(q)
     for convention in ("standard", "modified"):
-        text, missing = calibration_as_dh(calibration, convention)  # type: ignore[arg-type]
+        text, missing = calibration_as_dh(calibration, convention)
         robot = read(text, tmp_path, "table.csv")
         assert missing == []
         np.testing.assert_allclose(robot.mechanism.forward(q), expected, atol=1e-9)
@@ -139,7 +139,7 @@ def test_offsets_are_found_again_and_read_back(name: str, values: str) -> None:
     calibration = calibrated(name, "local-poe", False)
     offsets = np.random.default_rng(2).normal(size=calibration.robot.n) * 1e-3
     only = having(calibration, offsets=offsets)
-    text, missing = calibration_as_offsets(only, values)  # type: ignore[arg-type]
+    text, missing = calibration_as_offsets(only, values)
     assert missing == []
     rows = [line.split(",") for line in text.splitlines() if line[0].isdigit()]
     factor = np.where(only.robot.prismatic, 1e-3, np.pi / 180)
@@ -155,7 +155,7 @@ def test_offsets_are_found_again_and_read_back(name: str, values: str) -> None:
 def test_offsets_take_up_what_they_can_and_say_the_rest() -> None:
     calibration = geometric("ur5", "none")
     text, missing = calibration_as_offsets(calibration, "serial")
-    lost = float(re.search(r"all together: ([\d.]+) mm", missing[-1])[1])  # type: ignore[index]
+    lost = float(re.search(r"all together: ([\d.]+) mm", missing[-1])[1])
     nominal = calibration.robot.mechanism.forward(calibration.q)
     before = 1e3 * distances(nominal, calibration.forward(calibration.q))[0].mean()
     assert 0 < lost < before
@@ -189,6 +189,6 @@ def test_the_urdf_for_ros_2_has_no_comment_and_the_same_poses(tmp_path: Path) ->
     assert missing[0] in text
     q = anywhere(calibration, 5)
     expected = tool_poses(plain, calibration, q, tmp_path)
-    tool = re.search(r'<calibtool tool="([^"]+)"', text)[1]  # type: ignore[index]
+    tool = re.search(r'<calibtool tool="([^"]+)"', text)[1]
     same = text.replace("<calibtool ", f"<!-- (tool)   link {tool}\n --><calibtool ")
     np.testing.assert_array_equal(tool_poses(same, calibration, q, tmp_path), expected)

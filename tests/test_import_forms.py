@@ -21,7 +21,7 @@ TEXT = "\n".join([HEADER, *ROWS]) + "\n"
 
 
 def read(data: bytes | str, joints: JointFile | None = None, **options: object) -> Imported:
-    return read_table(data, "t.csv", ARM, stated=MM, joints=joints, **options)  # type: ignore[arg-type]
+    return read_table(data, "t.csv", ARM, stated=MM, joints=joints, **options)
 
 
 def check(found: Imported) -> None:
@@ -47,7 +47,7 @@ def test_encodings_are_found(encoding: str, mark: bytes, note: str | None) -> No
     found = read(mark + TEXT.encode(encoding))
     check(found)
     told = [f"t.csv: not UTF-8, read as {note}; --encoding says otherwise"] if note else []
-    assert found.understood.said == told
+    assert found.understood.remarks == told
     check(read(TEXT.encode(encoding), encoding=encoding))
 
 
@@ -63,7 +63,7 @@ def test_encodings_are_found(encoding: str, mark: bytes, note: str | None) -> No
 def test_lines_before_the_header_are_not_used(before: list[str]) -> None:
     found = read("\n".join([*before, HEADER, *ROWS]))
     check(found)
-    assert found.understood.said == [
+    assert found.understood.remarks == [
         f"t.csv: the header is line {len(before) + 1}, the lines before it are not used"
     ]
     assert list(found.understood.lines) == list(range(len(before) + 2, len(before) + 8))
@@ -119,7 +119,7 @@ def joint_table(name: str | None) -> str:
 def test_one_point_per_line_by_the_names(points: str, pose: str) -> None:
     found = read(long_form(points), JointFile(joint_table(pose), "j.csv", "name"))
     check(found)
-    assert "6 configurations of 2 targets" in found.understood.said[0]
+    assert "6 configurations of 2 targets" in found.understood.remarks[0]
 
 
 @pytest.mark.parametrize("points", ["P{c}_T{t}", "{c}.{T}"])
@@ -210,4 +210,4 @@ def test_rows_that_compensate_could_not_reach_were_not_driven() -> None:
     assert found.warnings == [
         "t.csv: 1 rows have the status unreachable and no joints; left out: line 4"
     ]
-    assert found.understood.said == []  # the columns of compensate are known
+    assert found.understood.remarks == []  # the columns of compensate are known

@@ -29,7 +29,7 @@ def read(header: str, values: list[float], separator: str = ";", **stated: str) 
         f"{header}\n{row}\n",
         "t.csv",
         ARM,
-        stated=Stated(**stated),  # type: ignore[arg-type]
+        stated=Stated(**stated),
     )
 
 
@@ -186,7 +186,7 @@ def test_targets_by_their_names_and_what_is_no_measured_point() -> None:
     assert np.allclose(found.measurements.points[0] * 1e3, [P, other])
     unused = found.understood.ignored["t.csv"]
     assert unused == more.removeprefix(";").split(";")
-    assert found.understood.said == [f"t.csv: not used: {', '.join(unused)}"]
+    assert found.understood.remarks == [f"t.csv: not used: {', '.join(unused)}"]
 
 
 def test_joints_asked_for_and_read_back() -> None:

@@ -172,7 +172,7 @@ def test_a_file_keeps_the_readings(name: str) -> None:
 def test_the_sockets_of_a_gauge_are_as_far_apart_as_it_says() -> None:
     seen = measured("contact")
     assert set(np.unique(seen.points[:, 0, 0]).tolist()) == {0.0, GAUGE}
-    assert np.array_equal(np.bincount(seen.place), [20, 20, 20])  # type: ignore[arg-type]
+    assert np.array_equal(np.bincount(seen.place), [20, 20, 20])
 
 
 def test_readings_of_another_robot_are_far_from_the_nominal_one(seen: Measurements) -> None:

@@ -33,12 +33,12 @@ def targets(calibration: Calibration, count: int = 10) -> Array:
 def test_rows_are_answered_as_by_compensate(name: str, values: str, method: str) -> None:
     calibration = calibrated(name, "everything", True)
     robot = calibration.robot
-    live = Live(calibration, values, method)  # type: ignore[arg-type]
+    live = Live(calibration, values, method)
     serial = targets(calibration)
-    expected = compensate_joints(calibration, serial, method).q  # type: ignore[arg-type]
-    shown = robot.serial_as(values, serial)  # type: ignore[arg-type]
+    expected = compensate_joints(calibration, serial, method).q
+    shown = robot.serial_as(values, serial)
     found = np.array([live.corrected(q)[0] for q in shown])
-    np.testing.assert_allclose(robot.serial_from(values, found), expected, atol=1e-12)  # type: ignore[arg-type]
+    np.testing.assert_allclose(robot.serial_from(values, found), expected, atol=1e-12)
 
 
 def test_objects_have_the_names_units_and_statuses_of_tables() -> None:

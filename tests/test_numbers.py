@@ -13,7 +13,14 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 # a, alpha, d, theta of an arm with an offset wrist: m and deg
-ROWS = [(0.0, 90, 0.13, 10), (-0.6, 0, 0.02, 0), (-0.55, 5, 0, 0), (0, 90, 0.16, 0), (0, -90, 0.115, 0), (0.01, 0, 0.09, -20)]  # fmt: skip  # noqa: E501
+ROWS = [
+    (0.0, 90, 0.13, 10),
+    (-0.6, 0, 0.02, 0),
+    (-0.55, 5, 0, 0),
+    (0, 90, 0.16, 0),
+    (0, -90, 0.115, 0),
+    (0.01, 0, 0.09, -20),
+]
 Q = np.random.default_rng(5).uniform(-3, 3, (10, 6))
 TARGETS = "[targets]\npoints_mm = [[100, 0, 0], [0, 100, 0], [0, 0, 100]]\n"
 

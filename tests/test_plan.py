@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from calibtool.calibration import identify
+from calibtool.joint_and_pose_columns import joints_from_header
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints, inside
@@ -13,7 +14,7 @@ from calibtool.planning.plan import Plan, make_plan
 from calibtool.planning.selection import Criterion
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
-from calibtool.tables import joints_from_header, parse_table
+from calibtool.tables import parse_table
 
 NOISE = 0.05e-3
 

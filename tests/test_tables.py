@@ -10,14 +10,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError
+from calibtool.joint_and_pose_columns import joints_from_header, poses_from_header
 from calibtool.robot.catalogue import load_robot
-from calibtool.tables import (
-    format_table,
-    joints_from_header,
-    number,
-    parse_table,
-    poses_from_header,
-)
+from calibtool.tables import format_table, number, parse_table
 
 Array = np.ndarray
 

@@ -28,6 +28,7 @@ from calibtool.cli.options import (
     Output,
     Outside,
     PayloadKg,
+    TakeUpBacklash,
     TemperatureC,
     choice,
     joint_values_of,
@@ -100,13 +101,7 @@ def compensate(
             "those that can be corrected.",
         ),
     ] = None,
-    backlash: Annotated[
-        bool,
-        typer.Option(
-            "--backlash/--no-backlash",
-            help="Take up backlash; --no-backlash: the rows are no path.",
-        ),
-    ] = True,
+    backlash: TakeUpBacklash = True,
     payload_kg: PayloadKg = None,
     temperature_c: TemperatureC = None,
     frame: FrameOption = None,

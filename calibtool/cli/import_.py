@@ -262,7 +262,7 @@ def import_(
         )
     if clock_offset is not None:
         imported = imported.with_clock_offset(clock_offset)
-    for note in imported.understood.said:
+    for note in imported.understood.remarks:
         message(f"note: {note}")
     for warning in imported.warnings:
         message(f"warning: {warning}")

@@ -34,7 +34,7 @@ def say_doubts(robot: "Robot") -> None:
 def load_measurements(path: str) -> "tuple[Measurements, bytes]":
     """Measurements of a file (`-`: stdin), and its bytes for the provenance.
 
-    What was wrong with them when they were made is said again.
+    What was wrong with them when they were made is reported again.
     """
     from calibtool.storage import read_measurements
 

@@ -35,6 +35,12 @@ Outside = Annotated[
         help="Rows unlike the training: mark, use the base model alone, or refuse.",
     ),
 ]
+TakeUpBacklash = Annotated[
+    bool,
+    typer.Option(
+        "--backlash/--no-backlash", help="Take up backlash; --no-backlash: the rows are no path."
+    ),
+]
 LargestChange = Annotated[
     float | None,
     typer.Option(

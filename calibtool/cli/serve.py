@@ -15,6 +15,7 @@ from calibtool.cli.options import (
     LargestChange,
     Outside,
     PayloadKg,
+    TakeUpBacklash,
     TemperatureC,
     choice,
     joint_values_of,
@@ -59,13 +60,7 @@ def serve(
         ),
     ] = "one-step",
     outside: Outside = "mark",
-    backlash: Annotated[
-        bool,
-        typer.Option(
-            "--backlash/--no-backlash",
-            help="Take up backlash; --no-backlash: the rows are no path.",
-        ),
-    ] = True,
+    backlash: TakeUpBacklash = True,
     largest_change_deg: LargestChange = None,
     joint_values: JointValuesOption = None,
     payload_kg: PayloadKg = None,

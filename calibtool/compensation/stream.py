@@ -22,16 +22,10 @@ from calibtool.compensation.status import CORRECTED, DOUBTFUL, JUMP, MEANING, OK
 from calibtool.compensation.targets import OutsidePolicy, guarded, no_targets
 from calibtool.compensation.weighted_error import Weights
 from calibtool.errors import InputError
+from calibtool.joint_and_pose_columns import joints_from_header, poses_from_header, unit_of
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
-from calibtool.tables import (
-    Table,
-    joints_from_header,
-    number,
-    poses_from_header,
-    read_tables,
-    unit_of,
-)
+from calibtool.tables import Table, number, read_tables
 from calibtool.units import TO_SI, without_values
 
 RowFormat = Literal["csv", "ndjson"]

@@ -13,11 +13,12 @@ from calibtool.compensation.solve import Compensation, Method, compensate_joints
 from calibtool.compensation.status import OK, OUTSIDE
 from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errors import InputError, NoSolutionError, check_choice
+from calibtool.joint_and_pose_columns import joints_from_header, poses_from_header
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
-from calibtool.tables import Table, joints_from_header, parse_table, poses_from_header
+from calibtool.tables import Table, parse_table
 
 OutsidePolicy = Literal["mark", "base", "refuse"]
 OUTSIDE_POLICIES = ("mark", "base", "refuse")

@@ -4,7 +4,7 @@ Each places itself in the cell, drives the actual robot to where it sees somethi
 its own noise. The instrument's set-up is kept as truth, and unknown to every fit.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -200,8 +200,8 @@ def plane_probe(cell: Cell, count: int, places: int, rng: np.random.Generator) -
 def camera_on_tool(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
     """A camera on the tool that looks at boards fixed in the cell."""
     T_tool_camera = exp6(np.array([0.05, 0.0, 0.05, 0.1, -0.2, 0.4]))
-    q, points, rotations, place, boards = [], [], [], [], []
-    for g, rows in enumerate(_shares(count, places)):
+    q, poses, boards = [], [], []
+    for rows in _shares(count, places):
         start = cell.sampled(1, rng)[0]
         first = cell.robot.mechanism.forward(start[None])[0] @ T_tool_camera
         T_base_board = first @ _ahead(_MIDDLE) @ _half_turn()
@@ -212,11 +212,8 @@ def camera_on_tool(cell: Cell, count: int, places: int, rng: np.random.Generator
 
         own = cell.driven(rows, rng, start, drawn)
         seen = inverse(cell.actual.forward(own) @ T_tool_camera) @ T_base_board
-        noisy = _noisy(seen, rng)
         q.append(own)
-        points.append(noisy[:, :3, 3])
-        rotations.append(noisy[:, :3, :3])
-        place.append(np.full(rows, g))
+        poses.append(_noisy(seen, rng))
         boards.append(T_base_board)
     setup = Setup(
         readonly(np.eye(4)),
@@ -226,22 +223,14 @@ def camera_on_tool(cell: Cell, count: int, places: int, rng: np.random.Generator
         T_tool_camera=readonly(T_tool_camera),
         T_base_boards=readonly(np.array(boards)),
     )
-    readings = Readings(
-        np.concatenate(points)[:, None],
-        np.concatenate(rotations),
-        place=np.concatenate(place) if places > 1 else None,
-    )
-    deviations = np.tile(CAMERA_NOISE, (count, 1))
-    return Observed(
-        np.concatenate(q), setup, readings, _labels("board", places), readonly(deviations)
-    )
+    return _board_poses(setup, q, poses, _labels("board", places))
 
 
 def camera_beside(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
     """A camera beside the arm, in several places, that sees a board on the tool: 6-D poses."""
     T_tool_board = exp6(np.array([0.02, 0.03, 0.05, 0.3, 0.1, -0.2]))
-    q, points, rotations, place, frames = [], [], [], [], []
-    for g, rows in enumerate(_shares(count, places)):
+    q, poses, frames = [], [], []
+    for rows in _shares(count, places):
         start = cell.sampled(1, rng)[0]
         first = cell.robot.mechanism.forward(start[None])[0] @ T_tool_board
         T_base_camera = first @ _half_turn() @ inverse(_ahead(_MIDDLE + 0.3))
@@ -252,11 +241,9 @@ def camera_beside(cell: Cell, count: int, places: int, rng: np.random.Generator)
             return camera @ seen @ inverse(T_tool_board)
 
         own = cell.driven(rows, rng, start, drawn)
-        noisy = _noisy(inverse(T_base_camera) @ cell.actual.forward(own) @ T_tool_board, rng)
+        seen = inverse(T_base_camera) @ cell.actual.forward(own) @ T_tool_board
         q.append(own)
-        points.append(noisy[:, :3, 3])
-        rotations.append(noisy[:, :3, :3])
-        place.append(np.full(rows, g))
+        poses.append(_noisy(seen, rng))
         frames.append(inverse(T_base_camera))
     setup = Setup(
         readonly(frames[0]),
@@ -266,15 +253,20 @@ def camera_beside(cell: Cell, count: int, places: int, rng: np.random.Generator)
         targets_known=False,
         further_frames=readonly(np.array(frames[1:])) if places > 1 else None,
     )
+    return _board_poses(setup, q, poses, _labels("station", places))
+
+
+def _board_poses(
+    setup: Setup, q: Sequence[Array], poses: Sequence[Array], labels: tuple[str, ...]
+) -> Observed:
+    """Poses of a board as a camera finds them, (k, 4, 4) per place, at joint positions (k, n)."""
+    found = np.concatenate(poses)
+    place = np.repeat(np.arange(len(q)), [len(part) for part in q])
     readings = Readings(
-        np.concatenate(points)[:, None],
-        np.concatenate(rotations),
-        place=np.concatenate(place) if places > 1 else None,
+        found[:, None, :3, 3], found[:, :3, :3], place=place if len(q) > 1 else None
     )
-    deviations = np.tile(CAMERA_NOISE, (count, 1))
-    return Observed(
-        np.concatenate(q), setup, readings, _labels("station", places), readonly(deviations)
-    )
+    deviations = readonly(np.tile(CAMERA_NOISE, (len(found), 1)))
+    return Observed(np.concatenate(q), setup, readings, labels, deviations)
 
 
 INSTRUMENTS: dict[str, Callable[[Cell, int, int, np.random.Generator], Observed]] = {

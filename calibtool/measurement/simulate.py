@@ -168,7 +168,9 @@ def _by_instrument(
         rotations=None if seen.readings.rotations is None else readonly(seen.readings.rotations),
         setup=unknown(setup),
         noise_position=max(simulation.noise, NO_NOISE),
-        noise_orientation=ORIENTATION_NOISE,
+        noise_orientation=ORIENTATION_NOISE
+        if seen.deviations is None
+        else float(np.median(seen.deviations[:, 3:])),
         truth=Truth(actual, setup),
         conditions=Conditions(direction=readonly(actual.directions(seen.q))),
         deviations=seen.deviations,

@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from calibtool.joint_and_pose_columns import unit_of
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
-from calibtool.tables import format_table, unit_of
+from calibtool.tables import format_table
 from calibtool.units import TO_SI
 
 _DECIMALS = 6  # of a degree or mm: 0.05 µm at 3 m, and no joint list needs more

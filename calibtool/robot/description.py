@@ -269,8 +269,8 @@ def source_from_urdf(
     found = chosen(urdf_tree(urdf_text, name), name, tool)
     allowed = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in name)
     safe = allowed.lstrip("._-") or "robot"
-    said = found.toml.replace("\n", ", ")
-    assumed = f"{what}, taken as [kinematics] {said}; the targets are stand-ins"
+    keys = found.toml.replace("\n", ", ")
+    assumed = f"{what}, taken as [kinematics] {keys}; the targets are assumed"
     toml_text = (
         f'name = "{safe}"\ntitle = "{safe}, from {what}"\n'
         f"assumed = {quoted(assumed)}\n\n"

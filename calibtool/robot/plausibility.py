@@ -28,8 +28,8 @@ def _limits(robot: Robot) -> list[str]:
         ]
         if where:
             joints = ", ".join(where)
-            said = f"no limits for {joints}" if source == "missing" else f"{joints} {what}"
-            found.append(f"{said}: ±180 deg stand in; give them in [limits]")
+            finding = f"no limits for {joints}" if source == "missing" else f"{joints} {what}"
+            found.append(f"{finding}: ±180 deg are assumed; give them in [limits]")
     turning = ~np.array(robot.prismatic)
     widest = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
     wide = [f"j{j + 1}" for j in np.flatnonzero(turning & (widest > _MOST_TURN))]

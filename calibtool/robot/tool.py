@@ -23,13 +23,14 @@ _TOOLS = tuple(
 )
 # Links that are no tool: what grips, sees, or stands for a shape.
 _NO_TOOL = re.compile(
-    r"\b(?:fingers?|fingertips?|thumb|knuckles?|jaws?|claws?|pads?|camera|cam|realsense|kinect|sensors?|depth|optical|"
-    r"rgb|color|infra|ir|laser|lidar|imu|ft|force|torque|collision|visual|inertial?|com|cog|cable|hose|led|light|button|"
+    r"\b(?:fingers?|fingertips?|thumb|knuckles?|jaws?|claws?|pads?|"
+    r"camera|cam|realsense|kinect|sensors?|depth|optical|rgb|color|infra|ir|laser|lidar|imu|"
+    r"ft|force|torque|collision|visual|inertial?|com|cog|cable|hose|led|light|button|"
     r"display|screw|aruco|marker|contact|sc)\b"
 )
 _GRIPS = re.compile(
-    r"\b(?:gripper|grip|fingers?|fingertips?|thumb|index|middle|ring|little|pinky|phalanx|distal|proximal|knuckles?|"
-    r"jaws?|claws?|pincers?|tongs?|suction)\b"
+    r"\b(?:gripper|grip|fingers?|fingertips?|thumb|index|middle|ring|little|pinky|"
+    r"phalanx|distal|proximal|knuckles?|jaws?|claws?|pincers?|tongs?|suction)\b"
 )
 _PISTON = re.compile(r"\b(?:piston|cylinder|rod)\b")
 _TURNS = re.compile(r"\b(?:rotation|rotate|rot|roll|pitch|yaw|wrist)\b")

@@ -113,7 +113,7 @@ def _check_parents(root: Element, name: str) -> None:
 
 
 def _joint(element: Element) -> Joint:
-    def said(part: str, key: str) -> str:
+    def attribute(part: str, key: str) -> str:
         found = element.find(part)
         return "" if found is None else found.get(key, "")
 
@@ -121,10 +121,10 @@ def _joint(element: Element) -> Joint:
     return Joint(
         name=element.get("name", ""),
         kind=element.get("type", ""),
-        parent=said("parent", "link"),
-        child=said("child", "link"),
-        lower=_number(said("limit", "lower")),
-        upper=_number(said("limit", "upper")),
+        parent=attribute("parent", "link"),
+        child=attribute("child", "link"),
+        lower=_number(attribute("limit", "lower")),
+        upper=_number(attribute("limit", "upper")),
         follows=None
         if followed is None
         else (

@@ -1,6 +1,7 @@
 """A calibration as HDF5 groups."""
 
 from dataclasses import replace
+from typing import cast
 
 import h5py
 import numpy as np
@@ -16,6 +17,7 @@ from calibtool.errormodel.families import FAMILIES
 from calibtool.identification.identification import Flagged, Identification, Posterior
 from calibtool.identification.parameters import Parameters, Part
 from calibtool.measurement.measurements import Setup
+from calibtool.robot.description import VirtualJoint
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import check_poses
 from calibtool.storage.shared_groups import (
@@ -247,7 +249,8 @@ def build_calibration(file: h5py.File) -> Calibration:
     virtual = texts(file["equivalent"], "virtual_joints")
     if len(virtual) != max(6 - robot.n, 0) or not set(virtual) <= set(ELEMENTARY):
         raise ValueError(f"equivalent/virtual_joints {virtual} do not complete {robot.n} joints")
-    equivalent = EquivalentRobot(robot.n, virtual, robot.chain.tree is not None)  # type: ignore[arg-type]
+    names = cast(tuple[VirtualJoint, ...], virtual)
+    equivalent = EquivalentRobot(robot.n, names, robot.chain.tree is not None)
     networks = file.get("networks", {})
     validation = file["cross_validation"].attrs if "cross_validation" in file else None
     return Calibration(

@@ -41,7 +41,7 @@ def test_a_socket_answers_several_clients_at_once(files: Files) -> None:
         try:
             assert server.stderr is not None
             said = server.stderr.readline()
-            port = int(re.fullmatch(r"serving 127\.0\.0\.1:(\d+) until ended\n", said)[1])  # type: ignore[index]
+            port = int(re.fullmatch(r"serving 127\.0\.0\.1:(\d+) until ended\n", said)[1])
             clients = [socket.create_connection(("127.0.0.1", port), 20) for _ in range(2)]
             for row in ROWS:
                 for client in clients:

@@ -25,6 +25,7 @@ from calibtool.evaluation.study import Definition, Study, StudyTable, parse_defi
 from calibtool.evaluation.study.journal import SCHEMA as JOURNAL
 from calibtool.evaluation.study.journal import Journal
 from calibtool.evaluation.study.study_table import COLUMNS, COUNTS, TEXTS, failed, parse_csv
+from calibtool.joint_and_pose_columns import joints_from_header, poses_from_header
 from calibtool.measurement.importing import (
     ColumnMap,
     JointFile,
@@ -43,7 +44,7 @@ from calibtool.robot.description import parse_source, source_from_urdf
 from calibtool.robot.robot import Robot
 from calibtool.storage import read_any, read_study, to_bytes
 from calibtool.storage.studies import study_to_bytes
-from calibtool.tables import joints_from_header, poses_from_header, read_tables
+from calibtool.tables import read_tables
 
 HERE = Path(__file__).resolve().parent
 CORPUS = HERE / "corpus"

@@ -81,7 +81,7 @@ built_in = st.sampled_from(
 
 
 def robots(largest: int = 8) -> st.SearchStrategy[Robot]:
-    """Carried robots and drawn chains."""
+    """Built-in robots and drawn chains."""
     return built_in | drawn_chains(largest=largest).map(DrawnChain.robot)
 
 

@@ -26,12 +26,13 @@ from calibtool.evaluation.study.study_table import (
 )
 from calibtool.identification.identification import Flagged, Posterior
 from calibtool.identification.parameters import Parameters
+from calibtool.joint_and_pose_columns import joints_from_header
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import exp6, readonly
 from calibtool.storage import read_any, read_study, to_bytes
 from calibtool.storage.studies import study_to_bytes
-from calibtool.tables import joints_from_header, parse_table
+from calibtool.tables import parse_table
 
 texts = st.text(
     st.characters(exclude_categories=["Cs"], exclude_characters="\0"), min_size=1, max_size=20

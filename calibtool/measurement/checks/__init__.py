@@ -1,4 +1,4 @@
-"""Checks at the door: what is wrong with measurements, before anything is estimated from them."""
+"""Checks on import: what is wrong with measurements, before anything is estimated from them."""
 
 from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.checks.clocks import clock_finding

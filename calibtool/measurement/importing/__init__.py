@@ -2,19 +2,13 @@
 sheets, joint files.
 """
 
-from calibtool.measurement.importing.assemble import (
-    Imported,
-    JointFile,
-    Understood,
-    import_table,
-    read_table,
-    template_of,
-)
+from calibtool.measurement.importing.assemble import import_table, read_table, template_of
 from calibtool.measurement.importing.column_map import ColumnMap, parse_column_map
 from calibtool.measurement.importing.commanded_targets import CommandedFile
-from calibtool.measurement.importing.header import Stated
+from calibtool.measurement.importing.imported import Imported, JointFile, Understood
 from calibtool.measurement.importing.preview import preview
 from calibtool.measurement.importing.row_selection import choose_rows, select_rows
+from calibtool.measurement.importing.stated import Stated
 
 __all__ = [
     "ColumnMap",

@@ -5,13 +5,14 @@ from typing import NamedTuple
 import numpy as np
 
 from calibtool.errors import InputError
+from calibtool.joint_and_pose_columns import joints_from_header, poses_from_header
 from calibtool.measurement.importing.column_map import JoinColumns
 from calibtool.measurement.importing.joint_files import Join, join_rows
 from calibtool.measurement.importing.sources import read_source
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
-from calibtool.tables import Table, joints_from_header, poses_from_header
+from calibtool.tables import Table
 
 
 class CommandedFile(NamedTuple):

@@ -2,34 +2,38 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple, TypeVar, get_args
 
 from pydantic import BaseModel
 
 from calibtool.errors import InputError
+from calibtool.joint_and_pose_columns import (
+    joint_columns_of,
+    stated_values,
+    unit_of,
+)
 from calibtool.measurement.importing.column_map import (
-    CONVENTIONS,
-    AngleUnit,
     ColumnMap,
     JointColumns,
-    LengthColumns,
     LengthUnit,
     PayloadColumn,
     PlaceColumn,
-    PoseColumns,
     ReferenceColumns,
-    TargetColumns,
     TemperatureColumn,
     TimeColumn,
     TimeUnit,
-    check_convention,
 )
 from calibtool.measurement.importing.dates import is_date
+from calibtool.measurement.importing.measured_columns import (
+    measured_columns,
+    place_column,
+    reference_columns,
+)
 from calibtool.measurement.importing.names import Named, named
 from calibtool.measurement.importing.sources import SourceTable
+from calibtool.measurement.importing.stated import Stated
 from calibtool.robot.robot import Robot
-from calibtool.tables import Table, joint_columns_of, pose_columns_of, stated_values, unit_of
+from calibtool.tables import Table
 
 _LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")
 _TARGET = re.compile(r"t(\d{1,9})_(?:nominal_|error_)?[xyz](?:_(mm|m|in))?")
@@ -43,21 +47,6 @@ _ANGLES = (  # three angles, and whose convention it may be
     (("o", "a", "t"), " (Kawasaki's O A T: intrinsic-zyz)"),
     (("a", "e", "r"), " (Comau's A E R: intrinsic-zyz)"),
 )
-
-
-@dataclass(frozen=True)
-class Stated:
-    """Units and conventions that the user states where a header does not; None where not stated.
-
-    unit         of lengths: mm, m or in
-    angle_unit   deg or rad
-    convention   of three angles: `intrinsic-…`, `extrinsic-…`, `zyx`, `rotation-vector`
-    (docs/file-formats.md)
-    """
-
-    unit: LengthUnit | None = None
-    angle_unit: AngleUnit | None = None
-    convention: str | None = None
 
 
 class Found(NamedTuple):
@@ -96,7 +85,7 @@ def parts_found(
             of_arm = error
     if not given.targets and given.pose is None and given.lengths is None:
         try:
-            of_points = ColumnMap().model_copy(update=_measured(measured, source, stated))
+            of_points = ColumnMap().model_copy(update=measured_columns(measured, source, stated))
         except InputError as error:
             of_points = error
     return Found(
@@ -106,8 +95,8 @@ def parts_found(
         given.time or time_column(measured),
         given.temperature or _one(measured, TemperatureColumn, "temperature", "CK"),
         given.payload or _one(measured, PayloadColumn, "payload", ("kg", "g")),
-        given.place or _place(measured),
-        given.references or _references(measured, stated),
+        given.place or place_column(measured),
+        given.references or reference_columns(measured, stated),
     )
 
 
@@ -222,210 +211,4 @@ def _joints_read(names: Named, robot: Robot) -> JointColumns | None:
     columns = [found[i] for i in range(1, robot.n + 1)]
     return JointColumns.model_validate(
         {"columns": [c for c, _ in columns], "unit": [unit for _, unit in columns]}
-    )
-
-
-def _measured(names: Named, source: SourceTable, stated: Stated) -> dict[str, object]:
-    """Targets or pose by name: `t1_x_mm …`, `t1_nominal_x_mm …` with `t1_error_x_mm …`, `x_mm y_mm
-    z_mm`, a pose.
-    """
-    table = names.table
-    if source.points is not None:
-        if stated.unit is None:
-            raise InputError(
-                f"{table.name}: a list of points does not state its unit; give --unit mm, m or in"
-            )
-        return {
-            "targets": [TargetColumns(measured=c, unit=stated.unit) for c in source.points.columns]
-        }
-    targets = _targets(names, stated)
-    if targets:
-        return {"targets": targets}
-    pose = _pose(names, stated)
-    if pose is not None:
-        return {"pose": pose}
-    position = _position(names, stated)
-    if position is not None:
-        own = _originals(names, position[0])
-        return {"targets": [TargetColumns(measured=own, unit=position[1])]}
-    lengths = _lengths(names, stated)
-    if lengths is not None:
-        return {"lengths": lengths}
-    raise InputError(
-        f"{table.name}: no measured points: expected t1_x_mm t1_y_mm t1_z_mm …, x_mm y_mm z_mm or "
-        "a pose, "
-        "or map the columns with --columns MAP.toml"
-    )
-
-
-def _lengths(names: Named, stated: Stated) -> LengthColumns | None:
-    """`distance_mm`, `distance1_mm distance2_mm …`, or one coordinate alone: the height above a
-    plane.
-    """
-    found: dict[int, tuple[str, str | None]] = {}
-    for name in names.original:
-        if match := _DISTANCE.fullmatch(name.lower()):
-            found[int(match[1] or 1)] = (name, match[2])
-    what = "distance"
-    alone = [n for n in names.original if re.fullmatch(r"(?:[xyz]|height)(?:_(?:mm|m|in))?", n)]
-    if not found and len(alone) == 1:
-        what, unit = "plane", alone[0].partition("_")[2]
-        found[1] = (alone[0], unit or None)
-    if not found:
-        return None
-    units = {_length(unit or stated.unit, name, names) for name, unit in found.values()}
-    if len(units) > 1:
-        raise InputError(f"{names.table.name}: the measured lengths have different units")
-    columns = [names.original[found[k][0]] for k in sorted(found)]
-    return LengthColumns.model_validate({"columns": columns, "unit": units.pop(), "of": what})
-
-
-def _place(names: Named) -> PlaceColumn | None:
-    """The column that labels stations, placements, boards or planes."""
-    for word in ("station", "placement", "board", "plane"):
-        if word in names.original:
-            return PlaceColumn(column=names.original[word])
-    return None
-
-
-def _targets(names: Named, stated: Stated) -> list[TargetColumns]:
-    targets = []
-    for number, unit, suffix in _numbered(names, _TARGET, stated):
-
-        def triple(kind: str, number: int = number, suffix: str = suffix) -> list[str]:
-            return _originals(names, [f"t{number}_{kind}{axis}{suffix}" for axis in "xyz"])
-
-        if f"t{number}_nominal_x{suffix}" in names.original:
-            targets.append(
-                TargetColumns(nominal=triple("nominal_"), error=triple("error_"), unit=unit)
-            )
-        else:
-            targets.append(TargetColumns(measured=triple(""), unit=unit))
-    return targets
-
-
-def _originals(names: Named, columns: list[str]) -> list[str]:
-    """What the file calls them; a name that lacks stays, for the message that says so."""
-    return [names.original.get(column, column) for column in columns]
-
-
-def _references(names: Named, stated: Stated) -> list[ReferenceColumns]:
-    return [
-        ReferenceColumns(
-            measured=_originals(names, [f"ref{number}_{axis}{suffix}" for axis in "xyz"]), unit=unit
-        )
-        for number, unit, suffix in _numbered(names, _REFERENCE, stated)
-    ]
-
-
-def _numbered(
-    names: Named, pattern: re.Pattern[str], stated: Stated
-) -> list[tuple[int, LengthUnit, str]]:
-    """Number, unit and the suffix of the columns of numbered points, by number. InputError for two
-    units or none.
-    """
-    found: dict[int, tuple[str, str | None]] = {}
-    for column in names.original:
-        match = pattern.fullmatch(column)
-        if match is None:
-            continue
-        before, unit = found.setdefault(int(match[1]), (column, match[2]))
-        if None not in (unit, match[2]) and unit != match[2]:
-            raise InputError(
-                f"{names.table.name}: columns '{names.original[before]}' and "
-                f"'{names.original[column]}' of one point have "
-                "different units"
-            )
-    result = []
-    for number, (column, unit) in sorted(found.items()):
-        result.append(
-            (number, _length(unit or stated.unit, column, names), f"_{unit}" if unit else "")
-        )
-    return result
-
-
-def _length(unit: str | None, column: str, names: Named) -> LengthUnit:
-    for known in _LENGTHS:
-        if unit == known:
-            return known
-    name = names.original[column]
-    raise InputError(
-        f"{names.table.name}: the unit of column '{name}' is not stated; name it {name}_mm (_m, "
-        "_in), or give --unit mm|m|in"
-    )
-
-
-def _position(names: Named, stated: Stated) -> tuple[list[str], LengthUnit] | None:
-    for unit in _LENGTHS:
-        if names.has(f"{axis}_{unit}" for axis in "xyz"):
-            return [f"{axis}_{unit}" for axis in "xyz"], unit
-    if names.has("xyz"):
-        return list("xyz"), _length(stated.unit, "x", names)
-    return None
-
-
-def _pose(names: Named, stated: Stated) -> PoseColumns | None:
-    """A position with an orientation beside it. Three angles without a convention are refused,
-    never guessed.
-    """
-    position = _position(names, stated)
-    if position is None:
-        return None
-    table, asked = names.table, stated.convention
-    place = _originals(names, position[0]), position[1]
-    own = pose_columns_of(table) if position[0][0] in ("x_mm", "x_m") else None
-    if own is not None and asked is None:
-        first = own[1][0]
-        convention = {"qw": "quaternion-wxyz", "rx_rad": "rotation-vector"}.get(
-            first, "extrinsic-xyz"
-        )
-        unit = "deg" if first == "roll_deg" else "rad"
-        return _pose_columns(place, _originals(names, own[1]), convention, unit)
-    quaternion = ["qw", "qx", "qy", "qz"]
-    if names.has(quaternion):
-        columns = _originals(names, quaternion)
-        if asked not in (None, "quaternion-wxyz"):
-            raise InputError(
-                f"{table.name}: columns {' '.join(columns)}, but --convention says {asked}"
-            )
-        return _pose_columns(place, columns, "quaternion-wxyz", None)
-    for angles, hint in _ANGLES:
-        for suffix in ("_deg", "_rad", ""):
-            if not names.has(f"{angle}{suffix}" for angle in angles):
-                continue
-            columns = _originals(names, [f"{angle}{suffix}" for angle in angles])
-            stated_unit = suffix[1:] or stated.angle_unit
-            if asked is None or stated_unit is None:
-                what, option, known = (
-                    ("convention", "--convention", CONVENTIONS + hint)
-                    if asked is None
-                    else ("unit", "--angle-unit", "deg or rad")
-                )
-                raise InputError(
-                    f"{table.name}: the {what} of the orientation {' '.join(columns)} is not "
-                    "stated; "
-                    f"give {option}: {known}"
-                )
-            return _pose_columns(place, columns, asked, stated_unit)
-    return None
-
-
-def _pose_columns(
-    position: tuple[Sequence[str], LengthUnit],
-    orientation: list[str],
-    convention: str,
-    unit: str | None,
-) -> PoseColumns:
-    try:
-        check_convention(convention)
-    except ValueError as error:
-        raise InputError(f"--convention: {error}") from None
-    return PoseColumns.model_validate(
-        {
-            "position": position[0],
-            "unit": position[1],
-            "orientation": orientation,
-            "convention": convention,
-            "orientation_unit": unit,
-        }
     )

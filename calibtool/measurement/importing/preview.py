@@ -3,8 +3,8 @@
 import numpy as np
 
 from calibtool.errors import NoSolutionError
-from calibtool.measurement.importing.assemble import Imported
 from calibtool.measurement.importing.column_map import ColumnMap
+from calibtool.measurement.importing.imported import Imported
 from calibtool.measurement.observation import measured_in_base
 from calibtool.robot.robot import Robot
 from calibtool.units import TO_SI

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError
+from calibtool.joint_and_pose_columns import joint_positions
 from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.importing.column_map import (
     ColumnMap,
@@ -18,7 +19,7 @@ from calibtool.measurement.importing.column_map import (
 from calibtool.measurement.importing.joint_files import times
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
-from calibtool.tables import Table, joint_positions
+from calibtool.tables import Table
 from calibtool.units import TO_SI
 
 _CELSIUS = -273.15  # added to K

@@ -1,0 +1,116 @@
+"""What an import gives: measurements, how the table was understood, and what was odd about it."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from calibtool.errors import NoSolutionError, UsageError
+from calibtool.measurement.auxiliary import AuxiliaryReadings
+from calibtool.measurement.importing.column_map import ColumnMap
+from calibtool.measurement.importing.joint_files import JOIN_TOLERANCE, Join
+from calibtool.measurement.importing.row_selection import choose_rows
+from calibtool.measurement.importing.sources import SourceTable
+from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.registration import register
+from calibtool.measurement.sampling import spread_rows
+from calibtool.measurement.streams import JointStream
+from calibtool.robot.se3 import readonly
+
+REGISTRATION_ROWS = (
+    20_000  # evenly spaced ones of a longer table; the set-up has at most some twenty unknowns
+)
+
+
+class JointFile(NamedTuple):
+    """The joint values' own file and how its rows find theirs, see `joining.join_rows`."""
+
+    data: bytes | str
+    name: str
+    join: Join = "index"
+    tolerance_s: float = JOIN_TOLERANCE
+    encoding: str | None = None
+
+
+@dataclass(frozen=True)
+class Understood:
+    """How the files were read: for people, before anything is written (`preview.preview`)."""
+
+    source: SourceTable
+    columns: ColumnMap
+    joints_name: str
+    noise_stated: bool
+    ignored: dict[str, list[str]]  # columns that nothing is read from, by file
+    lines: np.ndarray  # (N,) in the measured table
+    notes: tuple[str, ...] = ()  # what had to be found out
+
+    @property
+    def remarks(self) -> list[str]:
+        """What people should know of how the files were read, one line each."""
+        unused = {name: columns for name, columns in self.ignored.items() if columns}
+        return [
+            *self.notes,
+            *(f"{name}: not used: {', '.join(columns)}" for name, columns in unused.items()),
+        ]
+
+
+class Imported(NamedTuple):
+    """Measurements, warnings, what stands beside the measurements, how the files were understood;
+    joints as a stream.
+    """
+
+    measurements: Measurements
+    warnings: list[str]
+    auxiliary: AuxiliaryReadings
+    understood: Understood
+    stream: JointStream | None = None
+
+    def split(
+        self, rows: str | None, sample: int | None, seed: int
+    ) -> "tuple[Imported, Imported | None]":
+        """The chosen rows and the rest (None if there is none), see `rows.choose_rows`."""
+        taken, left = choose_rows(len(self.measurements), rows, sample, seed)
+        return self.rows(taken), self.rows(left) if len(left) else None
+
+    def rows(self, index: np.ndarray) -> "Imported":
+        """Some of the rows: their indices (k,)."""
+        return self._replace(
+            measurements=self.measurements.rows(index),
+            auxiliary=self.auxiliary.rows(index),
+            understood=replace(self.understood, lines=self.understood.lines[index]),
+            stream=None if self.stream is None else self.stream.rows(index),
+        )
+
+    def with_clock_offset(self, offset: float) -> "Imported":
+        """The same with the joints taken from their stream at the stamps plus an offset, s.
+
+        Raises UsageError where there is no stream.
+        """
+        if self.stream is None:
+            raise UsageError("a clock offset needs joints as a stream: --joints FILE --join time")
+        stream = replace(self.stream, offset=offset)
+        q = readonly(stream.at(offset)[0])
+        conditions = replace(self.measurements.conditions, direction=readonly(stream.directions()))
+        return self._replace(
+            measurements=replace(self.measurements, q=q, conditions=conditions),
+            auxiliary=replace(self.auxiliary, q_commanded=q),
+            stream=stream,
+        )
+
+    def with_setup(self, setup: Setup) -> "Imported":
+        """The same with another set-up."""
+        return self._replace(measurements=replace(self.measurements, setup=setup))
+
+    def registered(self) -> "Imported":
+        """The same with the unknown parts of the set-up fitted to these rows (nominal robot).
+
+        Raises NoSolutionError for too few rows; a warning about the table goes along, it may tell
+        why.
+        """
+        used = self.measurements
+        used = used.rows(spread_rows(len(used), REGISTRATION_ROWS))
+        try:
+            return self.with_setup(register(used))
+        except NoSolutionError as error:
+            hint = f" ({self.warnings[0]})" if self.warnings else ""
+            raise NoSolutionError(f"{error}{hint}") from None
