@@ -4,9 +4,7 @@ import re
 from collections.abc import Sequence
 
 from calibtool.errors import InputError
-from calibtool.joint_and_pose_columns import (
-    pose_columns_of,
-)
+from calibtool.joint_and_pose_columns import pose_columns_of
 from calibtool.measurement.importing.column_map import (
     CONVENTIONS,
     LengthColumns,
