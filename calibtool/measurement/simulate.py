@@ -167,7 +167,7 @@ def _by_instrument(
         points=readonly(seen.readings.points),
         rotations=None if seen.readings.rotations is None else readonly(seen.readings.rotations),
         setup=unknown(setup),
-        noise_position=max(simulation.noise, NO_NOISE),
+        noise_position=max(simulation.noise, NO_NOISE) if seen.noise is None else seen.noise,
         noise_orientation=ORIENTATION_NOISE
         if seen.deviations is None
         else float(np.median(seen.deviations[:, 3:])),
