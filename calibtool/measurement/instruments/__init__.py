@@ -19,6 +19,8 @@ from calibtool.measurement.instruments.wires import wires
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.se3 import readonly
 
+__all__ = ["INSTRUMENTS", "Cell", "Observed", "unknown"]
+
 INSTRUMENTS: dict[str, Callable[[Cell, int, int, np.random.Generator], Observed]] = {
     "contact": contact,
     "distance": wires,

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from calibtool.measurement.images.board_description import BoardDescription
 from calibtool.measurement.instruments.cell import Cell, Observed, labels, shares
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.kinds.projection import project
@@ -10,19 +11,13 @@ from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
 LENS = np.array([1400.0, 1400.0, 800.0, 600.0, -0.11, 0.08, 4e-4, -3e-4, -0.02])  # px and 1
 SIZE = (1600, 1200)  # px
-SQUARES = (9, 7)  # of the board, across and down
-SQUARE = 0.025  # m
+BOARD = BoardDescription(
+    kind="charuco", squares=(9, 7), square_mm=25.0, marker_mm=18.0, dictionary="5x5_100"
+)
 PIXEL_NOISE = 0.1  # px
 _MIDDLE = 0.45  # m between camera and board
 _LEAST = 6  # corners in an image of use
 _DRAWN = 3  # times as many configurations as are taken
-
-
-def board_corners(squares: tuple[int, int], square: float) -> Array:
-    """Inner corners (m, 3) in the frame of a board: x across, y down from its first corner, m."""
-    x, y = np.meshgrid(np.arange(1, squares[0]), np.arange(1, squares[1]))
-    flat = square * np.stack([x.ravel(), y.ravel()], axis=-1)
-    return np.concatenate([flat, np.zeros((len(flat), 1))], axis=-1)
 
 
 def corners_on_tool(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
@@ -88,9 +83,9 @@ def _observed(
         frame_known=False,
         targets_known=False,
         intrinsics=readonly(LENS),
-        corners=readonly(board_corners(SQUARES, SQUARE)),
+        corners=readonly(BOARD.corners),
         image_scale=readonly([scale]),
-        **{name: readonly(array) for name, array in arrays.items()},
+        **{name: readonly(array) for name, array in arrays.items()},  # type: ignore[arg-type]
     )
     readings = Readings(
         np.full((len(pixels), 1, 3), np.nan),
@@ -105,7 +100,7 @@ def _images(board: Array) -> Array:
     """Corners in the image for poses of the board in the camera (N, 4, 4): (N, m, 2), NaN
     outside of it.
     """
-    corners = transform_points(board, board_corners(SQUARES, SQUARE))
+    corners = transform_points(board, BOARD.corners)
     pixels = project(corners, LENS)
     margin = 10.0
     inside = ((pixels > margin) & (pixels < np.array(SIZE) - margin)).all(axis=-1)
@@ -132,6 +127,6 @@ def _views(count: int, rng: np.random.Generator, scale: float = 1.0) -> Array:
 def _centred(turned: Array, middle: Array) -> Array:
     """Poses with these rotations (N, 4, 4) whose board has its middle at points (N, 3)."""
     poses = turned.copy()
-    centre = board_corners(SQUARES, SQUARE).mean(axis=0)
+    centre = BOARD.corners.mean(axis=0)
     poses[:, :3, 3] = middle - turned[:, :3, :3] @ centre
     return poses

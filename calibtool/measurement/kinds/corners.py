@@ -101,7 +101,8 @@ class Corners(Kind):
         inside = (pixels > 0) & (pixels < 2 * intrinsics[2:4])
         rays = np.abs(corners[..., :2] / np.maximum(corners[..., 2:], 1e-9))
         in_cone = (corners[..., 2] > 0) & (rays < 2 * intrinsics[2:4] / intrinsics[:2]).all(axis=-1)
-        found: np.ndarray = (inside.all(axis=-1) & in_cone).all(axis=-1)
+        seen: np.ndarray = np.concatenate([inside.all(axis=-1), in_cone], axis=-1)
+        found: np.ndarray = seen.all(axis=-1)
         return found
 
     def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
