@@ -89,11 +89,13 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
     def cost(at: Setup) -> float:
         return float((weighted_residuals(measurements, at, poses) ** 2).sum())
 
+    fitted = np.ones(6 * (not setup.frame_known) + len(setup.free_names), dtype=bool)
+    fitted[shift] = setup.kind.registered(setup)
     slow: list[bool] = []
 
     def solve(system: tuple[Array, Array], damping: float) -> tuple[Array, bool]:
         right = system[1].ravel()
-        columns = system[0].reshape(len(right), -1)
+        columns = system[0].reshape(len(right), -1) * fitted
         if damping:
             scale = np.sqrt(damping * (columns**2).sum(axis=0))
             columns, right = (

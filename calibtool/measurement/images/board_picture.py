@@ -63,6 +63,6 @@ def _tile(path: Path) -> tuple[Array, float]:
 def _written(tile: Array, text: str) -> None:
     """A line of text at the foot of an image."""
     cv2 = opencv()
-    at = (8, tile.shape[0] - 10)
-    for colour, width in (((0, 0, 0), 3), (_TEXT, 1)):
-        cv2.putText(tile, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, width, cv2.LINE_AA)
+    x, y = 8, tile.shape[0] - 10
+    for at, colour in (((x + 1, y + 1), (0, 0, 0)), ((x, y), _TEXT)):
+        cv2.putText(tile, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)

@@ -18,6 +18,7 @@ _TRIED = 4  # images in which a mistake is looked for
 _FLAT = 5e-3  # of the width of the image: corners further from a plane are those of another board
 _FAR, _AT_LEAST = 3.0, 0.5  # times the median reprojection error, and px
 _NAMED = 12  # images named in a message
+_LEAST = 6  # markers in an image of use
 _WIDEST = 20  # squares across that are tried
 
 
@@ -102,25 +103,34 @@ def _seen_in(images: Sequence[Any], board: BoardDescription) -> int:
 
 
 def _other_charuco(images: Sequence[Any], board: BoardDescription) -> str | None:
-    """The dictionary or the number of squares across that fits the markers."""
+    """The pattern, the number of squares across, or the dictionary that fits the markers."""
     legacy = board.model_copy(update={"legacy": not board.legacy})
     if _seen_in(images, legacy) > len(images) / 2:
         return f"the pattern is that of legacy = {str(legacy.legacy).lower()}"
-    counts = {name: _markers(images, number) for name, number in dictionaries().items()}
     assert board.dictionary is not None
+    known = dictionaries()
     own = board.dictionary.lower().removeprefix("dict_")
-    family = own.rpartition("_")[0]
-    best = max(counts, key=lambda name: len(counts[name][0]))
-    if len(counts[best][0]) > 2 * max(len(counts[own][0]), 2):
-        alike = [name for name in counts if name.rpartition("_")[0] == best.rpartition("_")[0]]
-        likely = next(name for name in alike if len(counts[name][0]) >= len(counts[best][0]))
-        return f"their markers are those of {likely}, not of {own}"
-    numbers, centres, owner = counts[own] if family else counts[best]
-    rms = {across: _layout_rms(numbers, centres, owner, across) for across in range(3, _WIDEST)}
-    across = min(rms, key=lambda k: rms[k])
-    if across != board.squares[0] and rms[across] < 0.2 * rms.get(board.squares[0], np.inf):
-        return f"their markers are those of a board of {across} squares across"
-    return None
+    markers = _markers(images, known[own])
+    if len(markers[0]) >= _LEAST * len(images):
+        rms = {across: _layout_rms(*markers, across) for across in range(3, _WIDEST)}
+        across = min(rms, key=lambda k: rms[k])
+        if across != board.squares[0] and rms[across] < 0.2 * rms.get(board.squares[0], np.inf):
+            return f"their markers are those of a board of {across} squares across"
+        return None
+    families = {name.rpartition("_")[0]: name for name in sorted(known, key=_capacity)}
+    found = {name: _markers(images[:2], known[name])[0] for name in families.values()}
+    best = max(found, key=lambda name: len(found[name]))
+    if len(found[best]) < 2 * _LEAST or best.rpartition("_")[0] == own.rpartition("_")[0]:
+        return None
+    alike = [name for name in known if name.rpartition("_")[0] == best.rpartition("_")[0]]
+    likely = min((n for n in alike if _capacity(n) > found[best].max()), key=_capacity)
+    return f"their markers are those of {likely} (or a larger one), not of {own}"
+
+
+def _capacity(dictionary: str) -> int:
+    """How many markers a dictionary has, by the number in its name."""
+    number = dictionary.rpartition("_")[2]
+    return int(number) if number.isdigit() else 1024
 
 
 def _markers(images: Sequence[Any], dictionary: int) -> tuple[np.ndarray, Array, np.ndarray]:

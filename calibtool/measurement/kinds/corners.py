@@ -93,6 +93,10 @@ class Corners(Kind):
             intrinsics=readonly(stepped(_array(setup, "intrinsics"), step[-len(LENS) :])),
         )
 
+    def registered(self, setup: Setup) -> np.ndarray:
+        """All but the lens, which would bend to the errors of the robot."""
+        return np.array([not name.startswith("lens.") for name in self.names(setup)])
+
     def sees(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> np.ndarray:
         """Whether the whole board is in the image, taken to be twice as wide as the centre is."""
         _, _, corners = self._in_camera(setup, T_base_tool, place)
@@ -102,8 +106,7 @@ class Corners(Kind):
         rays = np.abs(corners[..., :2] / np.maximum(corners[..., 2:], 1e-9))
         in_cone = (corners[..., 2] > 0) & (rays < 2 * intrinsics[2:4] / intrinsics[:2]).all(axis=-1)
         seen: np.ndarray = np.concatenate([inside.all(axis=-1), in_cone], axis=-1)
-        found: np.ndarray = seen.all(axis=-1)
-        return found
+        return np.asarray(seen.all(axis=-1))
 
     def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:
         assert readings.values is not None

@@ -86,6 +86,10 @@ class Kind(ABC):
     def moved(self, setup: Setup, step: Array) -> Setup:
         """The set-up after a step (k,) of its free elements."""
 
+    def registered(self, setup: Setup) -> np.ndarray:
+        """Which free elements (k,) bool a registration alone fits; the complete model fits all."""
+        return np.ones(len(self.names(setup)), dtype=bool)
+
     def sees(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> np.ndarray:
         """Whether the instrument sees anything at these poses: (N,) bool."""
         return np.ones(len(T_base_tool), dtype=bool)
