@@ -39,7 +39,7 @@ CASES = {  # instrument, places, rows, length of its gauge in m, what to reach i
     "one wire": ("distance", 1, 80, None, 0.08),
     "three wires": ("distance", 3, 80, None, 0.04),
     "probe on 3 planes": ("plane", 3, 80, None, 0.15),
-    "probe on 3 planes, block of 100 mm": ("plane", 3, 80, 0.1, 0.15),
+    "probe on 3 planes, block of 200 mm": ("plane", 3, 80, 0.2, 0.15),
     "probe on 3 spheres": ("sphere", 3, 80, None, None),
     "tool seen from a second arm": ("second-arm", 1, 80, None, 0.1),
 }

@@ -93,8 +93,8 @@ def simulate(
         typer.Option(
             metavar="KIND",
             help="points: a tracker; contact: a gauge with two sockets; distance: wires; plane or "
-            "sphere: a probe; board or corners: a camera on the tool; camera or corners-beside: one "
-            "beside the arm; second-arm: a sensor on another arm.",
+            "sphere: a probe; board or corners: a camera on the tool; camera or corners-beside: a "
+            "camera beside the arm; second-arm: a sensor on another arm.",
         ),
     ] = "points",
     places: Annotated[

@@ -28,7 +28,8 @@ def second_arm(cell: Cell, count: int, places: int, rng: np.random.Generator) ->
         ball = transform_points(cell.actual.forward(q), TIP[None])[:, 0]
         for _ in range(_DRAWN):
             sensor = exp6(np.concatenate([np.zeros((count, 3)), rng.normal(size=(count, 3))], -1))
-            sensor[:, :3, 3] = ball
+            beside = rng.uniform(-_SEEN, _SEEN, (count, 3, 1))
+            sensor[:, :3, 3] = ball - (sensor[:, :3, :3] @ beside)[..., 0]
             flange = inverse(T_base_base2) @ sensor @ inverse(T_flange2_sensor)
             start = robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
             solved = solve_poses(
@@ -47,9 +48,6 @@ def second_arm(cell: Cell, count: int, places: int, rng: np.random.Generator) ->
         raise NoSolutionError(f"{robot.name}: the second arm hardly reaches the first one's tool")
     q = np.concatenate([part for part, _ in found])[:count]
     flange = np.concatenate([part for _, part in found])[:count]
-    flange = flange @ exp6(
-        np.concatenate([rng.uniform(-_SEEN, _SEEN, (count, 3)), np.zeros((count, 3))], axis=-1)
-    )
     seen = inverse(T_base_base2 @ flange @ T_flange2_sensor) @ cell.actual.forward(q)
     points = transform_points(seen, TIP[None])
     points = points + rng.normal(size=points.shape) * cell.noise
