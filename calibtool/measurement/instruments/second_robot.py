@@ -12,8 +12,7 @@ from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 _SENSOR = np.array([0.02, -0.03, 0.12, 0.2, -0.1, 0.5])  # on the second flange
 _SEEN = 0.05  # m: the ball is this near to the middle of the sensor
 _APART = 0.9  # of the arm's length, between the bases
-_DRAWN = 4  # poses of the second arm tried for a configuration of the first
-_TRIES = 40
+_TRIES = 100
 
 
 def second_arm(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
@@ -26,22 +25,21 @@ def second_arm(cell: Cell, count: int, places: int, rng: np.random.Generator) ->
     for _ in range(_TRIES):
         q = cell.sampled(count, rng)
         ball = transform_points(cell.actual.forward(q), TIP[None])[:, 0]
-        for _ in range(_DRAWN):
-            sensor = exp6(np.concatenate([np.zeros((count, 3)), rng.normal(size=(count, 3))], -1))
-            beside = rng.uniform(-_SEEN, _SEEN, (count, 3, 1))
-            sensor[:, :3, 3] = ball - (sensor[:, :3, :3] @ beside)[..., 0]
-            flange = inverse(T_base_base2) @ sensor @ inverse(T_flange2_sensor)
-            start = robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
-            solved = solve_poses(
-                robot.mechanism.forward_and_jacobian,
-                flange,
-                np.clip(start, -np.pi, np.pi),
-                length=robot.length,
-                lower=robot.lower,
-                upper=robot.upper,
-                tolerance=1e-10,
-            )
-            found.append((q[solved.reached], robot.mechanism.forward(solved.q[solved.reached])))
+        sensor = exp6(np.concatenate([np.zeros((count, 3)), rng.normal(size=(count, 3))], -1))
+        beside = rng.uniform(-_SEEN, _SEEN, (count, 3, 1))
+        sensor[:, :3, 3] = ball - (sensor[:, :3, :3] @ beside)[..., 0]
+        flange = inverse(T_base_base2) @ sensor @ inverse(T_flange2_sensor)
+        start = robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
+        solved = solve_poses(
+            robot.mechanism.forward_and_jacobian,
+            flange,
+            np.clip(start, -np.pi, np.pi),
+            length=robot.length,
+            lower=robot.lower,
+            upper=robot.upper,
+            tolerance=1e-10,
+        )
+        found.append((q[solved.reached], robot.mechanism.forward(solved.q[solved.reached])))
         if sum(len(q) for q, _ in found) >= count:
             break
     else:
