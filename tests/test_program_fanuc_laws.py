@@ -46,7 +46,7 @@ def controller() -> Controller:
 @cache
 def calibrations() -> tuple[Calibration, Calibration]:
     """The identity, and one of a robot with errors."""
-    simulation = Simulation(seed=3, workspace=robot().workspace(None)[1], configurations=40)
+    simulation = Simulation(seed=3, workspace=robot().workspace(), configurations=40)
     measurements = simulate(robot(), simulation)
     return identify(measurements, "nominal"), identify(measurements, "local-poe")
 

@@ -42,7 +42,7 @@ def robot(name: str = "fanuc-m1000ia") -> Robot:
 
 @cache
 def calibration() -> Calibration:
-    simulation = Simulation(seed=7, workspace=robot().workspace(None)[1], configurations=60)
+    simulation = Simulation(seed=7, workspace=robot().workspace(), configurations=60)
     return identify(simulate(robot(), simulation), "local-poe")
 
 

@@ -61,7 +61,7 @@ def there_and_back(name: str) -> tuple[Calibration, Calibration]:
     back to the nominal one.
     """
     robot = load_robot(name)
-    simulation = Simulation(seed=3, workspace=robot.workspace(None)[1], configurations=40)
+    simulation = Simulation(seed=3, configurations=40)
     calibration = identify(simulate(robot, simulation), "local-poe")
     errors = calibration.base.errors
     assert [family.id for family in errors.present] == ["placements"]

@@ -170,7 +170,7 @@ def plan(
     from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 
     model, values = load_described(robot, tool), joint_values_of(joint_values)
-    name, space = model.workspace(workspace)
+    space = model.workspace(workspace)
     distance = (
         MIN_SINGULARITY_DISTANCE if min_singularity_distance is None else min_singularity_distance
     )
@@ -188,7 +188,7 @@ def plan(
         values = model.joint_values(model.name, values)
         cube = plan_test(model, space, constraints, model.targets, edge)
         cube = replace(cube, joint_values=values)
-        _report_cube(cube, name, cycles or 30, json)
+        _report_cube(cube, space.name, cycles or 30, json)
         if target is not None:
             write_output(target, cube.table(cycles or 30), force)
         return
@@ -220,9 +220,9 @@ def plan(
             "draws; the constraints are tight"
         )
     if json:
-        print_json({**made.as_json(), "workspace": name, "seed": seed})
+        print_json({**made.as_json(), "workspace": space.name, "seed": seed})
     else:
-        _report(made, name)
+        _report(made, space.name)
     if target is not None:
         write_output(target, made.table, force)
 

@@ -218,7 +218,7 @@ def simulate(
             Simulation(
                 seed=seed,
                 configurations=configurations,
-                workspace=model.workspace(workspace)[1],
+                workspace=workspace,
                 scales=scales,
                 noise=noise_mm * 1e-3,
                 unregistered=unregistered,

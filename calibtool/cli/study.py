@@ -160,7 +160,8 @@ def _perform(
     from calibtool.evaluation.study import StudyTable
     from calibtool.evaluation.study.cluster import on_cluster
     from calibtool.evaluation.study.journal import Journal
-    from calibtool.evaluation.study.local import in_processes, processors
+    from calibtool.evaluation.study.local import in_processes
+    from calibtool.processes import processors
 
     # A stream or a device cannot be continued: no journal beside it.
     plain = (

@@ -143,7 +143,7 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     design = anywhere[:_DESIGN_SAMPLES]
     setup = Setup(readonly(np.eye(4)), robot.targets)
     default = robot.workspace_names[0]
-    inside = sample_configurations(robot, robot.workspace(None)[1], _DESIGN_SAMPLES, rng)
+    inside = sample_configurations(robot, robot.workspace(), _DESIGN_SAMPLES, rng)
     models = ("local-poe", "complete")
     designs = [("full", observability(robot, setup, design, design, model)) for model in models]
     if default != "full":
@@ -196,8 +196,8 @@ def _loops(robot: Robot, closes: float) -> dict[str, object] | None:
 
 
 def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
-    workspace = robot.workspace(name)[1]
-    home = robot.home(workspace)
+    workspace = robot.workspace(name)
+    home = workspace.home
     outside = np.flatnonzero((home < robot.lower - 1e-9) | (home > robot.upper + 1e-9))
     if len(outside):
         j = int(outside[0])

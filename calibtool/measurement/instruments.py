@@ -15,10 +15,10 @@ from calibtool.measurement.kinds import Readings
 from calibtool.measurement.measurements import Setup
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.description import Workspace
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
+from calibtool.robot.workspace import Workspace
 
 TIP = np.array([0.03, -0.02, 0.15])  # m: the probe's tip on the tool
 GAUGE = 0.05  # m between the two sockets of the gauge
@@ -51,7 +51,7 @@ class Cell:
 
     robot: Robot
     actual: ActualRobot
-    workspace: Workspace | None
+    workspace: Workspace
     noise: float
 
     def sampled(self, count: int, rng: np.random.Generator) -> Array:

@@ -52,7 +52,6 @@ def files() -> dict[str, str]:
     simulation = Simulation(
         seed=SEED,
         configurations=60,
-        workspace=robot.workspace(None)[1],
         scales=ErrorScales(kinds=ERROR_KINDS),
         unregistered=True,
     )
@@ -70,7 +69,7 @@ def files() -> dict[str, str]:
 
 def _cycles(robot: Robot, tracker: Measurements) -> Measurements:
     """The five poses of ISO 9283 in cycles, P5 to P1, measured before any correction."""
-    cube = plan_test(robot, robot.workspace(None)[1], Constraints(), robot.targets, CUBE)
+    cube = plan_test(robot, robot.workspace(), Constraints(), robot.targets, CUBE)
     q = np.tile(cube.q[::-1], (CYCLES, 1))
     return simulate(robot, Simulation(seed=SEED + 1, at=q, same_robot=tracker.truth))
 
@@ -99,9 +98,7 @@ def _poses(robot: Robot, shifts: list[tuple[float, float, float]]) -> np.ndarray
     """The pose at the workspace's home, moved by metres along the axes of the base
     frame: (N, 4, 4).
     """
-    T = np.repeat(
-        robot.mechanism.forward(robot.home(robot.workspace(None)[1])[None]), len(shifts), axis=0
-    )
+    T = np.repeat(robot.mechanism.forward(robot.workspace().home[None]), len(shifts), axis=0)
     T[:, :3, 3] += shifts
     return T
 
@@ -119,7 +116,7 @@ def _targets(robot: Robot) -> str:
 
 def _program(robot: Robot) -> str:
     """Home and an approach as joints, a seam of two poses."""
-    home = np.rad2deg(robot.to_controller(robot.home(robot.workspace(None)[1])[None])[0])
+    home = np.rad2deg(robot.to_controller(robot.workspace().home[None])[0])
     texts = [_joints('1:"home"', home)]
     for k, T in enumerate(_poses(robot, [(0.1, -0.3, -0.2), (0.1, 0.3, -0.2)])):
         x, y, z = T[:3, 3] * 1e3
