@@ -15,6 +15,7 @@ from calibtool.cli.files import (
     output_stream,
     shown,
     text_lines,
+    wrote,
 )
 from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
@@ -57,6 +58,7 @@ from calibtool.cli.programs import (
 )
 from calibtool.cli.progress import counted
 from calibtool.errors import UsageError
+from calibtool.units import count_of
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -308,6 +310,7 @@ def compensate_rows(
             "the status is ok, jump or outside"
         )
         message(kept)
+    wrote(output, count_of(report.rows, "corrected row"))
     if report.without_joints:
         raise NoSolutionError(
             f"{name}: {report.without_joints} of {report.rows} rows have no joints, unreachable or "

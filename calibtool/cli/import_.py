@@ -15,8 +15,9 @@ from calibtool.cli.files import (
     write_output,
     write_outputs,
     write_stdout,
+    wrote,
 )
-from calibtool.cli.input_files import load_described
+from calibtool.cli.input_files import load_described, measurements_words
 from calibtool.cli.options import (
     Force,
     JointValuesOption,
@@ -244,6 +245,7 @@ def import_(
             inputs["table"], shown(table), load_described(robot, tool), stated, joint_file, **how
         )
         write_output(output, text, force)
+        wrote(output, "column map, to be completed")
         return
     with working(f"reading {shown(table)}"):
         imported = read_table(
@@ -294,3 +296,6 @@ def import_(
         held_out = left.with_setup(measurements.setup).measurements
         outputs[rest] = to_bytes(replace(held_out, provenance=origin, findings=said))
     write_outputs(outputs, force)
+    wrote(output, measurements_words(measurements))
+    if rest is not None and left is not None:
+        wrote(rest, measurements_words(held_out))

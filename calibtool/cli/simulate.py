@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output
-from calibtool.cli.input_files import load_described, load_measurements
+from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output, wrote
+from calibtool.cli.input_files import load_described, load_measurements, measurements_words
 from calibtool.cli.options import (
     Force,
     JointValuesOption,
@@ -232,6 +232,7 @@ def simulate(
         )
     measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))
     write_output(output, to_bytes(measurements), force)
+    wrote(output, measurements_words(measurements))
 
 
 def _range(text: str | None, option: str, lowest: float) -> tuple[float, float] | None:

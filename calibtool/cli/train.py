@@ -16,8 +16,8 @@ from calibtool.cli.base_model_options import (
     LossFunction,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
-from calibtool.cli.identify import report_calibration, report_target
+from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
+from calibtool.cli.identify import fit_words, report_calibration, report_target
 from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
@@ -187,3 +187,4 @@ def train(
             message(line)
     if target is not None:
         write_output(target, to_bytes(calibration), force)
+        wrote(target, fit_words(calibration))
