@@ -5,11 +5,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calibtool.controller.standard_form import standard_rows
 from calibtool.errors import InputError
 from calibtool.robot.constant_placements import chain_of
 from calibtool.robot.denavit_hartenberg import DhRow, DhTable, steps_of
 from calibtool.robot.robot import Robot
+from calibtool.robot.standard_form import standard_rows
 from calibtool.robot.ur_frames import FRAMES, number, ur_frames
 
 SECTION = "mounting"

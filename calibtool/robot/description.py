@@ -1,7 +1,7 @@
 """robot.toml: name of a robot, source of its kinematics, targets, workspaces and limits."""
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -9,9 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.denavit_hartenberg import DhConvention
-from calibtool.robot.markup import decoded_xml
-from calibtool.robot.tool import chosen, quoted
+from calibtool.robot.named_files import contents, inside
+from calibtool.robot.tool import Choice, chosen, quoted
 from calibtool.robot.tree import urdf_tree
+from calibtool.robot.urdf_text import Converted
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]  # mm, a kilometre
 Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
@@ -20,6 +21,7 @@ VirtualJoint = Literal["x", "y", "z", "rx", "ry", "rz"]
 ExternalName = Annotated[str, Field(pattern=r"^e[1-6]$")]
 JointName = Annotated[str, Field(pattern=r"^j[1-9]\d{0,5}$")]
 
+_IN_FOLDERS = ("robot.toml", "robot.yaml")
 _MOST_DOTS = 2000  # of one line: numbers and dotted keys
 
 
@@ -226,19 +228,22 @@ def parse_source(toml_text: str, urdf_text: str, place: str) -> Source:
     return Source(_parse_description(toml_text, place), toml_text, urdf_text, place)
 
 
-def read_source(path: Path, tool: str | None = None) -> Source:
+def read_source(path: Path, tool: str | None = None, allowed: tuple[Path, ...] = ()) -> Source:
     """Read `path`: a folder with a robot.toml, a robot.toml, a URDF, or what `contents.told` knows.
 
     tool: the tool frame of a description that does not name it; UsageError for one that does.
+    allowed: folders, besides that of the description, whose files it may name.
     """
-    from calibtool.robot.contents import WHAT, as_urdf_text, told
+    from calibtool.robot.contents import WHAT, converted, told
     from calibtool.robot.numeric_kinematics import numbers_as_urdf
 
     if path.is_dir():
-        path = path / "robot.toml"
-    kind, text = told(_read_bytes(path), path)
+        path = next(
+            (path / name for name in _IN_FOLDERS if (path / name).exists()), path / "robot.toml"
+        )
+    kind, text = told(contents(path), path)
     if kind != "toml":
-        return source_from_urdf(as_urdf_text(kind, text, path), path.stem, tool, WHAT[kind])
+        return bare_source(converted(kind, text, path, allowed), path.stem, tool, WHAT[kind])
     description = _parse_description(text, str(path))
     kinematics = description.kinematics
     if tool is not None:
@@ -246,38 +251,56 @@ def read_source(path: Path, tool: str | None = None) -> Source:
     if kinematics.chain is not None or kinematics.dh is not None:
         return Source(description, text, numbers_as_urdf(description, str(path)), str(path))
     if kinematics.urdf is not None:
-        urdf_path = inside(path.parent, kinematics.urdf, f"{path}: kinematics.urdf")
+        urdf_path = inside(path.parent, kinematics.urdf, f"{path}: kinematics.urdf", allowed)
     else:
         name = str(kinematics.example_robot_data)
         urdf_path = inside(example_robot_data(), name, f"{path}: kinematics.example_robot_data")
-    urdf_text = decoded_xml(_read_bytes(urdf_path), str(urdf_path))
+    kind, urdf_text = told(contents(urdf_path), urdf_path)
+    if kind == "toml":
+        raise InputError(f"{path}: kinematics.urdf: {urdf_path} is a robot.toml itself")
+    urdf_text = converted(kind, urdf_text, urdf_path, allowed).urdf
     return Source(description, text, urdf_text, str(path))
 
 
-def source_from_urdf(
-    urdf_text: str, name: str, tool: str | None = None, what: str = "a bare URDF"
+def source_from_urdf(urdf_text: str, name: str, tool: str | None = None) -> Source:
+    """A description for a bare URDF: see `bare_source`."""
+    return bare_source(Converted(urdf_text), name, tool)
+
+
+def bare_source(
+    said: Converted, name: str, tool: str | None = None, what: str = "a bare URDF"
 ) -> Source:
-    """A description for a bare URDF: see `tool.chosen`; three targets on a circle of 0.1 m.
+    """What a robot.toml would say: see `tool.chosen`; three targets on a circle of 0.1 m.
 
-    what: what it was made from, in the line of what was assumed.
-
-    UsageError where several links could be the tool and `tool` does not say which.
+    what: what the description is, in the line of what was assumed. UsageError where several links
+    could be the tool and `tool` does not say which.
     """
-    from calibtool.robot.urdf import parse_urdf  # Pinocchio is only needed here
+    from calibtool.robot.closed_chain import configuration_found  # Pinocchio is only needed here
+    from calibtool.robot.urdf import parse_urdf
 
-    parse_urdf(urdf_text, name)
-    found = chosen(urdf_tree(urdf_text, name), name, tool)
+    parse_urdf(said.urdf, name)
+    found = chosen(urdf_tree(said.urdf, name), name, tool, said)
+    source = _assumed(found, said, name, what)
+    if found.loops and found.actuated is not None and not found.closed_at:
+        closed_at = configuration_found(source)
+        source = _assumed(replace(found, closed_at=closed_at), said, name, what)
+    return source
+
+
+def _assumed(found: Choice, said: Converted, name: str, what: str) -> Source:
     allowed = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in name)
     safe = allowed.lstrip("._-") or "robot"
     keys = found.toml.replace("\n", ", ")
+    mounting = f"\n[mounting]\ngravity = {list(said.gravity)}\n" if said.gravity else ""
     assumed = f"{what}, taken as [kinematics] {keys}; the targets are assumed"
     toml_text = (
         f'name = "{safe}"\ntitle = "{safe}, from {what}"\n'
         f"assumed = {quoted(assumed)}\n\n"
         f'[kinematics]\nurdf = "robot.urdf"\n{found.toml}\n\n'
         "[targets]\npoints_mm = [[100.0, 0.0, 0.0], [-50.0, 86.6, 0.0], [-50.0, -86.6, 0.0]]\n"
+        f"{mounting}"
     )
-    return parse_source(toml_text, urdf_text, name)
+    return parse_source(toml_text, said.urdf, name)
 
 
 def example_robot_data() -> Path:
@@ -357,23 +380,3 @@ def _models_in(annotation: object) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for argument in get_args(annotation) for model in _models_in(argument)]
-
-
-def inside(folder: Path, name: str, place: str) -> Path:
-    """A file of a folder or below it, links followed: a description from elsewhere reads nothing
-    else (InputError).
-    """
-    try:
-        path = (folder / name).resolve()
-        if not path.is_relative_to(folder.resolve()):
-            raise InputError(f"{place}: {name!r} is outside of {folder}; copy the file there")
-    except (OSError, ValueError, RuntimeError) as error:  # a zero byte, links in a circle
-        raise InputError(f"{place}: {name!r}: {error}") from None
-    return path
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
