@@ -195,9 +195,17 @@ class _Reader:
         self.masses.append((link, mass, self.attributes.pose(values), matrix))
 
     def _actuated(self) -> tuple[str, ...] | None:
-        """The joints that actuators move, in their order; None where the file has none."""
+        """The joints that actuators move, in their order; None where the file has none.
+
+        Of several joints that a tendon moves the one that follows none of the others.
+        """
+        following = self.equalities.following
         fixed = {
-            tendon.get("name", ""): [joint.get("joint", "") for joint in tendon.iterfind("joint")]
+            tendon.get("name", ""): [
+                joint.get("joint", "")
+                for joint in tendon.iterfind("joint")
+                if joint.get("joint") not in following
+            ]
             for part in self.root.iterfind("tendon")
             for tendon in part.iterfind("fixed")
         }

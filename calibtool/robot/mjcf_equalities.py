@@ -42,6 +42,11 @@ class Equalities:
         names = {part.get("name") for part in body.iter() if part.tag in ("body", "site")}
         return any(sum(end in names for end in _ends(each)) == 1 for each in self._cuts)
 
+    @property
+    def following(self) -> set[str | None]:
+        """Joints that follow another one, or are held."""
+        return {each.get("joint1") for each in self._couplings}
+
     def references(self) -> dict[str, float]:
         """Joints that do not start at 0, and where they start: rad or m."""
         return {urdf[0]: ref for urdf, ref in self.joints.values() if ref and len(urdf) == 1}

@@ -52,7 +52,7 @@ def read_sdf(text: str, place: str) -> Converted:
         raise InputError(
             f"{place}: an SDF of Gazebo with several models that have joints: {names}; keep one"
             if models
-            else f"{place}: an SDF of Gazebo without joints; if it includes a model, give the file of that"
+            else f"{place}: an SDF of Gazebo without joints; give the file of the model included"
         )
     axes_in_model = root.get("version", "") in ("1.0", "1.2", "1.3", "1.4")
     return _Reader(models[0], place, axes_in_model).read()
@@ -99,7 +99,8 @@ class _Reader:
             self.urdf.frame(part.get("name", ""), on, pose)
         for joint in joints:
             self._mimic(joint)
-        return Converted(self.urdf.text, tuple(self._cut(joint) for joint in cuts))
+        loops = tuple(self._cut(joint) for joint in cuts)
+        return Converted(self.urdf.text, loops)
 
     def _joint(self, part: Element) -> _Joint:
         name, kind = part.get("name", ""), part.get("type", "")

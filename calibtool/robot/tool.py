@@ -19,7 +19,7 @@ _TOOLS = tuple(
         r"flange",
         r"ee|eef|eff|endeff|endeffector|end effector",
         r"tool",
-        r"grasp|grasping|tool mount|mount|attachment",
+        r"grasp|grasping|pinch|tool mount|mount|attachment",
     )
 )
 # Links that are no tool: what grips, sees, or stands for a shape.
@@ -31,7 +31,8 @@ _NO_TOOL = re.compile(
 )
 _GRIPS = re.compile(
     r"\b(?:gripper|grip|fingers?|fingertips?|thumb|index|middle|ring|little|pinky|"
-    r"phalanx|distal|proximal|knuckles?|jaws?|claws?|pincers?|tongs?|suction)\b"
+    r"phalanx|distal|proximal|knuckles?|jaws?|claws?|pincers?|tongs?|suction|"
+    r"driver|coupler|follower|spring link)\b"
 )
 _PISTON = re.compile(r"\b(?:piston|cylinder|rod)\b")
 _TURNS = re.compile(r"\b(?:rotation|rotate|rot|roll|pitch|yaw|wrist)\b")
@@ -102,7 +103,10 @@ def chosen(tree: Tree, name: str, tool: str | None = None, said: Converted | Non
     closing, moving = _closing(tree, tool, loops)
     motors = said.actuated if said else None
     closes = closing or (motors is not None and any(joint.follows for joint in moving))
-    arm = moving if closes else set(_arm(tree.ways[tool]))
+    way = tree.ways[tool]
+    in_loops = {joint for loop in closing for joint in _round(tree, loop)}
+    base = {joint for joint in way if joint not in _arm(way)} - in_loops
+    arm = moving - base if closes else set(_arm(way))
     locked = _locked([joint for joint in tree.joints if joint.moves and joint not in arm])
     if said is None or not closes:
         return Choice(tool, locked)
