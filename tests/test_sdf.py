@@ -133,7 +133,11 @@ def test_a_second_parent_closes_a_loop(tmp_path: Path) -> None:
         ('type="prismatic"', 'type="gearbox"', "joint 'j2' is of type 'gearbox'; read are"),
         ('relative_to="fore"', 'relative_to="four"', "no frame 'four'; did you mean fore"),
         ('relative_to="base">0', 'relative_to="upper">0', "in a circle"),
-        ("<parent>fore</parent>", "<parent>forearm</parent>", "joint 'j3' joins 'forearm', which is no link; did you mean fore"),
+        (
+            "<parent>fore</parent>",
+            "<parent>forearm</parent>",
+            "'forearm', which is no link; did you mean fore",
+        ),
         ("0.3 0 0.5 0 0.5 0", "0.3 0 0.5", "pose of 'fore': 3 numbers; expected 6"),
         ("0.3 0 0.5 0 0.5 0", "0.3 0 x 0 0.5 0", "'x'; expected a number"),
         ("<xyz>1 0 0</xyz><limit>", "<xyz>0 0 0</xyz><limit>", "axis of 'j2' is '0 0 0'"),

@@ -18,6 +18,7 @@ from calibtool.cli.files import (
 )
 from calibtool.cli.input_files import load_described
 from calibtool.cli.options import (
+    AllowOption,
     Force,
     JointValuesOption,
     Output,
@@ -131,6 +132,7 @@ def import_(
         ),
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     encoding: Annotated[
         str | None,
         typer.Option(
@@ -241,7 +243,12 @@ def import_(
     }
     if map_template:
         text = template_of(
-            inputs["table"], shown(table), load_described(robot, tool), stated, joint_file, **how
+            inputs["table"],
+            shown(table),
+            load_described(robot, tool, allow),
+            stated,
+            joint_file,
+            **how,
         )
         write_output(output, text, force)
         return
@@ -249,7 +256,7 @@ def import_(
         imported = read_table(
             inputs["table"],
             shown(table),
-            load_described(robot, tool),
+            load_described(robot, tool, allow),
             column_map,
             frame=chosen(frame, ("base", "unknown"), "--frame"),
             robot_targets=robot_targets,

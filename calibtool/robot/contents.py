@@ -21,7 +21,9 @@ from calibtool.robot.sdf import read_sdf
 from calibtool.robot.ur_frames import FRAMES, ur_frames
 from calibtool.robot.urdf_text import Converted
 
-Kind = Literal["toml", "urdf", "xacro", "mjcf", "sdf", "parallel", "dh", "ur-yaml", "kuka-machine"]
+Kind = Literal[
+    "toml", "urdf", "xacro", "mjcf", "sdf", "parallel", "dh", "ur-yaml", "ur-conf", "kuka-machine"
+]
 # What nobody wrote a robot.toml for, in the line of what was assumed.
 WHAT: dict[Kind, str] = {
     "urdf": "a bare URDF",
@@ -31,6 +33,7 @@ WHAT: dict[Kind, str] = {
     "parallel": "a bare robot.yaml with closed loops",
     "dh": "a bare table of DH parameters",
     "ur-yaml": "a bare calibration of a UR arm, without limits",
+    "ur-conf": "changes of a UR arm",
     "kuka-machine": "bare machine data of a KUKA arm",
 }
 ACCEPTED = (
@@ -93,11 +96,7 @@ def told(data: bytes, path: Path) -> tuple[Kind, str]:
     if is_dh(text):
         return "dh", text
     if _CONF.search(text):
-        raise InputError(
-            f"{place}: a UR controller's calibration.conf, changes of the DH parameters of an arm "
-            "that it does not name; give it with compensate --controller, or the "
-            "calibration.yaml of the driver here"
-        )
+        return "ur-conf", text
     if is_machine_data(text):
         return "kuka-machine", text
     if is_parallel(text):
@@ -144,6 +143,12 @@ def converted(kind: Kind, text: str, path: Path, allowed: tuple[Path, ...] = ())
 
 def _as_urdf(kind: Kind, text: str, path: Path) -> str:
     place = path.stem if kind == "urdf" else str(path)
+    if kind == "ur-conf":
+        raise InputError(
+            f"{place}: a UR controller's calibration.conf, changes of an arm that it does not "
+            'name; write a robot.toml with [kinematics] nominal = "ur5e", calibration = '
+            f'"{path.name}", or give it with compensate --controller'
+        )
     if kind == "xacro":
         return _expanded(path)
     if kind == "dh":

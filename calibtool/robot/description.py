@@ -49,16 +49,21 @@ class Placement(_Strict):
 
 
 class Kinematics(_Strict):
-    """Source of the kinematics: one of `urdf` (a path beside robot.toml), `example_robot_data` (a
-    path inside it), and numbers: `chain`, or `dh`, rows of a table in a convention."""
+    """Source of the kinematics: one of `urdf` (a path beside robot.toml, of any description that
+    `contents.told` knows), `example_robot_data` (a path inside it), numbers (`chain`, or `dh`, rows
+    of a table in a convention), and `nominal`, a UR arm of the catalogue, with the `calibration` of
+    one arm: the calibration.conf of its controller, or the calibration.yaml of the driver.
+    """
 
     urdf: str | None = None
     example_robot_data: str | None = None
     chain: list[Placement] | None = None
     dh: list[dict[str, float | str]] | None = None
     dh_convention: DhConvention | None = None
+    nominal: str | None = None
+    calibration: str | None = None
     base_frame: str | None = None  # K_0; the URDF's root link unless named
-    tool_frame: str  # of numbers: tool0 unless named
+    tool_frame: str  # of numbers and calibrations: tool0 unless named
     locked_joints: dict[str, float] = {}  # rad or m
     loops: list[LoopTable] = []
     actuated: list[str] | None = (
@@ -70,16 +75,21 @@ class Kinematics(_Strict):
     @model_validator(mode="before")
     @classmethod
     def _tool_of_numbers(cls, data: object) -> object:
-        if isinstance(data, dict) and ("chain" in data or "dh" in data):
+        if isinstance(data, dict) and not {"chain", "dh", "nominal"}.isdisjoint(data):
             return {"tool_frame": "tool0", **data}
         return data
 
     @model_validator(mode="after")
     def _one_source(self) -> "Kinematics":
-        sources = ("urdf", "example_robot_data", "chain", "dh")
+        sources = ("urdf", "example_robot_data", "chain", "dh", "nominal")
         if sum(getattr(self, source) is not None for source in sources) != 1:
             raise ValueError(
-                "give exactly one of 'urdf' and 'example_robot_data', or numbers, 'chain' or 'dh'"
+                "give exactly one of 'urdf' and 'example_robot_data', or numbers, 'chain' or 'dh', "
+                "or 'nominal' with a 'calibration'"
+            )
+        if (self.nominal is None) != (self.calibration is None):
+            raise ValueError(
+                "'nominal' (a UR arm of the catalogue) and 'calibration' (its file) belong together"
             )
         if (self.dh is None) != (self.dh_convention is None):
             raise ValueError("'dh' and 'dh_convention' (standard or modified) belong together")
@@ -250,6 +260,8 @@ def read_source(path: Path, tool: str | None = None, allowed: tuple[Path, ...] =
         raise UsageError(f"--tool: {path} names its tool_frame, '{kinematics.tool_frame}'")
     if kinematics.chain is not None or kinematics.dh is not None:
         return Source(description, text, numbers_as_urdf(description, str(path)), str(path))
+    if kinematics.calibration is not None:
+        return Source(description, text, _calibrated(path, kinematics, allowed), str(path))
     if kinematics.urdf is not None:
         urdf_path = inside(path.parent, kinematics.urdf, f"{path}: kinematics.urdf", allowed)
     else:
@@ -260,6 +272,24 @@ def read_source(path: Path, tool: str | None = None, allowed: tuple[Path, ...] =
         raise InputError(f"{path}: kinematics.urdf: {urdf_path} is a robot.toml itself")
     urdf_text = converted(kind, urdf_text, urdf_path, allowed).urdf
     return Source(description, text, urdf_text, str(path))
+
+
+def _calibrated(path: Path, kinematics: Kinematics, allowed: tuple[Path, ...]) -> str:
+    """The URDF of `nominal` with its `calibration`."""
+    from calibtool.robot.catalogue import load_robot, robot_names
+    from calibtool.robot.contents import told
+    from calibtool.robot.universal_robots import calibrated_urdf
+
+    place = f"{path}: kinematics.calibration"
+    arms = [name for name in robot_names() if name.startswith("ur")]
+    if kinematics.nominal not in arms:
+        known = near_names(str(kinematics.nominal), arms)
+        raise InputError(f"{path}: kinematics.nominal: no UR arm of the catalogue; {known}")
+    file = inside(path.parent, str(kinematics.calibration), place, allowed)
+    kind, text = told(contents(file), file)
+    if kind not in ("ur-conf", "ur-yaml"):
+        raise InputError(f"{place}: {file} is no calibration.conf or calibration.yaml of a UR arm")
+    return calibrated_urdf(kind, text, str(file), load_robot(str(kinematics.nominal)))
 
 
 def source_from_urdf(urdf_text: str, name: str, tool: str | None = None) -> Source:
