@@ -19,6 +19,7 @@ from calibtool.cli.files import (
 )
 from calibtool.cli.input_files import load_described, measurements_words
 from calibtool.cli.options import (
+    AllowOption,
     Force,
     JointValuesOption,
     Output,
@@ -132,6 +133,7 @@ def import_(
         ),
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     encoding: Annotated[
         str | None,
         typer.Option(
@@ -242,7 +244,12 @@ def import_(
     }
     if map_template:
         text = template_of(
-            inputs["table"], shown(table), load_described(robot, tool), stated, joint_file, **how
+            inputs["table"],
+            shown(table),
+            load_described(robot, tool, allow),
+            stated,
+            joint_file,
+            **how,
         )
         write_output(output, text, force)
         wrote(output, "column map, to be completed")
@@ -251,7 +258,7 @@ def import_(
         imported = read_table(
             inputs["table"],
             shown(table),
-            load_described(robot, tool),
+            load_described(robot, tool, allow),
             column_map,
             frame=chosen(frame, ("base", "unknown"), "--frame"),
             robot_targets=robot_targets,

@@ -8,6 +8,7 @@ from calibtool.cli.files import check_output, message, shown, write_output, wrot
 from calibtool.cli.identify import report_target
 from calibtool.cli.input_files import load_calibration, load_described
 from calibtool.cli.options import (
+    AllowOption,
     Force,
     JointValuesOption,
     Json,
@@ -143,6 +144,7 @@ def plan(
         int | None, typer.Option(min=1, help="Cycles of --iso9283 (default 30).")
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     joint_values: JointValuesOption = None,
     json: Json = False,
     force: Force = False,
@@ -170,7 +172,7 @@ def plan(
     from calibtool.planning.selection import Criterion
     from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 
-    model, values = load_described(robot, tool), joint_values_of(joint_values)
+    model, values = load_described(robot, tool, allow), joint_values_of(joint_values)
     space = model.workspace(workspace)
     distance = (
         MIN_SINGULARITY_DISTANCE if min_singularity_distance is None else min_singularity_distance

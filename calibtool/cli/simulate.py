@@ -8,6 +8,7 @@ import typer
 from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output, wrote
 from calibtool.cli.input_files import load_described, load_measurements, measurements_words
 from calibtool.cli.options import (
+    AllowOption,
     Force,
     JointValuesOption,
     Output,
@@ -120,6 +121,7 @@ def simulate(
         ),
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     joint_values: JointValuesOption = None,
     force: Force = False,
 ) -> None:
@@ -165,7 +167,7 @@ def simulate(
     values = joint_values_of(joint_values)
     if values is not None and at is None:
         raise UsageError("--joint-values is for the joints of --at")
-    model = load_described(robot, tool)
+    model = load_described(robot, tool, allow)
     kinds = ERROR_KINDS if errors == "all" else tuple(kind.strip() for kind in errors.split(","))
     unknown = [kind for kind in kinds if kind not in ERROR_KINDS]
     if unknown:

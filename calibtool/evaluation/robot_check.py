@@ -131,6 +131,11 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     rng = np.random.default_rng(0)
     place = robot.source.place
     anywhere = robot.closing(robot.anywhere(_REACH_SAMPLES, rng))
+    if not len(anywhere):
+        raise InputError(
+            f"{place}: no configuration of the joint range closes, but for closed_at; check link "
+            "lengths, loops and limits"
+        )
     tools = robot.mechanism.forward(anywhere)[:, :3, 3]
     first = robot.chain.placements[0, :3, 3]
     if robot.singularity_distance(anywhere).max() < MIN_SINGULARITY_DISTANCE:
