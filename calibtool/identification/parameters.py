@@ -158,7 +158,7 @@ class Parameters:
             factors.append(factor.ravel()[part.elements])
             units += [unit[i] for i in part.elements]
         units += ["mm"] * 3 + ["mrad"] * 3 if self.frame_free else []
-        units += ["mrad" if ".r" in name else "mm" for name in self.targets]
+        units += [_unit(name) for name in self.targets]
         return np.concatenate(
             [*factors, np.full(6 * self.frame_free + len(self.targets), 1e3)]
         ), units
@@ -237,3 +237,10 @@ class State:
             value = part.family.resized(self.errors[part.family.id], part.shape)
             values[part.family.id] = np.where(part.free, value, 0.0)
         return replace(self, errors=RobotErrors.of(self.errors.robot, **values))
+
+
+def _unit(name: str) -> str:
+    """Unit in which an element of the set-up is displayed: 1e-3 of m, rad or 1."""
+    if name.startswith("lens."):
+        return "‰"
+    return "mrad" if ".r" in name else "mm"

@@ -82,14 +82,14 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
         np.random.default_rng(s) for s in entropy.spawn(5)
     )
 
-    if simulation.same_robot is not None:
-        truth = simulation.same_robot
-    else:
+    truth = simulation.same_robot
+    if truth is None or truth.setup.kind.id != "points":  # or it was seen by another instrument
         check_targets(robot.targets, f"{robot.name}: targets")
         setup = Setup(readonly(np.eye(4)), robot.targets)
         if simulation.unregistered:
             setup = _random_setup(setup, setup_rng)
-        truth = Truth(random_actual(robot, simulation.scales, robot_rng), setup)
+        drawn = random_actual(robot, simulation.scales, robot_rng)
+        truth = Truth(drawn if truth is None else truth.actual, setup)
 
     if simulation.instrument != "points":
         return _by_instrument(robot, simulation, truth.actual, configuration_rng)
@@ -169,7 +169,7 @@ def _by_instrument(
         points=readonly(seen.readings.points),
         rotations=None if seen.readings.rotations is None else readonly(seen.readings.rotations),
         setup=unknown(setup),
-        noise_position=max(simulation.noise, NO_NOISE),
+        noise_position=max(simulation.noise, NO_NOISE) if seen.noise is None else seen.noise,
         noise_orientation=ORIENTATION_NOISE
         if seen.deviations is None
         else float(np.median(seen.deviations[:, 3:])),

@@ -98,12 +98,13 @@ def test_a_wire_of_negative_length_is_refused_by_line() -> None:
 
 
 def test_a_board_in_a_camera_on_the_flange() -> None:
-    assert remarks(run("import", "camera_sees_board.csv", *UR10, "--board", "-o", "m.h5")) == ""
+    found = run("import", "camera_sees_board.csv", *UR10, "--poses-of", "board", "-o", "m.h5")
+    assert remarks(found) == ""
     assert answer("info", "m.h5")["observation"] == "poses of a board in a camera on the tool"
     value = answer("identify", "m.h5", "-o", "c.h5")
     assert value["base"]["residual_rms_mm"] < 0.15  # its noise is 0.1 mm
-    message = refused(2, "import", "stations.csv", *UR10, "--board", "-o", "n.h5")
-    assert message == "--board: the table holds no poses"
+    message = refused(2, "import", "stations.csv", *UR10, "--poses-of", "board", "-o", "n.h5")
+    assert message == "--poses-of board: the table holds no poses"
 
 
 @pytest.mark.parametrize("kind", ["contact", "distance", "plane", "board", "camera"])
