@@ -84,6 +84,8 @@ class Knowledge:
         # A plan does not choose directions, loads and temperatures.
         left_out = ("backlash", "payload", "temperature")
         parameters = Parameters.of(robot, identified.setup, **orders).without(*left_out)
+        known = np.isin(parameters.names, posterior.parameters.names)
+        parameters = parameters.only(known)  # not every joint has what its family offers
         kept = np.flatnonzero(np.isin(posterior.parameters.names, parameters.names))
         std = posterior.prior_std[kept]
         covariance = posterior.covariance[np.ix_(kept, kept)] / np.outer(std, std)
