@@ -113,7 +113,8 @@ def base_options(
             or drop_flagged
         ):
             raise UsageError(
-                f"'{model}' takes no options of the complete model (families such as backlash, tolerances, bad rows)"
+                f"'{model}' takes no options of the complete model (families such as backlash, "
+                "tolerances, bad rows)"
             )
         return BaseOptions(model)
     tolerances = Tolerances.of_robot(robot)

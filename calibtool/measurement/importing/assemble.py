@@ -152,12 +152,12 @@ def read_table(
     table = source.table
     q = read_joints(joint_table, robot, complete.joints)
     points = read_points(table, complete)
-    zero = _not_seen(points) & (complete.lengths is None)
+    zero = _not_seen(points) if complete.lengths is None else np.zeros(points.shape[:2], bool)
     if zero.any():  # no instrument measures its own origin to the last digit
         points = np.where(zero[..., None], np.nan, points)
         warnings.append(
             f"{table.name}: 0, 0, 0 was taken for 'not seen' in {int(zero.sum())} places: line "
-            f"{line_ranges([table.lines[k] for k in _rows(zero.any(axis=-1))])}"
+            f"{line_ranges([table.lines[k] for k in np.flatnonzero(zero.any(axis=-1)).tolist()])}"
         )
     seen = ~np.isnan(points[..., 0])
     values = None if complete.lengths is None else read_lengths(table, complete.lengths)
@@ -283,8 +283,10 @@ def _not_seen(points: Array) -> np.ndarray:
     Points of a gauge are no readings: they come again and again, and one of them may be the origin.
     """
     distinct = len(np.unique(points.reshape(-1, 3), axis=0))
+    if 2 * distinct <= len(points):
+        return np.zeros(points.shape[:2], dtype=bool)
     zero: np.ndarray = (points == 0.0).all(axis=-1)
-    return zero & (2 * distinct > points.shape[0])
+    return zero
 
 
 def _rows(chosen: np.ndarray) -> list[int]:
