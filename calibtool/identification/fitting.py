@@ -17,7 +17,6 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import weights
 from calibtool.robot.se3 import Array
 
-_WEIGHTED = 1e-4  # times as small must a step be where rows change their weights with it
 CONVERGED = 1e-3  # a step this small against the posterior's standard deviations changes nothing
 ROUGHLY = 0.1  # and this small a one not the choice of a model
 _MAX_ITERATIONS = 30
@@ -104,7 +103,7 @@ def fit(
         row_weight = start.row_weight
     else:
         row_weight = row_weights(row_squares(measurements, state), d, loss_function)
-    used, taken = row_weight, 0
+    used, taken, resting = row_weight, 0, False
     equations: NormalEquations | None = None
     solution: Solution | None = None
 
@@ -112,7 +111,7 @@ def fit(
         return normal_equations(measurements, parameters, at, row_weight), at.vector(parameters)
 
     def solve(system: tuple[NormalEquations, Array], _: float) -> tuple[Array, bool]:
-        nonlocal std, noise_factor, row_weight, used, taken, equations, solution
+        nonlocal std, noise_factor, row_weight, used, taken, resting, equations, solution
         (equations, theta), previous = system, noise_factor
         taken += 1
         priors = (
@@ -122,13 +121,13 @@ def fit(
             parameters, equations, theta, std, noise_factor, largest if priors else None
         )
         std, noise_factor = solution.prior_std, solution.noise_factor
-        used, row_weight = row_weight, row_weights(equations.row_squares, d, loss_function)
-        # Weights that change with the step settle by a factor only, not by the square of the step.
-        finer = 1.0 if np.array_equal(used, row_weight) else _WEIGHTED
-        return solution.step, bool(
-            solution.farthest < finer * converged
-            and abs(noise_factor / previous - 1.0) < 0.01 * finer
-        )
+        # Weights settle by a factor only, not by the square of the step, so they rest at the end.
+        used, moving = row_weight, not resting
+        if moving:
+            row_weight = row_weights(equations.row_squares, d, loss_function)
+            moving, resting = not np.array_equal(used, row_weight), solution.farthest < ROUGHLY
+        settled = solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01
+        return solution.step, bool(settled and (not moving or converged >= ROUGHLY))
 
     state, iterations, settled = gauss_newton(
         state.moved(parameters, np.zeros(parameters.count)),
