@@ -40,7 +40,8 @@ def simulate(
     errors: Annotated[
         str,
         typer.Option(
-            help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal."
+            help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal, "
+            "bending, wobble."
         ),
     ] = "geometric",
     length_error_mm: Annotated[

@@ -14,6 +14,7 @@ from calibtool.cli.base_model_options import (
     Harmonics,
     LengthTolerance,
     LossFunction,
+    Without,
     base_options,
 )
 from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
@@ -88,10 +89,11 @@ def train(
     harmonics: Harmonics = None,
     gravity: Gravity = None,
     backlash: Backlash = None,
+    without: Without = None,
     fixed_tolerances: FixedTolerances = False,
     tolerance_mm: LengthTolerance = None,
     tolerance_mrad: AngleTolerance = None,
-    loss_function: LossFunction = "squared",
+    loss_function: LossFunction = "isolated",
     drop_flagged: DropFlagged = False,
     frame: FrameOption = None,
     seed: Seed = 0,
@@ -143,6 +145,7 @@ def train(
             harmonics,
             gravity,
             backlash,
+            without,
             fixed_tolerances,
             tolerance_mm,
             tolerance_mrad,
