@@ -39,7 +39,7 @@ CALIBTOOL = [sys.executable, "-m", "calibtool"]
 def path_of(name: str, rows: int) -> np.ndarray:
     """Joint rows (rows, n) between configurations of the workspace, rad or m."""
     robot = load_robot(name)
-    corners = sample_configurations(robot, robot.workspace(None)[1], 11, np.random.default_rng(0))
+    corners = sample_configurations(robot, robot.workspace(), 11, np.random.default_rng(0))
     at = np.linspace(0, 10, rows)
     return np.column_stack([np.interp(at, range(11), corner) for corner in corners.T])
 

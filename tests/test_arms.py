@@ -129,5 +129,5 @@ def test_its_description_can_be_worked_with(name: str) -> None:
     assert all(design.rank == design.possible for _, design in found.designs)
     assert robot.coupled == name.startswith("fanuc")
     assert robot.source.description.notes[0].startswith("Kinematics")
-    home = robot.mechanism.forward(robot.home(robot.workspace(None)[1])[None])[0]
+    home = robot.mechanism.forward(robot.workspace().home[None])[0]
     assert home[2, 2] < -0.3  # its tool looks down

@@ -19,7 +19,7 @@ from calibtool.robot.se3 import Array, exp6, relative_error
 
 
 def inside(robot: Robot, count: int, rng: np.random.Generator) -> Array:
-    return sample_configurations(robot, robot.workspace(None)[1], count, rng)
+    return sample_configurations(robot, robot.workspace(), count, rng)
 
 
 def closed_mechanism(robot: Robot) -> ClosedMechanism:
@@ -75,7 +75,7 @@ def test_the_legs_of_the_hexapod_are_as_long_as_its_joints_say(rng: np.random.Ge
     frames = robot.mechanism.frames(q)
     legs = [robot.chain.bodies.joints.index(f"u{k}x") for k in range(1, 7)]
     base = robot.chain.placements[legs, :3, 3]
-    home = robot.mechanism.frames(robot.home(robot.workspace(None)[1])[None])
+    home = robot.mechanism.frames(robot.workspace().home[None])
     ends = np.concatenate([home.after[:, [0], :3, 3], home.cuts[:, ::2, :3, 3]], axis=1)[0]
     T_tool_base = np.linalg.inv(home.tool[0])
     on_tool = ends @ T_tool_base[:3, :3].T + T_tool_base[:3, 3]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from calibtool.cli.files import message, read_bytes, shown
 from calibtool.cli.options import choice
 from calibtool.errors import UsageError
+from calibtool.units import count_of
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -55,6 +56,14 @@ def load_measurements(path: str) -> "tuple[Measurements, bytes]":
     for finding in measurements.findings:
         message(f"warning: {shown(path)}: {finding}")
     return measurements, data
+
+
+def measurements_words(measurements: "Measurements") -> str:
+    """What measurements are, for the line after they were written."""
+    kind = measurements.setup.kind.words.format(m=measurements.points.shape[1])
+    count = count_of(len(measurements), "configuration")
+    seen = kind.replace("1 target points", "1 target point")
+    return f"{count} of {measurements.robot.name}, {seen}"
 
 
 def load_calibration(path: str, frame: str | None = None) -> "tuple[Calibration, bytes]":

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, message, write_output, write_stdout
+from calibtool.cli.files import check_output, message, write_output, write_stdout, wrote
 from calibtool.cli.input_files import load_allowed, say_doubts
 from calibtool.cli.options import AllowOption, Force, Json, ToolOption
 from calibtool.cli.printing import lines, print_json
@@ -64,6 +64,7 @@ def robots(
         from calibtool.evaluation.plots import draw_arm, image_format
 
         write_output(picture, draw_arm(robot, image_format(picture)), force)
+        wrote(picture, f"picture of {robot.name}")
 
 
 def _list(json: bool) -> None:

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output
-from calibtool.cli.input_files import load_described, load_measurements
+from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output, wrote
+from calibtool.cli.input_files import load_described, load_measurements, measurements_words
 from calibtool.cli.options import (
     AllowOption,
     Force,
@@ -40,7 +40,8 @@ def simulate(
     errors: Annotated[
         str,
         typer.Option(
-            help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal."
+            help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal, "
+            "bending, wobble."
         ),
     ] = "geometric",
     length_error_mm: Annotated[
@@ -220,7 +221,7 @@ def simulate(
             Simulation(
                 seed=seed,
                 configurations=configurations,
-                workspace=model.workspace(workspace)[1],
+                workspace=workspace,
                 scales=scales,
                 noise=noise_mm * 1e-3,
                 unregistered=unregistered,
@@ -234,6 +235,7 @@ def simulate(
         )
     measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))
     write_output(output, to_bytes(measurements), force)
+    wrote(output, measurements_words(measurements))
 
 
 def _range(text: str | None, option: str, lowest: float) -> tuple[float, float] | None:

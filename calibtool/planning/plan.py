@@ -16,9 +16,9 @@ from calibtool.planning.selection import Criterion, improve, select
 from calibtool.planning.visiting_order import short_order, travel
 from calibtool.progress import Progress, silent
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.description import Workspace
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.workspace import Workspace
 
 _REFINED = (0.2, 0.1, 0.1, 0.05)  # size of the neighbourhoods, parts of the joint range
 _NEIGHBOURS = 600  # in all
@@ -103,7 +103,7 @@ class Plan:
 
 def make_plan(
     knowledge: Knowledge,
-    workspace: Workspace | None,
+    workspace: Workspace | str | None,
     count: int,
     *,
     constraints: Constraints,
@@ -115,14 +115,16 @@ def make_plan(
 ) -> Plan:
     """Choose `count` of `candidates` configurations of a workspace that satisfy the constraints.
 
-    workspace: None is the whole joint range. refine: then improve every chosen configuration in its
-    neighbourhood. Joint positions are rounded as they are written to the table, so that the plan is
-    what will be driven. Raises NoSolutionError when too few candidates are found.
+    workspace: None is the default one of the robot, `full` the whole joint range. refine: then
+    improve every chosen configuration in its neighbourhood. Joint positions are rounded as
+    they are written to the table, so that the plan is what will be driven. Raises NoSolutionError
+    when too few candidates are found.
     """
     check_choice(criterion, get_args(Criterion), "criterion")
     check_number(count, "configurations", 1)
     check_number(candidates, "candidates", count)
     robot, targets = knowledge.robot, knowledge.state.setup.targets
+    workspace = robot.workspace(workspace)
     drawn = draw_candidates(robot, workspace, constraints, targets, candidates, count, rng)
     judged = drawn.workspace[:_JUDGED]
     reference = knowledge.rows(judged)
@@ -134,7 +136,7 @@ def make_plan(
         near = near[constraints.kept(robot, targets, near)]
         both = np.concatenate([q, near])
         q = both[improve(knowledge.rows(both), knowledge.covariance, count, criterion, reference)]
-    q = as_written(robot, q[short_order(robot, q, robot.home(workspace))])
+    q = as_written(robot, q[short_order(robot, q, workspace.home)])
 
     def predicted(known: Knowledge) -> Prediction:
         return Prediction(known.effective, known.target_deviation(judged))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import answer, refused, run, stored, write_table
+from commandline import answer, refused, remarks, run, stored, write_table
 
 CASES = Path(__file__).parents[1] / "imports"
 UR10 = ("--robot", "ur10")
@@ -18,7 +18,7 @@ def _beside_the_files() -> None:
 
 
 def test_a_station_for_every_label() -> None:
-    assert run("import", "stations.csv", *UR10, "-o", "m.h5").stderr == ""
+    assert remarks(run("import", "stations.csv", *UR10, "-o", "m.h5")) == ""
     assert np.array_equal(np.bincount(stored("m.h5", "measurements/place")), [24, 24])
     assert stored("m.h5", "registration/further_frames").shape == (1, 4, 4)
     assert answer("info", "m.h5")["places"] == ["A", "B"]
@@ -52,7 +52,7 @@ def test_a_gauge_in_three_places() -> None:
     labels = [f"p{k // 16}" for k in range(48)]
     lines = [[label, *row.split(",")] for label, row in zip(labels, rows, strict=True)]
     write_table("labelled.csv", ["Placement", *header.split(",")], lines)
-    assert run("import", "labelled.csv", *UR10, "-o", "m.h5").stderr == ""
+    assert remarks(run("import", "labelled.csv", *UR10, "-o", "m.h5")) == ""
     assert answer("identify", "m.h5", "-o", "c.h5")["base"]["residual_rms_mm"] < 0.08
 
 
@@ -61,7 +61,7 @@ def test_a_gauge_in_three_places() -> None:
     [("touched_table", "heights above planes"), ("ball_bar", "distances to fixed points")],
 )
 def test_one_number_per_row(name: str, observation: str) -> None:
-    assert run("import", f"{name}.csv", *UR10, "-o", "m.h5").stderr == ""
+    assert remarks(run("import", f"{name}.csv", *UR10, "-o", "m.h5")) == ""
     assert answer("info", "m.h5")["observation"] == observation
     if name == "ball_bar":
         assert "16 equations for 18 unknowns" in refused(4, "identify", "m.h5", "-o", "c.h5")
@@ -98,12 +98,13 @@ def test_a_wire_of_negative_length_is_refused_by_line() -> None:
 
 
 def test_a_board_in_a_camera_on_the_flange() -> None:
-    assert run("import", "camera_sees_board.csv", *UR10, "--board", "-o", "m.h5").stderr == ""
+    found = run("import", "camera_sees_board.csv", *UR10, "--poses-of", "board", "-o", "m.h5")
+    assert remarks(found) == ""
     assert answer("info", "m.h5")["observation"] == "poses of a board in a camera on the tool"
     value = answer("identify", "m.h5", "-o", "c.h5")
     assert value["base"]["residual_rms_mm"] < 0.15  # its noise is 0.1 mm
-    message = refused(2, "import", "stations.csv", *UR10, "--board", "-o", "n.h5")
-    assert message == "--board: the table holds no poses"
+    message = refused(2, "import", "stations.csv", *UR10, "--poses-of", "board", "-o", "n.h5")
+    assert message == "--poses-of board: the table holds no poses"
 
 
 @pytest.mark.parametrize("kind", ["contact", "distance", "plane", "board", "camera"])

@@ -141,7 +141,7 @@ def read_table(
         pose = complete.pose.model_copy(update={"of": "board"})
         complete = complete.model_copy(update={"pose": pose})
     elif board:
-        raise UsageError("--board: the table holds no poses")
+        raise UsageError("--poses-of board: the table holds no poses")
     assert complete.joints is not None
     stated_values = complete.joints.values
     if mapped and joint_values is not None:

@@ -4,6 +4,7 @@ A new kind is one more line here.
 """
 
 from calibtool.measurement.kinds.board import BoardPose
+from calibtool.measurement.kinds.corners import CornersFromBeside, CornersFromTool
 from calibtool.measurement.kinds.distance import Distances
 from calibtool.measurement.kinds.kind import Kind, Readings
 from calibtool.measurement.kinds.plane import PlaneProbe
@@ -13,6 +14,8 @@ from calibtool.measurement.kinds.pose import SensorPose
 __all__ = [
     "KINDS",
     "BoardPose",
+    "CornersFromBeside",
+    "CornersFromTool",
     "Distances",
     "Kind",
     "PlaneProbe",
@@ -21,6 +24,15 @@ __all__ = [
     "TargetPoints",
 ]
 
-KINDS: dict[str, Kind] = {
-    kind.id: kind for kind in (TargetPoints(), SensorPose(), BoardPose(), Distances(), PlaneProbe())
+KINDS: dict[str, Kind] = {  # a kind with the arrays of another and more comes before it
+    kind.id: kind
+    for kind in (
+        TargetPoints(),
+        SensorPose(),
+        CornersFromTool(),
+        CornersFromBeside(),
+        BoardPose(),
+        Distances(),
+        PlaneProbe(),
+    )
 }
