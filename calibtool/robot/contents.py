@@ -20,6 +20,7 @@ from calibtool.robot.parallel_yaml import is_parallel, read_parallel
 from calibtool.robot.sdf import read_sdf
 from calibtool.robot.ur_frames import FRAMES, ur_frames
 from calibtool.robot.urdf_text import Converted
+from calibtool.robot.xacro_expansion import expanded_xacro
 
 Kind = Literal[
     "toml", "urdf", "xacro", "mjcf", "sdf", "parallel", "dh", "ur-yaml", "ur-conf", "kuka-machine"
@@ -138,10 +139,10 @@ def converted(kind: Kind, text: str, path: Path, allowed: tuple[Path, ...] = ())
         return read_sdf(text, str(path))
     if kind == "parallel":
         return read_parallel(text, path, allowed)
-    return Converted(_as_urdf(kind, text, path))
+    return Converted(_as_urdf(kind, text, path, allowed))
 
 
-def _as_urdf(kind: Kind, text: str, path: Path) -> str:
+def _as_urdf(kind: Kind, text: str, path: Path, allowed: tuple[Path, ...]) -> str:
     place = path.stem if kind == "urdf" else str(path)
     if kind == "ur-conf":
         raise InputError(
@@ -150,7 +151,7 @@ def _as_urdf(kind: Kind, text: str, path: Path) -> str:
             f'"{path.name}", or give it with compensate --controller'
         )
     if kind == "xacro":
-        return _expanded(path)
+        return expanded_xacro(path, allowed)
     if kind == "dh":
         table = read_dh(dh_text(text, place))
         if table.convention is None:
@@ -169,21 +170,3 @@ def _as_urdf(kind: Kind, text: str, path: Path) -> str:
     if kind == "ur-yaml":
         return chain_urdf(ur_frames(text, place), [False] * len(FRAMES), "ur")
     return text
-
-
-def _expanded(path: Path) -> str:
-    """The URDF that a xacro file makes, by xacrodoc (extra `xacro`)."""
-    try:
-        from xacrodoc import XacroDoc
-    except ImportError:
-        raise InputError(
-            f"{path}: a xacro file, from which a URDF is made; run: xacro {path.name} > robot.urdf "
-            "(in ROS), or pip install 'calibtool[xacro]'"
-        ) from None
-    try:
-        return str(XacroDoc.from_file(str(path)).to_urdf_string())
-    except Exception as error:  # whatever the expressions of a file do
-        said = str(error).strip().splitlines()
-        raise InputError(
-            f"{path}: xacro cannot expand it: {said[0] if said else type(error).__name__}"
-        ) from None

@@ -94,7 +94,7 @@ class Attributes:
         return inherited | element.attrib
 
     def numbers(self, values: dict[str, str], key: str, default: Sequence[float]) -> Array:
-        """As many numbers as the default has; InputError for anything else."""
+        """As many numbers as the default has, (k,); InputError for anything else."""
         if key not in values:
             return np.array(default, dtype=float)
         return np.array(list(self._read(values[key], key, len(default))))

@@ -48,7 +48,7 @@ class UrdfText:
         return name
 
     def mass(self, link: str, mass: float, pose: Array, inertia: Array) -> None:
-        """Mass (kg), centre and axes of a link, and its inertia (3, 3) in them, kg m²."""
+        """Mass (kg), centre and axes (4, 4) of a link, and its inertia (3, 3) in them, kg m²."""
         inertial = ElementTree.SubElement(self._links[link], "inertial")
         _origin(inertial, pose)
         ElementTree.SubElement(inertial, "mass", {"value": repr(mass)})
@@ -69,9 +69,9 @@ class UrdfText:
         axis: Array | None = None,
         limits: tuple[float, float] | None = None,
     ) -> str:
-        """A joint that places `child` on `parent` at `pose`, and its name; limits in rad or m.
+        """A joint that places `child` on `parent` at `pose` (4, 4), and its name; axis (3,).
 
-        A revolute joint without limits is continuous.
+        limits in rad or m; a revolute joint without them is continuous.
         """
         name = free_name(wanted, self._joints)
         turns = kind == "revolute"
@@ -91,7 +91,7 @@ class UrdfText:
         return name
 
     def frame(self, wanted: str, parent: str, pose: Array) -> str:
-        """A link that is fixed to another one, and its name."""
+        """A link that is fixed to another one at a pose (4, 4), and its name."""
         name = self.link(wanted)
         self.joint(f"{name}_fixed", "fixed", parent, name, pose)
         return name
