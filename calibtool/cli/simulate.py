@@ -93,9 +93,10 @@ def simulate(
     observe: Annotated[
         str,
         typer.Option(
-            metavar="points|contact|distance|plane|board|camera",
-            help="A tracker, a gauge with two sockets, wires, a probe on planes, a camera on the "
-            "tool, or one beside the arm.",
+            metavar="KIND",
+            help="points: a tracker; contact: a gauge with two sockets; distance: wires; plane or "
+            "sphere: a probe; board or corners: a camera on the tool; camera or corners-beside: a "
+            "camera beside the arm; second-arm: a sensor on another arm.",
         ),
     ] = "points",
     places: Annotated[
@@ -104,6 +105,14 @@ def simulate(
             min=1, help="Of --observe: placements, planes, boards, stations; wires at a time."
         ),
     ] = 1,
+    gauge_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=1,
+            help="Of contact: between its two sockets (default 50); of plane: height of a block on "
+            "it.",
+        ),
+    ] = None,
     same_robot: Annotated[
         str | None,
         typer.Option(metavar="FILE.h5", help="Measure the actual robot of that simulation again."),
@@ -231,6 +240,7 @@ def simulate(
                 temperature_c=_range(temperature_c, "--temperature-c", -273.15),
                 instrument=choice(observe, ("points", *INSTRUMENTS), "--observe"),
                 places=places,
+                gauge=None if gauge_mm is None else gauge_mm * 1e-3,
             ),
         )
     measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))
