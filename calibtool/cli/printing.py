@@ -31,9 +31,11 @@ def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]
     console = Console(
         stderr=True, width=None if sys.stderr.isatty() else 140, highlight=False, markup=False
     )
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
+    table = Table(
+        title=printable(title), title_justify="left", box=box.SIMPLE_HEAD, title_style="bold"
+    )
     for i, name in enumerate(header):
-        table.add_column(name, justify="left" if i == 0 else "right")
+        table.add_column(printable(name), justify="left" if i == 0 else "right")
     for row in rows:
         table.add_row(*map(printable, row))
     with contextlib.suppress(OSError):  # as in `message`
@@ -54,7 +56,7 @@ def lines(summary: dict[str, object], indent: str = "") -> list[str]:
                 )
         else:
             result.append(f"{indent}{key}: {_text(value)}")
-    return result
+    return list(map(printable, result))
 
 
 def _text(value: object) -> str:
@@ -63,4 +65,4 @@ def _text(value: object) -> str:
     if isinstance(value, list):
         more = [f"… {len(value)} in all"] if len(value) > _LONGEST else []
         return "[" + ", ".join([*map(_text, value[:_LONGEST]), *more]) + "]"
-    return "none" if value is None else printable(str(value))
+    return "none" if value is None else str(value)
