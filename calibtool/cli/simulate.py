@@ -191,6 +191,11 @@ def simulate(
                 f"{shown(same_robot)}: holds no simulated robot; --same-robot needs a file of "
                 "calibtool simulate"
             )
+        if observe == "points" and earlier.setup.kind.id != "points":
+            raise UsageError(
+                f"--same-robot {shown(same_robot)}: its set-up is of another instrument than a "
+                "tracker; give --observe, too"
+            )
         if unregistered != (not earlier.setup.known) and unregistered:
             raise UsageError("--unregistered: the set-up is that of --same-robot")
         from calibtool.calibration import check_same_robot
