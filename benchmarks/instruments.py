@@ -68,7 +68,9 @@ def main() -> None:
         found, failed = [], 0
         for seed in range(seeds):
             scales = ErrorScales(length=SIZE, angle=SIZE)
-            truth = simulate(ROBOT, Simulation(seed=seed, configurations=4, scales=scales)).truth
+            truth = simulate(
+                ROBOT, Simulation(seed=seed, configurations=4, scales=scales, workspace="full")
+            ).truth
             assert truth is not None
             errors = truth.actual.errors.without("twists")
             truth = replace(truth, actual=replace(truth.actual, errors=errors))
@@ -81,6 +83,7 @@ def main() -> None:
                         same_robot=truth,
                         instrument=instrument,
                         places=places,
+                        workspace="full",
                         gauge=gauge,
                     ),
                 )

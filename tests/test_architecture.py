@@ -21,6 +21,7 @@ ROOMS = (
     "errors",
     "units",
     "progress",
+    "processes",
     "robot",
     "errormodel",
     "tables",

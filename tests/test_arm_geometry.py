@@ -86,7 +86,7 @@ def test_meshes_of_a_built_in_robot_are_found() -> None:
 
 def test_the_simple_arm_reaches_from_the_base_to_the_tool(robot: Robot) -> None:
     """Every rod ends where the next joint or the tool is, at any configuration."""
-    q = robot.home(robot.workspace(None)[1])
+    q = robot.workspace().home
     shape = simple_shape(robot)
     found = placements(robot, shape, q)
     lengths = {

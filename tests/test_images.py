@@ -52,7 +52,9 @@ def seen_by(measurements: Measurements) -> Array:
 
 @pytest.fixture(scope="module")
 def simulated() -> Measurements:
-    return simulate(ARM, Simulation(seed=4, configurations=ROWS, instrument="corners"))
+    return simulate(
+        ARM, Simulation(seed=4, configurations=ROWS, workspace="full", instrument="corners")
+    )
 
 
 def written(folder: Path, board: BoardDescription, poses: Array, seed: int = 0) -> list[Path]:

@@ -24,6 +24,7 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import inverse, transform_points
 
 ARM = load_robot("ur5")
+FULL = ARM.workspace("full")
 KINDS = {
     "plane": 2,
     "sphere": 2,
@@ -42,13 +43,13 @@ def planned(kind: str) -> tuple[InstrumentRows, Plan]:
     if kind not in _MADE:
         rng = np.random.default_rng(3)
         gauge = 0.1 if kind == "plane" else None
-        instrument = InstrumentRows.proposed(ARM, None, kind, KINDS[kind], gauge, 5e-5, rng)
+        instrument = InstrumentRows.proposed(ARM, FULL, kind, KINDS[kind], gauge, 5e-5, rng)
         knowledge = Knowledge.of_tolerances(
             ARM, instrument.noise, False, instrument.setup, instrument.noise_orientation
         )
         made = make_plan(
             knowledge,
-            None,
+            FULL,
             15,
             constraints=Constraints(),
             criterion="d",
@@ -123,8 +124,8 @@ def test_the_whole_board_is_in_the_image(kind: str) -> None:
 
 
 def test_rows_go_on_where_measurements_have_been() -> None:
-    seen = simulate(ARM, Simulation(seed=2, configurations=40, instrument="plane", places=2))
-    instrument = InstrumentRows.of(seen, None)
+    seen = simulate(ARM, Simulation(2, 40, "full", instrument="plane", places=2))
+    instrument = InstrumentRows.of(seen, FULL)
     drawn = instrument.draw(200, np.random.default_rng(0))
     assert drawn.place is not None
     tips, known = (

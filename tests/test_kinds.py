@@ -46,7 +46,9 @@ _CACHE: dict[str, Measurements] = {}
 def measured(name: str) -> Measurements:
     if name not in _CACHE:
         places = SEEN[name][0]
-        simulation = Simulation(seed=4, configurations=60, instrument=name, places=places)
+        simulation = Simulation(
+            seed=4, configurations=60, instrument=name, places=places, workspace="full"
+        )
         _CACHE[name] = simulate(ARM, simulation)
     return _CACHE[name]
 

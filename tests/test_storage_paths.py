@@ -11,7 +11,7 @@ from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.storage import to_bytes
 
-MEASUREMENTS = simulate(load_robot("planar-3r"), Simulation(configurations=3))
+MEASUREMENTS = simulate(load_robot("planar-3r"), Simulation(configurations=3, workspace="full"))
 
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:

@@ -16,10 +16,12 @@ from calibtool.cli.files import (
     write_output,
     write_outputs,
     write_stdout,
+    wrote,
 )
 from calibtool.cli.import_images import ImageOptions, import_folder
-from calibtool.cli.input_files import load_calibration, load_described
+from calibtool.cli.input_files import load_calibration, load_described, measurements_words
 from calibtool.cli.options import (
+    AllowOption,
     Force,
     JointValuesOption,
     Output,
@@ -174,6 +176,7 @@ def import_(
         ),
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     encoding: Annotated[
         str | None,
         typer.Option(
@@ -235,7 +238,7 @@ def import_(
     if os.path.isdir(table):
         import_folder(
             table,
-            load_described(robot, tool),
+            load_described(robot, tool, allow),
             output,
             images,
             joints,
@@ -308,15 +311,21 @@ def import_(
     }
     if map_template:
         text = template_of(
-            inputs["table"], shown(table), load_described(robot, tool), stated, joint_file, **how
+            inputs["table"],
+            shown(table),
+            load_described(robot, tool, allow),
+            stated,
+            joint_file,
+            **how,
         )
         write_output(output, text, force)
+        wrote(output, "column map, to be completed")
         return
     with working(f"reading {shown(table)}"):
         imported = read_table(
             inputs["table"],
             shown(table),
-            load_described(robot, tool),
+            load_described(robot, tool, allow),
             column_map,
             frame=_chosen(frame, ("base", "unknown"), "--frame"),
             robot_targets=robot_targets,
@@ -362,6 +371,9 @@ def import_(
         held_out = left.with_setup(measurements.setup).measurements
         outputs[rest] = to_bytes(replace(held_out, provenance=origin, findings=said))
     write_outputs(outputs, force)
+    wrote(output, measurements_words(measurements))
+    if rest is not None and left is not None:
+        wrote(rest, measurements_words(held_out))
 
 
 def _chosen(value: str | None, allowed: tuple[str, ...], option: str) -> Any:
@@ -386,5 +398,5 @@ def _second_arm(name: str) -> "SecondArm":
     if name.endswith(".h5"):
         calibration, _ = load_calibration(name)
         return SecondArm(calibration.robot, calibration.forward)
-    robot = load_described(name, None)
+    robot = load_described(name, None, [])
     return SecondArm(robot, robot.mechanism.forward)

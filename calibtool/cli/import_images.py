@@ -13,6 +13,7 @@ from calibtool.cli.files import (
     same_file,
     shown,
     write_outputs,
+    wrote,
 )
 from calibtool.cli.options import choice
 from calibtool.cli.progress import counted, working
@@ -80,6 +81,7 @@ def import_folder(
     from calibtool.measurement.images.intrinsics_file import parse_intrinsics
     from calibtool.measurement.registration import register
     from calibtool.storage import to_bytes
+    from calibtool.summary import measurements_words
 
     camera = choice(options.camera or "tool", ("tool", "beside"), "--camera")
     board_text = read_text(options.board)
@@ -123,6 +125,7 @@ def import_folder(
         lost = [path for path in paths if path not in imported.paths]
         outputs[options.picture] = picture(imported.paths, imported.pixels, imported.lens, lost)
     write_outputs(outputs, force)
+    wrote(output, measurements_words(measurements))
 
 
 def _digest(path: Path) -> str:

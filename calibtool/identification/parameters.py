@@ -39,6 +39,15 @@ class Part:
         free.flat[self.elements] = True
         return free
 
+    def only(self, kept: np.ndarray) -> Self | None:
+        """The same with some of its elements, kept (k,) bool; None with none of them."""
+        free = np.zeros(self.shape, dtype=bool)
+        free.flat[self.elements[kept]] = True
+        if not kept.any():
+            return None
+        free = self.family.trimmed(free)
+        return replace(self, shape=free.shape, elements=np.flatnonzero(free))
+
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
@@ -127,6 +136,24 @@ class Parameters:
         return replace(
             self, parts=tuple(part for part in self.parts if part.family.id not in families)
         )
+
+    def only(self, kept: np.ndarray) -> Self:
+        """Some of the parameters, kept (p,) bool; base and targets always."""
+        parts = [part.only(kept[self.blocks[part.family.id]]) for part in self.parts]
+        return replace(self, parts=tuple(part for part in parts if part is not None))
+
+    @cached_property
+    def sections(self) -> list[tuple[Family, np.ndarray]]:
+        """Families and indices (k,) of parameters that are chosen together; not of those that are
+        always identified.
+        """
+        result = []
+        for part in self.parts:
+            numbers = part.family.sections(part.shape).ravel()[part.elements]
+            start = self.blocks[part.family.id].start
+            for number in [] if part.family.always else np.unique(numbers):
+                result.append((part.family, start + np.flatnonzero(numbers == number)))
+        return result
 
     def missing_in(self, other: Self) -> np.ndarray:
         """Indices (k,) of the parameters that `other` does not have."""

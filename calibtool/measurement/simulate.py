@@ -11,9 +11,9 @@ from calibtool.measurement.instruments import INSTRUMENTS, Cell, unknown
 from calibtool.measurement.measurements import Measurements, Setup, Truth, check_targets
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.description import Workspace
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
+from calibtool.robot.workspace import Workspace
 
 SMALLEST_NOISE, NO_NOISE = (
     1e-9,
@@ -28,7 +28,9 @@ class Simulation:
     """Options of a simulation.
 
     seed            of all random numbers
-    configurations  number to sample in `workspace` (None: the whole joint range)
+    configurations  number to sample in `workspace`
+    workspace       a workspace of the robot or its name, `full` for the whole joint range; None is
+                    the robot's default one, as on the command line
     scales          kinds and magnitudes of the errors of the actual robot
     noise           standard deviation per coordinate, m
     unregistered    instrument and targets are at random places that the estimators do not know
@@ -45,7 +47,7 @@ class Simulation:
 
     seed: int = 0
     configurations: int = 100
-    workspace: Workspace | None = None
+    workspace: Workspace | str | None = None
     scales: ErrorScales = field(default_factory=ErrorScales)
     noise: float = 0.05e-3
     unregistered: bool = False
@@ -160,7 +162,8 @@ def _by_instrument(
     """What another instrument than a tracker reads, see `instruments`; its set-up is registered."""
     if simulation.at is not None:
         raise InputError("configurations: the instrument chooses where the arm is measured")
-    cell = Cell(robot, actual, simulation.workspace, simulation.noise, simulation.gauge)
+    workspace = robot.workspace(simulation.workspace)
+    cell = Cell(robot, actual, workspace, simulation.noise, simulation.gauge)
     read = INSTRUMENTS[simulation.instrument]
     seen = read(cell, simulation.configurations, simulation.places, rng)
     setup = replace(seen.setup, places=seen.places)

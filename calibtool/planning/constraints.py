@@ -15,9 +15,9 @@ from calibtool.measurement.checks.design import repeated_groups
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.planning.instrument_rows import InstrumentRows, Rows
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.description import Workspace
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, transform_points
+from calibtool.robot.workspace import Workspace
 
 JOINT_MARGIN = 0.05  # of the range of a joint, kept free at either end
 _TOGETHER = 500  # draws at least
@@ -122,7 +122,7 @@ class Candidates:
 
 def draw_candidates(
     robot: Robot,
-    workspace: Workspace | None,
+    workspace: Workspace | str | None,
     constraints: Constraints,
     targets: Array,
     count: int,
@@ -136,6 +136,7 @@ def draw_candidates(
     targets (m, 3) in the tool frame, m. Raises NoSolutionError when not even `needed` are found,
     naming the constraint that turns down most.
     """
+    workspace = robot.workspace(workspace)
     accepted: list[Rows] = []
     first: Array | None = None
     rejected: dict[str, int] = {}
@@ -146,9 +147,9 @@ def draw_candidates(
             rows = Rows(sample_configurations(robot, workspace, together, rng))
         else:
             rows = instrument.draw(together, rng)
-        if workspace is not None or instrument is not None:  # `full` means all turns
-            home = robot.home(workspace)
-            rows = rows._replace(q=wrapped(robot, rows.q, constraints.joint_margin, home))
+        if workspace.bounded or instrument is not None:  # `full` means all turns
+            q = wrapped(robot, rows.q, constraints.joint_margin, workspace.home)
+            rows = rows._replace(q=q)
         q = rows.q
         first = q if first is None else first
         keep = ~_again(q, accepted)
@@ -235,20 +236,18 @@ def crosses(start: Array, end: Array, box: Array) -> np.ndarray:
     return result
 
 
-def inside(robot: Robot, workspace: Workspace | None, q: Array) -> np.ndarray:
+def inside(robot: Robot, workspace: Workspace, q: Array) -> np.ndarray:
     """Whether q (N, n) is in a workspace, as `sample_configurations` draws from it: limits, box,
     cone and roll. (N,) bool
 
     For n < 6 the cone is not asked for: the drawn pose is only approached.
     """
     result: np.ndarray = robot.within_limits(q)
-    if workspace is None:
+    if not workspace.bounded:
         return result
-    home = robot.mechanism.forward(robot.home(workspace)[None])[0]
+    home = robot.mechanism.forward(workspace.home[None])[0]
     pose = robot.mechanism.forward(q)
-    result &= (np.abs(pose[:, :3, 3] - home[:3, 3]) <= np.array(workspace.box_m) / 2 + 1e-9).all(
-        axis=-1
-    )
+    result &= (np.abs(pose[:, :3, 3] - home[:3, 3]) <= workspace.box / 2 + 1e-9).all(axis=-1)
     if robot.n < 6:
         return result
     x, y, z, w = Rotation.from_matrix(home[:3, :3].T @ pose[:, :3, :3]).as_quat().T
@@ -257,6 +256,5 @@ def inside(robot: Robot, workspace: Workspace | None, q: Array) -> np.ndarray:
         2 * np.arctan2(z, w),
     )  # swing, then twist about z
     turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
-    roll = workspace.cone_deg if workspace.roll_deg is None else workspace.roll_deg
-    result &= (tilt <= np.deg2rad(workspace.cone_deg) + 1e-9) & (turn <= np.deg2rad(roll) + 1e-9)
+    result &= (tilt <= workspace.cone + 1e-9) & (turn <= workspace.roll + 1e-9)
     return result

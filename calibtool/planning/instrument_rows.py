@@ -18,10 +18,10 @@ from calibtool.measurement.kinds.corners import Corners
 from calibtool.measurement.kinds.kind import Readings, of_place
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.description import Workspace
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, transform_points
+from calibtool.robot.workspace import Workspace
 
 _PROPOSED = 60  # rows of a proposed set-up
 _TILT, _ROLL = np.deg2rad(30.0), np.deg2rad(60.0)  # from how the tool stood in a known row
@@ -56,7 +56,7 @@ class InstrumentRows:
     """
 
     robot: Robot
-    workspace: Workspace | None
+    workspace: Workspace
     setup: Setup
     rows: Rows
     readings: Readings
@@ -67,7 +67,7 @@ class InstrumentRows:
     def proposed(
         cls,
         robot: Robot,
-        workspace: Workspace | None,
+        workspace: Workspace,
         instrument: str,
         places: int,
         gauge: float | None,
@@ -87,7 +87,7 @@ class InstrumentRows:
         return cls(robot, workspace, setup, rows, seen.readings, stated, turned)
 
     @classmethod
-    def of(cls, measurements: Measurements, workspace: Workspace | None) -> Self:
+    def of(cls, measurements: Measurements, workspace: Workspace) -> Self:
         """The instrument of measurements, in its registered set-up."""
         rows = Rows(measurements.q, measurements.place)
         return cls(

@@ -24,9 +24,9 @@ from calibtool.planning.selection import Criterion, improve, select
 from calibtool.planning.visiting_order import short_order, travel
 from calibtool.progress import Progress, silent
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.description import Workspace
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.workspace import Workspace
 
 _REFINED = (0.2, 0.1, 0.1, 0.05)  # size of the neighbourhoods, parts of the joint range
 _NEIGHBOURS = 600  # in all
@@ -142,7 +142,7 @@ class Plan:
 
 def make_plan(
     knowledge: Knowledge,
-    workspace: Workspace | None,
+    workspace: Workspace | str | None,
     count: int,
     *,
     constraints: Constraints,
@@ -155,15 +155,17 @@ def make_plan(
 ) -> Plan:
     """Choose `count` of `candidates` configurations of a workspace that satisfy the constraints.
 
-    workspace: None is the whole joint range. refine: then improve every chosen configuration in its
-    neighbourhood. instrument: candidates are what it sees, neighbourhoods too. No configuration is
-    chosen twice. Joint positions are rounded as they are written to the table, so that the plan is
-    what will be driven. Raises NoSolutionError when too few candidates are found.
+    workspace: None is the default one of the robot, `full` the whole joint range. refine: then
+    improve every chosen configuration in its neighbourhood. instrument: candidates are what it
+    sees, neighbourhoods too. No configuration is chosen twice. Joint positions are rounded as
+    they are written to the table, so that the plan is what will be driven. Raises NoSolutionError
+    when too few candidates are found.
     """
     check_choice(criterion, get_args(Criterion), "criterion")
     check_number(count, "configurations", 1)
     check_number(candidates, "candidates", count)
     robot, targets = knowledge.robot, knowledge.state.setup.targets
+    workspace = robot.workspace(workspace)
     drawn = draw_candidates(
         robot, workspace, constraints, targets, candidates, count, rng, instrument
     )
@@ -190,7 +192,7 @@ def make_plan(
             knowledge.rows(both.q, both.place), knowledge.covariance, count, criterion, reference
         )
         chosen = both.take(best)
-    chosen = chosen.take(short_order(robot, chosen.q, robot.home(workspace)))
+    chosen = chosen.take(short_order(robot, chosen.q, workspace.home))
     chosen = chosen._replace(q=readonly(as_written(robot, chosen.q)))
     first = drawn.rows.take(np.arange(count))
 

@@ -1,18 +1,19 @@
 """A calibration as HDF5 groups."""
 
 from dataclasses import replace
-from typing import cast
+from typing import cast, get_args
 
 import h5py
 import numpy as np
 
 from calibtool.calibration.calibration import Calibration, CrossValidation
+from calibtool.calibration.fit import BASE_MODELS
 from calibtool.calibration.frame import FRAMES, ChosenFrame
 from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
-from calibtool.equivalent.optimisers import History
+from calibtool.equivalent.optimisers import History, Optimiser
 from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.regressors import REGRESSORS
-from calibtool.equivalent.training import TrainingReport
+from calibtool.equivalent.training import LossName, Regularisation, TrainingReport
 from calibtool.errormodel.families import FAMILIES
 from calibtool.identification.identification import Flagged, Identification, Posterior
 from calibtool.identification.parameters import Parameters, Part
@@ -35,7 +36,7 @@ from calibtool.storage.shared_groups import (
     write_errors,
     write_setup,
 )
-from calibtool.storage.texts import put_string, put_text, string, texts
+from calibtool.storage.texts import choice, put_string, put_text, string, texts
 
 
 def write_calibration(file: h5py.File, calibration: Calibration) -> None:
@@ -231,7 +232,7 @@ def build_calibration(file: h5py.File) -> Calibration:
     setup = read_setup(file["registration"])
     orientation = model.attrs.get("residual_rms_orientation_rad")
     base = Identification(
-        model=string(model, "name"),
+        model=choice(model, "name", BASE_MODELS),
         errors=read_errors(model["errors"], robot),
         setup=setup,
         singular_values=get(model, "singular_values", -1),
@@ -278,9 +279,7 @@ def build_calibration(file: h5py.File) -> Calibration:
 
 
 def _frame(group: h5py.Group) -> ChosenFrame:
-    name = string(group, "name")
-    if name not in FRAMES:
-        raise ValueError(f"frame/name '{name}' is none of {', '.join(FRAMES)}")
+    name = choice(group, "name", FRAMES)
     base, tool = (get(group, pose, 4, 4) for pose in ("T_taught_fitted", "T_tool_taught"))
     check_poses(np.stack([base, tool]), "frame")
     return ChosenFrame(name, base, tool)  # type: ignore[arg-type]
@@ -322,7 +321,7 @@ def _flagged(group: h5py.Group) -> Flagged:
 
 
 def _network(group: h5py.Group, n: int, p: int) -> Regressor:
-    kind = REGRESSORS[string(group, "kind")]
+    kind = REGRESSORS[choice(group, "kind", REGRESSORS)]
     sizes = {"joint": n, "motion": p, "hidden": group["output_weights"].shape[1]}
     shapes = {
         name: [sizes[dimension] for dimension in dimensions]
@@ -344,9 +343,9 @@ def _training(group: h5py.Group) -> TrainingReport:
         validation_rows=get_indices(group, "validation_rows"),
         restart_losses=get(group, "restart_losses", -1),
         loss_without=read_number(group, "loss_without"),
-        loss=string(group, "loss"),  # type: ignore[arg-type]
-        optimiser=string(group, "optimiser"),  # type: ignore[arg-type]
-        regularisation=string(group, "regularisation"),  # type: ignore[arg-type]
+        loss=choice(group, "loss", get_args(LossName)),  # type: ignore[arg-type]
+        optimiser=choice(group, "optimiser", get_args(Optimiser)),  # type: ignore[arg-type]
+        regularisation=choice(group, "regularisation", get_args(Regularisation)),  # type: ignore[arg-type]
         effective=read_number(group, "effective"),
         hidden=int(group.attrs["hidden"]),
     )

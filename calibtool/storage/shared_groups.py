@@ -13,7 +13,7 @@ from calibtool.measurement.measurements import Setup
 from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
-from calibtool.storage.texts import put_string, put_text, string, text, texts
+from calibtool.storage.texts import choice, put_string, put_text, string, text, texts
 
 
 def put(
@@ -114,7 +114,7 @@ def read_setup(group: h5py.Group) -> Setup:
         targets=get(group, "targets", -1, 3),
         **{
             name: get(group, name, *shape)
-            for name, (shape, _, _) in KINDS[string(group, "kind")].arrays.items()
+            for name, (shape, _, _) in KINDS[choice(group, "kind", KINDS)].arrays.items()
         },
         places=texts(group, "places") if "places" in group else (),
         further_frames=get(group, "further_frames", -1, 4, 4)

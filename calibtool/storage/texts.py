@@ -6,7 +6,7 @@ never passes. Text of fixed length lies in object headers, with checksums, or in
 own. Both kinds are read.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import h5py
 import numpy as np
@@ -31,6 +31,14 @@ def string(item: h5py.Group | h5py.Dataset, name: str, default: str | None = Non
     if not isinstance(value, str):
         raise ValueError(f"{item.name}: {name} is no text")
     return value
+
+
+def choice(item: h5py.Group, name: str, allowed: Iterable[str]) -> str:
+    """A text attribute that is one of a list. ValueError for any other."""
+    found = string(item, name)
+    if found not in (names := tuple(allowed)):
+        raise ValueError(f"{item.name}: {name} '{found[:100]}' is none of {', '.join(names)}")
+    return found
 
 
 def put_text(group: h5py.Group, name: str, text: str | Sequence[str], long_name: str) -> None:

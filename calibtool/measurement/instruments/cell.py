@@ -11,10 +11,10 @@ from calibtool.measurement.kinds import Readings
 from calibtool.measurement.measurements import Setup
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.description import Workspace
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, transform_points
+from calibtool.robot.workspace import Workspace
 
 TIP = np.array([0.03, -0.02, 0.15])  # m: the probe's tip on the tool
 _TILT = np.deg2rad(90.0)  # of the tool, from how it reached the place first
@@ -49,7 +49,7 @@ class Cell:
 
     robot: Robot
     actual: ActualRobot
-    workspace: Workspace | None
+    workspace: Workspace
     noise: float
     gauge: float | None = None
 
