@@ -15,6 +15,7 @@ from calibtool.cli.files import (
     write_outputs,
     wrote,
 )
+from calibtool.cli.input_files import measurements_words
 from calibtool.cli.options import choice
 from calibtool.cli.progress import counted, working
 from calibtool.cli.provenance import provenance
@@ -81,7 +82,6 @@ def import_folder(
     from calibtool.measurement.images.intrinsics_file import parse_intrinsics
     from calibtool.measurement.registration import register
     from calibtool.storage import to_bytes
-    from calibtool.summary import measurements_words
 
     camera = choice(options.camera or "tool", ("tool", "beside"), "--camera")
     board_text = read_text(options.board)
