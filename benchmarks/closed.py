@@ -43,7 +43,7 @@ from calibtool.robot.continuation import newton
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
 
-ROBOTS = ("fivebar", "hexapod", "delta", "prs3", "palletizer", "hybrid")
+ROBOTS = ("fivebar", "hexapod", "delta", "prs3", "palletizer", "palletizer-level", "hybrid")
 BAYES = TrainingOptions(regularisation="bayes")
 STEPS = 100  # of the way to a pose whose assembly mode is checked
 

@@ -102,7 +102,7 @@ def poses_in(text: str) -> Array:
     """The poses of movel instructions (N, 4, 4)."""
     found = re.findall(r"movel\(p\[([^]]*)\]", text)
     return np.array(
-        [pose([float(v) for v in each.split(",")], "rotation vector") for each in found]
+        [pose([float(v) for v in each.split(",")], "rotation-vector") for each in found]
     )
 
 

@@ -11,7 +11,7 @@ from poe import expm_chain, poe_frames, random_positions
 
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
 from calibtool.errormodel.families import ERROR_KINDS, FAMILIES
-from calibtool.errormodel.family import offset_columns
+from calibtool.errormodel.family import Rows, offset_columns
 from calibtool.errormodel.operating_conditions import REFERENCE_C
 from calibtool.errormodel.placements import placement_columns
 from calibtool.errormodel.robot_errors import RobotErrors
@@ -136,9 +136,13 @@ def test_small_errors_agree_with_the_linear_columns_to_second_order(
         ):  # growth is a shift along the link, seen in the joint's frame
             growth = errors.errors["temperature"][j] * (errors.temperature_c - REFERENCE_C)
             placements[j, :3] += growth * M[:3, :3].T @ M[:3, 3]
+        placements = np.broadcast_to(placements, (len(q), *placements.shape)).copy()
+        rows = Rows(robot, q, errors.driven_to(q, None))
+        for family in FAMILIES:  # turns of the joint frames, about their own origins
+            placements[:, :-1, 3:] += family.turn(errors.errors[family.id], rows)
         motion = errors.errors["offsets"] + errors.joint_motion(q)
         linear = (
-            placement_columns(frames) @ placements.ravel()
+            (placement_columns(frames) @ placements.reshape(len(q), -1, 1))[..., 0]
             + twist_columns(frames, chain.twists, q) @ errors.errors["twists"].ravel()
             + (offset_columns(frames, chain.twists) @ motion[..., None])[..., 0]
         )

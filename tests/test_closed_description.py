@@ -26,6 +26,7 @@ LOOP = 'joint = "planar"'
         ("delta", 15, 3),
         ("prs3", 6, 3),
         ("palletizer", 2, 6),
+        ("palletizer-level", 6, 4),
         ("hybrid", 6, 5),
     ],
 )

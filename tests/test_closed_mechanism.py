@@ -121,6 +121,19 @@ def test_the_parallelogram_keeps_its_rod_parallel_to_the_lower_arm(
     np.testing.assert_allclose(rod, lower, atol=1e-12)
 
 
+def test_levelling_rods_keep_the_wrist_upright(rng: np.random.Generator) -> None:
+    """Its tool is where the lengths and angles of both arms say, and looks down."""
+    robot = load_robot("palletizer-level")
+    q = inside(robot, 100, rng)
+    poses = robot.mechanism.forward(q)
+    np.testing.assert_allclose(poses[:, :3, 2], np.tile([0, 0, -1], (len(q), 1)), atol=1e-12)
+    lower, upper = q[:, 1], q[:, 2]  # from the vertical, from the horizontal
+    out = 0.2 + np.sin(lower) + 1.1 * np.cos(upper) + 0.2
+    up = 0.7 + np.cos(lower) - 1.1 * np.sin(upper) - 0.25
+    np.testing.assert_allclose(np.hypot(poses[:, 0, 3], poses[:, 1, 3]), out, atol=1e-12)
+    np.testing.assert_allclose(poses[:, 2, 3], up, atol=1e-12)
+
+
 # --- derivatives ---
 
 

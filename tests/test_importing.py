@@ -578,7 +578,7 @@ def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> 
     np.testing.assert_array_equal(overridden.q, measured.q)
 
 
-# --- not seen ---
+# --- not seen -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("cells", [[(3, 1)], [(0, 0), (0, 2), (11, 1)]])

@@ -85,6 +85,13 @@ def test_what_is_predicted_is_what_the_estimator_states_afterwards(fanuc: Robot)
     posterior = calibration.base.posterior
     assert posterior is not None
     knowledge = Knowledge.of_tolerances(fanuc, NOISE * posterior.noise_factor)
+    asked = posterior.parameters  # with the wind-up of every joint, of which a plan expects less
+    knowledge = replace(
+        knowledge,
+        parameters=asked,
+        prior_std=asked.prior_std(),
+        covariance=np.eye(asked.count),
+    )
     after = knowledge.after(knowledge.rows(measurements.q))
     assert after.effective == pytest.approx(posterior.effective, rel=0.02)
     found = after.target_deviation(measurements.q)

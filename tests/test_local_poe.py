@@ -379,8 +379,9 @@ def test_the_nominal_model_is_the_drawing(fanuc_measurements: Measurements) -> N
 
 @pytest.mark.parametrize("jitter", [1e-3, 1e-4, 1e-5])
 @pytest.mark.parametrize("unregistered", [False, True])
-def test_joints_that_only_jitter_settle_with_less(jitter: float, unregistered: bool) -> None:
-    """Directions that the noise hides are not estimated; rows like those measured are inside."""
+def test_joints_that_only_jitter_settle_with_less_shown(jitter: float, unregistered: bool) -> None:
+    """Directions that the noise hides are not estimated, and rows like those measured are
+    inside."""
     robot = load_robot("ur10")
     home, rng = np.array([0.3, -1.2, 1.4, -0.8, 1.0, 0.4]), np.random.default_rng(0)
     q, again = (home + jitter * rng.normal(size=(100, 6)) for _ in range(2))

@@ -231,7 +231,8 @@ def test_joint_values_of_many_turns_lose_digits_only(turned: float, bound: float
     errors, chain = calibration.base.errors, robot.chain
     placements = chain.placements @ exp6(errors["placements"])
     expected = expm_chain(placements, chain.twists + errors["twists"], far + errors["offsets"])
-    np.testing.assert_allclose(calibration.base_mechanism.forward(far), expected, atol=1e3 * bound)
+    found = calibration.base_mechanism.forward(far)  # a pitch takes the tool metres away
+    np.testing.assert_allclose(found, expected, rtol=1e3 * bound, atol=1e3 * bound)
 
 
 # --- targets almost on one line -------------------------------------------------------------------

@@ -15,6 +15,7 @@ from calibtool.cli.files import (
     output_stream,
     shown,
     text_lines,
+    wrote,
 )
 from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
@@ -57,6 +58,7 @@ from calibtool.cli.programs import (
 )
 from calibtool.cli.progress import counted
 from calibtool.errors import UsageError
+from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -303,11 +305,12 @@ def compensate_rows(
             f"{report.rows} rows verified, none is corrected in full"
             if not report.in_full
             else f"{report.rows} rows verified: the calibrated model stays within "
-            f"{report.remaining_position * 1e3:.3g} mm and "
-            f"{report.remaining_orientation * 1e3:.3g} mrad of the command where "
-            "the status is ok, jump or outside"
+            f"{three_digits(max(report.remaining_position * 1e3, 1e-4))} mm and "
+            f"{three_digits(max(report.remaining_orientation * 1e3, 1e-4))} mrad of the command "
+            "where the status is ok, jump or outside"
         )
         message(kept)
+    wrote(output, count_of(report.rows, "corrected row"))
     if report.without_joints:
         raise NoSolutionError(
             f"{name}: {report.without_joints} of {report.rows} rows have no joints, unreachable or "

@@ -15,19 +15,56 @@ from calibtool.cli.verbosity import detail, is_quiet
 from calibtool.errors import InputError, UsageError, printable
 
 STREAM = "-"
+_WIDTH = 80  # columns where nobody says how many there are
 
 
 def message(text: str, important: bool = False) -> None:
     """One line for people on stderr; with --quiet only warnings and errors.
 
-    A closed stderr is ignored.
+    A terminal gets it wrapped between words. A closed stderr is ignored.
     """
     if is_quiet() and not important and not text.startswith("warning"):
         return
     try:
-        print(printable(text), file=sys.stderr, flush=True)  # noqa: T201
+        shown = [printable(text)]
+        if sys.stderr.isatty():
+            shown = wrapped(shown[0], stderr_width())
+        print("\n".join(shown), file=sys.stderr, flush=True)  # noqa: T201
     except OSError:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Text in lines of at most `width` columns, broken between words; later ones are indented."""
+    from textwrap import wrap
+
+    indent = " " * (len(text) - len(text.lstrip()))
+    lines = wrap(
+        text,
+        width,
+        initial_indent=indent,
+        subsequent_indent=f"{indent}  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return lines or [""]
+
+
+def stderr_width() -> int:
+    """Columns for people: those of the terminal, 80 where stderr is none."""
+    if not sys.stderr.isatty():
+        return _WIDTH
+    try:
+        columns = int(os.environ.get("COLUMNS", "0"))
+        return columns or os.get_terminal_size(sys.stderr.fileno()).columns or _WIDTH
+    except (OSError, ValueError):
+        return _WIDTH
+
+
+def wrote(path: str, what: str) -> None:
+    """The line after an output was written: its path and what it holds; none for stdout."""
+    if path != STREAM:
+        message(f"wrote {path}: {what}")
 
 
 def read_bytes(path: str) -> bytes:

@@ -13,9 +13,10 @@ from calibtool.cli.base_model_options import (
     Harmonics,
     LengthTolerance,
     LossFunction,
+    Without,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
+from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
 from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
@@ -23,9 +24,10 @@ from calibtool.cli.input_files import (
     say_if_frame_is_not_free,
 )
 from calibtool.cli.options import Force, FrameOption, Json, choice
-from calibtool.cli.printing import print_json, print_table
+from calibtool.cli.printing import print_json, print_tables
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
+from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -57,10 +59,11 @@ def identify(
     harmonics: Harmonics = None,
     gravity: Gravity = None,
     backlash: Backlash = None,
+    without: Without = None,
     fixed_tolerances: FixedTolerances = False,
     tolerance_mm: LengthTolerance = None,
     tolerance_mrad: AngleTolerance = None,
-    loss_function: LossFunction = "squared",
+    loss_function: LossFunction = "isolated",
     drop_flagged: DropFlagged = False,
     only: Annotated[
         str | None,
@@ -146,6 +149,7 @@ def identify(
             harmonics,
             gravity,
             backlash,
+            without,
             fixed_tolerances,
             tolerance_mm,
             tolerance_mrad,
@@ -169,6 +173,7 @@ def identify(
         show_parameters(calibration, parameters)
     if target is not None:
         write_output(target, to_bytes(calibration), force)
+        wrote(target, fit_words(calibration))
 
 
 def loaded(paths: list[str], inputs: dict[str, bytes]) -> "Measurements":
@@ -189,23 +194,20 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
 
     rows = parameter_rows(calibration.base)
     shown = rows if every else sorted(rows, key=lambda row: -abs(row.value) / row.std)[:_CLEAREST]
-    print_table(
-        f"{len(shown)} of {len(rows)} parameters"
-        + ("" if every else ", the clearest (all: --parameters or --json)"),
-        ["parameter", "value", "±", "tolerance", "unit", "determined", ""],
+    header = ["parameter", "value", "±", "tolerance", "unit", "determined", ""]
+    table = [
         [
-            [
-                row.name,
-                f"{row.value:.4f}",
-                f"{row.std:.4f}",
-                f"{row.tolerance:.4f}",
-                row.unit,
-                f"{100 * row.determined:.1f} %",
-                "at prior" if row.at_prior else "",
-            ]
-            for row in shown
-        ],
-    )
+            row.name,
+            *map(three_digits, (row.value, row.std, row.tolerance)),
+            row.unit,
+            f"{100 * row.determined:.1f} %",
+            "at tolerance" if row.at_prior else "",
+        ]
+        for row in shown
+    ]
+    clearest = "" if every else "the clearest "
+    more = "" if every else " (all: --parameters or --json; symbols: docs/glossary.md)"
+    print_tables(f"{clearest}{len(shown)} of {len(rows)} parameters{more}", [(header, table)])
     posterior = calibration.base.posterior
     assert posterior is not None
     pairs = ", ".join(
@@ -239,3 +241,13 @@ def report_calibration(
         return
     for line in fit_lines(calibration):
         message(line)
+
+
+def fit_words(calibration: "Calibration") -> str:
+    """What a calibration is, for the line after it was written."""
+    networks = f" with {count_of(len(calibration.networks), 'network')}"
+    return (
+        f"calibration of {calibration.robot.name}, {calibration.base.model} model"
+        f"{networks if calibration.networks else ''}, from "
+        f"{count_of(calibration.configurations, 'configuration')}"
+    )

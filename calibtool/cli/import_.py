@@ -1,6 +1,7 @@
 """calibtool import: what instruments write to measurements."""
 
-from typing import Annotated, Any
+import os
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,9 +16,12 @@ from calibtool.cli.files import (
     write_output,
     write_outputs,
     write_stdout,
+    wrote,
 )
-from calibtool.cli.input_files import load_described
+from calibtool.cli.import_images import ImageOptions, import_folder
+from calibtool.cli.input_files import load_calibration, load_described, measurements_words
 from calibtool.cli.options import (
+    AllowOption,
     Force,
     JointValuesOption,
     Output,
@@ -30,13 +34,17 @@ from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import InputError, NoSolutionError, UsageError
 
+if TYPE_CHECKING:
+    from calibtool.measurement.importing import SecondArm, Stated
+
 
 def import_(
     table: Annotated[
         str,
         typer.Argument(
             metavar="TABLE",
-            help="A table with a header, SpatialAnalyzer points, .xlsx; '-' is stdin.",
+            help="A table with a header, SpatialAnalyzer points, .xlsx, a folder of images; '-' is "
+            "stdin.",
         ),
     ],
     robot: Annotated[str, typer.Option(help="A robot of the catalogue, or a path.")],
@@ -54,12 +62,49 @@ def import_(
             help="Frame of the measured values (default: the map's, or unknown).",
         ),
     ] = None,
-    board: Annotated[
-        bool,
+    poses_of: Annotated[
+        str,
         typer.Option(
-            "--board", help="The poses are those of a fixed board in a camera on the tool."
+            metavar="sensor|board",
+            help="The poses are those of a sensor on the tool, or of a fixed board in a camera on "
+            "the tool.",
         ),
-    ] = False,
+    ] = "sensor",
+    board: Annotated[
+        str | None,
+        typer.Option(metavar="BOARD.toml", help="Of images: the board that they show."),
+    ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tool|beside",
+            help="Of images: the camera is on the tool (default), or beside the arm with the board "
+            "on the tool.",
+        ),
+    ] = None,
+    intrinsics: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Of images: the camera's, as ROS or OpenCV write them (default: calibrated from "
+            "the images).",
+        ),
+    ] = None,
+    picture: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.png",
+            help="Of images: draw the corners found and their reprojection errors.",
+        ),
+    ] = None,
+    second_arm: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="The points are those of a sensor on this arm, or on that of a calibration.h5; "
+            "its joints: second_j1_deg …",
+        ),
+    ] = None,
     robot_targets: Annotated[
         bool,
         typer.Option(
@@ -131,6 +176,7 @@ def import_(
         ),
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     encoding: Annotated[
         str | None,
         typer.Option(
@@ -183,8 +229,40 @@ def import_(
     --commanded TARGETS holds the joints or poses that were corrected. `evaluate` then compares the
     measured points with the commanded ones.
 
+    A folder of images with --board BOARD.toml and --joints FILE: the corners of the board in them,
+    found with OpenCV (the extra `camera`); each image is a row, by its name or by order.
+
     Example: calibtool import tracker.csv --robot ur10 --columns map.toml -o measurements.h5
     """
+    images = ImageOptions(board, camera, intrinsics, picture)
+    if os.path.isdir(table):
+        import_folder(
+            table,
+            load_described(robot, tool, allow),
+            output,
+            images,
+            joints,
+            stated=_stated(unit, angle_unit, convention),
+            joint_values=joint_values_of(joint_values),
+            encoding=encoding,
+            others={
+                "--columns": columns,
+                "--commanded": commanded,
+                "--clock-offset": clock_offset,
+                "--format": format,
+                "--rows": rows,
+                "--sample": sample,
+                "--rest": rest,
+                "--map-template": map_template,
+                "--dry-run": dry_run,
+                "--robot-targets": robot_targets,
+                "--second-arm": second_arm,
+            },
+            accept_misfit=accept_misfit,
+            force=force,
+        )
+        return
+    images.refuse(table)
     if not dry_run:
         check_output(output, force, binary=not map_template)
         if rest is not None:
@@ -198,7 +276,6 @@ def import_(
     from calibtool.measurement.importing import (
         CommandedFile,
         JointFile,
-        Stated,
         parse_column_map,
         preview,
         read_table,
@@ -209,16 +286,13 @@ def import_(
     from calibtool.measurement.importing.spatial_analyzer import LAYOUTS
     from calibtool.storage import to_bytes
 
-    def chosen(value: str | None, allowed: tuple[str, ...], option: str) -> Any:
-        return None if value is None else choice(value, allowed, option)
-
     inputs = {"table": read_bytes(table)}
     column_map = joint_file = None
     if columns is not None:
         map_text = read_text(columns)
         inputs["columns"] = map_text.encode()
         column_map = parse_column_map(map_text, shown(columns))
-    join_by = chosen(join, JOINS, "--join")
+    join_by = _chosen(join, JOINS, "--join")
     if joints is not None:
         inputs["joints"] = read_bytes(joints)
         joint_file = JointFile(inputs["joints"], shown(joints), join_by, join_tolerance_s, encoding)
@@ -228,36 +302,39 @@ def import_(
     if commanded is not None:
         inputs["commanded"] = read_bytes(commanded)
         commanded_file = CommandedFile(inputs["commanded"], shown(commanded), join_by)
-    stated = Stated(
-        chosen(unit, ("mm", "m", "in"), "--unit"),
-        chosen(angle_unit, ("deg", "rad"), "--angle-unit"),
-        convention,
-    )
+    stated = _stated(unit, angle_unit, convention)
     how: dict[str, Any] = {
-        "format": chosen(format, FORMATS, "--format"),
+        "format": _chosen(format, FORMATS, "--format"),
         "sheet": sheet,
-        "layout": chosen(layout, LAYOUTS, "--layout"),
+        "layout": _chosen(layout, LAYOUTS, "--layout"),
         "encoding": encoding,
     }
     if map_template:
         text = template_of(
-            inputs["table"], shown(table), load_described(robot, tool), stated, joint_file, **how
+            inputs["table"],
+            shown(table),
+            load_described(robot, tool, allow),
+            stated,
+            joint_file,
+            **how,
         )
         write_output(output, text, force)
+        wrote(output, "column map, to be completed")
         return
     with working(f"reading {shown(table)}"):
         imported = read_table(
             inputs["table"],
             shown(table),
-            load_described(robot, tool),
+            load_described(robot, tool, allow),
             column_map,
-            frame=chosen(frame, ("base", "unknown"), "--frame"),
+            frame=_chosen(frame, ("base", "unknown"), "--frame"),
             robot_targets=robot_targets,
             stated=stated,
             joints=joint_file,
             joint_values=joint_values_of(joint_values),
             commanded=commanded_file,
-            board=board,
+            board=choice(poses_of, ("sensor", "board"), "--poses-of") == "board",
+            second_arm=None if second_arm is None else _second_arm(second_arm),
             **how,
         )
     if clock_offset is not None:
@@ -294,3 +371,32 @@ def import_(
         held_out = left.with_setup(measurements.setup).measurements
         outputs[rest] = to_bytes(replace(held_out, provenance=origin, findings=said))
     write_outputs(outputs, force)
+    wrote(output, measurements_words(measurements))
+    if rest is not None and left is not None:
+        wrote(rest, measurements_words(held_out))
+
+
+def _chosen(value: str | None, allowed: tuple[str, ...], option: str) -> Any:
+    return None if value is None else choice(value, allowed, option)
+
+
+def _stated(unit: str | None, angle_unit: str | None, convention: str | None) -> "Stated":
+    """What the options state where a header does not."""
+    from calibtool.measurement.importing import Stated
+
+    return Stated(
+        _chosen(unit, ("mm", "m", "in"), "--unit"),
+        _chosen(angle_unit, ("deg", "rad"), "--angle-unit"),
+        convention,
+    )
+
+
+def _second_arm(name: str) -> "SecondArm":
+    """A second arm: a robot that is taken as it is drawn, or a calibrated one."""
+    from calibtool.measurement.importing import SecondArm
+
+    if name.endswith(".h5"):
+        calibration, _ = load_calibration(name)
+        return SecondArm(calibration.robot, calibration.forward)
+    robot = load_described(name, None, [])
+    return SecondArm(robot, robot.mechanism.forward)

@@ -4,10 +4,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, message, shown, write_output
+from calibtool.cli.files import check_output, message, shown, write_output, wrote
 from calibtool.cli.identify import report_target
 from calibtool.cli.input_files import load_calibration, load_described
 from calibtool.cli.options import (
+    AllowOption,
     Force,
     JointValuesOption,
     Json,
@@ -16,8 +17,9 @@ from calibtool.cli.options import (
     choice,
     joint_values_of,
 )
-from calibtool.cli.printing import print_json, print_table
+from calibtool.cli.printing import print_json, print_tables
 from calibtool.cli.progress import counted, working
+from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
     from calibtool.planning.constraints import Sight
@@ -142,6 +144,7 @@ def plan(
         int | None, typer.Option(min=1, help="Cycles of --iso9283 (default 30).")
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     joint_values: JointValuesOption = None,
     json: Json = False,
     force: Force = False,
@@ -169,7 +172,7 @@ def plan(
     from calibtool.planning.selection import Criterion
     from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 
-    model, values = load_described(robot, tool), joint_values_of(joint_values)
+    model, values = load_described(robot, tool, allow), joint_values_of(joint_values)
     space = model.workspace(workspace)
     distance = (
         MIN_SINGULARITY_DISTANCE if min_singularity_distance is None else min_singularity_distance
@@ -191,6 +194,7 @@ def plan(
         _report_cube(cube, space.name, cycles or 30, json)
         if target is not None:
             write_output(target, cube.table(cycles or 30), force)
+            wrote(target, f"5 poses, {count_of(cycles or 30, 'cycle')}")
         return
     for option, value in (("--cube-mm", cube_mm), ("--cycles", cycles)):
         if value is not None:
@@ -225,6 +229,7 @@ def plan(
         _report(made, space.name)
     if target is not None:
         write_output(target, made.table, force)
+        wrote(target, f"{count_of(len(made.q), 'configuration')}, in an order of short travel")
 
 
 def _knowledge(
@@ -255,29 +260,27 @@ def _knowledge(
 
 
 def _report(made: "Plan", workspace: str) -> None:
+    """What is known before and after measuring: predicted by the model."""
+    count = count_of(len(made.q), "configuration")
     rows = []
-    for name, predicted, indices in (
-        ("before", made.before, None),
-        ("random", made.random, made.observability_random),
-        ("selected", made.selected, made.observability),
+    for name, predicted in (
+        ("before", made.before),
+        (f"with {len(made.q)} random ones", made.random),
+        (f"with the {len(made.q)} selected", made.selected),
     ):
         values = predicted.as_json()
-        cells = ["-"] * 5 if indices is None else [f"{value:.3g}" for value in indices.values()]
-        rows.append(
-            [
-                name,
-                f"{values['effective_parameters']:.1f}",
-                f"{values['target_std_mean_mm']:.4f}",
-                f"{values['target_std_max_mm']:.4f}",
-                *cells,
-            ]
-        )
-    robot = made.knowledge.robot
-    print_table(
-        f"{robot.name}, {workspace}: {len(made.q)} of {len(made.candidates.q)} configurations, "
-        f"{made.knowledge.parameters.count} parameters",
-        ["", "effective", "targets ± mean mm", "max mm", "O1", "O2", "O3", "O4", "O5"],
-        rows,
+        cells = ("effective_parameters", "target_std_mean_mm", "target_std_max_mm")
+        rows.append([name, *(three_digits(values[key]) for key in cells)])
+    header = ["", "parameters known", "mean error, mm", "max error, mm"]
+    print_tables(
+        f"{made.knowledge.robot.name}, {workspace}: {count} selected of "
+        f"{len(made.candidates.q)} candidates; the model has "
+        f"{count_of(made.knowledge.parameters.count, 'parameter')}",
+        [(header, rows)],
+    )
+    message(
+        "errors: expected standard deviation of a target point after compensation, over the "
+        "workspace; observability indices: --json"
     )
 
 

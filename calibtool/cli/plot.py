@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, one_stdin, shown, stem, write_output
+from calibtool.cli.files import check_output, one_stdin, shown, stem, write_output, wrote
 from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
@@ -118,3 +118,4 @@ def plot(
     except InputError as error:
         raise InputError(f"{', '.join(map(shown, calibrations))}: {error}") from None
     write_output(output, picture, force)
+    wrote(output, f"figure {kind}")

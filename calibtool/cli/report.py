@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
+from calibtool.cli.files import check_output, one_stdin, stem, write_output, wrote
 from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
@@ -17,6 +17,7 @@ from calibtool.cli.options import (
     Require,
     choice,
 )
+from calibtool.units import count_of
 
 
 def report(
@@ -88,8 +89,7 @@ def report(
         provenance(None, measurements=data, **inputs),
     )
     write_output(output, page, force)
-    if output != "-":
-        message(f"{output}: {len(page.encode()) / 1e6:.1f} MB")
+    wrote(output, f"report of {count_of(len(measurements), 'configuration')}")
     broken = broken_limits(evaluation.methods[1:], list(limits), evaluation.pose_tests[1:])
     if broken:
         raise AcceptanceError(broken[0])

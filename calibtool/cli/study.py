@@ -5,12 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import STREAM, check_output, message, read_text, shown, write_output
+from calibtool.cli.evaluate import change
+from calibtool.cli.files import STREAM, check_output, message, read_text, shown, write_output, wrote
 from calibtool.cli.identify import report_target
 from calibtool.cli.interrupts import held, interruptible
 from calibtool.cli.options import Force, Json
-from calibtool.cli.printing import print_json, print_table
+from calibtool.cli.printing import Table, print_json, print_tables
 from calibtool.cli.progress import counted
+from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
     from calibtool.evaluation.study import Definition, Study, StudyTable
@@ -145,10 +147,13 @@ def study(
     else:
         message(f"{target}: this study is finished already")
     _report(study, table, json)
+    if target is not None:
+        wrote(target, f"{count_of(len(table.rows), 'row')} of {count_of(study.count, 'run')}")
     if box_plot is not None:
         from calibtool.evaluation.plots import draw_study, image_format
 
         write_output(box_plot, draw_study(table, image_format(box_plot)), force)
+        wrote(box_plot, "box plot of the errors")
 
 
 def _perform(
@@ -285,38 +290,36 @@ def _show(study: "Study", summary: dict[str, object]) -> None:
         for key in ("robot", "errors", "error_scale", "noise_mm", "configurations")
         if _differs(groups, key)
     ]
-    columns = [
-        ("position_mm", "mean"),
-        ("position_mm", "max"),
-        ("orientation_mrad", "mean"),
-        ("orientation_mrad", "max"),
-    ]
-    reductions = ["position_max", "orientation_max"]
-    rows = []
-    for group in groups:
-        cells = [_spread(group[part][name]) for part, name in columns]
-        cells += [_reduction(group["reduction_percent"][name]) for name in reductions]
-        rows.append([group["method"], *(str(group[key]) for key in varied), *cells])
-    header = [
-        "method",
-        *varied,
-        "mean mm",
-        "max mm",
-        "mean mrad",
-        "max mrad",
-        "max mm −%",
-        "max mrad −%",
-    ]
+    keys = 1 + len(varied)
+    tables: list[Table] = []
+    for quantity, unit in (("position", "mm"), ("orientation", "mrad")):
+        key = f"{quantity}_{unit}"
+        rows = [
+            [
+                group["method"],
+                *(str(group[name]) for name in varied),
+                _spread(group[key]["mean"]),
+                _spread(group[key]["max"]),
+                ""
+                if group["method"] == "nominal"
+                else _changed(group["reduction_percent"][f"{quantity}_max"]),
+            ]
+            for group in groups
+            if group[key] is not None and group[key]["mean"] is not None
+        ]
+        header = [f"{quantity}, {unit}", *(name.replace("_", " ") for name in varied)]
+        if rows:
+            tables.append(([*header, "mean error", "max error", "change of max"], rows))
     judged = (
         f"{study.definition.fresh} fresh configurations"
         if study.definition.fresh
         else "the measured configurations"
     )
     names = ", ".join(dict.fromkeys(group["robot"] for group in groups))
-    print_table(
-        f"{names}: {study.count} runs, judged on {judged}; median (5 %…95 %)",
-        header,
-        rows,
+    print_tables(f"{names}: {count_of(study.count, 'run')}, judged on {judged}", tables, keys)
+    message(
+        "median of the runs, in brackets the range of the middle 90 %; of the change, in brackets, "
+        "what only 5 % of the runs fall short of"
     )
 
 
@@ -324,13 +327,10 @@ def _differs(groups: list[dict[str, object]], key: str) -> bool:
     return len({str(group[key]) for group in groups}) > 1
 
 
-def _spread(values: dict[str, float] | None) -> str:
-    return (
-        "-"
-        if values is None
-        else f"{values['median']:.3g} ({values['q05']:.2g}…{values['q95']:.2g})"
-    )
+def _spread(values: dict[str, float]) -> str:
+    low, high = three_digits(values["q05"]), three_digits(values["q95"])
+    return f"{three_digits(values['median'])} ({low}…{high})"
 
 
-def _reduction(values: dict[str, float] | None) -> str:
-    return "-" if values is None else f"{values['median']:.1f} ({values['q05']:.1f})"
+def _changed(values: dict[str, float] | None) -> str:
+    return "" if values is None else f"{change(values['median'])} ({change(values['q05'])})"

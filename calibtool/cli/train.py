@@ -14,10 +14,11 @@ from calibtool.cli.base_model_options import (
     Harmonics,
     LengthTolerance,
     LossFunction,
+    Without,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
-from calibtool.cli.identify import report_calibration, report_target
+from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
+from calibtool.cli.identify import fit_words, report_calibration, report_target
 from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
@@ -88,10 +89,11 @@ def train(
     harmonics: Harmonics = None,
     gravity: Gravity = None,
     backlash: Backlash = None,
+    without: Without = None,
     fixed_tolerances: FixedTolerances = False,
     tolerance_mm: LengthTolerance = None,
     tolerance_mrad: AngleTolerance = None,
-    loss_function: LossFunction = "squared",
+    loss_function: LossFunction = "isolated",
     drop_flagged: DropFlagged = False,
     frame: FrameOption = None,
     seed: Seed = 0,
@@ -143,6 +145,7 @@ def train(
             harmonics,
             gravity,
             backlash,
+            without,
             fixed_tolerances,
             tolerance_mm,
             tolerance_mrad,
@@ -187,3 +190,4 @@ def train(
             message(line)
     if target is not None:
         write_output(target, to_bytes(calibration), force)
+        wrote(target, fit_words(calibration))

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, message, read_bytes, shown, write_output
+from calibtool.cli.files import check_output, message, read_bytes, shown, write_output, wrote
 from calibtool.cli.input_files import in_frame
 from calibtool.cli.interrupts import interruptible, temporary_folder
 from calibtool.cli.options import Force, FrameOption
+from calibtool.units import count_of
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -81,6 +82,7 @@ def view(
     factor = scene.fitting_factor if magnify is None else magnify
     if html is not None:
         write_output(html, page_of(scene, factor), force)
+        wrote(html, f"{count_of(len(scene), 'configuration')}, errors × {factor:g}")
         return
     from contextlib import suppress
     from threading import Event

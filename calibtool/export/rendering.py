@@ -13,6 +13,7 @@ from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
 from calibtool.errormodel.backlash import backlash_text
+from calibtool.errormodel.bending import directions
 from calibtool.errormodel.family import Rows
 from calibtool.errormodel.operating_conditions import REFERENCE_C
 from calibtool.errormodel.robot_errors import RobotErrors
@@ -115,7 +116,7 @@ def compensator_values(
         calibration.equivalent,
         tanh_network(calibration),
     )
-    errors, bounds, payload = calibration.errors, default_bounds(calibration), _payload(calibration)
+    errors, bounds, turns = calibration.errors, default_bounds(calibration), _turns(calibration)
     standing = errors.standing(calibration.conditions)
     converted = joint_values == "controller" and robot.coupled
     return {
@@ -152,9 +153,9 @@ def compensator_values(
         "base_twists": errors.twists,
         "screws": _screws(robot, errors["twists"]),
         "base_offsets": errors["offsets"],
-        "motion": _motion(errors) | {"payload": payload is not None},
+        "motion": _motion(errors) | {"turns": turns is not None},
         "conditions": _conditions(calibration),
-        "payload": payload,
+        "turns": turns,
         "virtual_joints": ", ".join(equivalent.virtual_joints),
         "virtual_twists": np.eye(6)[equivalent.virtual_columns],
         "characteristic_length": robot.length,
@@ -267,6 +268,7 @@ def _motion(errors: RobotErrors) -> dict[str, Any]:
         "orders": errors["harmonics"].shape[1] // 2 if errors["harmonics"].any() else 0,
         "harmonics": errors["harmonics"],
         "gravity": bool(errors["gravity"].any()),
+        "weights": bool(errors["gravity"].any() or errors["bending"].any()),
         "compliance": errors["gravity"],
         "masses": masses,
         "centres": centres,
@@ -286,20 +288,31 @@ def _conditions(calibration: Calibration) -> str:
     )
 
 
-def _payload(calibration: Calibration) -> dict[str, Any] | None:
-    """The mass at the tool, what it does to each joint, and the origins about which links bend;
-    None for no effect.
+def _turns(calibration: Calibration) -> dict[str, Any] | None:
+    """What turns the joint frames from row to row, and the origins about which; None for nothing.
+
+    payload: the mass at the tool and what it does to each joint; bending, wobble: about `across`.
+    None where absent.
     """
     errors, robot = calibration.errors, calibration.robot
     mass = float(Rows(robot, np.zeros((1, robot.n)), calibration.conditions).payload)
-    if not (errors["payload"].any() and mass):
+    payload = errors["payload"].any() and mass
+    bending, wobble = (errors[f] if errors[f].any() else None for f in ("bending", "wobble"))
+    if not payload and bending is None and wobble is None:
         return None
-    grown = errors.without("placements", "payload").standing(calibration.conditions).placements
+    grown = errors.without("placements").standing(calibration.conditions).placements
     return {
-        "mass": mass,
-        "wind": errors["payload"][:, 0],
-        "bend": errors["payload"][:, 1],
-        "weight": mass * np.array(robot.chain.model.gravity.linear),
+        "payload": {
+            "mass": mass,
+            "wind": errors["payload"][:, 0],
+            "bend": errors["payload"][:, 1],
+            "weight": mass * np.array(robot.chain.model.gravity.linear),
+        }
+        if payload
+        else None,
+        "bending": bending,
+        "wobble": wobble,
+        "across": np.swapaxes(directions(robot), 1, 2).reshape(-1, 3),  # u_1, v_1, u_2, …
         "origins": grown[:-1, :3, 3],
     }
 

@@ -21,6 +21,7 @@ from calibtool.robot.se3 import Array
 
 # Unknown instrument frames and targets are as good as free beside their registration: 1 m, 1 rad.
 _FREE = 1.0
+_TURNS = (".rx", ".ry", ".rz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,15 @@ class Part:
         free = np.zeros(self.shape, dtype=bool)
         free.flat[self.elements] = True
         return free
+
+    def only(self, kept: np.ndarray) -> Self | None:
+        """The same with some of its elements, kept (k,) bool; None with none of them."""
+        free = np.zeros(self.shape, dtype=bool)
+        free.flat[self.elements[kept]] = True
+        if not kept.any():
+            return None
+        free = self.family.trimmed(free)
+        return replace(self, shape=free.shape, elements=np.flatnonzero(free))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +137,24 @@ class Parameters:
             self, parts=tuple(part for part in self.parts if part.family.id not in families)
         )
 
+    def only(self, kept: np.ndarray) -> Self:
+        """Some of the parameters, kept (p,) bool; base and targets always."""
+        parts = [part.only(kept[self.blocks[part.family.id]]) for part in self.parts]
+        return replace(self, parts=tuple(part for part in parts if part is not None))
+
+    @cached_property
+    def sections(self) -> list[tuple[Family, np.ndarray]]:
+        """Families and indices (k,) of parameters that are chosen together; not of those that are
+        always identified.
+        """
+        result = []
+        for part in self.parts:
+            numbers = part.family.sections(part.shape).ravel()[part.elements]
+            start = self.blocks[part.family.id].start
+            for number in [] if part.family.always else np.unique(numbers):
+                result.append((part.family, start + np.flatnonzero(numbers == number)))
+        return result
+
     def missing_in(self, other: Self) -> np.ndarray:
         """Indices (k,) of the parameters that `other` does not have."""
         kept = set(other.names)
@@ -158,7 +186,7 @@ class Parameters:
             factors.append(factor.ravel()[part.elements])
             units += [unit[i] for i in part.elements]
         units += ["mm"] * 3 + ["mrad"] * 3 if self.frame_free else []
-        units += ["mrad" if ".r" in name else "mm" for name in self.targets]
+        units += [_unit(name) for name in self.targets]
         return np.concatenate(
             [*factors, np.full(6 * self.frame_free + len(self.targets), 1e3)]
         ), units
@@ -237,3 +265,10 @@ class State:
             value = part.family.resized(self.errors[part.family.id], part.shape)
             values[part.family.id] = np.where(part.free, value, 0.0)
         return replace(self, errors=RobotErrors.of(self.errors.robot, **values))
+
+
+def _unit(name: str) -> str:
+    """Unit in which an element of the set-up is displayed: 1e-3 of m, rad or 1."""
+    if name.startswith("lens."):
+        return "‰"
+    return "mrad" if name.endswith(_TURNS) else "mm"

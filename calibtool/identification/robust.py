@@ -12,8 +12,8 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
 from calibtool.robot.se3 import Array
 
-LossFunction = Literal["squared", "huber", "cauchy"]
-LOSS_FUNCTIONS = ("squared", "huber", "cauchy")
+LossFunction = Literal["isolated", "squared", "huber", "cauchy"]
+LOSS_FUNCTIONS = ("isolated", "squared", "huber", "cauchy")
 
 _HUBER, _CAUCHY = 1.5, 2.5  # in typical residuals of a row
 _FALSE_ALARM = 0.01  # chance that any row of a clean set is flagged
@@ -21,30 +21,27 @@ _CLUSTER_SIGNIFICANCE = 0.01
 
 
 def row_weights(squares: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
-    """Weights (N,) of the squared residuals of each row; 1 for rows that fit.
+    """Weight of each row's squared residuals (N,), 1 for rows that fit; squares (N,) of d (N,)
+    coordinates.
 
-    squares (N,): squared residuals of d (N,) coordinates.
+    `isolated` leaves all rows alone but those that would be flagged: clean data lose nothing.
     """
+    if loss_function == "squared":
+        return np.ones(len(squares))
+    if loss_function == "isolated":
+        return np.minimum(1.0, _limit(squares, d) / np.maximum(squares, 1e-30))
     relative: Array = np.sqrt(squares / d) / _robust_scale(squares, d)
     if loss_function == "huber":
         return np.minimum(1.0, _HUBER / np.maximum(relative, 1e-12))
-    if loss_function == "cauchy":
-        return 1.0 / (1.0 + (relative / _CAUCHY) ** 2)
-    return np.ones(len(squares))
+    return 1.0 / (1.0 + (relative / _CAUCHY) ** 2)
 
 
 def find_flagged(measurements: Measurements, state: State, squares: Array) -> Flagged:
-    """Rows whose residual noise does not explain, at a false alarm rate of 1 %
-    for the whole set.
-    """
-    from scipy.special import (
-        chdtri,
-    )  # scipy.stats takes as long to import as everything else together
-
+    """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set;
+    nothing is changed."""
     d = (weights(measurements) > 0).sum(axis=-1)
     scale = _robust_scale(squares, d)
-    limit = chdtri(d, _FALSE_ALARM / len(squares))
-    rows = np.flatnonzero(squares / scale**2 > limit)
+    rows = np.flatnonzero(squares > _limit(squares, d))
     residual = residuals(
         measurements, state.setup, state.frames(measurements.q, measurements.conditions).tool
     )
@@ -61,8 +58,19 @@ def find_flagged(measurements: Measurements, state: State, squares: Array) -> Fl
     )
 
 
+def _limit(squares: Array, d: np.ndarray) -> Array:
+    """Squares (N,) above which a row is flagged: chance has one in a hundred clean sets exceed
+    them."""
+    from scipy.special import (
+        chdtri,
+    )  # scipy.stats takes as long to import as everything else together
+
+    limit: Array = chdtri(d, _FALSE_ALARM / len(squares)) * _robust_scale(squares, d) ** 2
+    return limit
+
+
 def _robust_scale(squares: Array, d: np.ndarray) -> float:
-    """Noise over the stated one, from the median row: valid with up to half of the rows bad."""
+    """Noise over the stated one, from the median row: half of the rows may be bad."""
     from scipy.special import chdtri
 
     return float(np.sqrt(max(np.median(squares / chdtri(d, 0.5)), 1e-30)))

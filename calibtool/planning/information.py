@@ -14,6 +14,7 @@ from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.measurements import Setup
 from calibtool.measurement.observation import observation_matrix, target_columns
 from calibtool.measurement.simulate import ORIENTATION_NOISE
+from calibtool.robot.gravity_torque import load_carrying, turned_by_gravity
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
@@ -54,6 +55,10 @@ class Knowledge:
             targets_known=not unregistered,
         )
         parameters = Parameters.of(robot, setup, twists=1, harmonics=HARMONICS, gravity=1)
+        # Configurations are spent on the wind-up that the description lets expect.
+        expected = np.ones(parameters.count, dtype=bool)
+        expected[parameters.blocks["gravity"]] = load_carrying(robot)[turned_by_gravity(robot)]
+        parameters = parameters.only(expected)
         prior_std = parameters.prior_std()
         state = State.nominal(robot, setup)
         return cls(
@@ -84,6 +89,8 @@ class Knowledge:
         # A plan does not choose directions, loads and temperatures.
         left_out = ("backlash", "payload", "temperature")
         parameters = Parameters.of(robot, identified.setup, **orders).without(*left_out)
+        known = np.isin(parameters.names, posterior.parameters.names)
+        parameters = parameters.only(known)  # not every joint has what its family offers
         kept = np.flatnonzero(np.isin(posterior.parameters.names, parameters.names))
         std = posterior.prior_std[kept]
         covariance = posterior.covariance[np.ix_(kept, kept)] / np.outer(std, std)

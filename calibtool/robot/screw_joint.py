@@ -77,6 +77,18 @@ def _turning(axis: Array, pitch: float) -> pin.JointModel:
     return pin.JointModelRevoluteUnaligned(axis)
 
 
+def across(twists: Array) -> Array:
+    """Two unit vectors across the axis of each twist (n, 6), in its frame: x and y for z. (n, 3,
+    2)"""
+    lines = np.where(twists[:, 3:].any(axis=-1, keepdims=True), twists[:, 3:], twists[:, :3])
+    lines = lines / np.linalg.norm(lines, axis=-1, keepdims=True)
+    # The next axis of the frame but one, cyclically, so that z gives x and then y.
+    first = np.eye(3)[(np.abs(lines).argmax(axis=-1) + 1) % 3]
+    first = first - (first * lines).sum(axis=-1, keepdims=True) * lines
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(lines, first)], axis=-1)
+
+
 def _length(vector: Array) -> float:
     """|v| of (3,), exactly 1 for a unit vector that is rounded."""
     length = float(np.linalg.norm(vector))

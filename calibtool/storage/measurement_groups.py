@@ -78,11 +78,11 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
             group,
             "values",
             measurements.values,
-            "m",
-            "measured lengths",
+            measurements.setup.kind.unit,
+            "measured values",
             "instrument",
             "configuration",
-            "length",
+            "value",
         )
     if measurements.place is not None:
         words = "labelled place of each row, from 0"

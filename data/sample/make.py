@@ -2,10 +2,12 @@
 
     python data/sample/make.py data/sample
 
-The robot, with every kind of error, is that of `calibtool simulate fanuc-m1000ia --seed 5 --errors
-all --unregistered`: the tracker stands anywhere, and the three targets are not where the
-description has them. driven.csv is no output but an input: the corrected joints of before.csv, as
-step 6 of the tutorial gave them, to which the arm was driven for after.csv.
+The robot, with the errors of KINDS, is that of `calibtool simulate fanuc-m1000ia --seed 5
+--unregistered`:
+the tracker stands anywhere, and the three targets are not where the description has them.
+driven.csv is no output but an
+input: the corrected joints of before.csv, as step 6 of the tutorial gave them, to which the arm
+was driven for after.csv.
 """
 
 import csv
@@ -17,7 +19,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.errormodel.actual import ErrorScales
-from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints
@@ -25,6 +26,7 @@ from calibtool.planning.iso9283_poses import plan_test
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 
+KINDS = ("geometric", "gear", "gravity", "backlash", "thermal")
 ROBOT, SEED = "fanuc-m1000ia", 5
 CUBE, CYCLES = 0.8, 6  # m
 DRIVEN = Path(__file__).with_name("driven.csv")
@@ -52,7 +54,7 @@ def files() -> dict[str, str]:
     simulation = Simulation(
         seed=SEED,
         configurations=60,
-        scales=ErrorScales(kinds=ERROR_KINDS),
+        scales=ErrorScales(kinds=KINDS),
         unregistered=True,
     )
     tracker = simulate(robot, simulation)

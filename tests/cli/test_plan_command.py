@@ -30,7 +30,7 @@ def test_stdout_is_the_table_and_stderr_the_report() -> None:
     rows = rows_of(result.stdout)
     assert list(rows[0]) == ["j1_deg", "j2_deg", "j3_mm", "j4_deg"]
     assert len(rows) == 6
-    for word in ("scara, bench", "before", "random", "selected", "O1", "O5"):
+    for word in ("scara, bench", "before", "random", "selected", "parameters known", "--json"):
         assert word in result.stderr
 
 
@@ -109,7 +109,7 @@ def test_poses_of_an_acceptance_test_and_their_figures(files: Files) -> None:
     assert [entry["name"] for entry in value["methods"]] == ["nominal", "six-network"]
     assert len(value["rp_mm"]) == len(value["methods"][1]["ap_mrad"]) == 5
     shown = run("evaluate", files.six_network, "--on", "m.h5").stderr
-    for word in ("ISO 9283, 5 repeats", "AP nominal", "AP six-network", "RP", "P5"):
+    for word in ("ISO 9283, 5 poses measured 5 times", "AP nominal", "AP six-network", "RP", "P5"):
         assert word in shown
 
 

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from calibtool.robot.catalogue import load_robot, shipped
 
 EXACT = ("--length-error-mm", 0, "--angle-error-mrad", 0, "--noise-mm", 0)
-KINDS = ["geometric", "gear", "gravity", "backlash", "payload", "thermal"]
+KINDS = ["geometric", "gear", "gravity", "backlash", "payload", "thermal", "bending", "wobble"]
 
 
 def truth_of(path: str) -> dict[str, np.ndarray | float]:
@@ -437,3 +437,10 @@ def test_a_payload_is_refused_without_its_errors() -> None:
     )
     for bad in ("1,2,3", "-1", "x"):
         assert "--payload-kg" in refused(2, "simulate", "ur5", f"--payload-kg={bad}", "-o", "n.h5")
+
+
+def test_the_same_robot_by_another_instrument_needs_its_name() -> None:
+    run("simulate", "ur10", "--observe", "distance", "-n", 20, "-o", "wires.h5")
+    message = refused(2, "simulate", "ur10", "--same-robot", "wires.h5", "-o", "m.h5")
+    assert "give --observe" in message
+    run("simulate", "ur10", "--same-robot", "wires.h5", "--observe", "distance", "-o", "m.h5")

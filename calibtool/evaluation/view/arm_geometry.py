@@ -12,7 +12,8 @@ from pinocchio import coal
 from calibtool.errors import InputError
 from calibtool.evaluation.view.mesh_files import ALONE
 from calibtool.robot.chain import joints_to
-from calibtool.robot.description import Source, example_robot_data, inside
+from calibtool.robot.description import Source, example_robot_data
+from calibtool.robot.named_files import inside
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.robot.tree import urdf_root
