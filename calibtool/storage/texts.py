@@ -11,8 +11,6 @@ from collections.abc import Iterable, Sequence
 import h5py
 import numpy as np
 
-LONGEST_TEXTS = 1 << 20  # characters of a list of texts
-
 
 def put_string(item: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
     """A text attribute of a group or dataset."""
@@ -59,19 +57,10 @@ def text(group: h5py.Group, name: str) -> str:
 
 
 def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
-    """A list of texts, one read at a time: a small file may refer to one long text many times.
-
-    ValueError if too long.
-    """
-    dataset = group[name].asstr()
-    found: list[str] = []
-    room = LONGEST_TEXTS
-    for index in range(len(group[name])):
-        found.append(str(dataset[index]))
-        room -= len(found[-1]) + 1
-        if room < 0:
-            raise ValueError(f"{group.name}/{name} holds more than {LONGEST_TEXTS} characters")
-    return tuple(found)
+    """A list of texts; how long they may be together is checked before (`file_checks`)."""
+    if group[name].ndim != 1:
+        raise ValueError(f"{group.name}/{name} is no list of texts")
+    return tuple(map(str, group[name].asstr()[()]))
 
 
 def _encoded(text: str) -> bytes:
