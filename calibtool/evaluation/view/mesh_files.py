@@ -25,7 +25,8 @@ def _dae(data: bytes, place: str) -> bytes:
     for element in root.iter():
         if element.tag.rpartition(":")[2] == "init_from":
             element.clear()
-    return ElementTree.tostring(root, "utf-8")
+    written: bytes = ElementTree.tostring(root, "utf-8")
+    return written
 
 
 def _ply(data: bytes, place: str) -> bytes:
