@@ -179,9 +179,10 @@ def plan(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Choose the most informative configurations to measure, in an order of short travel.
+    """Choose what to measure.
 
-    The table holds joint positions (j1_deg …) for the controller and for simulate --at. Links are
+    The most informative configurations come first to last in an order of short travel. The table
+    holds joint positions (j1_deg …) for the controller and for simulate --at. Links are
     checked as straight lines from joint to joint; motions between configurations are not checked.
     With --observe or --set-up the rows are those in which the instrument sees the tool: a tip on
     planes, spheres or in a gauge, a board in a camera's field of view.
