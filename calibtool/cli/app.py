@@ -91,7 +91,7 @@ def _usage(error: Any) -> str:
         every = [name for p in context.command.get_params(context) for name in p.opts]
         known = [name for name in every if name.startswith("--")]
         text = f"{path} has no option {unknown}; {near_names(unknown, known)}"
-    elif text.startswith("No such command"):
+    elif text.startswith("No such command") and context is not None:
         name = text.split("'")[1]
         text = f"there is no command '{name}'; {near_names(name, context.command.commands)}"
     return f"{text} (see {path} --help)"

@@ -40,7 +40,7 @@ class Command(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Arguments, then the groups of options."""
-        arguments = [p for p in self.params if p.param_type_name == "argument"]
+        arguments: list[Any] = [p for p in self.params if p.param_type_name == "argument"]
         if arguments:
             with formatter.section("Arguments"):
                 formatter.write_dl([(str(a.metavar), str(a.help)) for a in arguments])
