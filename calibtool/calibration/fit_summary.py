@@ -8,6 +8,7 @@ from calibtool.equivalent.training import TrainingReport
 from calibtool.identification.identification import Identification
 from calibtool.identification.report import parameter_rows, strongest_correlations
 from calibtool.measurement.checks import design_findings
+from calibtool.units import count_of
 
 _CORRELATED = 0.9  # pairs of parameters above it are listed
 
@@ -55,6 +56,8 @@ def fit_lines(calibration: Calibration) -> list[str]:
         f"{base.model}: {calibration.robot.name}, {calibration.configurations} "
         f"configurations, {fit}"
     ]
+    if base.held_out:
+        result.append(_compared(base))
     if base.posterior is not None:
         result += _complete_lines(calibration)
     elif base.model == "local-poe":
@@ -75,7 +78,7 @@ def fit_lines(calibration: Calibration) -> list[str]:
             if calibration.networks
             else "not used"
         )
-        result.append(f"network: {used} ({verdict})")
+        result.append(f"neural network: {used} ({verdict})")
     elif training is not None:
         gain = loss_reduction(training)
         judged = "validation" if len(training.validation_rows) else "training"
@@ -88,6 +91,15 @@ def fit_lines(calibration: Calibration) -> list[str]:
                 f"{-gain:+.1f} %"
             )
     return result
+
+
+def _compared(base: Identification) -> str:
+    """Why this model is the result."""
+    left = ", ".join(f"{name} {value:.3g}" for name, value in sorted(base.held_out.items()))
+    used = {"nominal": "registration alone", "local-poe": "local POE", "complete": "complete"}
+    return (
+        f"{used[base.model]} is used: it predicts held-out rows best (rms in stated noises: {left})"
+    )
 
 
 def _rank_lines(base: Identification) -> list[str]:
@@ -118,12 +130,14 @@ def _complete_lines(calibration: Calibration) -> list[str]:
         for part in parameters.parts
         if not part.family.always
     ]
-    functions = ", ".join(told) or "geometry alone"
+    functions = ", ".join(told)
     estimated = posterior.noise_factor * calibration.noise_position * 1e3
     result = [
-        f"{posterior.effective:.1f} of {base.observable_rank} directions determined "
-        f"({parameters.count} parameters), {functions}, estimated noise {estimated:.3g} mm, "
-        f"{base.iterations} iterations"
+        f"found beside errors of the geometry: {functions}"
+        if told
+        else "found: errors of the geometry alone",
+        f"the measurements determine {posterior.effective:.1f} of {base.observable_rank} "
+        f"combinations of {parameters.count} parameters; they show {estimated:.3g} mm of noise",
     ]
     if not 0.5 <= posterior.noise_factor <= 2.0:
         result.append(
@@ -133,9 +147,10 @@ def _complete_lines(calibration: Calibration) -> list[str]:
         )
     if base.unobservable:
         names = ", ".join(base.unobservable[:6]) + (" …" if len(base.unobservable) > 6 else "")
+        count = len(base.unobservable)
         result.append(
-            f"{len(base.unobservable)} parameters stay at their tolerance (not observable "
-            f"here): {names}"
+            f"{count_of(count, 'parameter is', 'parameters are')} not seen in these configurations "
+            f"and {'stays' if count == 1 else 'stay'} near zero, within the tolerance: {names}"
         )
     return result
 
@@ -146,10 +161,11 @@ def _flagged_lines(calibration: Calibration) -> list[str]:
     done = (
         "left out"
         if flagged.dropped
-        else "kept; --loss-function cauchy lowers their weight, --drop-flagged leaves them out"
+        else "they weigh less the worse they fit, unless they are a region; --drop-flagged leaves "
+        "them out"
     )
     count = len(flagged.rows)
-    result = [f"warning: {count} {'row does' if count == 1 else 'rows do'} not fit ({done})"]
+    result = [f"warning: {count_of(count, 'row does', 'rows do')} not fit ({done})"]
     order = np.argsort(-flagged.deviation)[:5]
     result += [
         f"  configuration {flagged.rows[k] + 1}: {flagged.position[k] * 1e3:.3g} mm, "

@@ -98,13 +98,13 @@ def identify(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Identify the errors of the geometry and of the joint motions.
+    """Find the errors of a robot from measurements.
 
     complete: every error with a tolerance, harmonics and gravity where the evidence asks for
-    them, ± for each parameter. local-poe: initial relative poses only (Eq. 11), with rank,
-    singular values and what cannot be observed. Where instrument and targets are unknown, base
-    and tool frame are free: --frame chooses, stderr reports what they have in common with the
-    drawing's and what remains.
+    them, ± for each parameter. local-poe: one constant error of each link (the method of Song, Tian
+    and Ma), with rank, singular values and what cannot be observed. Where instrument and targets
+    are unknown, base and tool frame are free: --frame chooses, stderr reports what they have in
+    common with the drawing's and what remains.
 
     Example: calibtool identify measurements.h5 --model complete -o complete.h5
     """

@@ -19,7 +19,7 @@ from calibtool.cli.files import (
     wrote,
 )
 from calibtool.cli.import_images import ImageOptions, import_folder
-from calibtool.cli.input_files import load_described, measurements_words
+from calibtool.cli.input_files import load_calibration, load_described, measurements_words
 from calibtool.cli.options import (
     AllowOption,
     Force,
@@ -35,7 +35,7 @@ from calibtool.cli.provenance import provenance
 from calibtool.errors import InputError, NoSolutionError, UsageError
 
 if TYPE_CHECKING:
-    from calibtool.measurement.importing import Stated
+    from calibtool.measurement.importing import SecondArm, Stated
 
 
 def import_(
@@ -95,6 +95,14 @@ def import_(
         typer.Option(
             metavar="FILE.png",
             help="Of images: draw the corners found and their reprojection errors.",
+        ),
+    ] = None,
+    second_arm: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="The points are those of a sensor on this arm, or on that of a calibration.h5; "
+            "its joints: second_j1_deg …",
         ),
     ] = None,
     robot_targets: Annotated[
@@ -211,7 +219,7 @@ def import_(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Bring in what an instrument wrote.
+    """Import measurements (CSV, Excel, SpatialAnalyzer, …).
 
     Three targets, one target (position only) or 6-D poses; an unknown instrument frame and
     unknown targets are estimated,
@@ -248,6 +256,7 @@ def import_(
                 "--map-template": map_template,
                 "--dry-run": dry_run,
                 "--robot-targets": robot_targets,
+                "--second-arm": second_arm,
             },
             accept_misfit=accept_misfit,
             force=force,
@@ -325,6 +334,7 @@ def import_(
             joint_values=joint_values_of(joint_values),
             commanded=commanded_file,
             board=choice(poses_of, ("sensor", "board"), "--poses-of") == "board",
+            second_arm=None if second_arm is None else _second_arm(second_arm),
             **how,
         )
     if clock_offset is not None:
@@ -379,3 +389,14 @@ def _stated(unit: str | None, angle_unit: str | None, convention: str | None) ->
         _chosen(angle_unit, ("deg", "rad"), "--angle-unit"),
         convention,
     )
+
+
+def _second_arm(name: str) -> "SecondArm":
+    """A second arm: a robot that is taken as it is drawn, or a calibrated one."""
+    from calibtool.measurement.importing import SecondArm
+
+    if name.endswith(".h5"):
+        calibration, _ = load_calibration(name)
+        return SecondArm(calibration.robot, calibration.forward)
+    robot = load_described(name, None, [])
+    return SecondArm(robot, robot.mechanism.forward)

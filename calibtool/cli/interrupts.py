@@ -6,9 +6,12 @@ being imported and callbacks of compiled libraries, which suppress or replace it
 
 import contextlib
 import os
+import shutil
 import signal
 import sys
+import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -58,9 +61,28 @@ def unfinished(path: str) -> Iterator[None]:
     try:
         yield
     finally:
-        with contextlib.suppress(OSError):
-            os.unlink(path)
+        _remove(path)
         _unfinished.discard(path)
+
+
+@contextlib.contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A folder that is removed with all that is in it, in the same way."""
+    with held():  # no signal between the folder and the note to remove it
+        folder = tempfile.mkdtemp(prefix="calibtool-")
+        _unfinished.add(folder)
+    try:
+        yield Path(folder)
+    finally:
+        _remove(folder)
+        _unfinished.discard(folder)
+
+
+def _remove(path: str) -> None:
+    with contextlib.suppress(OSError):
+        os.unlink(path)
+        return
+    shutil.rmtree(path, ignore_errors=True)
 
 
 @contextlib.contextmanager
@@ -90,8 +112,7 @@ def _leave(number: int, frame: FrameType | None) -> None:
         _held.append(number)
         return
     for path in _unfinished:
-        with contextlib.suppress(OSError):
-            os.unlink(path)
+        _remove(path)
     with contextlib.suppress(OSError, AttributeError, ValueError):
         if sys.stderr.isatty():  # a progress line may stand there, with the cursor hidden
             os.write(sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")

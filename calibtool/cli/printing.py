@@ -92,7 +92,7 @@ def lines(summary: dict[str, object], indent: str = "") -> list[str]:
                 )
         else:
             result.append(f"{indent}{key}: {_text(value)}")
-    return result
+    return list(map(printable, result))
 
 
 def _text(value: object) -> str:
@@ -101,4 +101,4 @@ def _text(value: object) -> str:
     if isinstance(value, list):
         more = [f"… {len(value)} in all"] if len(value) > _LONGEST else []
         return "[" + ", ".join([*map(_text, value[:_LONGEST]), *more]) + "]"
-    return "none" if value is None else printable(str(value))
+    return "none" if value is None else str(value)

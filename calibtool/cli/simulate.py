@@ -93,9 +93,10 @@ def simulate(
     observe: Annotated[
         str,
         typer.Option(
-            metavar="points|contact|distance|plane|board|camera",
-            help="A tracker, a gauge with two sockets, wires, a probe on planes, a camera on the "
-            "tool, or one beside the arm.",
+            metavar="KIND",
+            help="points: a tracker; contact: a gauge with two sockets; distance: wires; plane or "
+            "sphere: a probe; board or corners: a camera on the tool; camera or corners-beside: a "
+            "camera beside the arm; second-arm: a sensor on another arm.",
         ),
     ] = "points",
     places: Annotated[
@@ -104,6 +105,14 @@ def simulate(
             min=1, help="Of --observe: placements, planes, boards, stations; wires at a time."
         ),
     ] = 1,
+    gauge_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=1,
+            help="Of contact: between its two sockets (default 50); of plane: height of a block on "
+            "it.",
+        ),
+    ] = None,
     same_robot: Annotated[
         str | None,
         typer.Option(metavar="FILE.h5", help="Measure the actual robot of that simulation again."),
@@ -126,7 +135,7 @@ def simulate(
     joint_values: JointValuesOption = None,
     force: Force = False,
 ) -> None:
-    """Measure a perturbed robot, made up from a seed.
+    """Simulate measurements of a robot with random errors.
 
     Its targets are observed with noise at configurations of a workspace; the truth is kept in a
     group of its own. A correction is rehearsed with --same-robot FILE.h5 --at corrected.csv
@@ -182,6 +191,11 @@ def simulate(
                 f"{shown(same_robot)}: holds no simulated robot; --same-robot needs a file of "
                 "calibtool simulate"
             )
+        if observe == "points" and earlier.setup.kind.id != "points":
+            raise UsageError(
+                f"--same-robot {shown(same_robot)}: its set-up is of another instrument than a "
+                "tracker; give --observe, too"
+            )
         if unregistered != (not earlier.setup.known) and unregistered:
             raise UsageError("--unregistered: the set-up is that of --same-robot")
         from calibtool.calibration import check_same_robot
@@ -231,6 +245,7 @@ def simulate(
                 temperature_c=_range(temperature_c, "--temperature-c", -273.15),
                 instrument=choice(observe, ("points", *INSTRUMENTS), "--observe"),
                 places=places,
+                gauge=None if gauge_mm is None else gauge_mm * 1e-3,
             ),
         )
     measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))

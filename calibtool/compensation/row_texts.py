@@ -1,7 +1,5 @@
 """Rows of commanded and corrected targets as text: CSV and newline-delimited JSON."""
 
-import csv
-import io
 import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -11,7 +9,7 @@ import numpy as np
 from calibtool.compensation.decimals import DECIMALS, decimal_rows
 from calibtool.errors import InputError
 from calibtool.robot.se3 import Array
-from calibtool.tables import Table, number
+from calibtool.tables import Table, csv_lines, number
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,26 +37,13 @@ def csv_text(corrected: CorrectedRows, with_header: bool) -> str:
         else [",".join(cells) for cells in zip(*columns, strict=True)]
     )
     if kept:
-        others = _written([[row[i] for i in kept] for row in table.rows])
+        others = csv_lines([row[i] for i in kept] for row in table.rows)
         rest = [f"{other},{added}" for other, added in zip(others, rest, strict=True)]
     lines = [f"{a},{b}\n" for a, b in zip(numbers, rest, strict=True)]
     if with_header:
         header = [*corrected.joint_names, *(table.header[i] for i in kept), *corrected.added]
-        lines.insert(0, _written([header])[0] + "\n")
+        lines.insert(0, next(csv_lines([header])) + "\n")
     return "".join(lines)
-
-
-def _written(rows: list[list[str]]) -> list[str]:
-    """Rows of cells as CSV lines, without line ends."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    lines = []
-    for row in rows:
-        writer.writerow(row)
-        lines.append(out.getvalue()[:-1])
-        out.seek(0)
-        out.truncate()
-    return lines
 
 
 def read_objects(

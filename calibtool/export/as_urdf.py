@@ -10,7 +10,7 @@ from calibtool.calibration import Calibration
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.export.not_held import not_held
-from calibtool.export.rendering import render
+from calibtool.export.rendering import in_xml_comment, render
 from calibtool.export.urdf_geometry import urdf_geometry
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
@@ -46,7 +46,7 @@ def calibration_as_urdf(
         "missing": missing,
         "loops": [loop.name for loop in robot.chain.tree.loops] if robot.chain.tree else [],
     }
-    comment = render("urdf_comment.xml.j2", values, comment=lambda text: text.replace("--", "- -"))
+    comment = render("urdf_comment.xml.j2", values, in_xml_comment)
     if not comments:
         said = {"tool": tool, "base": kinematics.base_frame or "the root link"}
         root.insert(0, ET.Element("calibtool", said | {"not_held": "; ".join(missing)}))

@@ -25,6 +25,9 @@ _PRIOR_STEPS = (
 )
 
 
+_WEIGHT_STEPS = 5  # in which rows may change their weights
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """A converged iteration: state, Fisher information H (p, p) of the stated noise, squared sizes
@@ -102,7 +105,7 @@ def fit(
     if start is not None:
         row_weight = start.row_weight
     else:
-        row_weight = row_weights(row_squares(measurements, state), d, loss_function)
+        row_weight = row_weights(row_squares(measurements, state), d, loss_function, noise_factor)
     used, taken, resting = row_weight, 0, False
     equations: NormalEquations | None = None
     solution: Solution | None = None
@@ -121,11 +124,12 @@ def fit(
             parameters, equations, theta, std, noise_factor, largest if priors else None
         )
         std, noise_factor = solution.prior_std, solution.noise_factor
-        # Weights settle by a factor only, not by the square of the step, so they rest at the end.
+        # Weights settle by a factor only, not by the square of the step, or never: they rest.
         used, moving = row_weight, not resting
         if moving:
-            row_weight = row_weights(equations.row_squares, d, loss_function)
-            moving, resting = not np.array_equal(used, row_weight), solution.farthest < ROUGHLY
+            row_weight = row_weights(equations.row_squares, d, loss_function, noise_factor)
+            moving = not np.array_equal(used, row_weight)
+            resting = solution.farthest < ROUGHLY or taken >= _WEIGHT_STEPS
         settled = solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01
         return solution.step, bool(settled and (not moving or converged >= ROUGHLY))
 

@@ -21,6 +21,7 @@ from calibtool.robot.se3 import Array
 
 # Unknown instrument frames and targets are as good as free beside their registration: 1 m, 1 rad.
 _FREE = 1.0
+_TURNS = (".rx", ".ry", ".rz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,4 +271,4 @@ def _unit(name: str) -> str:
     """Unit in which an element of the set-up is displayed: 1e-3 of m, rad or 1."""
     if name.startswith("lens."):
         return "‰"
-    return "mrad" if ".r" in name else "mm"
+    return "mrad" if name.endswith(_TURNS) else "mm"

@@ -14,7 +14,7 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, check_poses, readonly
 
 # m or rad: smaller or larger than its inverse, and squares of weighted residuals overflow
-_SMALLEST_NOISE = 1e-15
+SMALLEST_NOISE = 1e-15
 _COLLINEAR = 1e-3  # smallest extent across the line over the largest one along it
 
 
@@ -33,6 +33,10 @@ class Setup:
     places             labels (G) of the places; none where there is one
     anchors            (w, 3) fixed points in K_0 that distances are measured to, m
     planes             (G, 4) unit normals in K_0 and distances from its origin, m, of probed planes
+    spheres            (G, 4) centres in K_0 and radii of probed spheres, m
+    T_base2_flange2    (G, 4, 4) poses of a second arm's flange in its base, one for each place
+    T_flange2_sensor   (4, 4) pose of a sensor on that flange, m
+    T_base_base2       (4, 4) pose of the second arm's base in K_0, m
     T_tool_camera      (4, 4) pose of a camera on the tool, m
     T_base_boards      (G, 4, 4) poses in K_0 of the boards that it sees, m
     T_tool_board       (4, 4) pose on the tool of a board that cameras beside the arm see, m
@@ -51,6 +55,10 @@ class Setup:
     further_frames: Array | None = None
     anchors: Array | None = None
     planes: Array | None = None
+    spheres: Array | None = None
+    T_base2_flange2: Array | None = None
+    T_flange2_sensor: Array | None = None
+    T_base_base2: Array | None = None
     T_tool_camera: Array | None = None
     T_base_boards: Array | None = None
     T_tool_board: Array | None = None
@@ -186,7 +194,7 @@ class Measurements:
         if self.truth is not None and self.truth.setup.targets.shape != self.setup.targets.shape:
             raise InputError("measurements: the true targets are not as many as the measured ones")
         if not all(
-            _SMALLEST_NOISE < noise < 1 / _SMALLEST_NOISE
+            SMALLEST_NOISE < noise < 1 / SMALLEST_NOISE
             for noise in (self.noise_position, self.noise_orientation)
         ):
             raise InputError(
@@ -197,7 +205,7 @@ class Measurements:
             if self.deviations.shape != (len(self.q), self.coordinates):
                 raise InputError(f"measurements: deviations have shape {self.deviations.shape}")
             if not (
-                (self.deviations > _SMALLEST_NOISE) & (self.deviations < 1 / _SMALLEST_NOISE)
+                (self.deviations > SMALLEST_NOISE) & (self.deviations < 1 / SMALLEST_NOISE)
             ).all():
                 raise InputError("measurements: a standard deviation is not above zero")
 

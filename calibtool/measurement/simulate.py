@@ -42,6 +42,7 @@ class Simulation:
                     None: see `ActualRobot`
     instrument      `points` (the targets, by a tracker) or one of `instruments.INSTRUMENTS`
     places          of that instrument: placements, planes, boards, stations; of wires how many
+    gauge           length of its gauge, m, see `Cell`
     """
 
     seed: int = 0
@@ -56,12 +57,14 @@ class Simulation:
     temperature_c: tuple[float, float] | None = None
     instrument: str = "points"
     places: int = 1
+    gauge: float | None = None
 
     def __post_init__(self) -> None:
         check_number(self.seed, "seed", 0)
         check_number(self.configurations, "configurations", 1)
         check_number(self.noise, "noise", 0)
         check_number(self.places, "places", 1)
+        check_number(1.0 if self.gauge is None else self.gauge, "gauge", 1e-3)
         check_choice(self.instrument, ("points", *INSTRUMENTS), "instrument")
 
 
@@ -159,7 +162,8 @@ def _by_instrument(
     """What another instrument than a tracker reads, see `instruments`; its set-up is registered."""
     if simulation.at is not None:
         raise InputError("configurations: the instrument chooses where the arm is measured")
-    cell = Cell(robot, actual, robot.workspace(simulation.workspace), simulation.noise)
+    workspace = robot.workspace(simulation.workspace)
+    cell = Cell(robot, actual, workspace, simulation.noise, simulation.gauge)
     read = INSTRUMENTS[simulation.instrument]
     seen = read(cell, simulation.configurations, simulation.places, rng)
     setup = replace(seen.setup, places=seen.places)

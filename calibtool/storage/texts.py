@@ -6,12 +6,10 @@ never passes. Text of fixed length lies in object headers, with checksums, or in
 own. Both kinds are read.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import h5py
 import numpy as np
-
-LONGEST_TEXTS = 1 << 20  # characters of a list of texts
 
 
 def put_string(item: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
@@ -33,6 +31,14 @@ def string(item: h5py.Group | h5py.Dataset, name: str, default: str | None = Non
     return value
 
 
+def choice(item: h5py.Group, name: str, allowed: Iterable[str]) -> str:
+    """A text attribute that is one of a list. ValueError for any other."""
+    found = string(item, name)
+    if found not in (names := tuple(allowed)):
+        raise ValueError(f"{item.name}: {name} '{found[:100]}' is none of {', '.join(names)}")
+    return found
+
+
 def put_text(group: h5py.Group, name: str, text: str | Sequence[str], long_name: str) -> None:
     """Text, or a list of texts, that describes itself."""
     data = _encoded(text) if isinstance(text, str) else [_encoded(item) for item in text]
@@ -51,19 +57,10 @@ def text(group: h5py.Group, name: str) -> str:
 
 
 def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
-    """A list of texts, one read at a time: a small file may refer to one long text many times.
-
-    ValueError if too long.
-    """
-    dataset = group[name].asstr()
-    found: list[str] = []
-    room = LONGEST_TEXTS
-    for index in range(len(group[name])):
-        found.append(str(dataset[index]))
-        room -= len(found[-1]) + 1
-        if room < 0:
-            raise ValueError(f"{group.name}/{name} holds more than {LONGEST_TEXTS} characters")
-    return tuple(found)
+    """A list of texts; how long they may be together is checked before (`file_checks`)."""
+    if group[name].ndim != 1:
+        raise ValueError(f"{group.name}/{name} is no list of texts")
+    return tuple(map(str, group[name].asstr()[()]))
 
 
 def _encoded(text: str) -> bytes:

@@ -16,7 +16,7 @@ from calibtool.robot.se3 import Array, inverse, readonly
 
 _BETTER = 3.0  # how much better the readings must be explained before a mistake is named
 _OTHER = 0.01  # change of a scale that is named
-_SCALES = np.geomspace(0.02, 50.0, 15)  # tried first: inches for mm, mm for cm
+_SCALES = np.geomspace(0.03, 30.0, 11)  # tried first: inches for mm, mm for cm
 _MOST_ROWS = 25
 _MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
@@ -97,6 +97,6 @@ def _best_scale(poses: Array, rms: Callable[[Array, float], float]) -> float:
         lambda log: rms(poses, float(np.exp(log))),
         bounds=(low, high),
         method="bounded",
-        options={"xatol": 1e-3},
+        options={"xatol": 1e-3, "maxiter": 15},
     )
     return float(np.exp(result.x))

@@ -95,16 +95,16 @@ class PoseColumns(_Strict):
 
 class LengthColumns(_Strict):
     """Lengths instead of points: distances to fixed points (wires, a ball-bar), one column each, or
-    the height of the probe's tip above a plane.
+    the height of the probe's tip above a plane or a sphere; `centre`: from a sphere's centre.
     """
 
     columns: Annotated[list[str], Field(min_length=1)]
     unit: LengthUnit
-    of: Literal["distance", "plane"] = "distance"
+    of: Literal["distance", "plane", "sphere", "centre"] = "distance"
 
 
 class PlaceColumn(_Strict):
-    """Labels of the places that rows belong to: stations, placements, boards, planes."""
+    """Labels of the places that rows belong to: stations, placements, boards, planes, spheres."""
 
     column: str
 

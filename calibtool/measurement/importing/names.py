@@ -31,6 +31,9 @@ _WORDS = {
         "placement": "placement,aufnahme,gauge",
         "board": "board,tafel",
         "plane": "plane,ebene",
+        "sphere": "sphere,kugel,ball",
+        "gap": "gap,spalt,clearance",
+        "radius": "radius,r to centre",
         "status": "status",
         **{name: name for name in ("roll", "pitch", "yaw", *"abcwproet")},
     }.items()

@@ -63,7 +63,7 @@ def read_lengths(table: Table, lengths: LengthColumns) -> Array:
         [table.optional_numbers([column]) * TO_SI[lengths.unit] for column in lengths.columns],
         axis=-1,
     )
-    if lengths.of == "distance" and (values <= 0).any():
+    if lengths.of in ("distance", "centre") and (values <= 0).any():
         row, column = (int(i) for i in np.argwhere(values <= 0)[0])
         raise InputError(
             f"{table.place(row)}: column '{lengths.columns[column]}' holds a distance that is not "

@@ -14,7 +14,8 @@ from calibtool.measurement.instruments.cameras import camera_beside, camera_on_t
 from calibtool.measurement.instruments.cell import Cell, Observed
 from calibtool.measurement.instruments.gauge import contact
 from calibtool.measurement.instruments.image_corners import corners_beside, corners_on_tool
-from calibtool.measurement.instruments.probes import plane_probe
+from calibtool.measurement.instruments.probes import plane_probe, sphere_probe
+from calibtool.measurement.instruments.second_robot import second_arm
 from calibtool.measurement.instruments.wires import wires
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.se3 import readonly
@@ -25,6 +26,8 @@ INSTRUMENTS: dict[str, Callable[[Cell, int, int, np.random.Generator], Observed]
     "contact": contact,
     "distance": wires,
     "plane": plane_probe,
+    "sphere": sphere_probe,
+    "second-arm": second_arm,
     "board": camera_on_tool,
     "camera": camera_beside,
     "corners": corners_on_tool,
@@ -42,10 +45,8 @@ def unknown(setup: Setup) -> Setup:
     for name, array in setup.arrays.items():
         if name in setup.kind.given:
             continue
-        value = np.zeros_like(array)
-        if array.shape[-2:] in ((3, 3), (4, 4)):
-            value = np.broadcast_to(np.eye(array.shape[-1]), array.shape).copy()
-        blank = replace(blank, **{name: readonly(value)})  # type: ignore[arg-type]
+        value = readonly(setup.kind.blank(name, array))
+        blank = replace(blank, **{name: value})  # type: ignore[arg-type]
     if setup.further_frames is not None:
         frames = np.broadcast_to(np.eye(4), setup.further_frames.shape).copy()
         blank = replace(blank, further_frames=readonly(frames))

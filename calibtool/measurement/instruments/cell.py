@@ -41,12 +41,17 @@ class Observed:
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """The robot that an instrument observes: nominal and actual, where it works, noise in m."""
+    """The robot that an instrument observes: nominal and actual, where it works, noise in m.
+
+    gauge  length that the instrument has with it, m: between the sockets of a gauge, or the height
+           of a block on a plane; None: its own
+    """
 
     robot: Robot
     actual: ActualRobot
     workspace: Workspace
     noise: float
+    gauge: float | None = None
 
     def sampled(self, count: int, rng: np.random.Generator) -> Array:
         """Joint positions (count, n) all over the workspace."""
@@ -109,10 +114,12 @@ class Cell:
 
 
 def shares(count: int, places: int) -> list[int]:
+    """Numbers of rows of each of several places: as even as can be."""
     return [len(part) for part in np.array_split(np.arange(count), places)]
 
 
 def labels(word: str, places: int) -> tuple[str, ...]:
+    """Labels of several places; none for one."""
     return tuple(f"{word} {g + 1}" for g in range(places)) if places > 1 else ()
 
 

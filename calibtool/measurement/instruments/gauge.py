@@ -30,7 +30,7 @@ def contact(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Ob
         T_base_gauge[:3, 3] = tip(cell, start)
         socket = rng.permutation(np.arange(rows) % 2)
         in_gauge = np.zeros((rows, 3))
-        in_gauge[:, 0] = GAUGE * socket
+        in_gauge[:, 0] = (GAUGE if cell.gauge is None else cell.gauge) * socket
         for k in range(2):
             chosen = np.flatnonzero(socket == k)
             at = transform_points(T_base_gauge, in_gauge[chosen[:1]])[0]

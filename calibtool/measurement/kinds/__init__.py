@@ -10,6 +10,8 @@ from calibtool.measurement.kinds.kind import Kind, Readings
 from calibtool.measurement.kinds.plane import PlaneProbe
 from calibtool.measurement.kinds.points import TargetPoints
 from calibtool.measurement.kinds.pose import SensorPose
+from calibtool.measurement.kinds.second_arm import SeenFromArm
+from calibtool.measurement.kinds.sphere import SphereProbe
 
 __all__ = [
     "KINDS",
@@ -20,7 +22,9 @@ __all__ = [
     "Kind",
     "PlaneProbe",
     "Readings",
+    "SeenFromArm",
     "SensorPose",
+    "SphereProbe",
     "TargetPoints",
 ]
 
@@ -34,5 +38,7 @@ KINDS: dict[str, Kind] = {  # a kind with the arrays of another and more comes b
         BoardPose(),
         Distances(),
         PlaneProbe(),
+        SphereProbe(),
+        SeenFromArm(),
     )
 }

@@ -86,6 +86,12 @@ class Kind(ABC):
     def moved(self, setup: Setup, step: Array) -> Setup:
         """The set-up after a step (k,) of its free elements."""
 
+    def blank(self, name: str, array: Array) -> Array:
+        """An array of the set-up as it is before anything is known: no place, no turn."""
+        if array.shape[-2:] in ((3, 3), (4, 4)):
+            return np.broadcast_to(np.eye(array.shape[-1]), array.shape).copy()
+        return np.zeros_like(array)
+
     def registered(self, setup: Setup) -> np.ndarray:
         """Which free elements (k,) bool a registration alone fits; the complete model fits all."""
         return np.ones(len(self.names(setup)), dtype=bool)
