@@ -166,13 +166,14 @@ def identify(
     if frame is not None and refit is None:
         say_if_frame_is_not_free(calibration, shown(measurements[0]))
     calibration = replace(calibration, provenance=provenance(None, **inputs))
+    if target is not None:  # first: whoever listens may have gone
+        write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/identification", json, extra)
     for line in offset_lines(calibration.base):
         message(line)
     if not json and calibration.base.posterior is not None:
         show_parameters(calibration, parameters)
     if target is not None:
-        write_output(target, to_bytes(calibration), force)
         wrote(target, fit_words(calibration))
 
 

@@ -121,7 +121,7 @@ def _check_size(root: Element, name: str) -> None:
         raise InputError(f"{name}: the URDF has more than {MOST_LINKS} links")
     depth: dict[str, int] = {}
     for link in above:
-        way = []
+        way: list[str] = []
         while link in above and link not in depth and len(way) <= DEEPEST:
             way.append(link)
             link = above[link]
