@@ -177,6 +177,8 @@ def identify(
     calibration = replace(calibration, provenance=provenance(None, **inputs))
     found = mastering(calibration.base)
     extra["joint_offsets"] = [offset.as_json() for offset in found]
+    if target is not None:  # first: whoever listens may have gone
+        write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/identification", json, extra)
     posterior = calibration.base.posterior
     alone = posterior is not None and "placements" not in posterior.parameters.orders
@@ -185,7 +187,6 @@ def identify(
     if not json and calibration.base.posterior is not None:
         show_parameters(calibration, parameters)
     if target is not None:
-        write_output(target, to_bytes(calibration), force)
         wrote(target, fit_words(calibration))
 
 
