@@ -142,8 +142,12 @@ def _complete_lines(calibration: Calibration) -> list[str]:
     if not 0.5 <= posterior.noise_factor <= 2.0:
         result.append(
             f"warning: the residuals show {estimated:.3g} mm of noise, stated are "
-            f"{calibration.noise_position * 1e3:.3g} mm: either the statement is wrong or the "
-            "robot does what the model cannot describe"
+            f"{calibration.noise_position * 1e3:.3g} mm: "
+            + (
+                "either the statement is wrong or the robot does what the model cannot describe"
+                if posterior.noise_factor > 1.0
+                else "they agree with the model better than was stated"
+            )
         )
     if base.unobservable:
         names = ", ".join(base.unobservable[:6]) + (" …" if len(base.unobservable) > 6 else "")

@@ -231,9 +231,10 @@ def plan(
         values = model.joint_values(model.name, values)
         cube = plan_test(model, space, constraints, model.targets, edge)
         cube = replace(cube, joint_values=values)
-        _report_cube(cube, space.name, cycles or 30, json)
         if target is not None:
             write_output(target, cube.table(cycles or 30), force)
+        _report_cube(cube, space.name, cycles or 30, json)
+        if target is not None:
             wrote(target, f"5 poses, {count_of(cycles or 30, 'cycle')}")
         return
     for option, value in (("--cube-mm", cube_mm), ("--cycles", cycles)):
@@ -268,6 +269,8 @@ def plan(
             f"warning: only {len(made.candidates.q)} candidates after {made.candidates.drawn} "
             "draws; the constraints are tight"
         )
+    if target is not None:
+        write_output(target, made.table, force)
     if json:
         print_json({**made.as_json(), "workspace": space.name, "seed": seed})
     else:

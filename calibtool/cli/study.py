@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibtool.atomic_output import weaker
 from calibtool.cli.evaluate import change
 from calibtool.cli.files import STREAM, check_output, message, read_text, shown, write_output, wrote
 from calibtool.cli.identify import report_target
-from calibtool.cli.interrupts import held, interruptible
+from calibtool.cli.interrupts import interruptible
 from calibtool.cli.options import Force, Json
 from calibtool.cli.printing import Table, print_json, print_tables
 from calibtool.cli.progress import counted
@@ -167,6 +168,7 @@ def _perform(
     from calibtool.evaluation.study.journal import Journal
     from calibtool.evaluation.study.local import in_processes
     from calibtool.processes import processors
+    from calibtool.unfinished_files import held
 
     # A stream or a device cannot be continued: no journal beside it.
     plain = (
@@ -178,6 +180,8 @@ def _perform(
     with Journal(path, study, discard=force) as journal:
         if journal.finished:
             message(f"{path}: {len(journal.finished)} of {study.count} runs are finished already")
+        if journal.lacking:
+            message(f"note: {path}: {weaker(journal.lacking)}")
         rest = [index for index in range(study.count) if index not in journal.finished]
         if cluster is not None:
             results = on_cluster(study, rest, cluster)

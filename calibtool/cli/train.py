@@ -187,10 +187,11 @@ def train(
             counted,
         )
         extra["learning_curve"] = learning_curve_summary(curve)
+    if target is not None:  # first: whoever listens may have gone
+        write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/training", json, extra)
     if learning_curve and not json:
         for line in learning_curve_lines(curve, len(data)):
             message(line)
     if target is not None:
-        write_output(target, to_bytes(calibration), force)
         wrote(target, fit_words(calibration))

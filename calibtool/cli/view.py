@@ -7,7 +7,7 @@ import typer
 
 from calibtool.cli.files import check_output, message, read_bytes, shown, write_output, wrote
 from calibtool.cli.input_files import in_frame
-from calibtool.cli.interrupts import interruptible, temporary_folder
+from calibtool.cli.interrupts import interruptible
 from calibtool.cli.options import Force, FrameOption
 from calibtool.units import count_of
 
@@ -88,6 +88,7 @@ def view(
     from threading import Event
 
     from calibtool.evaluation.view.live import serving
+    from calibtool.unfinished_files import temporary_folder
 
     with (
         suppress(KeyboardInterrupt),

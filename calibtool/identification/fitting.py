@@ -19,6 +19,7 @@ from calibtool.robot.se3 import Array
 
 CONVERGED = 1e-3  # a step this small against the posterior's standard deviations changes nothing
 ROUGHLY = 0.1  # and this small a one not the choice of a model
+_ROUNDING = 1e-12  # m: positions of an arm have no digits below
 _MAX_ITERATIONS = 30
 _PRIOR_STEPS = (
     3  # Gauss–Newton steps in which tolerances are re-estimated; one where a fit before has done so
@@ -143,9 +144,14 @@ def fit(
     assert equations is not None
     assert solution is not None
     if not settled and not solution.farthest < 1.0:
+        noise = measurements.noise_position
         raise NoSolutionError(
-            f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order "
-            f"and target order"
+            f"complete: no convergence in {_MAX_ITERATIONS} iterations; "
+            + (
+                f"the stated noise of {noise * 1e3:.3g} mm is below rounding: state a larger one"
+                if noise < _ROUNDING
+                else "check units, joint order and target order"
+            )
         )
     return Fit(
         parameters,

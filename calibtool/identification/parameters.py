@@ -131,6 +131,14 @@ class Parameters:
         names += [f"base.{c}" for c in COMPONENTS] if self.frame_free else []
         return names + list(self.targets)
 
+    @cached_property
+    def positive(self) -> np.ndarray:
+        """Which parameters cannot be below zero: (p,) bool."""
+        positive = np.zeros(self.count, dtype=bool)
+        for part in self.parts:
+            positive[self.blocks[part.family.id]] = part.family.positive
+        return positive
+
     def without(self, *families: str) -> Self:
         """The same parameters without these families."""
         return replace(

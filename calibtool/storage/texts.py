@@ -11,10 +11,12 @@ from collections.abc import Iterable, Sequence
 import h5py
 import numpy as np
 
+from calibtool.atomic_output import encoded
+
 
 def put_string(item: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
     """A text attribute of a group or dataset."""
-    data = _encoded(text)
+    data = encoded(text)
     item.attrs[name] = np.array(data, _kind(data))
 
 
@@ -41,7 +43,7 @@ def choice(item: h5py.Group, name: str, allowed: Iterable[str]) -> str:
 
 def put_text(group: h5py.Group, name: str, text: str | Sequence[str], long_name: str) -> None:
     """Text, or a list of texts, that describes itself."""
-    data = _encoded(text) if isinstance(text, str) else [_encoded(item) for item in text]
+    data = encoded(text) if isinstance(text, str) else [encoded(item) for item in text]
     kind = _kind(data) if isinstance(data, bytes) else _kind(*data)
     dataset = group.create_dataset(name, data=np.array(data, kind), dtype=kind)
     put_string(dataset, "units", "")
@@ -61,14 +63,6 @@ def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
     if group[name].ndim != 1:
         raise ValueError(f"{group.name}/{name} is no list of texts")
     return tuple(map(str, group[name].asstr()[()]))
-
-
-def _encoded(text: str) -> bytes:
-    """UTF-8.
-
-    File names that are none, which Python keeps as surrogates, become the replacement character.
-    """
-    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace").encode("utf-8")
 
 
 def _kind(*data: bytes) -> np.dtype:

@@ -25,8 +25,7 @@ def _dae(data: bytes, place: str) -> bytes:
     for element in root.iter():
         if element.tag.rpartition(":")[2] == "init_from":
             element.clear()
-    written: bytes = ElementTree.tostring(root, "utf-8")
-    return written
+    return bytes(ElementTree.tostring(root, "utf-8"))
 
 
 def _ply(data: bytes, place: str) -> bytes:
