@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from commandline import answer, refused, remarks, run, stored, write_table
 
+from calibtool.measurement.checks import check_measurements
+from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import inverse_kinematics
 
@@ -166,3 +168,23 @@ def test_a_tool_seen_from_a_second_arm() -> None:
     assert np.abs(one - two).max() < 1e-5
     message = refused(3, "import", "two.csv", *UR10, "--second-arm", "planar-3r", "-o", "n.h5")
     assert message.startswith("two.csv:1: 'j4_deg' names joint 4")
+
+
+def test_a_station_that_nothing_ties_to_the_others_is_named() -> None:
+    header, *rows = Path("stations.csv").read_text().split()
+    Path("alone.csv").write_text("\n".join([header, *rows[:24], *rows[24:26]]))
+    said = run("import", "alone.csv", *UR10, "-o", "m.h5").stderr
+    assert "warning: B: 2 rows read 6 numbers, and 6 are needed to tell where it is" in said
+    assert "measure at least 4 rows there" in said
+    assert "B: 2 rows read 6 numbers" in run("identify", "m.h5", "-o", "c.h5").stderr
+
+
+@pytest.mark.parametrize(("kind", "enough"), [("plane", 3), ("sphere", 4), ("camera", 1)])
+def test_a_place_with_too_few_rows_is_named_for_every_kind(kind: str, enough: int) -> None:
+    seen = simulate(load_robot("ur5"), Simulation(1, 60, "full", instrument=kind, places=2))
+    assert seen.place is not None
+    first = np.flatnonzero(seen.place == 0)
+    for rows, named in ((enough, 1), (enough + 1, 0)):
+        kept = np.concatenate([first, np.flatnonzero(seen.place == 1)[:rows]])
+        found = [f for f in check_measurements(seen.rows(kept)) if f.name == "lonely_place"]
+        assert len(found) == named
