@@ -16,6 +16,7 @@ from calibtool.cli import (
     identify,
     import_,
     info,
+    monitor,
     plan,
     plot,
     report,
@@ -152,6 +153,7 @@ for _name, _function in (
     ("report", report.report),
     ("view", view.view),
     ("study", study.study),
+    ("monitor", monitor.monitor),
     ("info", info.info),
     ("demo", demo.demo),
 ):

@@ -259,6 +259,12 @@ def _nothing(files: Files) -> None:
     del files
 
 
+def _complete(files: Files) -> None:
+    """A complete model, and fresh rows of the same robot."""
+    run("identify", files.measurements, "-q", "-o", "complete.h5")
+    copy(files.fresh, "fresh.h5")
+
+
 PREPARED: dict[
     str, tuple[Callable[[Files], None], list[str]]
 ] = {  # what must be there, what must come out
@@ -275,6 +281,7 @@ PREPARED: dict[
     "report": (_calibrations, ["report.html"]),
     "view": (_measurements, ["view.html"]),
     "study": (_nothing, ["study.csv"]),
+    "monitor": (_complete, ["drift.ndjson"]),
     "info": (_calibration, []),
 }
 
