@@ -13,6 +13,7 @@ from calibtool.cli import (
     demo,
     evaluate,
     export,
+    guide,
     identify,
     import_,
     info,
@@ -92,7 +93,7 @@ def _usage(error: Any) -> str:
         every = [name for p in context.command.get_params(context) for name in p.opts]
         known = [name for name in every if name.startswith("--")]
         text = f"{path} has no option {unknown}; {near_names(unknown, known)}"
-    elif text.startswith("No such command"):
+    elif context is not None and text.startswith("No such command"):
         name = text.split("'")[1]
         text = f"there is no command '{name}'; {near_names(name, context.command.commands)}"
     return f"{text} (see {path} --help)"
@@ -139,6 +140,7 @@ def _root(
 
 
 for _name, _function in (
+    ("guide", guide.guide),
     ("robots", robots.robots),
     ("simulate", simulate.simulate),
     ("import", import_.import_),

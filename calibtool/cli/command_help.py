@@ -43,7 +43,9 @@ class Command(TyperCommand):
         arguments = [p for p in self.params if p.param_type_name == "argument"]
         if arguments:
             with formatter.section("Arguments"):
-                formatter.write_dl([(str(a.metavar), str(a.help)) for a in arguments])
+                formatter.write_dl(
+                    [(str(a.metavar), str(getattr(a, "help", ""))) for a in arguments]
+                )
         groups: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)

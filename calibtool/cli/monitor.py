@@ -1,6 +1,6 @@
 """calibtool monitor: has the arm drifted since its calibration?"""
 
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
@@ -96,7 +96,7 @@ def monitor(
     if chart is not None:
         from calibtool.evaluation.plots.history_figure import draw_history
 
-        picture = draw_history([*earlier, cast("dict[str, object]", entry)], image_format(chart))
+        picture = draw_history([*earlier, entry], image_format(chart))
         write_output(chart, picture, force)
         wrote(chart, "chart of the history")
     if found.alarm:
