@@ -13,9 +13,11 @@ from calibtool.cli import (
     demo,
     evaluate,
     export,
+    guide,
     identify,
     import_,
     info,
+    monitor,
     plan,
     plot,
     report,
@@ -91,7 +93,7 @@ def _usage(error: Any) -> str:
         every = [name for p in context.command.get_params(context) for name in p.opts]
         known = [name for name in every if name.startswith("--")]
         text = f"{path} has no option {unknown}; {near_names(unknown, known)}"
-    elif text.startswith("No such command") and context is not None:
+    elif context is not None and text.startswith("No such command"):
         name = text.split("'")[1]
         text = f"there is no command '{name}'; {near_names(name, context.command.commands)}"
     return f"{text} (see {path} --help)"
@@ -138,6 +140,7 @@ def _root(
 
 
 for _name, _function in (
+    ("guide", guide.guide),
     ("robots", robots.robots),
     ("simulate", simulate.simulate),
     ("import", import_.import_),
@@ -152,6 +155,7 @@ for _name, _function in (
     ("report", report.report),
     ("view", view.view),
     ("study", study.study),
+    ("monitor", monitor.monitor),
     ("info", info.info),
     ("demo", demo.demo),
 ):

@@ -10,13 +10,13 @@ from typing import Any
 from typer.core import TyperCommand
 
 GROUPS = {
-    "Data": "on before from same_robot at commanded robot columns join join_tolerance_s joints "
-    "clock_offset sheet layout unit angle_unit convention encoding rows sample rest tool allow "
-    "joint_values board robot_targets frames controller dh with with_ refit_setup payload_kg "
-    "temperature_c check meshes plan accept_misfit about",
+    "Data": "on before source same_robot at commanded robot columns join join_tolerance_s joints "
+    "clock_offset sheet layout unit angle_unit convention encoding rows sample rest tool "
+    "joint_values board robot_targets frames controller dh with_ refit_setup payload_kg "
+    "temperature_c check meshes plan accept_misfit about history date",
     "Output": "output force json report pdf paper parameters html box_plot width_mm picture "
     "map_template dry_run uncertainty verify line_buffered magnify port precision prefix "
-    "learning_curve require partial",
+    "learning_curve require partial chart",
     "Document": "title serial customer operator instrument date temperature",
 }  # what is in none of them says how it is computed
 _OTHERS = "Method"
@@ -40,10 +40,12 @@ class Command(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Arguments, then the groups of options."""
-        arguments: list[Any] = [p for p in self.params if p.param_type_name == "argument"]
+        arguments = [p for p in self.params if p.param_type_name == "argument"]
         if arguments:
             with formatter.section("Arguments"):
-                formatter.write_dl([(str(a.metavar), str(a.help)) for a in arguments])
+                formatter.write_dl(
+                    [(str(a.metavar), str(getattr(a, "help", ""))) for a in arguments]
+                )
         groups: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)

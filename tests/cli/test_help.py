@@ -139,7 +139,7 @@ def test_the_shell_gets_the_values() -> None:
     ("words", "says"),
     [
         (["evaluat"], "did you mean evaluate? (see calibtool --help)"),
-        (["xyzzy"], "known: robots, simulate, "),
+        (["xyzzy"], "known: guide, robots, "),
         (["train", "m.h5", "--fold", "3"], "did you mean --folds"),
         (["train", "m.h5", "--xyzzy"], "known: --output, --base, "),
         (["train"], "(see calibtool train --help)"),
@@ -259,6 +259,12 @@ def _nothing(files: Files) -> None:
     del files
 
 
+def _complete(files: Files) -> None:
+    """A complete model, and fresh rows of the same robot."""
+    run("identify", files.measurements, "-q", "-o", "complete.h5")
+    copy(files.fresh, "fresh.h5")
+
+
 PREPARED: dict[
     str, tuple[Callable[[Files], None], list[str]]
 ] = {  # what must be there, what must come out
@@ -275,11 +281,14 @@ PREPARED: dict[
     "report": (_calibrations, ["report.html"]),
     "view": (_measurements, ["view.html"]),
     "study": (_nothing, ["study.csv"]),
+    "monitor": (_complete, ["drift.ndjson"]),
     "info": (_calibration, []),
 }
 
 
-@pytest.mark.parametrize("command", [name for name in COMMANDS if name not in ("demo", "serve")])
+@pytest.mark.parametrize(
+    "command", [name for name in COMMANDS if name not in ("demo", "serve", "guide")]
+)
 def test_example_runs(command: str, files: Files) -> None:
     prepare, outputs = PREPARED[command]
     prepare(files)
