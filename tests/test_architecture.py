@@ -22,6 +22,8 @@ ROOMS = (
     "units",
     "progress",
     "processes",
+    "unfinished_files",
+    "atomic_output",
     "robot",
     "errormodel",
     "tables",

@@ -51,7 +51,7 @@ def test_a_failure_while_writing_leaves_nothing_behind(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("calibtool.storage.paths.os.replace", full)
+    monkeypatch.setattr("calibtool.atomic_output.os.fsync", full)
     with pytest.raises(UsageError, match=r"m\.h5: cannot be written: No space left on device"):
         calibtool.write(MEASUREMENTS, tmp_path / "m.h5")
     assert list(tmp_path.iterdir()) == []

@@ -106,13 +106,13 @@ def identify(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Identify the errors of the geometry and of the joint motions.
+    """Find the errors of a robot from measurements.
 
     complete: every error with a tolerance, harmonics and gravity where the evidence asks for
-    them, ± for each parameter. local-poe: initial relative poses only (Eq. 11), with rank,
-    singular values and what cannot be observed. Where instrument and targets are unknown, base
-    and tool frame are free: --frame chooses, stderr reports what they have in common with the
-    drawing's and what remains.
+    them, ± for each parameter. local-poe: one constant error of each link (the method of Song, Tian
+    and Ma), with rank, singular values and what cannot be observed. Where instrument and targets
+    are unknown, base and tool frame are free: --frame chooses, stderr reports what they have in
+    common with the drawing's and what remains.
 
     Example: calibtool identify measurements.h5 --model complete -o complete.h5
     """
@@ -177,6 +177,8 @@ def identify(
     calibration = replace(calibration, provenance=provenance(None, **inputs))
     found = mastering(calibration.base)
     extra["joint_offsets"] = [offset.as_json() for offset in found]
+    if target is not None:  # first: whoever listens may have gone
+        write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/identification", json, extra)
     posterior = calibration.base.posterior
     alone = posterior is not None and "placements" not in posterior.parameters.orders
@@ -185,7 +187,6 @@ def identify(
     if not json and calibration.base.posterior is not None:
         show_parameters(calibration, parameters)
     if target is not None:
-        write_output(target, to_bytes(calibration), force)
         wrote(target, fit_words(calibration))
 
 

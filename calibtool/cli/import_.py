@@ -224,7 +224,7 @@ def import_(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Bring in what an instrument wrote.
+    """Import measurements (CSV, Excel, SpatialAnalyzer, …).
 
     Three targets, one target (position only) or 6-D poses; an unknown instrument frame and
     unknown targets are estimated,

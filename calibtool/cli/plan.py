@@ -179,9 +179,10 @@ def plan(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Choose the most informative configurations to measure, in an order of short travel.
+    """Choose what to measure.
 
-    The table holds joint positions (j1_deg …) for the controller and for simulate --at. Links are
+    The most informative configurations come first to last in an order of short travel. The table
+    holds joint positions (j1_deg …) for the controller and for simulate --at. Links are
     checked as straight lines from joint to joint; motions between configurations are not checked.
     With --observe or --set-up the rows are those in which the instrument sees the tool: a tip on
     planes, spheres or in a gauge, a board in a camera's field of view.
@@ -230,9 +231,10 @@ def plan(
         values = model.joint_values(model.name, values)
         cube = plan_test(model, space, constraints, model.targets, edge)
         cube = replace(cube, joint_values=values)
-        _report_cube(cube, space.name, cycles or 30, json)
         if target is not None:
             write_output(target, cube.table(cycles or 30), force)
+        _report_cube(cube, space.name, cycles or 30, json)
+        if target is not None:
             wrote(target, f"5 poses, {count_of(cycles or 30, 'cycle')}")
         return
     for option, value in (("--cube-mm", cube_mm), ("--cycles", cycles)):
@@ -267,6 +269,8 @@ def plan(
             f"warning: only {len(made.candidates.q)} candidates after {made.candidates.drawn} "
             "draws; the constraints are tight"
         )
+    if target is not None:
+        write_output(target, made.table, force)
     if json:
         print_json({**made.as_json(), "workspace": space.name, "seed": seed})
     else:

@@ -284,8 +284,9 @@ class JointFunctions(Family):
 
 
 def joint_list(free: np.ndarray) -> str:
-    """Joints that have a parameter, for people: `2, 3`."""
-    return ", ".join(str(j + 1) for j in np.flatnonzero(free.reshape(len(free), -1).any(axis=-1)))
+    """Joints that have a parameter, for people: `joint 2`, `joints 2, 3`."""
+    joints = np.flatnonzero(free.reshape(len(free), -1).any(axis=-1)) + 1
+    return f"joint{'s' if len(joints) > 1 else ''} {', '.join(map(str, joints))}"
 
 
 def names_of_twists(count: int, symbol: str) -> list[str]:

@@ -19,10 +19,14 @@ from calibtool.robot.se3 import Array
 
 CONVERGED = 1e-3  # a step this small against the posterior's standard deviations changes nothing
 ROUGHLY = 0.1  # and this small a one not the choice of a model
+_ROUNDING = 1e-12  # m: positions of an arm have no digits below
 _MAX_ITERATIONS = 30
 _PRIOR_STEPS = (
     3  # Gauss–Newton steps in which tolerances are re-estimated; one where a fit before has done so
 )
+
+
+_WEIGHT_STEPS = 5  # in which rows may change their weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +106,7 @@ def fit(
     if start is not None:
         row_weight = start.row_weight
     else:
-        row_weight = row_weights(row_squares(measurements, state), d, loss_function)
+        row_weight = row_weights(row_squares(measurements, state), d, loss_function, noise_factor)
     used, taken, resting = row_weight, 0, False
     equations: NormalEquations | None = None
     solution: Solution | None = None
@@ -121,11 +125,12 @@ def fit(
             parameters, equations, theta, std, noise_factor, largest if priors else None
         )
         std, noise_factor = solution.prior_std, solution.noise_factor
-        # Weights settle by a factor only, not by the square of the step, so they rest at the end.
+        # Weights settle by a factor only, not by the square of the step, or never: they rest.
         used, moving = row_weight, not resting
         if moving:
-            row_weight = row_weights(equations.row_squares, d, loss_function)
-            moving, resting = not np.array_equal(used, row_weight), solution.farthest < ROUGHLY
+            row_weight = row_weights(equations.row_squares, d, loss_function, noise_factor)
+            moving = not np.array_equal(used, row_weight)
+            resting = solution.farthest < ROUGHLY or taken >= _WEIGHT_STEPS
         settled = solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01
         return solution.step, bool(settled and (not moving or converged >= ROUGHLY))
 
@@ -139,9 +144,14 @@ def fit(
     assert equations is not None
     assert solution is not None
     if not settled and not solution.farthest < 1.0:
+        noise = measurements.noise_position
         raise NoSolutionError(
-            f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order "
-            f"and target order"
+            f"complete: no convergence in {_MAX_ITERATIONS} iterations; "
+            + (
+                f"the stated noise of {noise * 1e3:.3g} mm is below rounding: state a larger one"
+                if noise < _ROUNDING
+                else "check units, joint order and target order"
+            )
         )
     return Fit(
         parameters,

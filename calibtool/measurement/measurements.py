@@ -14,7 +14,7 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, check_poses, readonly
 
 # m or rad: smaller or larger than its inverse, and squares of weighted residuals overflow
-_SMALLEST_NOISE = 1e-15
+SMALLEST_NOISE = 1e-15
 _COLLINEAR = 1e-3  # smallest extent across the line over the largest one along it
 
 
@@ -194,7 +194,7 @@ class Measurements:
         if self.truth is not None and self.truth.setup.targets.shape != self.setup.targets.shape:
             raise InputError("measurements: the true targets are not as many as the measured ones")
         if not all(
-            _SMALLEST_NOISE < noise < 1 / _SMALLEST_NOISE
+            SMALLEST_NOISE < noise < 1 / SMALLEST_NOISE
             for noise in (self.noise_position, self.noise_orientation)
         ):
             raise InputError(
@@ -205,7 +205,7 @@ class Measurements:
             if self.deviations.shape != (len(self.q), self.coordinates):
                 raise InputError(f"measurements: deviations have shape {self.deviations.shape}")
             if not (
-                (self.deviations > _SMALLEST_NOISE) & (self.deviations < 1 / _SMALLEST_NOISE)
+                (self.deviations > SMALLEST_NOISE) & (self.deviations < 1 / SMALLEST_NOISE)
             ).all():
                 raise InputError("measurements: a standard deviation is not above zero")
 

@@ -9,6 +9,7 @@ from calibtool.errors import InputError
 from calibtool.robot.markup import parse_xml
 
 SINGLE = ("revolute", "continuous", "prismatic")  # kinds of one degree of freedom
+MOST_LINKS, DEEPEST = 2000, 500  # Pinocchio goes down the tree call by call: 10,000 crash it
 UNBOUNDED = 1e3  # rad or m: larger limits are written where there are none
 _OF_JOINTS = ("parent", "child", "origin", "axis", "limit", "mimic")
 
@@ -89,6 +90,7 @@ def urdf_root(text: str, name: str, *, comments: bool = False) -> Element:
             if isinstance(part.tag, str) and part.tag.rpartition(":")[2] in _OF_JOINTS:
                 part.tag = part.tag.rpartition(":")[2]
     _check_parents(root, name)
+    _check_size(root, name)
     return root
 
 
@@ -110,6 +112,23 @@ def _check_parents(root: Element, name: str) -> None:
                 f"'{carried[joint.child]}' and '{joint.name}': they close a loop; a URDF is a tree"
             )
         carried[joint.child] = joint.name
+
+
+def _check_size(root: Element, name: str) -> None:
+    """InputError for more links, or more of them in a row, than any robot has; and for a circle."""
+    above = {joint.child: joint.parent for joint in map(_joint, root.iterfind("joint"))}
+    if max(len(root.findall("link")), len(above)) > MOST_LINKS:
+        raise InputError(f"{name}: the URDF has more than {MOST_LINKS} links")
+    depth: dict[str, int] = {}
+    for link in above:
+        way: list[str] = []
+        while link in above and link not in depth and len(way) <= DEEPEST:
+            way.append(link)
+            link = above[link]
+        for step, passed in enumerate(reversed(way), start=depth.get(link, 0) + 1):
+            depth[passed] = step
+        if way and depth[way[0]] > DEEPEST:
+            raise InputError(f"{name}: the URDF has more than {DEEPEST} joints in a row")
 
 
 def _joint(element: Element) -> Joint:
