@@ -14,8 +14,8 @@ _AXIS_FIRST = re.compile(r"(?P<axis>[xyz])(?![a-z])(?P<who>.*)")
 _NUMBERED = re.compile(r"[a-z]* ?0*(\d{1,9})")
 _WORDS = """
     t p pos position point coord coordinate coordinates koordinate meas measured measurement actual
-    act ist mess messwert value translation trans tvec tracker laser target smr prism reflector probe sensor
-    punkt
+    act ist mess messwert value translation trans tvec tracker laser target smr prism reflector
+    probe sensor punkt
 """
 _PLAIN = set(_WORDS.split())
 _ROBOT = {"robot", "tcp", "flange", "tool", "cart", "cartesian", "base", "world"}
