@@ -25,6 +25,7 @@ _PRIOR_STEPS = (
 )
 
 
+_UNSURE = 0.1  # of their tolerance: what base and targets are told by the rows less surely
 _WEIGHT_STEPS = 5  # in which rows may change their weights
 
 
@@ -143,10 +144,7 @@ def fit(
     assert equations is not None
     assert solution is not None
     if not settled and not solution.farthest < 1.0:
-        raise NoSolutionError(
-            f"complete: no convergence in {_MAX_ITERATIONS} iterations; check units, joint order "
-            f"and target order"
-        )
+        raise _not_settled(parameters, solution)
     return Fit(
         parameters,
         state,
@@ -158,3 +156,13 @@ def fit(
         solution.effective,
         iterations,
     )
+
+
+def _not_settled(parameters: Parameters, solution: Solution) -> NoSolutionError:
+    setup = slice(parameters.blocks["base"].start, None)
+    unsure = np.sqrt(np.diag(solution.covariance)[setup]) / solution.prior_std[setup]
+    remedy = "check units, joint order and target order"
+    if unsure.max(initial=0.0) > _UNSURE:
+        name = parameters.names[setup][int(np.argmax(unsure))]
+        remedy = f"the rows hardly tell {name}: measure with the tool turned in other directions"
+    return NoSolutionError(f"complete: no convergence in {_MAX_ITERATIONS} iterations; {remedy}")
