@@ -208,7 +208,16 @@ MIMICS = arm().replace(f"</joint>{BEHIND_3}", f"{FOLLOWS}{BEHIND_3}")
         .replace("u:robot ", 'u:robot xmlns:u="http://example.org/arm" '),
         f"<!-- a -- comment -->{MIMICS}",
     ],
-    ids=["plain", "prefix", "namespace", "blank line", "mimic prefix", "capital", "all prefixed", "hyphens"],
+    ids=[
+        "plain",
+        "prefix",
+        "namespace",
+        "blank line",
+        "mimic prefix",
+        "capital",
+        "all prefixed",
+        "hyphens",
+    ],
 )
 def test_a_mimic_on_the_way_is_refused_however_the_xml_is_written(
     text: str, read: Callable[..., Robot]
@@ -310,7 +319,7 @@ def test_a_joint_of_the_arm_that_mimics_itself_or_one_behind_is_no_gripper(
 
 def test_links_in_a_circle_are_named(read: Callable[..., Robot]) -> None:
     text = arm().replace('<parent link="base"/>', '<parent link="link_2"/>')
-    with pytest.raises(InputError, match="in a circle .*link_2, link_1"):
+    with pytest.raises(InputError, match=r"in a circle .*link_2, link_1"):
         read(text)
 
 
