@@ -91,15 +91,15 @@ def knowing(measured: Measurements) -> Calibration:
 
 
 def planned(robot: Robot, truth: Measurements, count: int, seed: int) -> Array:
-    """Configurations (count, n) that `plan` chooses."""
+    """Configurations (count, n) that the command `plan` chooses unless told otherwise."""
     workspace = robot.workspace()
     plan = make_plan(
         Knowledge.of_tolerances(robot, truth.noise_position),
         workspace,
         count,
         constraints=Constraints(),
-        criterion="i",
-        candidates=300,
+        criterion="d",
+        candidates=2000,
         rng=np.random.default_rng(seed),
     )
     return plan.q

@@ -2,7 +2,7 @@
 
     python benchmarks/frames.py            # 1 min
 
-The sample of the tutorial, then simulated robots in an unknown set-up with every kind of error but
+The sample of the pages, then simulated robots in an unknown set-up with every kind of error but
 backlash: 60 configurations of the default workspace, the complete model, 500 fresh targets. Median
 of the seeds (worst).
 """

@@ -99,6 +99,8 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         "residual_rms_mm": position * 1e3,
         "residual_rms_mrad": None if orientation is None else orientation * 1e3,
     }
+    if base.held_out:
+        base_summary["held_out_rms_in_stated_noises"] = dict(base.held_out)
     if base.parameters:
         base_summary |= {
             "parameters": base.parameters,

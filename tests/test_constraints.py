@@ -66,7 +66,7 @@ def test_pieces_and_boxes() -> None:
 
 
 def test_floor_and_keep_out(fanuc: Robot) -> None:
-    drawn = draw(fanuc, Constraints(floor=-1.0, keep_out=(BOX,)))
+    drawn = draw(fanuc, Constraints(floor=-1.0, keep_out=(BOX,), joint_margin=0.0))
     points = arm_points(fanuc, drawn.q)
     assert points[..., 2].min() >= -1.0 - 1e-12
     within = ((points > np.array(BOX[:3]) + 1e-9) & (points < np.array(BOX[3:]) - 1e-9)).all(

@@ -260,6 +260,11 @@ def test_gravity_of_a_mounting_is_read(read: Callable[..., Robot]) -> None:
             '<equality><joint joint1="j1" joint2="j2" polycoef="0 1 1"/></equality></mujoco>',
             "'j1' follows 'j2' by a polynomial of a higher degree",
         ),
+        (
+            "</mujoco>",
+            '<equality><connect name="rod 1" body1="elbow" body2="elbow"/></equality></mujoco>',
+            "loop 'rod 1' joins 'elbow' to itself",
+        ),
         ("<mujoco", "<!DOCTYPE m []><mujoco", "document type or entities"),
     ],
 )

@@ -56,6 +56,20 @@ def test_a_parallelogram_only_shifts_its_coupler(extra: bool, tmp_path: Path) ->
     np.testing.assert_allclose(poses[:, 0, 3], 0.2 * np.sin(Q[:, 0]), atol=1e-12)
 
 
+def test_rounded_numbers_of_an_overconstrained_loop_close_all_the_same(tmp_path: Path) -> None:
+    """Links 0.2 µm beside each other's plane: all six equations of a weld cannot hold, and need
+    not.
+    """
+    end = joint("fix_b", "pin", "end_b", 0, 0, "0.4 0.5 0.6").replace("0 0 0", "0 2e-7 0", 1)
+    urdf = URDF.replace(END, joint("turn", "rocker", "pin", 0, 0.2) + end)
+    assert urdf.count("2e-7") == 1
+    robot = written(tmp_path, YAML.replace("3d", "6d"), urdf)
+    assert robot.chain.mobility == robot.n == 1
+    poses = robot.mechanism.forward(Q)
+    np.testing.assert_allclose(poses[:, :3, :3], np.tile(np.eye(3), (9, 1, 1)), atol=1e-5)
+    np.testing.assert_allclose(poses[:, 0, 3], 0.2 * np.sin(Q[:, 0]), atol=1e-6)
+
+
 def test_the_file_alone_and_its_folder_are_the_same(tmp_path: Path) -> None:
     folder = written(tmp_path)
     alone = load_robot(str(tmp_path / "robot.yaml"))

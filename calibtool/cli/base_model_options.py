@@ -117,10 +117,12 @@ def base_options(
                 "tolerances, bad rows)"
             )
         return BaseOptions(model)
-    tolerances = Tolerances.of_robot(robot)
-    if tolerance_mm is not None:
+    tolerances = None
+    if tolerance_mm is not None or tolerance_mrad is not None:
+        tolerances = Tolerances.of_robot(robot)
+    if tolerances is not None and tolerance_mm is not None:
         tolerances = replace(tolerances, length=tolerance_mm * 1e-3)
-    if tolerance_mrad is not None:
+    if tolerances is not None and tolerance_mrad is not None:
         tolerances = replace(tolerances, angle=tolerance_mrad * 1e-3)
     return BaseOptions(
         model,

@@ -131,17 +131,18 @@ def compensate(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Correct commanded poses or joint positions, any number of rows, or a controller program.
+    """Correct a program, or a table of poses or joints.
 
-    By the calibrated model no row has a larger weighted pose error (displacement over the robot's
-    characteristic length beside rotation) than the command: where no better joints are found, it
-    stays as it is. Rows come back with the corrected joints, the input's other columns and a status
-    (docs/numerics): ok, jump (the correction changes faster than the command), outside (of the
-    training's configurations); partial, limited, near-singular, out-of-limits (a part of the error
-    stays), uncorrected (all of it: as commanded) or unreachable (empty joints, exit code 4; the
-    other rows are written nevertheless). Poses without joints are a path: each row starts from the
-    one before, jumps of the joints are reported. A calibration with backlash takes it up by the
-    direction of each joint's corrected motion: rows must be in the order of motion.
+    Any number of rows, or a controller program. By the calibrated model no row has a larger
+    weighted pose error (displacement over the robot's characteristic length beside rotation) than
+    the command: where no better joints are found, it stays as it is. Rows come back with the
+    corrected joints, the input's other columns and a status (docs/numerics): ok, jump (the
+    correction changes faster than the command), outside (of the training's configurations);
+    partial, limited, near-singular, out-of-limits (a part of the error stays), uncorrected (all of
+    it: as commanded) or unreachable (empty joints, exit code 4; the other rows are written
+    nevertheless). Poses without joints are a path: each row starts from the one before, jumps of
+    the joints are reported. A calibration with backlash takes it up by the direction of each
+    joint's corrected motion: rows must be in the order of motion.
 
     Of a program (docs/programs) only the numbers of joint and pose targets change; stderr reports
     how many, by how much at most, and what was left alone and why. A target without an answer

@@ -55,7 +55,7 @@ def evaluate(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Compare calibrations with the nominal robot.
+    """Judge calibrations on measurements.
 
     Simulated measurements: the actual robot is driven to the corrected joints and measured without
     noise. Real ones: measured minus predicted target points, which is what to expect after

@@ -78,7 +78,7 @@ def export(
     output: Output = "-",
     force: Force = False,
 ) -> None:
-    """Write the compensator as JSON, C, Structured Text or ONNX, or as a geometry for others.
+    """Write a calibration as code or as a robot model.
 
     For C, -o NAME.c also writes NAME.h; NAME, or --prefix, starts every symbol, and names the
     function block of NAME.st. A calibration with payload or temperature is written for those of the

@@ -94,17 +94,25 @@ def identify(
     parameters: Annotated[
         bool, typer.Option("--parameters", help="Show every parameter with its uncertainty.")
     ] = False,
+    offsets: Annotated[
+        bool,
+        typer.Option(
+            "--offsets",
+            help="Say the joint offsets in degrees ±, turns of the placements about the joints' "
+            "axes included: for a mastering screen.",
+        ),
+    ] = False,
     frame: FrameOption = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Identify the errors of the geometry and of the joint motions.
+    """Find the errors of a robot from measurements.
 
     complete: every error with a tolerance, harmonics and gravity where the evidence asks for
-    them, ± for each parameter. local-poe: initial relative poses only (Eq. 11), with rank,
-    singular values and what cannot be observed. Where instrument and targets are unknown, base
-    and tool frame are free: --frame chooses, stderr reports what they have in common with the
-    drawing's and what remains.
+    them, ± for each parameter. local-poe: one constant error of each link (the method of Song, Tian
+    and Ma), with rank, singular values and what cannot be observed. Where instrument and targets
+    are unknown, base and tool frame are free: --frame chooses, stderr reports what they have in
+    common with the drawing's and what remains.
 
     Example: calibtool identify measurements.h5 --model complete -o complete.h5
     """
@@ -118,7 +126,8 @@ def identify(
     from calibtool.calibration import identify as run
     from calibtool.calibration.transfer import refit as transfer
     from calibtool.errors import UsageError
-    from calibtool.identification.partial import of_families, offset_lines
+    from calibtool.identification.mastering import mastering
+    from calibtool.identification.partial import of_families
     from calibtool.storage import to_bytes
 
     choice(model, IDENTIFIED_MODELS, "--model")
@@ -166,11 +175,15 @@ def identify(
     if frame is not None and refit is None:
         say_if_frame_is_not_free(calibration, shown(measurements[0]))
     calibration = replace(calibration, provenance=provenance(None, **inputs))
+    found = mastering(calibration.base)
+    extra["joint_offsets"] = [offset.as_json() for offset in found]
     if target is not None:  # first: whoever listens may have gone
         write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/identification", json, extra)
-    for line in offset_lines(calibration.base):
-        message(line)
+    posterior = calibration.base.posterior
+    alone = posterior is not None and "placements" not in posterior.parameters.orders
+    for offset in found if offsets or alone else []:
+        message(offset.text)
     if not json and calibration.base.posterior is not None:
         show_parameters(calibration, parameters)
     if target is not None:

@@ -1,7 +1,8 @@
 """calibtool import: what instruments write to measurements."""
 
 import os
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
@@ -19,7 +20,8 @@ from calibtool.cli.files import (
     wrote,
 )
 from calibtool.cli.import_images import ImageOptions, import_folder
-from calibtool.cli.input_files import load_calibration, load_described, measurements_words
+from calibtool.cli.import_options import chosen, offset_of, second_arm_of, stated_of
+from calibtool.cli.input_files import load_described, measurements_words
 from calibtool.cli.options import (
     AllowOption,
     Force,
@@ -34,17 +36,14 @@ from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
 from calibtool.errors import InputError, NoSolutionError, UsageError
 
-if TYPE_CHECKING:
-    from calibtool.measurement.importing import SecondArm, Stated
-
 
 def import_(
     table: Annotated[
         str,
         typer.Argument(
             metavar="TABLE",
-            help="A table with a header, SpatialAnalyzer points, .xlsx, a folder of images; '-' is "
-            "stdin.",
+            help="A table with a header, SpatialAnalyzer points, .xlsx, a ROS bag, a folder of "
+            "images; '-' is stdin.",
         ),
     ],
     robot: Annotated[str, typer.Option(help="A robot of the catalogue, or a path.")],
@@ -136,10 +135,16 @@ def import_(
         typer.Option(min=0, help="Time stamps further apart than this do not belong together."),
     ] = 0.1,
     clock_offset: Annotated[
-        float | None,
+        str | None,
         typer.Option(
-            metavar="SECONDS",
-            help="Added to the stamps of TABLE, for --join time with a moving arm.",
+            metavar="SECONDS|auto",
+            help="Added to the stamps of TABLE, for --join time with a moving arm; auto: found.",
+        ),
+    ] = None,
+    topics: Annotated[
+        str | None,
+        typer.Option(
+            metavar="JOINTS,MEASURED", help="Of a ROS bag: its topics, where there are several."
         ),
     ] = None,
     format: Annotated[
@@ -219,7 +224,7 @@ def import_(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Bring in what an instrument wrote.
+    """Import measurements (CSV, Excel, SpatialAnalyzer, …).
 
     Three targets, one target (position only) or 6-D poses; an unknown instrument frame and
     unknown targets are estimated,
@@ -234,15 +239,17 @@ def import_(
 
     Example: calibtool import tracker.csv --robot ur10 --columns map.toml -o measurements.h5
     """
+    from calibtool.measurement.importing.ros_bags import is_bag, read_bag
+
     images = ImageOptions(board, camera, intrinsics, picture)
-    if os.path.isdir(table):
+    if os.path.isdir(table) and not is_bag(table):
         import_folder(
             table,
             load_described(robot, tool, allow),
             output,
             images,
             joints,
-            stated=_stated(unit, angle_unit, convention),
+            stated=stated_of(unit, angle_unit, convention),
             joint_values=joint_values_of(joint_values),
             encoding=encoding,
             others={
@@ -286,13 +293,14 @@ def import_(
     from calibtool.measurement.importing.spatial_analyzer import LAYOUTS
     from calibtool.storage import to_bytes
 
-    inputs = {"table": read_bytes(table)}
+    of_bag = is_bag(table)
+    inputs = {} if of_bag else {"table": read_bytes(table)}
     column_map = joint_file = None
     if columns is not None:
         map_text = read_text(columns)
         inputs["columns"] = map_text.encode()
         column_map = parse_column_map(map_text, shown(columns))
-    join_by = _chosen(join, JOINS, "--join")
+    join_by = chosen(join, JOINS, "--join")
     if joints is not None:
         inputs["joints"] = read_bytes(joints)
         joint_file = JointFile(inputs["joints"], shown(joints), join_by, join_tolerance_s, encoding)
@@ -302,18 +310,28 @@ def import_(
     if commanded is not None:
         inputs["commanded"] = read_bytes(commanded)
         commanded_file = CommandedFile(inputs["commanded"], shown(commanded), join_by)
-    stated = _stated(unit, angle_unit, convention)
+    model = load_described(robot, tool, allow)
+    if of_bag:
+        if joints is not None:
+            raise UsageError(f"--joints {joints}: a bag holds the joints itself")
+        bag = read_bag(Path(table), model, [] if topics is None else topics.split(","))
+        inputs |= {"table": bag.measured.encode(), "joints": bag.joints.encode()}
+        joint_file = JointFile(bag.joints, f"{table} (joints)", "time", join_tolerance_s)
+        message(f"note: {bag.note}")
+    elif topics is not None:
+        raise UsageError(f"--topics: {shown(table)} is no ROS bag")
+    stated = stated_of(unit, angle_unit, convention)
     how: dict[str, Any] = {
-        "format": _chosen(format, FORMATS, "--format"),
+        "format": chosen(format, FORMATS, "--format"),
         "sheet": sheet,
-        "layout": _chosen(layout, LAYOUTS, "--layout"),
+        "layout": chosen(layout, LAYOUTS, "--layout"),
         "encoding": encoding,
     }
     if map_template:
         text = template_of(
             inputs["table"],
             shown(table),
-            load_described(robot, tool, allow),
+            model,
             stated,
             joint_file,
             **how,
@@ -325,20 +343,20 @@ def import_(
         imported = read_table(
             inputs["table"],
             shown(table),
-            load_described(robot, tool, allow),
+            model,
             column_map,
-            frame=_chosen(frame, ("base", "unknown"), "--frame"),
+            frame=chosen(frame, ("base", "unknown"), "--frame"),
             robot_targets=robot_targets,
             stated=stated,
             joints=joint_file,
             joint_values=joint_values_of(joint_values),
             commanded=commanded_file,
             board=choice(poses_of, ("sensor", "board"), "--poses-of") == "board",
-            second_arm=None if second_arm is None else _second_arm(second_arm),
+            second_arm=None if second_arm is None else second_arm_of(second_arm),
             **how,
         )
     if clock_offset is not None:
-        imported = imported.with_clock_offset(clock_offset)
+        imported = imported.with_clock_offset(offset_of(imported, clock_offset))
     for note in imported.understood.remarks:
         message(f"note: {note}")
     for warning in imported.warnings:
@@ -374,29 +392,3 @@ def import_(
     wrote(output, measurements_words(measurements))
     if rest is not None and left is not None:
         wrote(rest, measurements_words(held_out))
-
-
-def _chosen(value: str | None, allowed: tuple[str, ...], option: str) -> Any:
-    return None if value is None else choice(value, allowed, option)
-
-
-def _stated(unit: str | None, angle_unit: str | None, convention: str | None) -> "Stated":
-    """What the options state where a header does not."""
-    from calibtool.measurement.importing import Stated
-
-    return Stated(
-        _chosen(unit, ("mm", "m", "in"), "--unit"),
-        _chosen(angle_unit, ("deg", "rad"), "--angle-unit"),
-        convention,
-    )
-
-
-def _second_arm(name: str) -> "SecondArm":
-    """A second arm: a robot that is taken as it is drawn, or a calibrated one."""
-    from calibtool.measurement.importing import SecondArm
-
-    if name.endswith(".h5"):
-        calibration, _ = load_calibration(name)
-        return SecondArm(calibration.robot, calibration.forward)
-    robot = load_described(name, None, [])
-    return SecondArm(robot, robot.mechanism.forward)

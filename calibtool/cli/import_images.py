@@ -13,7 +13,9 @@ from calibtool.cli.files import (
     same_file,
     shown,
     write_outputs,
+    wrote,
 )
+from calibtool.cli.input_files import measurements_words
 from calibtool.cli.options import choice
 from calibtool.cli.progress import counted, working
 from calibtool.cli.provenance import provenance
@@ -123,6 +125,7 @@ def import_folder(
         lost = [path for path in paths if path not in imported.paths]
         outputs[options.picture] = picture(imported.paths, imported.pixels, imported.lens, lost)
     write_outputs(outputs, force)
+    wrote(output, measurements_words(measurements))
 
 
 def _digest(path: Path) -> str:

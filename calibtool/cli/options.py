@@ -23,7 +23,7 @@ CalibrationFile = Annotated[
 CompensationMethod = Annotated[
     str,
     typer.Option(
-        "--method", metavar="exact|one-step", help="Solve exactly, or with the one step of Eq. 24."
+        "--method", metavar="exact|one-step", help="Solve exactly, or by one damped step."
     ),
 ]
 EXACT = "exact"

@@ -135,7 +135,7 @@ def simulate(
     joint_values: JointValuesOption = None,
     force: Force = False,
 ) -> None:
-    """Measure a perturbed robot, made up from a seed.
+    """Simulate measurements of a robot with random errors.
 
     Its targets are observed with noise at configurations of a workspace; the truth is kept in a
     group of its own. A correction is rehearsed with --same-robot FILE.h5 --at corrected.csv

@@ -50,7 +50,7 @@ def study(
         list[str] | None,
         typer.Option(
             metavar="LIST",
-            help="Of local-poe, complete, network (on nominal: the paper), network-local-poe, "
+            help="Of local-poe, complete, network (on the robot as drawn), network-local-poe, "
             "default (train); nominal is always there. Default: local-poe,network,complete.",
         ),
     ] = None,

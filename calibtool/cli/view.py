@@ -48,7 +48,7 @@ def view(
     ] = 8080,
     force: Force = False,
 ) -> None:
-    """Show the arm, its targets and their errors.
+    """Show the arm, its targets and their errors in 3-D.
 
     Measurements: targets of the nominal robot and the measured ones. A calibration: those of the
     nominal robot and where the calibration says they are. The live view needs the extra 'view' and

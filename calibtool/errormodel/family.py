@@ -119,6 +119,7 @@ class Family(ABC):
     needs   description of what the rows must contain for it to be identified
     by_row  whether it changes placements from row to row
     turns   whether it turns joint frames from row to row (`turn`)
+    positive  whether its elements cannot be below zero
     grows   whether evidence may also enlarge its tolerances: what has a physical scale only gets
     smaller
     """
@@ -137,6 +138,7 @@ class Family(ABC):
     by_row: ClassVar[bool] = False
     turns: ClassVar[bool] = False
     grows: ClassVar[bool] = True
+    positive: ClassVar[bool] = False
 
     # --- its parameters ---
 

@@ -16,6 +16,7 @@ from calibtool.errormodel.families import BY_ID
 from calibtool.errormodel.family import Rows
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import InputError, check_choice, check_number
+from calibtool.identification.comparison import best_model
 from calibtool.identification.equations import normal_equations
 from calibtool.identification.fitting import CONVERGED, Fit, fit
 from calibtool.identification.identification import Flagged, Identification, Posterior, split_rms
@@ -40,16 +41,16 @@ class CompleteOptions:
 
     tolerances       prior standard deviations, those of the robot's description unless given
     orders           of families that are not to be chosen, by id: {"harmonics": 2, "gravity": 0};
-    see `chosen_fit`
+                     see `chosen_fit`
     estimate_priors  re-estimate the scale of every family of tolerances from the evidence; joint
-    motions only downwards,
-                     because many harmonics can cancel where a joint was measured and grow large
-                     where it was not
+                     motions only downwards, because many harmonics can cancel where a joint was
+                     measured and grow large where it was not
     loss_function    `isolated`: rows that no noise explains weigh less, unless they are one region
-    of a joint, which may
-                     really behave differently; `squared`: all weigh the same; `huber`, `cauchy`:
-                     the worse the less
+                     of a joint, which may really behave differently; `squared`: all weigh the
+                     same; `huber`, `cauchy`: the worse the less
     drop_flagged     leave flagged rows out of a second fit
+    compared         whether registration alone or local POE may be the result, see `best_model`;
+                     never where tolerances or orders are given
     """
 
     tolerances: Tolerances | None = None
@@ -57,6 +58,7 @@ class CompleteOptions:
     estimate_priors: bool = True
     loss_function: LossFunction = "isolated"
     drop_flagged: bool = False
+    compared: bool = True
 
     def __post_init__(self) -> None:
         check_choice(self.loss_function, get_args(LossFunction), "loss function")
@@ -71,13 +73,28 @@ def identify_complete(
     """Identify every error that has a tolerance, from any number of configurations.
 
     What a joint is given beyond its geometry is chosen by evidence and by held-out rows, see
-    `chosen_fit`. Raises
-    NoSolutionError when the iteration does not settle, InputError when a family is asked for and
-    the measurements do not
+    `chosen_fit`. Where nothing of it was asked for, registration alone or local POE is the result
+    if it predicts held-out rows better, see `best_model`. Raises NoSolutionError when the
+    iteration does not settle, InputError when a family is asked for and the measurements do not
     know what it depends on.
     """
     check_rows(measurements)
     options = CompleteOptions() if options is None else options
+    identification, fitted = _identify(measurements, options)
+    flagged = identification.flagged
+    if options.drop_flagged and flagged is not None and len(flagged.rows):
+        kept = np.setdiff1d(np.arange(len(measurements)), flagged.rows)
+        again = identify_complete(measurements.rows(kept), replace(options, drop_flagged=False))
+        return replace(again, flagged=replace(flagged, dropped=True))
+    if options.orders or options.tolerances is not None or not options.compared:
+        return identification
+    return best_model(
+        measurements, identification, fitted, lambda rows: _identify(rows, options)[0]
+    )
+
+
+def _identify(measurements: Measurements, options: CompleteOptions) -> tuple[Identification, Fit]:
+    """The complete model, and its fit."""
     for family, order in options.orders.items():
         if order and not BY_ID[family].known(_rows(measurements)):
             raise InputError(
@@ -86,16 +103,12 @@ def identify_complete(
                 "or leave it out"
             )
     fitted = chosen_fit(measurements, options.orders, partial(_fit, measurements, options))
-    flagged = find_flagged(measurements, fitted.state, fitted.row_squares)
+    flagged = _flagged(measurements, fitted)
     if flagged.cluster is not None and options.loss_function == "isolated":
         squared = replace(options, loss_function="squared")
         fitted = _fit(measurements, squared, fitted.parameters, fitted.state, fitted, CONVERGED)
-        flagged = find_flagged(measurements, fitted.state, fitted.row_squares)
-    if options.drop_flagged and len(flagged.rows):
-        kept = np.setdiff1d(np.arange(len(measurements)), flagged.rows)
-        again = identify_complete(measurements.rows(kept), replace(options, drop_flagged=False))
-        return replace(again, flagged=replace(flagged, dropped=True))
-    return _identification(measurements, fitted, flagged)
+        flagged = _flagged(measurements, fitted)
+    return _identification(measurements, fitted, flagged), fitted
 
 
 def _fit(
@@ -118,6 +131,10 @@ def _fit(
         prior_std=prior_std,
         converged=converged,
     )
+
+
+def _flagged(measurements: Measurements, fitted: Fit) -> Flagged:
+    return find_flagged(measurements, fitted.state, fitted.row_squares, fitted.noise_factor)
 
 
 def _rows(measurements: Measurements) -> Rows:

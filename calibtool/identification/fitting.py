@@ -26,6 +26,10 @@ _PRIOR_STEPS = (
 )
 
 
+_UNSURE = 0.1  # of their tolerance: what base and targets are told by the rows less surely
+_WEIGHT_STEPS = 5  # in which rows may change their weights
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """A converged iteration: state, Fisher information H (p, p) of the stated noise, squared sizes
@@ -103,7 +107,7 @@ def fit(
     if start is not None:
         row_weight = start.row_weight
     else:
-        row_weight = row_weights(row_squares(measurements, state), d, loss_function)
+        row_weight = row_weights(row_squares(measurements, state), d, loss_function, noise_factor)
     used, taken, resting = row_weight, 0, False
     equations: NormalEquations | None = None
     solution: Solution | None = None
@@ -122,11 +126,12 @@ def fit(
             parameters, equations, theta, std, noise_factor, largest if priors else None
         )
         std, noise_factor = solution.prior_std, solution.noise_factor
-        # Weights settle by a factor only, not by the square of the step, so they rest at the end.
+        # Weights settle by a factor only, not by the square of the step, or never: they rest.
         used, moving = row_weight, not resting
         if moving:
-            row_weight = row_weights(equations.row_squares, d, loss_function)
-            moving, resting = not np.array_equal(used, row_weight), solution.farthest < ROUGHLY
+            row_weight = row_weights(equations.row_squares, d, loss_function, noise_factor)
+            moving = not np.array_equal(used, row_weight)
+            resting = solution.farthest < ROUGHLY or taken >= _WEIGHT_STEPS
         settled = solution.farthest < converged and abs(noise_factor / previous - 1.0) < 0.01
         return solution.step, bool(settled and (not moving or converged >= ROUGHLY))
 
@@ -140,15 +145,7 @@ def fit(
     assert equations is not None
     assert solution is not None
     if not settled and not solution.farthest < 1.0:
-        noise = measurements.noise_position
-        raise NoSolutionError(
-            f"complete: no convergence in {_MAX_ITERATIONS} iterations; "
-            + (
-                f"the stated noise of {noise * 1e3:.3g} mm is below rounding: state a larger one"
-                if noise < _ROUNDING
-                else "check units, joint order and target order"
-            )
-        )
+        raise _not_settled(measurements, parameters, solution)
     return Fit(
         parameters,
         state,
@@ -160,3 +157,17 @@ def fit(
         solution.effective,
         iterations,
     )
+
+
+def _not_settled(
+    measurements: Measurements, parameters: Parameters, solution: Solution
+) -> NoSolutionError:
+    setup = slice(parameters.blocks["base"].start, None)
+    unsure = np.sqrt(np.diag(solution.covariance)[setup]) / solution.prior_std[setup]
+    remedy, noise = "check units, joint order and target order", measurements.noise_position
+    if noise < _ROUNDING:
+        remedy = f"the stated noise of {noise * 1e3:.3g} mm is below rounding: state a larger one"
+    elif unsure.max(initial=0.0) > _UNSURE:
+        name = parameters.names[setup][int(np.argmax(unsure))]
+        remedy = f"the rows hardly tell {name}: measure with the tool turned in other directions"
+    return NoSolutionError(f"complete: no convergence in {_MAX_ITERATIONS} iterations; {remedy}")

@@ -6,7 +6,7 @@ from calibtool.errors import InputError
 from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.closure import Closure
 from calibtool.robot.loops import Tree
-from calibtool.robot.reduction import Sample, check_freedom
+from calibtool.robot.reduction import RANK, Sample, check_freedom
 from calibtool.robot.se3 import Array
 
 _SAMPLES = 6
@@ -14,6 +14,9 @@ _APART = 0.05  # rad, or lengths: how far samples are from the closed configurat
 # A closed_at that is farther from a closed configuration (rad, or lengths) is a mistake.
 _OPEN = 0.05
 _STEPS = 60
+# Largest |r| (rad, or lengths) of a closed configuration: equations that say the same twice
+# contradict each other by the rounding of a CAD program's numbers.
+_CLOSED = 1e-5
 _STARTS = 100  # of the search for a closed configuration
 _HELD = 0.02  # smallest singular value of C_p, of the largest, at a configuration that is chosen
 
@@ -31,9 +34,9 @@ def closed_configuration(
     free = np.arange(tree.joints) >= tree.n
     theta, left = _nearest_closed(mechanism, tree, start, free)
     scale = tree.joint_scale
-    if not left < 1e-10:
+    if not left < _CLOSED:
         anywhere, still = _nearest_closed(mechanism, tree, start, np.ones(tree.joints, dtype=bool))
-        if still < 1e-10:
+        if still < _CLOSED:
             check_freedom(tree, closed_samples(mechanism, tree, anywhere), names, place)
         raise InputError(
             f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, and does not "
@@ -72,13 +75,13 @@ def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:
         theta, left = _nearest_closed(mechanism, tree, start, free)
         turned = (theta + np.pi) % (2 * np.pi) - np.pi
         theta = np.where(tree.slides | (np.abs(theta) <= np.pi), theta, turned)
-        if left < 1e-10 and ((low <= theta) & (theta <= high))[:n].all():
+        if left < _CLOSED and ((low <= theta) & (theta <= high))[:n].all():
             C = _equations(mechanism, theta).columns[0] * tree.row_scale[:, None]
             sizes, held = (
                 np.linalg.svd(part, compute_uv=False)
                 for part in (C * tree.joint_scale, (C * tree.joint_scale)[:, n:])
             )
-            rank = int((sizes > 1e-7 * sizes.max(initial=1e-300)).sum())
+            rank = int((sizes > RANK * sizes.max(initial=1e-300)).sum())
             found = theta if found is None else found
             if len(held) >= rank and held[rank - 1] > _HELD * held[0]:
                 return theta
@@ -141,12 +144,12 @@ def closed_samples(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> list
         if k:
             C = _equations(mechanism, theta).columns[0] * tree.row_scale[:, None] * scale
             sizes, vt = np.linalg.svd(C)[1:]
-            rank = int((sizes > 1e-7 * sizes.max(initial=1e-300)).sum())
+            rank = int((sizes > RANK * sizes.max(initial=1e-300)).sum())
             null = vt[rank:]
             move = rng.uniform(-1.0, 1.0, len(null)) @ null
             move *= _APART / max(float(np.abs(move).max(initial=0.0)), 1e-300)
             at, left = _nearest_closed(mechanism, tree, theta + move * scale, everything)
-            if not left < 1e-9:
+            if not left < _CLOSED:
                 continue
         passive = at[None, tree.passive]
         ends, jacobian, equations = mechanism.equations(at[None], row)(row, passive)

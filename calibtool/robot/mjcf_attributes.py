@@ -11,7 +11,8 @@ import numpy as np
 from calibtool.errors import InputError
 from calibtool.robot.markup import decoded_xml, parse_xml
 from calibtool.robot.named_files import contents, inside
-from calibtool.robot.se3 import Array, exp6, translation
+from calibtool.robot.orientation import QUATERNION, ROTATION_VECTOR, rotation_matrices
+from calibtool.robot.se3 import Array, translation
 from calibtool.units import LARGEST
 
 _MOST_FILES = 100
@@ -141,9 +142,9 @@ class Attributes:
                 step = turn(np.eye(3)["xyz".index(letter.lower())], self.angle(value))
                 rotation = rotation @ step if letter.islower() else step @ rotation
             return rotation
-        return quaternion_rotation(
-            self._unit(self.numbers(values, "quat", (1.0, 0.0, 0.0, 0.0)), "quat")
-        )
+        quaternion = self._unit(self.numbers(values, "quat", (1.0, 0.0, 0.0, 0.0)), "quat")
+        turned: Array = rotation_matrices(quaternion[None], QUATERNION)[0]
+        return turned
 
     def _unit(self, vector: Array, key: str) -> Array:
         size = float(np.linalg.norm(vector))
@@ -154,7 +155,7 @@ class Attributes:
 
 def turn(axis: Array, angle: float) -> Array:
     """The rotation (3, 3) by an angle (rad) about a unit axis (3,)."""
-    rotation: Array = exp6(np.array([0.0, 0.0, 0.0, *axis * angle]))[:3, :3]
+    rotation: Array = rotation_matrices((axis * angle)[None], ROTATION_VECTOR)[0]
     return rotation
 
 
@@ -164,15 +165,3 @@ def from_z(z: Array) -> Array:
     size = float(np.linalg.norm(across))
     axis = across / size if size > 1e-10 else np.array([1.0, 0.0, 0.0])
     return turn(axis, math.atan2(size, z[2]))
-
-
-def quaternion_rotation(q: Array) -> Array:
-    """The rotation (3, 3) of a unit quaternion w x y z."""
-    w, x, y, z = q
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -57,6 +57,11 @@ class Equalities:
         for k, each in enumerate(self._cuts, start=1):
             wanted = _NO_NAME.sub("-", each.get("name", "")).lstrip(" ._-") or f"loop{k}"
             name = free_name(wanted, found)
+            if len({*_ends(each)}) == 1:
+                raise InputError(
+                    f"{self.attributes.place}: loop '{name}' joins '{_ends(each)[0]}' to itself; "
+                    "name two bodies or sites"
+                )
             a, b = self._frames(each, urdf, name)
             found[name] = name, a, b, _JOINED[each.tag]
         return tuple(found.values())

@@ -9,7 +9,8 @@ import numpy as np
 
 from calibtool.errors import InputError, near_names
 from calibtool.robot.markup import parse_xml
-from calibtool.robot.mjcf_attributes import from_z, quaternion_rotation, turn
+from calibtool.robot.mjcf_attributes import from_z
+from calibtool.robot.orientation import FIXED_ANGLES, rotation_matrices
 from calibtool.robot.se3 import Array, inverse, translation
 from calibtool.robot.ur_frames import number
 from calibtool.robot.urdf_text import Converted, Cut, UrdfText
@@ -160,14 +161,13 @@ class _Reader:
         quaternion = pose.get("rotation_format") == "quat_xyzw"
         if len(values) != (7 if quaternion else 6):
             raise InputError(f"{self.place}: pose of '{name}': {len(values)} numbers; expected 6")
-        result = translation(np.array(values[:3]))
-        if quaternion:
-            x, y, z, w = values[3:]
-            result[:3, :3] = quaternion_rotation(np.array([w, x, y, z]) / math.hypot(w, x, y, z))
-        else:
-            unit = math.radians if pose.get("degrees") in ("true", "1") else float
-            for axis, angle in zip(np.eye(3), values[3:], strict=True):
-                result[:3, :3] = turn(axis, unit(angle)) @ result[:3, :3]
+        result, turned = translation(np.array(values[:3])), np.array([values[3:]])
+        if quaternion and not turned.any():
+            raise InputError(f"{self.place}: pose of '{name}': its quaternion is zero")
+        if not quaternion and pose.get("degrees") in ("true", "1"):
+            turned = np.deg2rad(turned)
+        convention = "quaternion-xyzw" if quaternion else FIXED_ANGLES
+        result[:3, :3] = rotation_matrices(turned, convention)[0]
         return result, pose.get("relative_to", "")
 
     def _numbers(self, text: str, what: str) -> list[float]:

@@ -45,6 +45,8 @@ from calibtool.storage.texts import choice, put_string, put_text, string, texts
 
 _SCALES = ("input_scale", "output_scale")  # inputs are divided by them, outputs made of them
 
+_HELD_OUT = "held_out_rms_"  # and the name of a model
+
 
 def write_calibration(file: h5py.File, calibration: Calibration) -> None:
     """Groups of a calibration, in a fixed order."""
@@ -60,6 +62,8 @@ def write_calibration(file: h5py.File, calibration: Calibration) -> None:
     model.attrs["residual_rms_position_m"] = base.residual_rms[0]
     if base.residual_rms[1] is not None:
         model.attrs["residual_rms_orientation_rad"] = base.residual_rms[1]
+    for name, value in base.held_out.items():
+        model.attrs[f"{_HELD_OUT}{name}"] = value
     put_text(
         model,
         "unobservable",
@@ -258,6 +262,11 @@ def build_calibration(file: h5py.File) -> Calibration:
         iterations=read_count(model, "iterations"),
         posterior=_posterior(model["posterior"], robot, setup) if "posterior" in model else None,
         flagged=_flagged(model["flagged"], len(q)) if "flagged" in model else None,
+        held_out={
+            name.removeprefix(_HELD_OUT): read_number(model, name, 0.0)
+            for name in model.attrs
+            if name.startswith(_HELD_OUT)
+        },
     )
     virtual = texts(file["equivalent"], "virtual_joints")
     if len(virtual) != max(6 - robot.n, 0) or not set(virtual) <= set(ELEMENTARY):

@@ -1,13 +1,11 @@
-"""The sample of docs/tutorial.md: what a tracker would have written of a simulated FANUC M-1000iA.
+"""The sample of docs/get-started.md: what a tracker would write of a simulated FANUC M-1000iA.
 
     python data/sample/make.py data/sample
 
 The robot, with the errors of KINDS, is that of `calibtool simulate fanuc-m1000ia --seed 5
---unregistered`:
-the tracker stands anywhere, and the three targets are not where the description has them.
-driven.csv is no output but an
-input: the corrected joints of before.csv, as step 6 of the tutorial gave them, to which the arm
-was driven for after.csv.
+--unregistered`: the tracker stands anywhere, and the three targets are not where the description
+has them. driven.csv is no output but an input: the corrected joints of before.csv, as step 2 of
+docs/how-to/prove-it.md gave them, to which the arm was driven for after.csv.
 """
 
 import csv

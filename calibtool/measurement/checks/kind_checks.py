@@ -6,6 +6,7 @@ from calibtool.errors import NoSolutionError
 from calibtool.measurement.checks.camera_checks import camera_findings
 from calibtool.measurement.checks.design import design_findings
 from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.checks.lonely_places import lonely_places
 from calibtool.measurement.kinds.kind import of_place
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import residuals
@@ -39,7 +40,7 @@ def kind_findings(measurements: Measurements) -> list[Finding]:
             "rows of joints and of readings belong together"
         )
         found.append(Finding("nominal_robot", "warning", message, {"rms_mm": rms * 1e3}))
-    found += design_findings(robot, measurements.q)
+    found += [*lonely_places(measurements), *design_findings(robot, measurements.q)]
     return sorted(found, key=lambda finding: finding.severity != "warning")
 
 

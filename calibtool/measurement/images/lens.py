@@ -68,10 +68,8 @@ def calibrated(pixels: Array, corners: Array, size: tuple[int, int]) -> Lens:
 
 
 def applied(pixels: Array, corners: Array, intrinsics: Array) -> Lens:
-    """A given lens, with the poses of the board that it tells; see `calibrated`.
-
-    pixels (N, c, 2) with NaN where a corner is not seen, corners (c, 3) on the board in m,
-    intrinsics fx, fy, cx, cy (pixels) and the coefficients of distortion (4 + d,).
+    """A given lens (9,), with the poses of the board that it tells from corners (N, m, 2), px, of a
+    flat board (m, 3), m; see `calibrated`.
     """
     cv2 = opencv()
     K = np.array([[intrinsics[0], 0, intrinsics[2]], [0, intrinsics[1], intrinsics[3]], [0, 0, 1]])

@@ -23,7 +23,7 @@ class SeenFromArm(Kind):
     T_flange2_sensor, of which the first and the last are free and the middle one is given.
     """
 
-    id, words = "second-arm", "{m} points of the tool in a sensor on a second arm"
+    id, words = "second-arm", "points of the tool ({m}) in a sensor on a second arm"
     given: ClassVar = ("T_base2_flange2",)
     arrays: ClassVar = {
         "T_base2_flange2": ((-1, 4, 4), "m", "poses of the second arm's flange in its base"),
