@@ -27,7 +27,8 @@ _MANY = 20.0  # per parameter: the formula is exact enough
 _FOLDS = 5
 _JUDGED = 300  # rows that show what the simple models leave
 _FITS = 0.5  # weight of a row: what weighs less fits no model
-_AT_ALL, _SURELY = 0.5, 1.0  # standard errors by which a model must predict better
+_SURELY = 1.0  # standard errors by which a model must predict better
+_WORSE = 1.04  # of the squares: less is no reason to give up the posterior
 _BAD = 0.05  # part of the rows: more are not bad, but the complete model does not fit
 
 Model = Callable[[Measurements], Identification]
@@ -36,8 +37,8 @@ Model = Callable[[Measurements], Identification]
 def best_model(
     measurements: Measurements, complete: Identification, fitted: Fit, again: Model
 ) -> Identification:
-    """The complete model, or local POE where it predicts held-out rows better, or registration
-    alone where that model is not surely better; `Identification.held_out` says it.
+    """The complete model, or local POE where it surely predicts held-out rows better, or
+    registration alone where neither surely does; `Identification.held_out` says it.
 
     fitted: the fit of the complete model; again: the same identification of some of the rows.
     Rows that weigh little in the fit are not judged.
@@ -64,11 +65,12 @@ def best_model(
     if not np.isfinite(squares["complete"]).all():
         return complete  # too few rows to leave some out
     best = "complete"
-    if "local-poe" in squares and _better(squares["local-poe"], squares[best], _AT_ALL):
+    if "local-poe" in squares and _better(_WORSE * squares["local-poe"], squares[best]):
         best = "local-poe"
-    if "nominal" in squares and not _better(squares[best], squares["nominal"], _SURELY):
+    if "nominal" in squares and not _better(squares[best], squares["nominal"]):
         best = "nominal"
-    held_out = {name: float(np.sqrt(values.mean())) for name, values in squares.items()}
+    told = {name: values for name, values in squares.items() if np.isfinite(values).all()}
+    held_out = {name: float(np.sqrt(values.mean())) for name, values in told.items()}
     shipped = complete if best == "complete" else rivals[best](rows)
     return replace(shipped, held_out=held_out, flagged=complete.flagged)
 
@@ -92,8 +94,10 @@ def _left(fit: Model, rows: Measurements, judged: Measurements) -> Array:
     """Mean square (M,) of the coordinates of every judged row over the stated noise, after a fit
     to the rows; infinite where they are too few for it."""
     try:
-        state = fit(rows).state
+        state = fit(rows).state if len(rows) else None
     except NoSolutionError:
+        state = None
+    if state is None:
         return np.full(len(judged), np.inf)
     return np.asarray(row_squares(judged, state) / np.maximum(_coordinates(judged), 1))
 
@@ -109,12 +113,12 @@ def _held_out(fit: Model, rows: Measurements) -> Array:
     return left
 
 
-def _better(left: Array, than: Array, errors: float) -> bool:
-    """Whether squares (N,) of rows are less than others by more than some standard errors."""
+def _better(left: Array, than: Array) -> bool:
+    """Whether squares (N,) of rows are surely less than others."""
     if not np.isfinite(left).all():
         return False
     gain = np.minimum(than, 1e300) - left
-    return bool(gain.mean() > errors * gain.std() / np.sqrt(len(gain)))
+    return bool(gain.mean() > _SURELY * gain.std() / np.sqrt(len(gain)))
 
 
 def _coordinates(measurements: Measurements) -> np.ndarray:

@@ -26,6 +26,7 @@ _PRIOR_STEPS = (
 )
 
 
+_UNSURE = 0.1  # of their tolerance: what base and targets are told by the rows less surely
 _WEIGHT_STEPS = 5  # in which rows may change their weights
 
 
@@ -144,15 +145,7 @@ def fit(
     assert equations is not None
     assert solution is not None
     if not settled and not solution.farthest < 1.0:
-        noise = measurements.noise_position
-        raise NoSolutionError(
-            f"complete: no convergence in {_MAX_ITERATIONS} iterations; "
-            + (
-                f"the stated noise of {noise * 1e3:.3g} mm is below rounding: state a larger one"
-                if noise < _ROUNDING
-                else "check units, joint order and target order"
-            )
-        )
+        raise _not_settled(measurements, parameters, solution)
     return Fit(
         parameters,
         state,
@@ -164,3 +157,17 @@ def fit(
         solution.effective,
         iterations,
     )
+
+
+def _not_settled(
+    measurements: Measurements, parameters: Parameters, solution: Solution
+) -> NoSolutionError:
+    setup = slice(parameters.blocks["base"].start, None)
+    unsure = np.sqrt(np.diag(solution.covariance)[setup]) / solution.prior_std[setup]
+    remedy, noise = "check units, joint order and target order", measurements.noise_position
+    if noise < _ROUNDING:
+        remedy = f"the stated noise of {noise * 1e3:.3g} mm is below rounding: state a larger one"
+    elif unsure.max(initial=0.0) > _UNSURE:
+        name = parameters.names[setup][int(np.argmax(unsure))]
+        remedy = f"the rows hardly tell {name}: measure with the tool turned in other directions"
+    return NoSolutionError(f"complete: no convergence in {_MAX_ITERATIONS} iterations; {remedy}")

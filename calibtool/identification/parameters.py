@@ -19,7 +19,8 @@ from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
-# Unknown instrument frames and targets are as good as free beside their registration: 1 m, 1 rad.
+# Unknown instrument frames and targets are as good as free beside their registration, but do not
+# run away where nothing tells them: 1 m, 1 rad.
 _FREE = 1.0
 _TURNS = (".rx", ".ry", ".rz")
 
@@ -228,10 +229,15 @@ class Parameters:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """State of an iteration: errors of the robot and set-up."""
+    """State of an iteration: errors of the robot and set-up.
+
+    setup_moved  (k,) sum of the steps of base and targets, by which the set-up has left the
+                 registration; none at the registration itself
+    """
 
     errors: RobotErrors
     setup: Setup
+    setup_moved: Array | None = None
 
     @classmethod
     def nominal(cls, robot: Robot, setup: Setup) -> Self:
@@ -243,14 +249,17 @@ class State:
         return self.errors.frames(q, conditions)
 
     def vector(self, parameters: Parameters) -> Array:
-        """θ as the prior sees it (p,); zero for base and targets, whose prior follows them."""
+        """θ as the prior sees it (p,); base and targets from where they were registered."""
         values = [
             p.family.resized(self.errors[p.family.id], p.shape).ravel()[p.elements]
             for p in parameters.parts
         ]
-        return np.concatenate(
-            [*values, np.zeros(6 * parameters.frame_free + len(parameters.targets))]
-        )
+        return np.concatenate([*values, self._setup_moved(parameters)])
+
+    def _setup_moved(self, parameters: Parameters) -> Array:
+        if self.setup_moved is None:
+            return np.zeros(6 * parameters.frame_free + len(parameters.targets))
+        return self.setup_moved
 
     def moved(self, parameters: Parameters, step: Array) -> Self:
         """The state after a step of the parameters (p,)."""
@@ -264,7 +273,8 @@ class State:
             step[blocks["base"]] if parameters.frame_free else None,
             step[blocks["targets"]] if parameters.targets else None,
         )
-        return replace(self, errors=self.errors.moved(**steps), setup=setup)
+        moved = self._setup_moved(parameters) + step[blocks["base"].start :]
+        return replace(self, errors=self.errors.moved(**steps), setup=setup, setup_moved=moved)
 
     def kept(self, parameters: Parameters) -> Self:
         """The state with only these parameters."""

@@ -16,21 +16,21 @@ _TOOLS = tuple(
     for words in (
         r"tool 0",
         r"tcp|tool cent(?:er|re)(?: point)?",
-        r"flange",
+        r"flange|flansch",
         r"ee|eef|eff|endeff|endeffector|end effector",
-        r"tool",
+        r"tool|werkzeug|outil|herramienta|utensile",
         r"grasp|grasping|pinch|tool mount|mount|attachment",
     )
 )
 # Links that are no tool: what grips, sees, or stands for a shape.
 _NO_TOOL = re.compile(
     r"\b(?:fingers?|fingertips?|thumb|knuckles?|jaws?|claws?|pads?|"
-    r"camera|cam|realsense|kinect|sensors?|depth|optical|rgb|color|infra|ir|laser|lidar|imu|"
+    r"camera|kamera|caméra|cámara|telecamera|cam|realsense|kinect|sensors?|depth|optical|rgb|color|infra|ir|laser|lidar|imu|"
     r"ft|force|torque|collision|visual|inertial?|com|cog|cable|hose|led|light|button|"
     r"display|screw|aruco|marker|contact|sc)\b"
 )
 _GRIPS = re.compile(
-    r"\b(?:gripper|grip|fingers?|fingertips?|thumb|index|middle|ring|little|pinky|"
+    r"\b(?:gripper|greifer|grip|fingers?|fingertips?|thumb|index|middle|ring|little|pinky|"
     r"phalanx|distal|proximal|knuckles?|jaws?|claws?|pincers?|tongs?|suction|"
     r"driver|coupler|follower|spring link)\b"
 )
@@ -205,7 +205,7 @@ def _words(name: str) -> str:
 
 
 def _gripping(tree: Tree) -> set[str]:
-    """Joints of a gripper or a rod: by names, or as they follow a joint not before them."""
+    """Joints of a gripper or a rod: by names, or as they follow a joint beside them."""
     found = set()
     for joint in (each for each in tree.joints if each.moves):
         words = f"{_words(joint.name)} / {_words(joint.child)}"
@@ -216,7 +216,8 @@ def _gripping(tree: Tree) -> set[str]:
         if joint.follows is None:
             continue
         leader = tree.named.get(joint.follows[0])
-        if leader is not None and leader not in tree.ways[joint.parent]:
+        beside = leader is not None and joint not in tree.ways[leader.child]
+        if leader is not None and beside and leader not in tree.ways[joint.parent]:
             found.add(joint.name)
             if leader.parent == joint.parent and not _moves_more(tree, leader):
                 found.add(leader.name)
