@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUTPUT ?= demo
 
-.PHONY: demo test coverage docs lint clean
+.PHONY: demo test coverage docs site lint clean
 
 demo: $(VENV)/.installed
 	$(BIN)/calibtool demo -o $(OUTPUT) --force
@@ -17,6 +17,10 @@ coverage: $(VENV)/.tests-installed
 
 docs: $(VENV)/.installed
 	$(BIN)/python docs/generate.py
+
+site: $(VENV)/.docs-installed
+	$(BIN)/python docs/generate.py
+	$(BIN)/python -m mkdocs build --strict
 
 lint: $(VENV)/.tests-installed
 	$(BIN)/ruff check .
@@ -31,5 +35,9 @@ $(VENV)/.tests-installed: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --editable '.[test]'
 	touch $@
 
+$(VENV)/.docs-installed: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	touch $@
+
 clean:
-	rm -rf $(VENV) demo build dist
+	rm -rf $(VENV) demo build dist site

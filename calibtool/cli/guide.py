@@ -13,7 +13,7 @@ from calibtool.cli.files import message
 from calibtool.errors import UsageError
 
 _SAMPLE = "sample"
-_PROGRAMS = (".ls", ".src", ".mod", ".script", ".json", ".csv")
+_CORRECT = "Correct the header or give a column map (docs/file-formats.md), then begin again."
 
 
 def guide(

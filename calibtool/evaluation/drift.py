@@ -13,8 +13,8 @@ from calibtool.measurement.observation import linearised, weights
 from calibtool.robot.se3 import Array, adjoint
 from calibtool.units import three_digits
 
-# Of the posterior's variances: benchmarks/frames.py finds squared deviations of 1.9 times the stated
-# ones in the worst of ten seeds, and false alarms have to be rare for that arm, too.
+# Of the posterior's variances: benchmarks/frames.py finds squared deviations of 1.9 times the
+# stated ones in the worst of ten seeds, and false alarms have to be rare for that arm, too.
 _CAUTION = 2.0
 _ANYWHERE = 1.0  # m and rad: standard deviation of a base of which nothing is known
 _MOVED = 2e-4  # m, rad: expected size of a shift and a turn of base or tool
@@ -126,9 +126,9 @@ def check_drift(
 ) -> DriftCheck:
     """Whether a few rows differ from what a calibration predicts, and why most likely.
 
-    Residuals r over the stated noise have the covariance S = f² I + 2 A C Aᵀ: estimated noise f, the
-    calibration's posterior C, its columns A at these rows; 2 because stated variances are too small
-    for some arms. A cause with k columns W explains
+    Residuals r over the stated noise have the covariance S = f² I + 2 A C Aᵀ: estimated noise f,
+    the calibration's posterior C, its columns A at these rows; 2 because stated variances are too
+    small for some arms. A cause with k columns W explains
     ‖Q S^(−½) r‖² of them (Q: projection on S^(−½) W), which is k times an F(k, ν) variable where
     nothing has changed; ν are the degrees of freedom from which f was estimated. The smallest
     probability, times the number of causes looked at, is held against `false_alarm`. The likely
@@ -172,8 +172,8 @@ def check_drift(
     base = seen(np.broadcast_to(np.eye(6), (len(q), 6, 6)))
     if refit_setup:
         covariance = covariance + _ANYWHERE**2 * base @ base.T
-    half: Array = np.linalg.cholesky(covariance)
-    z = np.linalg.solve(half, r)
+    half: Array = np.linalg.cholesky(covariance).astype(float)
+    z: Array = np.linalg.solve(half, r).astype(float)
     whole, nuisance = float(z @ z), 6 if refit_setup else 0
     robot = calibration.robot
     names = [f"{'slide' if p else 'joint'} {j + 1}" for j, p in enumerate(robot.prismatic)]
