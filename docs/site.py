@@ -1,4 +1,4 @@
-"""What mkdocs needs beside the pages: links that lead out of docs/ become the names of the files."""
+"""For mkdocs: links that lead out of docs/ become the names of the files."""
 
 import re
 from typing import Any
