@@ -51,8 +51,9 @@ def view(
 
     Measurements: targets of the nominal robot and the measured ones. A calibration: those of the
     nominal robot and where the calibration says they are. The live view needs the extra 'view' and
-    ends on Ctrl-C; it answers this machine alone. A page of --html needs nothing. The arm has the meshes of its URDF where
-    they are found (those of example-robot-data are), simple solids otherwise.
+    ends on Ctrl-C; it answers this machine alone. A page of --html needs nothing. The arm has the
+    meshes of its URDF where they are found (those of example-robot-data are), simple solids
+    otherwise.
 
     Example: calibtool view measurements.h5 --html view.html
     """
