@@ -77,7 +77,6 @@ def of_seed(name: str, seed: int) -> list[float]:
     simulation = Simulation(
         seed=seed,
         configurations=60,
-        workspace=robot.workspace(None)[1],
         scales=ErrorScales(kinds=tuple(kind for kind in ERROR_KINDS if kind != "backlash")),
         unregistered=True,
     )

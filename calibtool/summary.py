@@ -31,7 +31,7 @@ def robot_summary(robot: Robot) -> dict[str, object]:
     units in the keys.
     """
     description = robot.source.description
-    home = robot.mechanism.forward(robot.home(robot.workspace(None)[1])[None])[0]
+    home = robot.mechanism.forward(robot.workspace().home[None])[0]
     joints = []
     for j, prismatic in enumerate(robot.prismatic):
         factor, unit = robot.display_unit(j)
@@ -99,6 +99,8 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         "residual_rms_mm": position * 1e3,
         "residual_rms_mrad": None if orientation is None else orientation * 1e3,
     }
+    if base.held_out:
+        base_summary["held_out_rms_in_stated_noises"] = dict(base.held_out)
     if base.parameters:
         base_summary |= {
             "parameters": base.parameters,

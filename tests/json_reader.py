@@ -42,7 +42,24 @@ def model_from_json(c: dict, q: Array) -> tuple[Array, Array, Array]:
             velocity = nominal_columns[j][:3] + np.cross(nominal_columns[j][3:], centre)
             torque = -base["link_masses_kg"][i] * np.dot(base["gravity_m_per_s2"], velocity)
             moved[j] -= base["compliance_rad_per_nm"][j] * torque
-    base_frames, columns = frames(np.array(base["placements_m"]), twists, moved)
+    placements = np.array(base["placements_m"])
+    for j in range(n):
+        F0 = (joints[j - 1] if j else np.eye(4)) @ c["nominal_placements_m"][j]
+        moment = np.zeros(3)
+        for i in range(j, n):
+            centre = (joints[i] @ [*base["centres_of_mass_m"][i], 1])[:3]
+            weight = base["link_masses_kg"][i] * np.array(base["gravity_m_per_s2"])
+            moment += np.cross(centre - F0[:3, 3], weight)
+        turn, wobble = np.zeros(3), base["wobble_rad"][j]
+        for k, vector in enumerate(np.array(base["across_axes"][j])):
+            angle = base["bending_rad_per_nm"][j][k] * (F0[:3, :3] @ vector) @ moment
+            angle += wobble[2 * k] * np.sin(q[j]) + wobble[2 * k + 1] * np.cos(q[j])
+            turn += angle * vector
+        grown = np.array(c["nominal_placements_m"][j])
+        grown[:3, 3] *= 1 + base["expansion_per_k"][j] * base["warmth_k"]
+        turned = grown @ exp6(np.concatenate([np.zeros(3), turn])) @ np.linalg.inv(grown)
+        placements[j] = turned @ placements[j]
+    base_frames, columns = frames(placements, twists, moved)
     T_base = base_frames[-1] @ base["placements_m"][n]
     columns += [adjoint(T_base)[:, k] for k in c["equivalent_robot"]["virtual_joint_columns"]]
     J = np.stack(columns, axis=1)

@@ -11,7 +11,7 @@ from poe import expm_chain, poe_frames, random_positions
 
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
 from calibtool.errormodel.families import ERROR_KINDS, FAMILIES
-from calibtool.errormodel.family import offset_columns
+from calibtool.errormodel.family import Rows, offset_columns
 from calibtool.errormodel.operating_conditions import REFERENCE_C
 from calibtool.errormodel.placements import placement_columns
 from calibtool.errormodel.robot_errors import RobotErrors
@@ -136,9 +136,13 @@ def test_small_errors_agree_with_the_linear_columns_to_second_order(
         ):  # growth is a shift along the link, seen in the joint's frame
             growth = errors.errors["temperature"][j] * (errors.temperature_c - REFERENCE_C)
             placements[j, :3] += growth * M[:3, :3].T @ M[:3, 3]
+        placements = np.broadcast_to(placements, (len(q), *placements.shape)).copy()
+        rows = Rows(robot, q, errors.driven_to(q, None))
+        for family in FAMILIES:  # turns of the joint frames, about their own origins
+            placements[:, :-1, 3:] += family.turn(errors.errors[family.id], rows)
         motion = errors.errors["offsets"] + errors.joint_motion(q)
         linear = (
-            placement_columns(frames) @ placements.ravel()
+            (placement_columns(frames) @ placements.reshape(len(q), -1, 1))[..., 0]
             + twist_columns(frames, chain.twists, q) @ errors.errors["twists"].ravel()
             + (offset_columns(frames, chain.twists) @ motion[..., None])[..., 0]
         )
@@ -252,7 +256,7 @@ def test_the_largest_wind_up_is_the_stated_one(name: str, rng: np.random.Generat
 
 
 def test_backlash_leaves_a_joint_behind_its_motion(fanuc: Robot) -> None:
-    home = fanuc.home(fanuc.workspace(None)[1])
+    home = fanuc.workspace().home
     up, down = home + 0.1, home - 0.2
     widths = np.array([1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4])
     robot = ActualRobot(RobotErrors.of(fanuc, backlash=widths))
@@ -262,7 +266,7 @@ def test_backlash_leaves_a_joint_behind_its_motion(fanuc: Robot) -> None:
 
 
 def test_backlash_knows_the_direction_of_each_joint(fanuc: Robot) -> None:
-    home = fanuc.home(fanuc.workspace(None)[1])
+    home = fanuc.workspace().home
     direction = np.array([1, -1, 1, 1, -1, -1])
     robot = actual(fanuc, "backlash")
     assert (robot.errors["backlash"] == 0.1e-3).all()
@@ -272,7 +276,7 @@ def test_backlash_knows_the_direction_of_each_joint(fanuc: Robot) -> None:
 
 
 def test_a_joint_that_stands_still_stays_on_the_side_of_its_last_motion(fanuc: Robot) -> None:
-    home = fanuc.home(fanuc.workspace(None)[1])
+    home = fanuc.workspace().home
     q = np.array([home + 0.1, home + 0.1])
     q[1, 0] += 0.1  # only joint 1 goes on
     motion = actual(fanuc, "backlash").joint_motion(q)

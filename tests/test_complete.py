@@ -9,6 +9,7 @@ from calibtool.calibration import identify
 from calibtool.calibration.fit import BaseOptions
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.errormodel.actual import ErrorScales
+from calibtool.errormodel.families import BY_ID
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import NoSolutionError
 from calibtool.identification.complete import CompleteOptions, identify_complete
@@ -27,8 +28,12 @@ def measured(
     robot: Robot, count: int = 50, seed: int = 0, **options: object
 ) -> tuple[Measurements, Measurements]:
     """Measurements over the whole joint range, and fresh ones of the same robot."""
-    first = simulate(robot, Simulation(seed=seed, configurations=count, **options))
-    return first, simulate(robot, Simulation(seed=seed, configurations=300, same_robot=first.truth))
+    first = simulate(
+        robot, Simulation(seed=seed, configurations=count, workspace="full", **options)
+    )
+    return first, simulate(
+        robot, Simulation(seed=seed, configurations=300, same_robot=first.truth, workspace="full")
+    )
 
 
 def position_errors(calibration_forward: object, fresh: Measurements) -> np.ndarray:
@@ -140,13 +145,55 @@ def test_gross_errors_are_flagged_and_weigh_less(fanuc: Robot, loss_function: st
     robust = identify(spoiled, BaseOptions("complete", options))
     assert robust.base.flagged is not None
     assert set(bad) <= set(robust.base.flagged.rows)
-    plain = identify(spoiled, "complete")
+    squared = CompleteOptions(loss_function="squared")
+    plain = identify(spoiled, BaseOptions("complete", squared))
     better = position_errors(robust.forward, fresh).mean()
     assert better < 0.6 * position_errors(plain.forward, fresh).mean()
     dropped = identify(spoiled, BaseOptions("complete", replace(options, drop_flagged=True)))
     assert dropped.base.flagged is not None
     assert dropped.base.flagged.dropped
     assert position_errors(dropped.forward, fresh).mean() < better * 1.5
+
+
+@pytest.mark.parametrize(("row", "gross"), [(17, 0.1), (140, 5.0), (99, 0.03)])
+def test_one_gross_row_moves_nothing_and_is_listed(fanuc: Robot, row: int, gross: float) -> None:
+    measurements, fresh = measured(fanuc, 200)
+    points = measurements.points.copy()
+    points[row] += [gross, 0.0, 0.0]
+    clean, spoiled = (
+        identify(m, "complete")
+        for m in (measurements, replace(measurements, points=readonly(points)))
+    )
+    apart = np.linalg.norm((clean.forward(fresh.q) - spoiled.forward(fresh.q))[:, :3, 3], axis=-1)
+    assert apart.max() < 0.1 * position_errors(clean.forward, fresh).max() + 2e-6
+    assert spoiled.base.flagged is not None
+    assert spoiled.base.flagged.rows.tolist() == [row]
+    assert not spoiled.base.flagged.dropped
+
+
+def test_bending_and_wobble_are_found_where_they_are(fanuc: Robot) -> None:
+    """What is found predicts fresh poses better than the same without it, and is not found on an
+    arm that is stiff."""
+    for kind in ("bending", "wobble"):
+        scales = ErrorScales(("geometric", kind), sizes={kind: 0.3e-3})
+        measurements, fresh = measured(fanuc, 80, scales=scales)
+        found = identify(measurements, "complete")
+        assert found.base.posterior is not None
+        assert kind in found.base.posterior.parameters.orders
+        options = CompleteOptions(orders={"bending": 0, "wobble": 0})
+        stiff = identify(measurements, BaseOptions("complete", options))
+        left, without = (position_errors(c.forward, fresh).mean() for c in (found, stiff))
+        assert left < 0.5 * without
+    plain = identify_complete(measured(fanuc, 80)[0]).posterior
+    assert plain is not None
+    assert not {"bending", "wobble"} & set(plain.parameters.orders)
+
+
+def test_fine_structure_is_not_taken_from_a_handful_of_rows(fanuc: Robot) -> None:
+    for seed in range(5):
+        posterior = identify_complete(measured(fanuc, 15, seed)[0]).posterior
+        assert posterior is not None
+        assert posterior.parameters.orders.get("harmonics", 0) <= 3
 
 
 def test_bad_rows_of_one_region_are_called_a_region(fanuc: Robot) -> None:
@@ -189,7 +236,8 @@ def test_what_measurements_could_determine_is_that_of_the_design(
     turning = robot.n - sum(robot.prismatic)
     expected = 6 * (robot.n + 1) + 2 * harmonics * turning
     options = CompleteOptions(
-        orders={"harmonics": harmonics, "gravity": 0, "backlash": 0, "twists": 1}
+        orders=dict.fromkeys(BY_ID, 0)
+        | {"harmonics": harmonics, "twists": 1, "placements": 1, "offsets": 1}
     )
     for count in (8, 60):
         base = identify_complete(measured(robot, count)[0], options)
@@ -219,7 +267,7 @@ def test_unregistered_measurements_are_predicted_in_their_frame(fanuc: Robot) ->
 
 
 def test_too_few_iterations_are_no_answer(fanuc: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("calibtool.identification.complete._MAX_ITERATIONS", 1)
+    monkeypatch.setattr("calibtool.identification.fitting._MAX_ITERATIONS", 1)
     with pytest.raises(NoSolutionError, match="no convergence in 1 iterations"):
         identify_complete(measured(fanuc)[0])
 

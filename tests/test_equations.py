@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from calibtool.errormodel.actual import ErrorScales
-from calibtool.identification.equations import held_out_squares, normal_equations, row_squares
+from calibtool.identification.equations import normal_equations, row_squares
+from calibtool.identification.fitting import Fit
+from calibtool.identification.held_out import HeldOut
 from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import observation_matrix, residuals, target_columns, weights
@@ -38,7 +40,7 @@ def moved_state(measurements: Measurements, parameters: Parameters) -> State:
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "scara"])
 def test_they_are_the_products_of_the_columns(name: str, unregistered: bool) -> None:
     measurements = simulate(
-        load_robot(name), Simulation(configurations=30, unregistered=unregistered)
+        load_robot(name), Simulation(configurations=30, unregistered=unregistered, workspace="full")
     )
     parameters = Parameters.of(
         measurements.robot, measurements.setup, twists=1, harmonics=4, gravity=1
@@ -58,7 +60,7 @@ def test_they_are_the_products_of_the_columns(name: str, unregistered: bool) -> 
 
 
 def test_rows_weigh_as_they_are_given_and_missing_targets_not_at_all() -> None:
-    measurements = simulate(load_robot("ur5"), Simulation(configurations=12))
+    measurements = simulate(load_robot("ur5"), Simulation(configurations=12, workspace="full"))
     points = measurements.points.copy()
     points[3, 1] = np.nan
     lacking = replace(measurements, points=points)
@@ -74,7 +76,9 @@ def test_rows_weigh_as_they_are_given_and_missing_targets_not_at_all() -> None:
 def test_a_row_left_out_is_predicted_as_a_fit_of_the_others_would() -> None:
     """The closed form against fits repeated without the row, of the same linear model."""
     small = ErrorScales(length=1e-5, angle=1e-5)  # so that the robot is linear
-    measurements = simulate(load_robot("ur5"), Simulation(configurations=25, scales=small))
+    measurements = simulate(
+        load_robot("ur5"), Simulation(configurations=25, scales=small, workspace="full")
+    )
     parameters = Parameters.of(measurements.robot, measurements.setup, harmonics=1)
     start = State.nominal(measurements.robot, measurements.setup)
     prior = np.diag(np.full(parameters.count, 1e-3) ** -2.0)
@@ -89,5 +93,48 @@ def test_a_row_left_out_is_predicted_as_a_fit_of_the_others_would() -> None:
         expected, rel=1e-6
     )
     state = start.moved(parameters, np.linalg.solve(H + prior, g))
-    sizes = held_out_squares(measurements, parameters, state, np.linalg.inv(H + prior), 1.0)
-    assert sizes[k] == pytest.approx(expected, rel=1e-2)
+    fit = Fit(
+        parameters,
+        state,
+        np.full(parameters.count, 1e-3),
+        H,
+        np.zeros(25),
+        np.ones(25),
+        1.0,
+        0.0,
+        1,
+    )
+    assert HeldOut.of(measurements, fit).sizes()[k] * 9 == pytest.approx(expected, rel=1e-2)
+
+
+def test_held_out_rows_without_a_section_are_those_of_the_smaller_model() -> None:
+    """Conditioning the larger model on zeros against the smaller model's own equations; repeats
+    are held out together."""
+    small = ErrorScales(("geometric", "gear"), length=1e-5, angle=1e-5, sizes={"gear": 1e-5})
+    robot = load_robot("ur5")
+    once = simulate(robot, Simulation(configurations=20, scales=small, workspace="full"))
+    at = np.concatenate([once.q, once.q[:5] + 1e-4])
+    measurements = simulate(robot, Simulation(at=at, same_robot=once.truth))
+    start = State.nominal(robot, measurements.setup)
+    sizes = []
+    for orders in ({"harmonics": 1}, {}):
+        parameters = Parameters.of(robot, measurements.setup, **orders)
+        prior = np.diag(np.full(parameters.count, 1e-4) ** -2.0)
+        A, r = columns_and_residuals(measurements, parameters, start)
+        H, g = np.einsum("kdi,kdj->ij", A, A), np.einsum("kdi,kd->i", A, r)
+        state = start.moved(parameters, np.linalg.solve(H + prior, g))
+        fit = Fit(
+            parameters, state, np.full(parameters.count, 1e-4), H, r[:, 0], np.ones(25), 1.0, 0.0, 1
+        )
+        dropped = np.arange(parameters.count)[parameters.blocks["harmonics"]]
+        sizes.append(HeldOut.of(measurements, fit).sizes(dropped))
+        if not orders:
+            for rows in ([3, 23], [10]):
+                rest = np.setdiff1d(np.arange(25), rows)
+                H, g = (
+                    np.einsum("kdi,kdj->ij", A[rest], A[rest]),
+                    np.einsum("kdi,kd->i", A[rest], r[rest]),
+                )
+                left = r[rows] - A[rows] @ np.linalg.solve(H + prior, g)
+                np.testing.assert_allclose(sizes[1][rows] * 9, (left**2).sum(axis=-1), rtol=1e-2)
+    np.testing.assert_allclose(sizes[0], sizes[1], rtol=1e-2)

@@ -28,8 +28,10 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network
+from calibtool.errormodel.families import BY_ID
 from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import UsageError
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
@@ -103,7 +105,7 @@ def test_json_holds_every_number_exactly_and_is_deterministic() -> None:
         [j["upper_rad_or_m"] for j in contents["joints"]], calibration.robot.upper
     )
     assert [j["kind"] for j in contents["joints"]].count("prismatic") == 1
-    assert (contents["schema"], contents["schema_version"]) == ("calibtool/compensator", 2)
+    assert (contents["schema"], contents["schema_version"]) == ("calibtool/compensator", 3)
     assert text.endswith("}\n")
     assert text == calibration_as_json(calibration)
 
@@ -185,13 +187,16 @@ def test_compiled_c_corrects_as_one_step_does(
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case[1] == "everything"], ids=str)
-def test_compiled_c_is_for_the_payload_and_temperature_asked_for(
+def test_compiled_c_is_for_the_payload_and_temperature_asked_for_and_holds_turns_of_frames(
     case: tuple[str, str, bool], compiled: Callable
 ) -> None:
     calibration = calibrated(*case)
     robot, rng = calibration.robot, np.random.default_rng(3)
     loads, growth = rng.uniform(1, 5, (robot.n, 2)) * 1e-6, rng.uniform(5, 25, robot.n + 1) * 1e-6
-    errors = calibration.base.errors.having(payload=loads, temperature=growth)
+    bends, wobble = rng.normal(size=(robot.n, 2)) * 1e-8, rng.normal(size=(robot.n, 4)) * 3e-4
+    errors = calibration.base.errors.having(
+        payload=loads, temperature=growth, bending=bends, wobble=wobble
+    )
     conditions = Conditions(payload_kg=np.array(8.0), temperature_c=np.array(45.0))
     loaded = replace(calibration, base=replace(calibration.base, errors=errors)).at(conditions)
     q = anywhere(calibration, 1000)
@@ -200,6 +205,27 @@ def test_compiled_c_is_for_the_payload_and_temperature_asked_for(
     calm = undisturbed(loaded, q)
     assert np.abs(found - expected)[calm].max() < 1e-12
     assert np.abs(one_step(calibration, q).q - expected)[calm].max() > 1e-5
+
+
+@pytest.mark.parametrize("family", ["bending", "wobble"])
+def test_each_turn_of_frames_is_exported_or_refused(family: str, compiled: Callable) -> None:
+    calibration = calibrated("fanuc-m1000ia", "local-poe", False)
+    robot = calibration.robot
+    shape = BY_ID[family].shape(robot.n)
+    drawn = np.random.default_rng(5).normal(size=shape)
+    value = drawn * BY_ID[family].tolerance(robot, Tolerances(), shape)
+    errors = calibration.base.errors.having(**{family: np.where(np.abs(value) < 1.0, value, 0.0)})
+    turning = replace(calibration, base=replace(calibration.base, errors=errors))
+    q = anywhere(turning, 1000)
+    expected = one_step(turning, q).q
+    calm = undisturbed(turning, q)
+    assert np.abs(run(compiled(turning), q)[0] - expected)[calm].max() < 1e-12
+    assert np.abs(one_step(calibration, q).q - expected)[calm].max() > 1e-5
+    contents = json.loads(calibration_as_json(turning))
+    for k in np.flatnonzero(calm)[:5]:
+        np.testing.assert_allclose(correct_from_json(contents, q[k])[0], expected[k], atol=1e-9)
+    with pytest.raises(UsageError, match=f"--without {family}"):
+        calibration_as_structured_text(turning)
 
 
 def test_compiled_c_corrects_nothing_where_nothing_was_identified(compiled: Callable) -> None:

@@ -54,7 +54,7 @@ def measured(
     truth: Truth, count: int = 60, noise: float = 0.0, at: Array | None = None
 ) -> Measurements:
     robot = truth.actual.robot
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     return simulate(
         robot,
         Simulation(
@@ -64,15 +64,13 @@ def measured(
 
 
 def fresh_configurations(robot: Robot, workspace: str | None = "full") -> Array:
-    return sample_configurations(
-        robot, robot.workspace(workspace)[1], 50, np.random.default_rng(99)
-    )
+    return sample_configurations(robot, robot.workspace(workspace), 50, np.random.default_rng(99))
 
 
 def design_configurations(robot: Robot, design: str) -> Array:
     rng = np.random.default_rng(7)
     if design == "workspace":
-        return sample_configurations(robot, robot.workspace(None)[1], 40, rng)
+        return sample_configurations(robot, robot.workspace(), 40, rng)
     return robot.lower + (robot.upper - robot.lower) * rng.random((30, robot.n))
 
 
@@ -381,8 +379,9 @@ def test_the_nominal_model_is_the_drawing(fanuc_measurements: Measurements) -> N
 
 @pytest.mark.parametrize("jitter", [1e-3, 1e-4, 1e-5])
 @pytest.mark.parametrize("unregistered", [False, True])
-def test_joints_that_only_jitter_settle_with_less(jitter: float, unregistered: bool) -> None:
-    """Directions that the noise hides are not estimated; rows like those measured are inside."""
+def test_joints_that_only_jitter_settle_with_less_shown(jitter: float, unregistered: bool) -> None:
+    """Directions that the noise hides are not estimated, and rows like those measured are
+    inside."""
     robot = load_robot("ur10")
     home, rng = np.array([0.3, -1.2, 1.4, -0.8, 1.0, 0.4]), np.random.default_rng(0)
     q, again = (home + jitter * rng.normal(size=(100, 6)) for _ in range(2))

@@ -222,7 +222,7 @@ def test_everything_that_moves_a_joint_is_drawn_with_its_own_name(fanuc: Robot) 
     over their joint.
     """
     scales = ErrorScales(("geometric", "gear", "gravity", "backlash"))
-    measurements = simulate(fanuc, Simulation(configurations=60, scales=scales))
+    measurements = simulate(fanuc, Simulation(configurations=60, scales=scales, workspace="full"))
     options = CompleteOptions(orders={"harmonics": 2, "gravity": 1, "backlash": 1, "twists": 1})
     complete = identify(measurements, BaseOptions("complete", options))
     found = written("parameters", Subject([("complete", complete)]))

@@ -86,17 +86,13 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def measurements() -> Measurements:
     robot = load_robot("planar-3r")
-    return simulate(
-        robot, Simulation(seed=1, configurations=30, workspace=robot.workspace(None)[1])
-    )
+    return simulate(robot, Simulation(seed=1, configurations=30))
 
 
 @pytest.fixture(scope="module")
 def fresh(measurements: Measurements) -> Measurements:
     robot = measurements.robot
-    options = Simulation(
-        seed=2, configurations=20, workspace=robot.workspace(None)[1], same_robot=measurements.truth
-    )
+    options = Simulation(seed=2, configurations=20, same_robot=measurements.truth)
     return simulate(robot, options)
 
 

@@ -131,3 +131,25 @@ def test_virtual_joints_named_in_the_description_are_stated_to_be(tmp_path) -> N
     named = planar(tmp_path, "[targets]", f"[equivalent]\nvirtual_joints = [{names}]\n\n[targets]")
     assert named.virtual_reason == "named in [equivalent]"
     assert named.virtual_joints == free.virtual_joints
+
+
+@pytest.mark.parametrize(
+    ("inertial", "finding"),
+    [
+        ('<mass value="2"/><origin xyz="500 0 0"/>', "centre of mass 500 m away"),
+        ('<mass value="3e6"/><origin xyz="0.1 0 0"/>', "weighs 3e+06 kg"),
+        ('<mass value="2"/><origin xyz="0 -40 0"/>', "centre of mass 40 m away"),
+        ('<mass value="2"/><origin xyz="0.1 0 0"/>', None),
+        ('<mass value="900"/><origin xyz="0.3 0.2 0"/>', None),
+    ],
+)
+def test_absurd_masses_are_findings(tmp_path, inertial: str, finding: str | None) -> None:
+    old, inertia = (
+        '<link name="tool0"/>',
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>',
+    )
+    new = f'<link name="tool0"><inertial>{inertial}{inertia}</inertial></link>'
+    assert old in (PLANAR / "robot.urdf").read_text()
+    warnings = planar(tmp_path, urdf=(old, new)).warnings
+    found = [warning for warning in warnings if "<inertial>" in warning]
+    assert (len(found) == 1 and finding in found[0]) if finding else not found

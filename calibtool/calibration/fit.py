@@ -99,13 +99,21 @@ def train(
     if fitted.training.regularisation != "bayes":
         return fitted
 
+    same = base if isinstance(base, Calibration) else _same(fitted.base.model, base)
+
     def again(rows: Measurements, stream: np.random.Generator) -> Calibration:
-        return on_base(rows, base, options, stream, frame=chosen)
+        return on_base(rows, same, options, stream, frame=chosen)
 
     validation = cross_validate(measurements, again, options.folds, rng, progress)
     return replace(
         fitted, validation=validation, networks=fitted.networks if validation.helps else ()
     )
+
+
+def _same(model: str, base: BaseOptions | str) -> BaseOptions:
+    """The options with which some of the rows are fitted by the model that all of them chose."""
+    options = BaseOptions(base) if isinstance(base, str) else base
+    return replace(options, model=model, complete=replace(options.complete, compared=False))
 
 
 def on_base(
@@ -121,7 +129,8 @@ def on_base(
     frame: of a base model that is identified here; a calibration given as base keeps its own.
     """
     calibration = base if isinstance(base, Calibration) else identify(measurements, base, frame)
-    resolved = options.resolved(calibration.base.model)
+    asked = "complete" if calibration.base.held_out else calibration.base.model
+    resolved = options.resolved(asked)
     networks, report = _networks(measurements, calibration, resolved, rng, progress)
     return replace(
         calibration,

@@ -56,6 +56,8 @@ def fit_lines(calibration: Calibration) -> list[str]:
         f"{base.model}: {calibration.robot.name}, {calibration.configurations} "
         f"configurations, {fit}"
     ]
+    if base.held_out:
+        result.append(_compared(base))
     if base.posterior is not None:
         result += _complete_lines(calibration)
     elif base.model == "local-poe":
@@ -89,6 +91,15 @@ def fit_lines(calibration: Calibration) -> list[str]:
                 f"{-gain:+.1f} %"
             )
     return result
+
+
+def _compared(base: Identification) -> str:
+    """Why this model is the result."""
+    left = ", ".join(f"{name} {value:.3g}" for name, value in sorted(base.held_out.items()))
+    used = {"nominal": "registration alone", "local-poe": "local POE", "complete": "complete"}
+    return (
+        f"{used[base.model]} is used: it predicts held-out rows best (rms in stated noises: {left})"
+    )
 
 
 def _rank_lines(base: Identification) -> list[str]:
@@ -131,8 +142,12 @@ def _complete_lines(calibration: Calibration) -> list[str]:
     if not 0.5 <= posterior.noise_factor <= 2.0:
         result.append(
             f"warning: the residuals show {estimated:.3g} mm of noise, stated are "
-            f"{calibration.noise_position * 1e3:.3g} mm: either the statement is wrong or the "
-            "robot does what the model cannot describe"
+            f"{calibration.noise_position * 1e3:.3g} mm: "
+            + (
+                "either the statement is wrong or the robot does what the model cannot describe"
+                if posterior.noise_factor > 1.0
+                else "they agree with the model better than was stated"
+            )
         )
     if base.unobservable:
         names = ", ".join(base.unobservable[:6]) + (" …" if len(base.unobservable) > 6 else "")
@@ -150,7 +165,8 @@ def _flagged_lines(calibration: Calibration) -> list[str]:
     done = (
         "left out"
         if flagged.dropped
-        else "kept; --loss-function cauchy lowers their weight, --drop-flagged leaves them out"
+        else "they weigh less the worse they fit, unless they are a region; --drop-flagged leaves "
+        "them out"
     )
     count = len(flagged.rows)
     result = [f"warning: {count_of(count, 'row does', 'rows do')} not fit ({done})"]

@@ -15,7 +15,8 @@ Harmonics = Annotated[
     typer.Option(
         min=0,
         max=8,
-        help="Harmonics per joint of the complete model (default: by evidence, 0 to 3).",
+        help="Harmonics per joint of the complete model (default: by evidence and held-out rows, 0 "
+        "to 128).",
     ),
 ]
 Gravity = Annotated[
@@ -29,6 +30,14 @@ Backlash = Annotated[
     typer.Option(
         "--backlash/--no-backlash",
         help="Backlash, from the order of the rows (default: by evidence).",
+    ),
+]
+Without = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="FAMILY",
+        help="Leave a family of errors out of the complete model: bending, wobble, payload, "
+        "temperature, …; repeatable.",
     ),
 ]
 FixedTolerances = Annotated[
@@ -55,7 +64,10 @@ AngleTolerance = Annotated[
 LossFunction = Annotated[
     str,
     typer.Option(
-        "--loss-function", metavar="squared|huber|cauchy", help="Weigh rows that do not fit less."
+        "--loss-function",
+        metavar="isolated|squared|huber|cauchy",
+        help="Which rows weigh less: those that no noise explains unless a region has them, none, "
+        "or all the worse ones.",
     ),
 ]
 DropFlagged = Annotated[
@@ -69,6 +81,7 @@ def base_options(
     harmonics: int | None,
     gravity: bool | None,
     backlash: bool | None,
+    without: list[str] | None,
     fixed_tolerances: bool,
     tolerance_mm: float | None,
     tolerance_mrad: float | None,
@@ -80,6 +93,7 @@ def base_options(
     from typing import cast
 
     from calibtool.calibration.fit import BaseOptions
+    from calibtool.errormodel.families import FAMILIES
     from calibtool.errormodel.tolerances import Tolerances
     from calibtool.errors import UsageError
     from calibtool.identification.complete import CompleteOptions
@@ -88,28 +102,36 @@ def base_options(
 
     choice(loss_function, LOSS_FUNCTIONS, "--loss-function")
     orders = {"harmonics": harmonics, "gravity": gravity, "backlash": backlash}
+    for family in without or ():
+        choice(family, tuple(f.id for f in FAMILIES if not f.always), "--without")
     if model != "complete":
         if (
             any(value is not None for value in (*orders.values(), tolerance_mm, tolerance_mrad))
             or fixed_tolerances
-            or loss_function != "squared"
+            or without
+            or loss_function != "isolated"
             or drop_flagged
         ):
             raise UsageError(
-                f"'{model}' takes no options of the complete model (harmonics, gravity, backlash, "
+                f"'{model}' takes no options of the complete model (families such as backlash, "
                 "tolerances, bad rows)"
             )
         return BaseOptions(model)
-    tolerances = Tolerances.of_robot(robot)
-    if tolerance_mm is not None:
+    tolerances = None
+    if tolerance_mm is not None or tolerance_mrad is not None:
+        tolerances = Tolerances.of_robot(robot)
+    if tolerances is not None and tolerance_mm is not None:
         tolerances = replace(tolerances, length=tolerance_mm * 1e-3)
-    if tolerance_mrad is not None:
+    if tolerances is not None and tolerance_mrad is not None:
         tolerances = replace(tolerances, angle=tolerance_mrad * 1e-3)
     return BaseOptions(
         model,
         CompleteOptions(
             tolerances=tolerances,
-            orders={family: int(order) for family, order in orders.items() if order is not None},
+            orders={
+                **{family: int(order) for family, order in orders.items() if order is not None},
+                **dict.fromkeys(without or (), 0),
+            },
             estimate_priors=not fixed_tolerances,
             loss_function=cast(LossFunctionName, loss_function),
             drop_flagged=drop_flagged,

@@ -116,6 +116,12 @@ def compensate(
     external: External = "leave",
     report: Report = None,
     partial: Partial = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Processes that help with very many joint rows (default: one per core)."
+        ),
+    ] = None,
     line_buffered: Annotated[
         bool,
         typer.Option(
@@ -165,6 +171,7 @@ def compensate(
     from calibtool.compensation.solve import Method
     from calibtool.compensation.stream import BATCH, RowFormat, StreamOptions
     from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
+    from calibtool.processes import processors
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
@@ -225,6 +232,7 @@ def compensate(
             largest_change=most,
             weights=weighed,
             batch=1 if line_buffered else BATCH,
+            workers=1 if line_buffered else workers or processors(),
         )
         lines = text_lines(stream, shown(targets))
         compensate_rows(

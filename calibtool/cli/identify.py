@@ -13,6 +13,7 @@ from calibtool.cli.base_model_options import (
     Harmonics,
     LengthTolerance,
     LossFunction,
+    Without,
     base_options,
 )
 from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
@@ -58,10 +59,11 @@ def identify(
     harmonics: Harmonics = None,
     gravity: Gravity = None,
     backlash: Backlash = None,
+    without: Without = None,
     fixed_tolerances: FixedTolerances = False,
     tolerance_mm: LengthTolerance = None,
     tolerance_mrad: AngleTolerance = None,
-    loss_function: LossFunction = "squared",
+    loss_function: LossFunction = "isolated",
     drop_flagged: DropFlagged = False,
     only: Annotated[
         str | None,
@@ -92,6 +94,14 @@ def identify(
     parameters: Annotated[
         bool, typer.Option("--parameters", help="Show every parameter with its uncertainty.")
     ] = False,
+    offsets: Annotated[
+        bool,
+        typer.Option(
+            "--offsets",
+            help="Say the joint offsets in degrees ±, turns of the placements about the joints' "
+            "axes included: for a mastering screen.",
+        ),
+    ] = False,
     frame: FrameOption = None,
     json: Json = False,
     force: Force = False,
@@ -116,7 +126,8 @@ def identify(
     from calibtool.calibration import identify as run
     from calibtool.calibration.transfer import refit as transfer
     from calibtool.errors import UsageError
-    from calibtool.identification.partial import of_families, offset_lines
+    from calibtool.identification.mastering import mastering
+    from calibtool.identification.partial import of_families
     from calibtool.storage import to_bytes
 
     choice(model, IDENTIFIED_MODELS, "--model")
@@ -147,6 +158,7 @@ def identify(
             harmonics,
             gravity,
             backlash,
+            without,
             fixed_tolerances,
             tolerance_mm,
             tolerance_mrad,
@@ -163,13 +175,18 @@ def identify(
     if frame is not None and refit is None:
         say_if_frame_is_not_free(calibration, shown(measurements[0]))
     calibration = replace(calibration, provenance=provenance(None, **inputs))
+    found = mastering(calibration.base)
+    extra["joint_offsets"] = [offset.as_json() for offset in found]
+    if target is not None:  # first: whoever listens may have gone
+        write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/identification", json, extra)
-    for line in offset_lines(calibration.base):
-        message(line)
+    posterior = calibration.base.posterior
+    alone = posterior is not None and "placements" not in posterior.parameters.orders
+    for offset in found if offsets or alone else []:
+        message(offset.text)
     if not json and calibration.base.posterior is not None:
         show_parameters(calibration, parameters)
     if target is not None:
-        write_output(target, to_bytes(calibration), force)
         wrote(target, fit_words(calibration))
 
 

@@ -94,6 +94,15 @@ ToolOption = Annotated[
     ),
 ]
 
+AllowOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--allow",
+        metavar="FOLDER",
+        help="A folder, besides its own, whose files the robot's description may name; repeatable.",
+    ),
+]
+
 JointValuesOption = Annotated[
     str | None,
     typer.Option(

@@ -1,13 +1,12 @@
 """Tables for people, on stderr, and JSON objects for programs, on stdout."""
 
-import contextlib
 import json
 import os
 import sys
 from collections.abc import Sequence
 
 from calibtool.cli.files import stderr_width, wrapped, write_stdout
-from calibtool.cli.verbosity import is_quiet
+from calibtool.cli.verbosity import is_quiet, tell
 from calibtool.errors import printable
 
 _GAP = "  "  # between columns
@@ -32,13 +31,11 @@ def print_tables(title: str, tables: Sequence[Table], keys: int = 1) -> None:
     if is_quiet():
         return
     bold = sys.stderr.isatty() and "NO_COLOR" not in os.environ
-    with contextlib.suppress(OSError):  # as in `message`
-        for k, line in enumerate(wrapped(printable(title), stderr_width())):
-            print(f"\x1b[1m{line}\x1b[0m" if bold and k == 0 else line, file=sys.stderr)  # noqa: T201
-        for header, rows in tables:
-            for line in table_lines(header, rows, stderr_width(), keys):
-                print(line, file=sys.stderr)  # noqa: T201
-        print(file=sys.stderr)  # noqa: T201
+    first, *rest = wrapped(printable(title), stderr_width())
+    found = [f"\x1b[1m{first}\x1b[0m" if bold else first, *rest]
+    for header, rows in tables:
+        found += table_lines(header, rows, stderr_width(), keys)
+    tell([*found, ""])
 
 
 def table_lines(
@@ -92,7 +89,7 @@ def lines(summary: dict[str, object], indent: str = "") -> list[str]:
                 )
         else:
             result.append(f"{indent}{key}: {_text(value)}")
-    return result
+    return list(map(printable, result))
 
 
 def _text(value: object) -> str:
@@ -101,4 +98,4 @@ def _text(value: object) -> str:
     if isinstance(value, list):
         more = [f"… {len(value)} in all"] if len(value) > _LONGEST else []
         return "[" + ", ".join([*map(_text, value[:_LONGEST]), *more]) + "]"
-    return "none" if value is None else printable(str(value))
+    return "none" if value is None else str(value)

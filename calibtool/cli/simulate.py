@@ -8,6 +8,7 @@ import typer
 from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output, wrote
 from calibtool.cli.input_files import load_described, load_measurements, measurements_words
 from calibtool.cli.options import (
+    AllowOption,
     Force,
     JointValuesOption,
     Output,
@@ -39,7 +40,8 @@ def simulate(
     errors: Annotated[
         str,
         typer.Option(
-            help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal."
+            help="'all', or a comma list of geometric, gear, gravity, backlash, payload, thermal, "
+            "bending, wobble."
         ),
     ] = "geometric",
     length_error_mm: Annotated[
@@ -91,9 +93,10 @@ def simulate(
     observe: Annotated[
         str,
         typer.Option(
-            metavar="points|contact|distance|plane|board|camera",
-            help="A tracker, a gauge with two sockets, wires, a probe on planes, a camera on the "
-            "tool, or one beside the arm.",
+            metavar="KIND",
+            help="points: a tracker; contact: a gauge with two sockets; distance: wires; plane or "
+            "sphere: a probe; board or corners: a camera on the tool; camera or corners-beside: a "
+            "camera beside the arm; second-arm: a sensor on another arm.",
         ),
     ] = "points",
     places: Annotated[
@@ -102,6 +105,14 @@ def simulate(
             min=1, help="Of --observe: placements, planes, boards, stations; wires at a time."
         ),
     ] = 1,
+    gauge_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=1,
+            help="Of contact: between its two sockets (default 50); of plane: height of a block on "
+            "it.",
+        ),
+    ] = None,
     same_robot: Annotated[
         str | None,
         typer.Option(metavar="FILE.h5", help="Measure the actual robot of that simulation again."),
@@ -120,6 +131,7 @@ def simulate(
         ),
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     joint_values: JointValuesOption = None,
     force: Force = False,
 ) -> None:
@@ -165,7 +177,7 @@ def simulate(
     values = joint_values_of(joint_values)
     if values is not None and at is None:
         raise UsageError("--joint-values is for the joints of --at")
-    model = load_described(robot, tool)
+    model = load_described(robot, tool, allow)
     kinds = ERROR_KINDS if errors == "all" else tuple(kind.strip() for kind in errors.split(","))
     unknown = [kind for kind in kinds if kind not in ERROR_KINDS]
     if unknown:
@@ -223,7 +235,7 @@ def simulate(
             Simulation(
                 seed=seed,
                 configurations=configurations,
-                workspace=model.workspace(workspace)[1],
+                workspace=workspace,
                 scales=scales,
                 noise=noise_mm * 1e-3,
                 unregistered=unregistered,
@@ -233,6 +245,7 @@ def simulate(
                 temperature_c=_range(temperature_c, "--temperature-c", -273.15),
                 instrument=choice(observe, ("points", *INSTRUMENTS), "--observe"),
                 places=places,
+                gauge=None if gauge_mm is None else gauge_mm * 1e-3,
             ),
         )
     measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))

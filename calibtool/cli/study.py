@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibtool.atomic_output import weaker
 from calibtool.cli.evaluate import change
 from calibtool.cli.files import STREAM, check_output, message, read_text, shown, write_output, wrote
 from calibtool.cli.identify import report_target
-from calibtool.cli.interrupts import held, interruptible
+from calibtool.cli.interrupts import interruptible
 from calibtool.cli.options import Force, Json
 from calibtool.cli.printing import Table, print_json, print_tables
 from calibtool.cli.progress import counted
@@ -16,6 +17,7 @@ from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
     from calibtool.evaluation.study import Definition, Study, StudyTable
+    from calibtool.evaluation.study.cluster_security import ClusterSecurity
 
 
 def study(
@@ -89,6 +91,14 @@ def study(
     cluster: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://HOST:PORT.")
     ] = None,
+    cluster_security: Annotated[
+        str | None,
+        typer.Option(
+            "--cluster-security",
+            metavar="TLS.toml",
+            help="TLS files of the cluster, for tls://HOST:PORT; see docs/study.md.",
+        ),
+    ] = None,
     box_plot: Annotated[
         str | None,
         typer.Option("--box-plot", metavar="FILE", help="Also draw the errors: .svg or .png."),
@@ -111,6 +121,8 @@ def study(
 
     if cluster is not None and workers is not None:
         raise UsageError("--workers and --cluster exclude each other")
+    if cluster_security is not None and not (cluster or "").startswith("tls://"):
+        raise UsageError("--cluster-security is for --cluster tls://HOST:PORT")
     if box_plot is not None:
         from calibtool.evaluation.plots import image_format
 
@@ -143,7 +155,7 @@ def study(
     if table is None:
         if target is not None:
             check_output(target, force, binary=_is_hdf5(target))
-        table = _perform(study, target, workers, cluster, force)
+        table = _perform(study, target, workers, (cluster, cluster_security), force)
     else:
         message(f"{target}: this study is finished already")
     _report(study, table, json)
@@ -157,15 +169,21 @@ def study(
 
 
 def _perform(
-    study: "Study", target: str | None, workers: int | None, cluster: str | None, force: bool
+    study: "Study",
+    target: str | None,
+    workers: int | None,
+    cluster: tuple[str | None, str | None],
+    force: bool,
 ) -> "StudyTable":
-    """Perform what is not finished yet, and write the table."""
+    """Perform what is not finished yet, and write the table. cluster: address and TLS files."""
 
     from calibtool.errors import CalibtoolError
     from calibtool.evaluation.study import StudyTable
     from calibtool.evaluation.study.cluster import on_cluster
     from calibtool.evaluation.study.journal import Journal
-    from calibtool.evaluation.study.local import in_processes, processors
+    from calibtool.evaluation.study.local import in_processes
+    from calibtool.processes import processors
+    from calibtool.unfinished_files import held
 
     # A stream or a device cannot be continued: no journal beside it.
     plain = (
@@ -177,9 +195,12 @@ def _perform(
     with Journal(path, study, discard=force) as journal:
         if journal.finished:
             message(f"{path}: {len(journal.finished)} of {study.count} runs are finished already")
+        if journal.lacking:
+            message(f"note: {path}: {weaker(journal.lacking)}")
         rest = [index for index in range(study.count) if index not in journal.finished]
-        if cluster is not None:
-            results = on_cluster(study, rest, cluster)
+        address, security = cluster
+        if address is not None:
+            results = on_cluster(study, rest, address, _security(security), message)
         else:
             results = in_processes(study, rest, workers or processors())
         try:
@@ -206,6 +227,12 @@ def _perform(
                 raise
             raise type(error)(f"{error} ({kept})") from None
     return table
+
+
+def _security(path: str | None) -> "ClusterSecurity | None":
+    from calibtool.evaluation.study.cluster_security import parse_security
+
+    return None if path is None else parse_security(read_text(path), path, Path(path).parent)
 
 
 def _definition(plan: str | None) -> "Definition":

@@ -14,6 +14,7 @@ from calibtool.cli.base_model_options import (
     Harmonics,
     LengthTolerance,
     LossFunction,
+    Without,
     base_options,
 )
 from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
@@ -91,10 +92,11 @@ def train(
     harmonics: Harmonics = None,
     gravity: Gravity = None,
     backlash: Backlash = None,
+    without: Without = None,
     fixed_tolerances: FixedTolerances = False,
     tolerance_mm: LengthTolerance = None,
     tolerance_mrad: AngleTolerance = None,
-    loss_function: LossFunction = "squared",
+    loss_function: LossFunction = "isolated",
     drop_flagged: DropFlagged = False,
     frame: FrameOption = None,
     seed: Seed = 0,
@@ -146,6 +148,7 @@ def train(
             harmonics,
             gravity,
             backlash,
+            without,
             fixed_tolerances,
             tolerance_mm,
             tolerance_mrad,
@@ -184,10 +187,11 @@ def train(
             counted,
         )
         extra["learning_curve"] = learning_curve_summary(curve)
+    if target is not None:  # first: whoever listens may have gone
+        write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/training", json, extra)
     if learning_curve and not json:
         for line in learning_curve_lines(curve, len(data)):
             message(line)
     if target is not None:
-        write_output(target, to_bytes(calibration), force)
         wrote(target, fit_words(calibration))

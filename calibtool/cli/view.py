@@ -51,9 +51,9 @@ def view(
 
     Measurements: targets of the nominal robot and the measured ones. A calibration: those of the
     nominal robot and where the calibration says they are. The live view needs the extra 'view' and
-    ends on Ctrl-C; it answers this machine alone. A page of --html needs nothing. The arm has the
-    meshes of its URDF where they are found (those of example-robot-data are), simple solids
-    otherwise.
+    ends on Ctrl-C; it answers browsers of this machine alone. A page of --html needs nothing. The
+    arm has the meshes of its URDF where they are found (those of example-robot-data are), simple
+    solids otherwise.
 
     Example: calibtool view measurements.h5 --html view.html
     """
@@ -67,6 +67,7 @@ def view(
     from calibtool.evaluation.view.scene import scene_of
     from calibtool.evaluation.view.scene_page import page_of
     from calibtool.storage import read_any
+    from calibtool.unfinished_files import temporary_folder
 
     for folder in folders:
         if not folder.is_dir():
@@ -81,7 +82,8 @@ def view(
     if html is not None:
         from calibtool.evaluation.view.solids import solids
 
-        pieces = solids(scene, _shape(scene.robot, folders))
+        with temporary_folder() as copies:
+            pieces = solids(scene, _shape(scene.robot, folders, copies))
         write_output(html, page_of(scene, factor, pieces), force)
         wrote(html, f"{count_of(len(scene), 'configuration')}, errors × {factor:g}")
         return
@@ -90,8 +92,12 @@ def view(
 
     from calibtool.evaluation.view.live import serving
 
-    shape = _shape(scene.robot, folders)
-    with suppress(KeyboardInterrupt), interruptible(), serving(scene, shape, factor, port):
+    with (
+        suppress(KeyboardInterrupt),
+        interruptible(),
+        temporary_folder() as copies,
+        serving(scene, _shape(scene.robot, folders, copies), factor, port),
+    ):
         message(
             f"http://127.0.0.1:{port} shows {shown(file)}, errors × {factor:g}, to this machine "
             "alone; Ctrl-C ends it"
@@ -99,7 +105,7 @@ def view(
         Event().wait()
 
 
-def _shape(robot: "Robot", folders: list[Path]) -> "pin.GeometryModel":
+def _shape(robot: "Robot", folders: list[Path], copies: Path) -> "pin.GeometryModel":
     """What the URDF shows; simple solids, with the reason, where that cannot be had."""
     from calibtool.errors import InputError
     from calibtool.evaluation.view.arm_geometry import described_shape, mesh_folders, simple_shape
@@ -107,7 +113,7 @@ def _shape(robot: "Robot", folders: list[Path]) -> "pin.GeometryModel":
     if robot.chain.tree is not None:  # meshes are placed along serial chains
         return simple_shape(robot)
     try:
-        described = described_shape(robot, mesh_folders(robot, folders))
+        described = described_shape(robot, mesh_folders(robot, folders), copies)
     except InputError as error:
         message(f"{error}; the arm is shown as simple solids")
         return simple_shape(robot)

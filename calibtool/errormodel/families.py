@@ -1,10 +1,11 @@
 """The families of errors that a robot can have, in the order of their parameters.
 
-A new one is one more line here. A family nearer to the end changes placements nearer to the base:
-growth, then bending, then placement errors.
+Placements change by growth first, then by the turns of all families together, then by placement
+errors, the first of all.
 """
 
 from calibtool.errormodel.backlash import Backlash
+from calibtool.errormodel.bending import Bending
 from calibtool.errormodel.family import Family
 from calibtool.errormodel.gravity import Gravity
 from calibtool.errormodel.harmonics import Harmonics
@@ -13,6 +14,7 @@ from calibtool.errormodel.payload import Payload
 from calibtool.errormodel.placements import Placements
 from calibtool.errormodel.temperature import Temperature
 from calibtool.errormodel.twists import Twists
+from calibtool.errormodel.wobble import Wobble
 
 FAMILIES: tuple[Family, ...] = (
     Placements(),
@@ -23,6 +25,8 @@ FAMILIES: tuple[Family, ...] = (
     Backlash(),
     Payload(),
     Temperature(),
+    Bending(),
+    Wobble(),
 )
 BY_ID = {family.id: family for family in FAMILIES}
 ERROR_KINDS = tuple(dict.fromkeys(family.kind for family in FAMILIES))  # of simulated errors

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibtool.errormodel.operating_conditions import REFERENCE_C, Conditions
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.gravity_torque import gravity_torque
+from calibtool.robot.gravity_torque import gravity_torque, weight_moments
 from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, adjoint, readonly
@@ -36,6 +36,11 @@ class Rows:
     def nominal(self) -> Frames:
         """Frames of the nominal robot."""
         return self.robot.mechanism.frames(self.q)
+
+    @cached_property
+    def moment(self) -> Array:
+        """Moments of the links' weight about the joints (N, n, 3) in K_0, N m."""
+        return weight_moments(self.robot, self.nominal)
 
     @property
     def payload(self) -> Array:
@@ -79,6 +84,15 @@ def offset_columns(frames: Frames, twists: Array) -> Array:
     return np.moveaxis((adjoint(frames.after) @ twists[:, :, None])[..., 0], 1, 2)
 
 
+def turn_columns(frames: Array, turns: Array) -> Array:
+    """Columns of small turns about the origins of frames (N, n, 4, 4), turns (N, n, 3, k) in them:
+    (N, 6, n k)."""
+    turned = frames[..., :3, :3] @ turns
+    shifts = np.cross(frames[..., :3, 3, None], turned, axis=-2)
+    columns = np.concatenate([shifts, turned], axis=-2)
+    return np.moveaxis(columns, 1, 2).reshape(len(frames), 6, -1)
+
+
 @dataclass(frozen=True, eq=False)
 class Sizes:
     """Magnitudes of simulated errors, SI: lengths, angles, and that of another kind."""
@@ -104,8 +118,10 @@ class Family(ABC):
     always  whether it is identified by default
     needs   description of what the rows must contain for it to be identified
     by_row  whether it changes placements from row to row
-    grows   whether evidence may also enlarge its tolerances; those with a physical scale are only
-            reduced
+    turns   whether it turns joint frames from row to row (`turn`)
+    positive  whether its elements cannot be below zero
+    grows   whether evidence may also enlarge its tolerances: what has a physical scale only gets
+    smaller
     """
 
     id: ClassVar[str]
@@ -120,7 +136,9 @@ class Family(ABC):
     always: ClassVar[bool] = False
     needs: ClassVar[str] = "joint positions"
     by_row: ClassVar[bool] = False
+    turns: ClassVar[bool] = False
     grows: ClassVar[bool] = True
+    positive: ClassVar[bool] = False
 
     # --- its parameters ---
 
@@ -163,6 +181,14 @@ class Family(ABC):
         """(*shape) int: elements with the same number share one scale of tolerances."""
         return np.zeros(shape, dtype=int)
 
+    def sections(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Elements with the same number are parameters together or not at all: (*shape) int."""
+        return np.zeros(shape, dtype=int)
+
+    def trimmed(self, free: np.ndarray) -> np.ndarray:
+        """Which elements are parameters, in the smallest shape that holds them."""
+        return free
+
     def known(self, rows: Rows) -> bool:
         """Whether the rows contain what the family depends on."""
         return True
@@ -183,6 +209,14 @@ class Family(ABC):
     def placed(self, value: Array, placements: Array, rows: Rows | None) -> Array:
         """Joint placements M_j (n+1, 4, 4), or (N, n+1, 4, 4) if they change by row."""
         return placements
+
+    def turn(self, value: Array, rows: Rows) -> Array | float:
+        """Small turns of the joint frames F0_j about their origins, rotation vectors in them (N,
+        n, 3), rad.
+
+        Those of all families are added, and stand between the growth of the links and δζ_j.
+        """
+        return 0.0
 
     def twisted(self, value: Array, twists: Array) -> Array:
         """Joint twists (n, 6)."""
@@ -215,6 +249,11 @@ class Family(ABC):
         """Random value for a simulated robot."""
 
 
+def sections_of_joints(shape: tuple[int, ...]) -> np.ndarray:
+    """Every joint by itself, the first axis of a shape."""
+    return np.broadcast_to(np.arange(shape[0]).reshape(-1, *[1] * (len(shape) - 1)), shape)
+
+
 class JointFunctions(Family):
     """δq_j = Σ_k value_jk f_jk(row).
 
@@ -245,8 +284,9 @@ class JointFunctions(Family):
 
 
 def joint_list(free: np.ndarray) -> str:
-    """Joints that have a parameter, for people: `2, 3`."""
-    return ", ".join(str(j + 1) for j in np.flatnonzero(free.reshape(len(free), -1).any(axis=-1)))
+    """Joints that have a parameter, for people: `joint 2`, `joints 2, 3`."""
+    joints = np.flatnonzero(free.reshape(len(free), -1).any(axis=-1)) + 1
+    return f"joint{'s' if len(joints) > 1 else ''} {', '.join(map(str, joints))}"
 
 
 def names_of_twists(count: int, symbol: str) -> list[str]:

@@ -2,15 +2,16 @@
 
 import numpy as np
 
-from calibtool.errormodel.family import JointFunctions, Rows, Sizes, joint_list
+from calibtool.errormodel.family import JointFunctions, Rows, Sizes, joint_list, sections_of_joints
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.robot.gravity_torque import largest_torque, load_carrying
+from calibtool.robot.gravity_torque import largest_torque, load_carrying, turned_by_gravity
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 
 class Gravity(JointFunctions):
-    """Compliances c_j (n,) in rad per N m of `gravity_torque`; zero without load."""
+    """Compliances c_j (n,) in rad per N m of `gravity_torque`; zero for joints that gravity does
+    not turn."""
 
     id, symbol, ascii, kind = "gravity", "gravity", "gravity", "gravity"
     words, unit, size = "wind-up under gravity", "rad/(N m)", 0.5e-3
@@ -18,17 +19,20 @@ class Gravity(JointFunctions):
     grows = False
 
     def free(self, robot: Robot, shape: tuple[int, ...]) -> np.ndarray:
-        return load_carrying(robot)
+        return turned_by_gravity(robot)
 
     def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
         """A wind-up in rad at the joint's largest torque, over that torque."""
         return tolerances.of.get(self.id, 1e-3) / np.maximum(largest_torque(robot), 1e-12)
 
+    def sections(self, shape: tuple[int, ...]) -> np.ndarray:
+        return sections_of_joints(shape)
+
     def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
         return 1e3 * largest_torque(robot), ["mrad"] * robot.n
 
     def told(self, robot: Robot, value: Array, free: np.ndarray) -> str:
-        return f"gravity on joints {joint_list(free)}"
+        return f"gravity on {joint_list(free)}"
 
     def functions(self, shape: tuple[int, ...], rows: Rows) -> Array:
         return -rows.torque[..., None]

@@ -10,6 +10,8 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LOW_ORDERS = 3  # harmonics of a joint that eccentric gears have
+FINE_ORDERS = (8, 16, 32, 64, 128)  # up to which fine structure goes, octave by octave
+_SECTIONS = 16  # more than a joint has
 _GEAR = 2  # harmonics of a simulated gear
 
 
@@ -43,9 +45,23 @@ class Harmonics(JointFunctions):
     def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
         return np.full(shape, tolerances.of.get(self.id, 0.3e-3))
 
+    def sections(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Each low order, which all gears have alike; what is finer joint by joint and octave by
+        octave."""
+        h = np.arange(shape[1]) // 2 + 1
+        octave = np.searchsorted(FINE_ORDERS, h) + LOW_ORDERS + 1
+        fine = np.add.outer(np.arange(shape[0]) * _SECTIONS, octave)
+        return np.where(h > LOW_ORDERS, fine, h)
+
+    def trimmed(self, free: np.ndarray) -> np.ndarray:
+        used = np.flatnonzero(free.any(axis=0))
+        return free[:, : 2 * (used[-1] // 2 + 1)] if len(used) else free[:, :0]
+
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
-        """A gear's first orders are often large; they have a scale of their own."""
-        return np.broadcast_to(np.arange(shape[1]) // 2 >= LOW_ORDERS, shape).astype(int)
+        """A gear's first orders are often large, and say nothing about how fine the rest is, joint
+        by joint."""
+        fine = np.arange(shape[1]) // 2 >= LOW_ORDERS
+        return np.where(fine, 1 + np.arange(shape[0])[:, None], 0)
 
     def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
         return np.full(shape, 1e3), ["mrad"] * (shape[0] * shape[1])

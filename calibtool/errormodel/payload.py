@@ -8,12 +8,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibtool.errormodel.family import Context, Family, Rows, Sizes
+from calibtool.errormodel.family import Context, Family, Rows, Sizes, turn_columns
 from calibtool.errormodel.tolerances import Tolerances
 from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.inverse_starts import drawn as configurations
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array, exp6, readonly
+from calibtool.robot.se3 import Array, readonly
 
 _FULL = 10.0  # kg at which sizes and tolerances are stated
 _CARRIES_LOAD = (
@@ -29,7 +29,7 @@ class Payload(Family):
     words, unit, size = "wind-up and bending under the payload", "rad/(N m)", 0.5e-3
     meaning = "turn about and across the joint axis per moment of the mass"
     needs = "a mass at the tool"
-    by_row, grows = True, False
+    by_row, turns, grows = True, True, False
 
     def shape(self, n: int, order: int = 1) -> tuple[int, ...]:
         return (n, 2)
@@ -52,12 +52,10 @@ class Payload(Family):
     def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
         return 1e3 * _FULL * largest_moment(robot), ["mrad"] * (2 * robot.n)
 
-    def placed(self, value: Array, placements: Array, rows: Rows | None) -> Array:
-        if rows is None or not (value[:, 1].any() and np.any(rows.payload)):
-            return placements
-        bend = np.zeros((len(rows.q), rows.robot.n + 1, 6))
-        bend[:, :-1, 3:] = value[:, 1, None] * moments(rows)[1]
-        return placements @ exp6(bend)
+    def turn(self, value: Array, rows: Rows) -> Array | float:
+        if not (value[:, 1].any() and np.any(rows.payload)):
+            return 0.0
+        return np.asarray(value[:, 1, None] * moments(rows)[1])
 
     def motion(self, value: Array, rows: Rows) -> Array | float:
         if not (value[:, 0].any() and np.any(rows.payload)):
@@ -71,10 +69,9 @@ class Payload(Family):
         """
         along, across = moments(context.rows)
         before = context.frames.before[:, : context.rows.robot.n]  # closed loops have no bending
-        turn = (before[..., :3, :3] @ across[..., None])[..., 0]
-        bend = np.concatenate([np.cross(before[..., :3, 3], turn), turn], axis=-1)
+        bend = turn_columns(before, across[..., None])
         wind = context.offset_columns * along[:, None]
-        return np.stack([wind, np.swapaxes(bend, 1, 2)], axis=-1).reshape(len(along), 6, -1)
+        return np.stack([wind, bend], axis=-1).reshape(len(along), 6, -1)
 
     def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:
         free = self.free(robot, self.shape(robot.n))

@@ -12,7 +12,7 @@ from calibtool.errormodel.family import Context, Family, Rows
 from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.robot.mechanism import Frames, Mechanism
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, exp6
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +84,12 @@ class RobotErrors:
         return self.robot.chain.mechanism_of(self._placements(None), twists, offset)
 
     def standing(self, conditions: Conditions) -> Mechanism:
-        """Kinematics at a temperature (a number), without joint motion errors and payload."""
-        mechanism, _ = self.without("payload").at(np.zeros((1, self.robot.n)), conditions)
-        return mechanism if mechanism.placements.ndim == 3 else mechanism.at_row(0)
+        """The kinematics at a temperature (a number), without joint motions and payload."""
+        rows = Rows(self.robot, np.zeros((1, self.robot.n)), conditions)
+        placements = self._placements(rows, turns=False)
+        if placements.ndim == 3:
+            return self.mechanism
+        return replace(self.mechanism, placements=placements).at_row(0)
 
     @property
     def twists(self) -> Array:
@@ -137,9 +140,23 @@ class RobotErrors:
             motion += family.motion(self.values[family.id], rows)
         return motion
 
-    def _placements(self, rows: Rows | None) -> Array:
-        """M_j with errors (n+1, 4, 4), or (N, n+1, 4, 4) if they change by row."""
+    def _placements(self, rows: Rows | None, turns: bool = True) -> Array:
+        """M_j with their errors (n+1, 4, 4), or (N, n+1, 4, 4) where they change from row to
+        row."""
         placements = self.robot.chain.placements
         for family in reversed(FAMILIES):
+            if family is FAMILIES[0] and turns and rows is not None:
+                placements = self._turned(placements, rows)
             placements = family.placed(self.values[family.id], placements, rows)
         return placements
+
+    def _turned(self, placements: Array, rows: Rows) -> Array:
+        """Placements with the turns of all families."""
+        turns = sum(f.turn(self.values[f.id], rows) for f in self.present if f.turns)
+        if np.ndim(turns) == 0:
+            return placements
+        twists = np.zeros((*np.shape(turns)[:2], 6))
+        twists[..., 3:] = turns
+        result = np.broadcast_to(placements, (len(twists), *placements.shape[-3:])).copy()
+        result[:, :-1] = result[:, :-1] @ exp6(twists)
+        return result

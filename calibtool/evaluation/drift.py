@@ -167,13 +167,13 @@ def check_drift(
 
     A = flat(columns)
     unsure = _CAUTION * A @ posterior.covariance @ A.T
-    covariance = posterior.noise_factor**2 * np.eye(len(r)) + unsure
+    covariance: Array = posterior.noise_factor**2 * np.eye(len(r)) + unsure
     expected = float(np.trace(covariance)) / len(r)
     base = seen(np.broadcast_to(np.eye(6), (len(q), 6, 6)))
     if refit_setup:
         covariance = covariance + _ANYWHERE**2 * base @ base.T
-    half: Array = np.linalg.cholesky(covariance).astype(float)
-    z: Array = np.linalg.solve(half, r).astype(float)
+    half = np.asarray(np.linalg.cholesky(covariance), dtype=float)
+    z = np.linalg.solve(half, r)
     whole, nuisance = float(z @ z), 6 if refit_setup else 0
     robot = calibration.robot
     names = [f"{'slide' if p else 'joint'} {j + 1}" for j, p in enumerate(robot.prismatic)]

@@ -21,6 +21,7 @@ from calibtool.robot.se3 import Array, readonly
 
 _REACH_SAMPLES = 5000
 _DESIGN_SAMPLES = 100
+_HEAVIEST = 1e5  # kg of a link
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,11 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     rng = np.random.default_rng(0)
     place = robot.source.place
     anywhere = robot.closing(robot.anywhere(_REACH_SAMPLES, rng))
+    if not len(anywhere):
+        raise InputError(
+            f"{place}: no configuration of the joint range closes, but for closed_at; check link "
+            "lengths, loops and limits"
+        )
     tools = robot.mechanism.forward(anywhere)[:, :3, 3]
     first = robot.chain.placements[0, :3, 3]
     if robot.singularity_distance(anywhere).max() < MIN_SINGULARITY_DISTANCE:
@@ -143,7 +149,7 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     design = anywhere[:_DESIGN_SAMPLES]
     setup = Setup(readonly(np.eye(4)), robot.targets)
     default = robot.workspace_names[0]
-    inside = sample_configurations(robot, robot.workspace(None)[1], _DESIGN_SAMPLES, rng)
+    inside = sample_configurations(robot, robot.workspace(), _DESIGN_SAMPLES, rng)
     models = ("local-poe", "complete")
     designs = [("full", observability(robot, setup, design, design, model)) for model in models]
     if default != "full":
@@ -196,8 +202,8 @@ def _loops(robot: Robot, closes: float) -> dict[str, object] | None:
 
 
 def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
-    workspace = robot.workspace(name)[1]
-    home = robot.home(workspace)
+    workspace = robot.workspace(name)
+    home = workspace.home
     outside = np.flatnonzero((home < robot.lower - 1e-9) | (home > robot.upper + 1e-9))
     if len(outside):
         j = int(outside[0])
@@ -262,6 +268,7 @@ def _warnings(
             "the URDF has no masses: gravity is that of uniform links of 1 kg/m, of which only "
             "the shape counts"
         )
+    found += _absurd_masses(robot)
     if is_path(given_as) and robot.name in robot_names():
         found.append(
             f"'{robot.name}' is also a robot of the catalogue; files tell them apart by their "
@@ -284,6 +291,28 @@ def _warnings(
             found.append(
                 f"{design.model}, {where}: {design.possible - design.rank} of {design.possible} "
                 f"directions are not seen, such as {design.unobservable[0]}"
+            )
+    return found
+
+
+def _absurd_masses(robot: Robot) -> list[str]:
+    """Links whose centre of mass lies beyond what the whole arm spans, or whose mass no arm
+    carries."""
+    span = float(np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1).sum())
+    found = []
+    for name, inertia in zip(robot.chain.model.names, robot.chain.model.inertias, strict=True):
+        far = float(np.linalg.norm(inertia.lever))
+        if inertia.mass > 0 and far > max(2.0 * span, 1.0):
+            found.append(
+                f"the link after joint '{name}' has its centre of mass {far:.4g} m away, and the "
+                f"whole arm is "
+                f"{span:.3g} m long: correct its <inertial>, from which gravity is computed"
+            )
+        if inertia.mass > _HEAVIEST:
+            found.append(
+                f"the link after joint '{name}' weighs {inertia.mass:.4g} kg: correct its "
+                f"<inertial>, from which "
+                "gravity is computed"
             )
     return found
 

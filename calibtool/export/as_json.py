@@ -9,6 +9,7 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.regressor import Regressor
+from calibtool.errormodel.bending import directions
 from calibtool.errormodel.family import Rows
 from calibtool.errors import UsageError
 from calibtool.export.closed_json import closed_calibration_as_json
@@ -20,7 +21,7 @@ from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
 from calibtool.robot.gravity_torque import link_masses
 from calibtool.robot.robot import Robot
 
-SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 2
+SCHEMA, SCHEMA_VERSION = "calibtool/compensator", 3
 
 # Families of errors by id, and their keys: what a family does stands in FORMULA.
 ERROR_KEYS = {
@@ -30,6 +31,8 @@ ERROR_KEYS = {
     "harmonics": "harmonics_rad",
     "gravity": "compliance_rad_per_nm",
     "backlash": "backlash_rad_or_m",
+    "wobble": "wobble_rad",
+    "bending": "bending_rad_per_nm",
     "payload": "payload_rad_per_nm",
     "temperature": "expansion_per_k",
 }
@@ -105,6 +108,7 @@ def _base_model(calibration: Calibration) -> dict[str, Any]:
         "link_masses_kg": masses.tolist(),
         "centres_of_mass_m": centres.tolist(),
         "gravity_m_per_s2": gravity.tolist(),
+        "across_axes": np.swapaxes(directions(robot), 1, 2).tolist(),
         "payload_kg": float(rows.payload),
         "warmth_k": float(rows.warmth),
         "placements_m": errors.standing(conditions).placements.tolist(),

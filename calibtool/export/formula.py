@@ -40,6 +40,20 @@ FORMULA = {
         "nominal robot at q, written in F0_j without its part along w_j; joint j moves by "
         "payload_rad_per_nm[j][0] times that part more"
     ),
+    "bending": (
+        "the links' weight turns the same frame further, about u_j by bending_rad_per_nm[j][0] "
+        "and about v_j "
+        "by [j][1] times its moment about that vector: the moment about the origin of F0_j of "
+        "link_masses_kg[i] g at c_i, i = j..n, of the nominal robot at q (see torque); u_j, v_j = "
+        "across_axes[j], in F0_j"
+    ),
+    "wobble": (
+        "and about u_j by wobble_rad[j][0] sin q_j + wobble_rad[j][1] cos q_j, about v_j by "
+        "[j][2] sin "
+        "q_j + [j][3] cos q_j; the rotation vectors of payload, bending and wobble are added, "
+        "and the frame "
+        "turns by exp of the sum"
+    ),
     "growth": (
         "the translation of nominal_placements_m[j] is 1 + expansion_per_k[j] warmth_k "
         "times as long, in placements_m and in front of the payload's turn"

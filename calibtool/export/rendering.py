@@ -13,10 +13,11 @@ from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.equivalent.network import Network
 from calibtool.errormodel.backlash import backlash_text
+from calibtool.errormodel.bending import directions
 from calibtool.errormodel.family import Rows
 from calibtool.errormodel.operating_conditions import REFERENCE_C
 from calibtool.errormodel.robot_errors import RobotErrors
-from calibtool.errors import UsageError
+from calibtool.errors import UsageError, printable
 from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
 from calibtool.robot.gravity_torque import link_masses
@@ -34,8 +35,35 @@ LARGEST_POSITION = 1e6  # rad or m; beyond it a position is nonsense, and sin st
 SINGLE_ACCURACY, SINGLE_DISTANCE = 1e-6, 0.04
 
 
-def render(template: str, values: dict[str, Any], **filters: Callable[..., str]) -> str:
-    """A template of this package as text. An undefined name is an error."""
+class Code(str):
+    """Text that is code already, made by a template: `render` takes it as it is."""
+
+    __slots__ = ()
+
+
+def in_code(text: str) -> str:
+    """A text of a file for comments of C and Structured Text: nothing in it ends a comment, joins
+    lines or begins a trigraph, and it is ASCII.
+    """
+    return re.sub(r"[^ -~]|[*\\?]", "_", text)
+
+
+def in_xml_comment(text: str) -> str:
+    """A text of a file for comments of XML, where no two hyphens may follow each other."""
+    return re.sub("-(?=-)", "- ", printable(text))
+
+
+def render(
+    template: str,
+    values: dict[str, Any],
+    escape: Callable[[str], str] = in_code,
+    **filters: Callable[..., str],
+) -> str:
+    """A template of this package as text. An undefined name is an error.
+
+    Every text in `values` passes through `escape`, but for `Code`: this is the one place where
+    texts of files meet code.
+    """
     environment = Environment(
         loader=PackageLoader("calibtool.export"),
         undefined=StrictUndefined,
@@ -45,7 +73,15 @@ def render(template: str, values: dict[str, Any], **filters: Callable[..., str])
         autoescape=False,
     )
     environment.filters.update(filters)
-    return environment.get_template(template).render(values)
+    return environment.get_template(template).render(_escaped(values, escape))
+
+
+def _escaped(value: Any, escape: Callable[[str], str]) -> Any:
+    if isinstance(value, str):
+        return value if isinstance(value, Code) else escape(value)
+    if isinstance(value, dict):
+        return {_escaped(key, escape): _escaped(one, escape) for key, one in value.items()}
+    return [_escaped(one, escape) for one in value] if isinstance(value, list) else value
 
 
 def digits(value: float, precision: Precision) -> str:
@@ -80,7 +116,7 @@ def compensator_values(
         calibration.equivalent,
         tanh_network(calibration),
     )
-    errors, bounds, payload = calibration.errors, default_bounds(calibration), _payload(calibration)
+    errors, bounds, turns = calibration.errors, default_bounds(calibration), _turns(calibration)
     standing = errors.standing(calibration.conditions)
     converted = joint_values == "controller" and robot.coupled
     return {
@@ -117,9 +153,9 @@ def compensator_values(
         "base_twists": errors.twists,
         "screws": _screws(robot, errors["twists"]),
         "base_offsets": errors["offsets"],
-        "motion": _motion(errors) | {"payload": payload is not None},
+        "motion": _motion(errors) | {"turns": turns is not None},
         "conditions": _conditions(calibration),
-        "payload": payload,
+        "turns": turns,
         "virtual_joints": ", ".join(equivalent.virtual_joints),
         "virtual_twists": np.eye(6)[equivalent.virtual_columns],
         "characteristic_length": robot.length,
@@ -232,6 +268,7 @@ def _motion(errors: RobotErrors) -> dict[str, Any]:
         "orders": errors["harmonics"].shape[1] // 2 if errors["harmonics"].any() else 0,
         "harmonics": errors["harmonics"],
         "gravity": bool(errors["gravity"].any()),
+        "weights": bool(errors["gravity"].any() or errors["bending"].any()),
         "compliance": errors["gravity"],
         "masses": masses,
         "centres": centres,
@@ -251,31 +288,38 @@ def _conditions(calibration: Calibration) -> str:
     )
 
 
-def _payload(calibration: Calibration) -> dict[str, Any] | None:
-    """The mass at the tool, what it does to each joint, and the origins about which links bend;
-    None for no effect.
+def _turns(calibration: Calibration) -> dict[str, Any] | None:
+    """What turns the joint frames from row to row, and the origins about which; None for nothing.
+
+    payload: the mass at the tool and what it does to each joint; bending, wobble: about `across`.
+    None where absent.
     """
     errors, robot = calibration.errors, calibration.robot
     mass = float(Rows(robot, np.zeros((1, robot.n)), calibration.conditions).payload)
-    if not (errors["payload"].any() and mass):
+    payload = errors["payload"].any() and mass
+    bending, wobble = (errors[f] if errors[f].any() else None for f in ("bending", "wobble"))
+    if not payload and bending is None and wobble is None:
         return None
-    grown = errors.without("placements", "payload").standing(calibration.conditions).placements
+    grown = errors.without("placements").standing(calibration.conditions).placements
     return {
-        "mass": mass,
-        "wind": errors["payload"][:, 0],
-        "bend": errors["payload"][:, 1],
-        "weight": mass * np.array(robot.chain.model.gravity.linear),
+        "payload": {
+            "mass": mass,
+            "wind": errors["payload"][:, 0],
+            "bend": errors["payload"][:, 1],
+            "weight": mass * np.array(robot.chain.model.gravity.linear),
+        }
+        if payload
+        else None,
+        "bending": bending,
+        "wobble": wobble,
+        "across": np.swapaxes(directions(robot), 1, 2).reshape(-1, 3),  # u_1, v_1, u_2, …
         "origins": grown[:-1, :3, 3],
     }
 
 
 def joint_lines(robot: Robot) -> list[str]:
-    """One line per joint.
-
-    A name comes from a URDF: nothing of it may end the comment it stands in.
-    """
-    joints = robot.chain.bodies.joints[: robot.n]
-    names = [re.sub(r"[^A-Za-z0-9_. -]", "_", name) for name in joints]
+    """One line per joint."""
+    names = robot.chain.bodies.joints[: robot.n]
     return [
         f"{name}, {unit}, {low:.6g} to {high:.6g}"
         for name, unit, low, high in zip(

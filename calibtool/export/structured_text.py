@@ -8,7 +8,14 @@ from typing import Any
 
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
-from calibtool.export.rendering import Precision, compensator_values, digits, render, wrapped
+from calibtool.export.rendering import (
+    Code,
+    Precision,
+    compensator_values,
+    digits,
+    render,
+    wrapped,
+)
 from calibtool.export.taught_code import taught_values
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
@@ -42,10 +49,12 @@ def calibration_as_structured_text(
     beyond its variables. Plain ASCII. joint_values: whose joint values q and q_corrected are.
     Raises UsageError when `name` is no identifier of IEC 61131-3.
     """
-    if calibration.base.errors["payload"].any():
+    turning = [family for family in calibration.base.errors.beyond_geometry if family.turns]
+    if turning:
         raise UsageError(
-            "Structured Text does not hold what a payload does; export C or JSON, or "
-            "identify without it"
+            f"Structured Text does not hold {' and '.join(family.words for family in turning)}; "
+            f"export C or JSON, or "
+            f"identify {' '.join(f'--without {family.id}' for family in turning)}"
         )
     plain = re.fullmatch(r"[A-Za-z]\w*|_[A-Za-z0-9]\w*", name, re.ASCII)
     if not plain or "__" in name or name.endswith("_") or name.lower() in RESERVED.split():
@@ -75,7 +84,9 @@ def calibration_as_structured_text(
     declarations = render("declarations.st.j2", values, **filters)
     memory = _memory(declarations, values["n"], 8 if precision == "double" else 4)
     return render(
-        "compensator.st.j2", {**values, "declarations": declarations, "memory": memory}, **filters
+        "compensator.st.j2",
+        {**values, "declarations": Code(declarations), "memory": memory},
+        **filters,
     )
 
 

@@ -73,28 +73,19 @@ def normal_equations(
     return NormalEquations(information, gradient, float(squares @ row_weight), equations, squares)
 
 
-def held_out_squares(
-    measurements: Measurements,
-    parameters: Parameters,
-    state: State,
-    covariance: Array,
-    noise_factor: float,
-) -> Array:
-    """Squared residuals (N,) that every configuration would have if only the others were fitted.
-
-    In units of the stated noise: r_k without k is (1 − A_k C A_kᵀ/σ²)⁻¹ r_k, exact for the
-    quadratic model, so that no fit is repeated. covariance C (p, p).
-    """
-    squares = np.empty(len(measurements))
-    for rows, part, context in _chunks(measurements, state):
-        pose_columns = parameters.pose_columns(context)
-        columns, residual = linearised(
-            part, state.setup, context.frames.tool, pose_columns, bool(parameters.targets)
-        )
-        hat = columns @ covariance @ np.swapaxes(columns, 1, 2) / noise_factor**2
-        alone = np.linalg.solve(np.eye(residual.shape[1]) - hat, residual[..., None])[..., 0]
-        squares[rows] = (alone**2).sum(axis=-1)
-    return squares
+def linearised_rows(
+    measurements: Measurements, parameters: Parameters, state: State
+) -> tuple[Array, Array]:
+    """Columns (N, d, p) and residuals (N, d) of every configuration over the stated noise, at a
+    state."""
+    context = state.errors.context(measurements.q, measurements.conditions)
+    return linearised(
+        measurements,
+        state.setup,
+        context.frames.tool,
+        parameters.pose_columns(context),
+        bool(parameters.targets),
+    )
 
 
 def _chunks(

@@ -65,28 +65,33 @@ def posterior_step(
 
 
 def most_probable(
-    parameters: Parameters,
     theta: Array,
     covariance: Array,
     prior_std: Array,
-    candidates: list[Parameters],
+    sections: list[np.ndarray],
     parsimony: float,
-) -> Parameters:
-    """Smallest candidate whose p(θ_dropped = 0 | data) / p(θ_dropped = 0) is near the largest.
+) -> np.ndarray:
+    """Which parameters (p,) bool remain when sections go whose absence is more probable than their
+    presence.
 
-    Near: by at most `parsimony` nats (Savage and Dickey). The Gaussian N(θ, covariance) over
-    `parameters` is that of the largest candidate.
+    The worst first, by p(θ_s = 0 | data) / p(θ_s = 0) (Savage and Dickey) of the Gaussian N(θ,
+    covariance) over all of
+    them, which is conditioned on every section that has gone. A section stays that earns more than
+    `parsimony` nats.
     """
-
-    def log_evidence(candidate: Parameters) -> float:
-        dropped = parameters.missing_in(candidate)
-        return _log_density_ratio(
-            theta[dropped], covariance[np.ix_(dropped, dropped)], prior_std[dropped]
-        )
-
-    evidence = [log_evidence(candidate) for candidate in candidates]
-    good = [c for c, e in zip(candidates, evidence, strict=True) if e >= max(evidence) - parsimony]
-    return min(good, key=lambda candidate: candidate.count)
+    theta, covariance, kept = theta.copy(), covariance.copy(), np.ones(len(theta), dtype=bool)
+    left = list(sections)
+    while left:
+        gains = [log_density_ratio(theta[s], covariance[np.ix_(s, s)], prior_std[s]) for s in left]
+        worst = int(np.argmax(gains))
+        if gains[worst] < -parsimony:
+            break
+        s = left.pop(worst)
+        gain = np.linalg.solve(covariance[np.ix_(s, s)], covariance[s]).T
+        theta -= gain @ theta[s]
+        covariance -= gain @ covariance[s]
+        kept[s] = False
+    return kept
 
 
 def inverse(matrix: Array, on_the_way: bool = False) -> Array:
@@ -126,9 +131,11 @@ def _singular() -> NoSolutionError:
     )
 
 
-def _log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> float:
+def log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> float:
     """ln N(0; θ, C) − ln N(0; 0, S): the evidence for the model without these parameters against
     the one with them.
+
+    theta θ (k,), covariance C (k, k), prior_std the root of the diagonal of S (k,).
     """
     if not len(theta):
         return 0.0

@@ -1,6 +1,7 @@
 """Result of an identification: errors of geometry and joint motions, set-up and uncertainty."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -73,6 +74,8 @@ class Identification:
     iterations       Gauss–Newton steps
     posterior        of the complete model, None for the others
     flagged          rows that do not fit, None where nobody looked
+    held_out         by model, RMS of held-out coordinates over the stated noise, where the default
+                     was in doubt: `model` is the best of these
     """
 
     model: str
@@ -86,6 +89,7 @@ class Identification:
     iterations: int
     posterior: Posterior | None = None
     flagged: Flagged | None = None
+    held_out: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def parameters(self) -> int:

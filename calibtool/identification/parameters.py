@@ -19,8 +19,10 @@ from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
-# Unknown instrument frames and targets are as good as free beside their registration: 1 m, 1 rad.
+# Unknown instrument frames and targets are as good as free beside their registration, but do not
+# run away where nothing tells them: 1 m, 1 rad.
 _FREE = 1.0
+_TURNS = (".rx", ".ry", ".rz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +39,15 @@ class Part:
         free = np.zeros(self.shape, dtype=bool)
         free.flat[self.elements] = True
         return free
+
+    def only(self, kept: np.ndarray) -> Self | None:
+        """The same with some of its elements, kept (k,) bool; None with none of them."""
+        free = np.zeros(self.shape, dtype=bool)
+        free.flat[self.elements[kept]] = True
+        if not kept.any():
+            return None
+        free = self.family.trimmed(free)
+        return replace(self, shape=free.shape, elements=np.flatnonzero(free))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,11 +132,37 @@ class Parameters:
         names += [f"base.{c}" for c in COMPONENTS] if self.frame_free else []
         return names + list(self.targets)
 
+    @cached_property
+    def positive(self) -> np.ndarray:
+        """Which parameters cannot be below zero: (p,) bool."""
+        positive = np.zeros(self.count, dtype=bool)
+        for part in self.parts:
+            positive[self.blocks[part.family.id]] = part.family.positive
+        return positive
+
     def without(self, *families: str) -> Self:
         """The same parameters without these families."""
         return replace(
             self, parts=tuple(part for part in self.parts if part.family.id not in families)
         )
+
+    def only(self, kept: np.ndarray) -> Self:
+        """Some of the parameters, kept (p,) bool; base and targets always."""
+        parts = [part.only(kept[self.blocks[part.family.id]]) for part in self.parts]
+        return replace(self, parts=tuple(part for part in parts if part is not None))
+
+    @cached_property
+    def sections(self) -> list[tuple[Family, np.ndarray]]:
+        """Families and indices (k,) of parameters that are chosen together; not of those that are
+        always identified.
+        """
+        result = []
+        for part in self.parts:
+            numbers = part.family.sections(part.shape).ravel()[part.elements]
+            start = self.blocks[part.family.id].start
+            for number in [] if part.family.always else np.unique(numbers):
+                result.append((part.family, start + np.flatnonzero(numbers == number)))
+        return result
 
     def missing_in(self, other: Self) -> np.ndarray:
         """Indices (k,) of the parameters that `other` does not have."""
@@ -158,7 +195,7 @@ class Parameters:
             factors.append(factor.ravel()[part.elements])
             units += [unit[i] for i in part.elements]
         units += ["mm"] * 3 + ["mrad"] * 3 if self.frame_free else []
-        units += ["mrad" if ".r" in name else "mm" for name in self.targets]
+        units += [_unit(name) for name in self.targets]
         return np.concatenate(
             [*factors, np.full(6 * self.frame_free + len(self.targets), 1e3)]
         ), units
@@ -192,10 +229,15 @@ class Parameters:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """State of an iteration: errors of the robot and set-up."""
+    """State of an iteration: errors of the robot and set-up.
+
+    setup_moved  (k,) sum of the steps of base and targets, by which the set-up has left the
+                 registration; none at the registration itself
+    """
 
     errors: RobotErrors
     setup: Setup
+    setup_moved: Array | None = None
 
     @classmethod
     def nominal(cls, robot: Robot, setup: Setup) -> Self:
@@ -207,14 +249,17 @@ class State:
         return self.errors.frames(q, conditions)
 
     def vector(self, parameters: Parameters) -> Array:
-        """θ as the prior sees it (p,); zero for base and targets, whose prior follows them."""
+        """θ as the prior sees it (p,); base and targets from where they were registered."""
         values = [
             p.family.resized(self.errors[p.family.id], p.shape).ravel()[p.elements]
             for p in parameters.parts
         ]
-        return np.concatenate(
-            [*values, np.zeros(6 * parameters.frame_free + len(parameters.targets))]
-        )
+        return np.concatenate([*values, self._setup_moved(parameters)])
+
+    def _setup_moved(self, parameters: Parameters) -> Array:
+        if self.setup_moved is None:
+            return np.zeros(6 * parameters.frame_free + len(parameters.targets))
+        return self.setup_moved
 
     def moved(self, parameters: Parameters, step: Array) -> Self:
         """The state after a step of the parameters (p,)."""
@@ -228,7 +273,8 @@ class State:
             step[blocks["base"]] if parameters.frame_free else None,
             step[blocks["targets"]] if parameters.targets else None,
         )
-        return replace(self, errors=self.errors.moved(**steps), setup=setup)
+        moved = self._setup_moved(parameters) + step[blocks["base"].start :]
+        return replace(self, errors=self.errors.moved(**steps), setup=setup, setup_moved=moved)
 
     def kept(self, parameters: Parameters) -> Self:
         """The state with only these parameters."""
@@ -237,3 +283,10 @@ class State:
             value = part.family.resized(self.errors[part.family.id], part.shape)
             values[part.family.id] = np.where(part.free, value, 0.0)
         return replace(self, errors=RobotErrors.of(self.errors.robot, **values))
+
+
+def _unit(name: str) -> str:
+    """Unit in which an element of the set-up is displayed: 1e-3 of m, rad or 1."""
+    if name.startswith("lens."):
+        return "‰"
+    return "mrad" if name.endswith(_TURNS) else "mm"

@@ -12,39 +12,42 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
 from calibtool.robot.se3 import Array
 
-LossFunction = Literal["squared", "huber", "cauchy"]
-LOSS_FUNCTIONS = ("squared", "huber", "cauchy")
+LossFunction = Literal["isolated", "squared", "huber", "cauchy"]
+LOSS_FUNCTIONS = ("isolated", "squared", "huber", "cauchy")
 
 _HUBER, _CAUCHY = 1.5, 2.5  # in typical residuals of a row
 _FALSE_ALARM = 0.01  # chance that any row of a clean set is flagged
 _CLUSTER_SIGNIFICANCE = 0.01
 
 
-def row_weights(squares: Array, d: np.ndarray, loss_function: LossFunction) -> Array:
-    """Weights (N,) of the squared residuals of each row; 1 for rows that fit.
+def row_weights(
+    squares: Array, d: np.ndarray, loss_function: LossFunction, noise_factor: float = 1.0
+) -> Array:
+    """Weight of each row's squared residuals (N,), 1 for rows that fit; squares (N,) of d (N,)
+    coordinates, noise_factor: noise of the fit over the stated one.
 
-    squares (N,): squared residuals of d (N,) coordinates.
+    `isolated` leaves all rows alone but those that would be flagged: clean data lose nothing, and
+    the farther a row is off the less it counts, until it does not count at all.
     """
+    if loss_function == "squared":
+        return np.ones(len(squares))
+    if loss_function == "isolated":
+        limit = _limit(squares, d, noise_factor)
+        return np.minimum(1.0, (limit / np.maximum(squares, 1e-30)) ** 2)
     relative: Array = np.sqrt(squares / d) / _robust_scale(squares, d)
     if loss_function == "huber":
         return np.minimum(1.0, _HUBER / np.maximum(relative, 1e-12))
-    if loss_function == "cauchy":
-        return 1.0 / (1.0 + (relative / _CAUCHY) ** 2)
-    return np.ones(len(squares))
+    return 1.0 / (1.0 + (relative / _CAUCHY) ** 2)
 
 
-def find_flagged(measurements: Measurements, state: State, squares: Array) -> Flagged:
-    """Rows whose residual noise does not explain, at a false alarm rate of 1 %
-    for the whole set.
-    """
-    from scipy.special import (
-        chdtri,
-    )  # scipy.stats takes as long to import as everything else together
-
+def find_flagged(
+    measurements: Measurements, state: State, squares: Array, noise_factor: float
+) -> Flagged:
+    """Rows whose residual no noise explains, at a false alarm rate of 1 % for the whole set;
+    nothing is changed. noise_factor: noise of the fit over the stated one."""
     d = (weights(measurements) > 0).sum(axis=-1)
-    scale = _robust_scale(squares, d)
-    limit = chdtri(d, _FALSE_ALARM / len(squares))
-    rows = np.flatnonzero(squares / scale**2 > limit)
+    scale = max(_robust_scale(squares, d), noise_factor)
+    rows = np.flatnonzero(squares > _limit(squares, d, noise_factor))
     residual = residuals(
         measurements, state.setup, state.frames(measurements.q, measurements.conditions).tool
     )
@@ -61,8 +64,23 @@ def find_flagged(measurements: Measurements, state: State, squares: Array) -> Fl
     )
 
 
+def _limit(squares: Array, d: np.ndarray, noise_factor: float) -> Array:
+    """Squares (N,) above which a row is flagged: chance has one in a hundred clean sets exceed
+    them.
+
+    The median row is blind to bad ones, and the noise of the fit to residuals that are small only
+    because as much was fitted as was measured: the larger counts.
+    """
+    # scipy.stats takes as long to import as everything else together
+    from scipy.special import chdtri
+
+    scale = max(_robust_scale(squares, d), noise_factor)
+    limit: Array = chdtri(d, _FALSE_ALARM / len(squares)) * scale**2
+    return limit
+
+
 def _robust_scale(squares: Array, d: np.ndarray) -> float:
-    """Noise over the stated one, from the median row: valid with up to half of the rows bad."""
+    """Noise over the stated one, from the median row: half of the rows may be bad."""
     from scipy.special import chdtri
 
     return float(np.sqrt(max(np.median(squares / chdtri(d, 0.5)), 1e-30)))

@@ -21,6 +21,8 @@ from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
 _MINIMA = 4  # refined, of those that the rotation search finds
 _ITERATIONS = 200
+_ON_TOOL = 1.0  # m: as far from the tool frame may targets be that the rows hardly tell
+_WEAK = 0.1  # m: what the rows tell less surely than that is hardly told
 _NO_GAIN = 1e-4  # of the squares: what creeps on by less, along directions that only noise shows
 
 
@@ -64,7 +66,34 @@ def register(
             "registration: no start converged; check joint values, units and the order "
             "of the targets"
         )
-    return best
+    return _near_the_tool(measurements, best, poses)
+
+
+def _near_the_tool(measurements: Measurements, setup: Setup, poses: Array) -> Setup:
+    """The set-up, its targets drawn towards the tool frame where the rows hardly tell where they
+    are: a tool that keeps its orientation shows them and the base only together.
+
+    A target's deviation is that of the residuals, which are the arm's errors more than noise.
+    """
+    if setup.targets_known or setup.kind.id not in ("points", "pose"):
+        return setup
+    of_base = None if setup.frame_known else np.broadcast_to(np.eye(6), (len(poses), 6, 6))
+    columns, left = linearised(measurements, setup, poses, of_base, targets=True)
+    size = float(np.sqrt((left**2).sum() / measurements.equations))
+    prior = max(size, 1.0) / _ON_TOOL * _on_tool(setup)
+    A = columns.reshape(left.size, -1)
+    held = np.diag(np.concatenate([np.zeros(A.shape[1] - len(prior)), prior]) ** 2)
+    deviation = max(size, 1.0) * np.sqrt(np.diag(np.linalg.pinv(A.T @ A + held, hermitian=True)))
+    if (deviation[-len(prior) :][prior > 0] < _WEAK).all():
+        return setup
+    drawn, cost = refine(measurements, setup, poses, prior)
+    return drawn if np.isfinite(cost) else setup
+
+
+def _on_tool(setup: Setup) -> Array:
+    """1 for the free elements (k,) of the set-up that are coordinates of targets, 0 for others."""
+    points, others = 3 * len(setup.targets), len(setup.free_names)
+    return np.concatenate([np.ones(points), np.zeros(others - points)])
 
 
 def update_setup(setup: Setup, base: Array | None, target_shift: Array | None) -> Setup:
@@ -78,22 +107,45 @@ def update_setup(setup: Setup, base: Array | None, target_shift: Array | None) -
     return setup if target_shift is None else setup.kind.moved(setup, target_shift)
 
 
-def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setup, float]:
+def refine(
+    measurements: Measurements, setup: Setup, poses: Array, prior: Array | None = None
+) -> tuple[Setup, float]:
     """Damped Gauss–Newton with minimum-norm steps from one set-up: the set-up and its cost.
 
-    poses: T_base_tool (N, 4, 4). The cost is infinite when the iteration does not converge.
+    poses: T_base_tool (N, 4, 4). The cost is infinite when the iteration does not converge. prior
+    (k,): 1/σ by which the free elements, of which the first are the targets, are drawn to 0.
     """
     of_base = None if setup.frame_known else np.broadcast_to(np.eye(6), (len(poses), 6, 6))
     base, shift = (slice(0), slice(None)) if setup.frame_known else (slice(6), slice(6, None))
 
-    def cost(at: Setup) -> float:
-        return float((weighted_residuals(measurements, at, poses) ** 2).sum())
+    def drawn(at: Setup) -> Array:
+        """Residuals of the prior (k,)."""
+        if prior is None:
+            return np.zeros(0)
+        on_tool = at.targets.ravel()
+        held: Array = prior * np.concatenate([on_tool, np.zeros(len(prior) - len(on_tool))])
+        return -held
 
+    def cost(at: Setup) -> float:
+        squares = (weighted_residuals(measurements, at, poses) ** 2).sum()
+        return float(squares + (drawn(at) ** 2).sum())
+
+    def linearise(at: Setup) -> tuple[Array, Array]:
+        columns, left = linearised(measurements, at, poses, of_base, targets=bool(at.free_names))
+        columns, left = columns.reshape(left.size, -1), left.ravel()
+        if prior is None:
+            return columns, left
+        held = np.concatenate([np.zeros(columns.shape[1] - len(prior)), prior])
+        rows = np.diag(held)[-len(prior) :]
+        return np.concatenate([columns, rows]), np.concatenate([left, drawn(at)])
+
+    fitted = np.ones(6 * (not setup.frame_known) + len(setup.free_names), dtype=bool)
+    fitted[shift] = setup.kind.registered(setup)
     slow: list[bool] = []
 
     def solve(system: tuple[Array, Array], damping: float) -> tuple[Array, bool]:
-        right = system[1].ravel()
-        columns = system[0].reshape(len(right), -1)
+        columns, right = system
+        columns = columns * fitted
         if damping:
             scale = np.sqrt(damping * (columns**2).sum(axis=0))
             columns, right = (
@@ -107,7 +159,7 @@ def refine(measurements: Measurements, setup: Setup, poses: Array) -> tuple[Setu
 
     found, _, settled = gauss_newton(
         setup,
-        lambda at: linearised(measurements, at, poses, of_base, targets=bool(setup.free_names)),
+        linearise,
         solve,
         lambda at, step: update_setup(
             at,
@@ -124,8 +176,8 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
     """Starting values of the unknown parts of the set-up."""
     setup, arm = measurements.setup, measurements.noise_position / measurements.noise_orientation
     readings, kind = measurements.readings, setup.kind
-    if not kind.of_points:
-        return kind.starts(readings, setup, poses)
+    if starts := kind.starts(readings, setup, poses):
+        return starts
     points, targets = kind.as_points(readings, setup, arm)
     place = readings.place if readings.place is not None else np.zeros(len(poses), dtype=int)
     count = len(measurements.places) or 1
@@ -137,11 +189,11 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
         largest = int(np.argmax(np.bincount(place, minlength=count)))
         rows = place == largest
         guesses = [start.frames[min(largest, len(start.frames) - 1)]] if start is not None else []
-        if count == 1 and (circles := circle_start(measurements)) is not None:
+        if count == 1 and kind.of_points and (circles := circle_start(measurements)) is not None:
             guesses.append(circles)
         frames = frames_of_least_squares(poses[rows], points[rows], guesses)
-        if points.shape == measurements.points.shape and count == 1:
-            frames = frames[:1]  # the search had the very sum of squares of the refinement
+        if not kind.of_points or (points.shape == measurements.points.shape and count == 1):
+            frames = frames[:1]  # the search had the sum of squares of the refinement, or nearly
         found = []
         for frame in frames:
             on_tool = _mean_targets(poses[rows], frame, points[rows])

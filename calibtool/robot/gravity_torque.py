@@ -6,12 +6,12 @@ import numpy as np
 import pinocchio as pin
 
 from calibtool.robot.closed import ClosedMechanism
+from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
-_CARRIES_LOAD = (
-    0.02  # a joint carries load when its torque reaches this part of the largest joint's
-)
+_CARRIES_LOAD = 0.02  # of the largest joint's torque: joints that carry load
+_TURNS = 1e-6  # of the same: less is rounding
 
 
 def gravity_torque(robot: Robot, q: Array) -> Array:
@@ -69,13 +69,35 @@ def link_masses(robot: Robot) -> tuple[Array, Array, Array]:
     return masses, centres, np.array(model.gravity.linear)
 
 
+def weight_moments(robot: Robot, frames: Frames) -> Array:
+    """Moments of the weight of what each joint carries about the origin of F0_j, in K_0: (N, n, 3)
+    N m."""
+    masses, centres, gravity = link_masses(robot)
+    after = frames.after
+    first = (after[..., :3, :3] @ centres[..., None])[..., 0] + after[..., :3, 3]
+    first = np.cumsum((masses[:, None] * first)[:, ::-1], axis=1)[:, ::-1]
+    mass = np.cumsum(masses[::-1])[::-1]
+    return np.cross(first - mass[:, None] * frames.before[..., :3, 3], gravity)
+
+
 def load_carrying(robot: Robot) -> np.ndarray:
-    """(n,) bool: revolute joints with at least 2 % of the largest static torque."""
+    """Revolute joints whose static torque matters, at least 2 % of the largest joint's: (n,)
+    bool."""
+    return _reaching(robot, _CARRIES_LOAD)
+
+
+def turned_by_gravity(robot: Robot) -> np.ndarray:
+    """Revolute joints that gravity turns at all, whatever masses the description has: (n,) bool."""
+    return _reaching(robot, _TURNS)
+
+
+def _reaching(robot: Robot, part: float) -> np.ndarray:
     largest = largest_torque(robot)
     revolute = ~np.array(robot.prismatic)
-    heavy = (largest > _CARRIES_LOAD * largest[revolute].max(initial=0.0)) & (largest > 1e-9)
-    carrying: np.ndarray = revolute & heavy
-    return carrying
+    reaching: np.ndarray = (
+        revolute & (largest > part * largest[revolute].max(initial=0.0)) & (largest > 1e-9)
+    )
+    return reaching
 
 
 @lru_cache

@@ -1,5 +1,6 @@
 """The motion exp(ξ q) of one joint as a Pinocchio joint, exact for any twist ξ."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
@@ -49,6 +50,9 @@ class Screw:
         pitch = float(angular @ linear) / turn**2
         return cls(_turning(angular / turn, pitch), readonly(across), readonly([turn]), twist)
 
+    def __reduce__(self) -> tuple[Callable[[Array], "Screw"], tuple[Array]]:
+        return Screw.of, (self.twist,)  # Pinocchio's joint cannot be pickled
+
     def coordinates(self, q: Array) -> Array:
         """The model's coordinates for joint positions q (N,), rad or m: (N, 1), or position and
         quaternion (N, 7).
@@ -71,6 +75,18 @@ def _turning(axis: Array, pitch: float) -> pin.JointModel:
         if np.array_equal(axis, unit):
             return model()
     return pin.JointModelRevoluteUnaligned(axis)
+
+
+def across(twists: Array) -> Array:
+    """Two unit vectors across the axis of each twist (n, 6), in its frame: x and y for z. (n, 3,
+    2)"""
+    lines = np.where(twists[:, 3:].any(axis=-1, keepdims=True), twists[:, 3:], twists[:, :3])
+    lines = lines / np.linalg.norm(lines, axis=-1, keepdims=True)
+    # The next axis of the frame but one, cyclically, so that z gives x and then y.
+    first = np.eye(3)[(np.abs(lines).argmax(axis=-1) + 1) % 3]
+    first = first - (first * lines).sum(axis=-1, keepdims=True) * lines
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(lines, first)], axis=-1)
 
 
 def _length(vector: Array) -> float:

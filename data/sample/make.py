@@ -2,10 +2,10 @@
 
     python data/sample/make.py data/sample
 
-The robot, with every kind of error, is that of `calibtool simulate fanuc-m1000ia --seed 5 --errors
-all --unregistered`: the tracker stands anywhere, and the three targets are not where the
-description has them. driven.csv is no output but an input: the corrected joints of before.csv, as
-step 2 of docs/how-to/prove-it.md gave them, to which the arm was driven for after.csv.
+The robot, with the errors of KINDS, is that of `calibtool simulate fanuc-m1000ia --seed 5
+--unregistered`: the tracker stands anywhere, and the three targets are not where the description
+has them. driven.csv is no output but an input: the corrected joints of before.csv, as step 2 of
+docs/how-to/prove-it.md gave them, to which the arm was driven for after.csv.
 """
 
 import csv
@@ -17,7 +17,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.errormodel.actual import ErrorScales
-from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.constraints import Constraints
@@ -25,6 +24,7 @@ from calibtool.planning.iso9283_poses import plan_test
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 
+KINDS = ("geometric", "gear", "gravity", "backlash", "thermal")
 ROBOT, SEED = "fanuc-m1000ia", 5
 CUBE, CYCLES = 0.8, 6  # m
 DRIVEN = Path(__file__).with_name("driven.csv")
@@ -52,8 +52,7 @@ def files() -> dict[str, str]:
     simulation = Simulation(
         seed=SEED,
         configurations=60,
-        workspace=robot.workspace(None)[1],
-        scales=ErrorScales(kinds=ERROR_KINDS),
+        scales=ErrorScales(kinds=KINDS),
         unregistered=True,
     )
     tracker = simulate(robot, simulation)
@@ -70,7 +69,7 @@ def files() -> dict[str, str]:
 
 def _cycles(robot: Robot, tracker: Measurements) -> Measurements:
     """The five poses of ISO 9283 in cycles, P5 to P1, measured before any correction."""
-    cube = plan_test(robot, robot.workspace(None)[1], Constraints(), robot.targets, CUBE)
+    cube = plan_test(robot, robot.workspace(), Constraints(), robot.targets, CUBE)
     q = np.tile(cube.q[::-1], (CYCLES, 1))
     return simulate(robot, Simulation(seed=SEED + 1, at=q, same_robot=tracker.truth))
 
@@ -99,9 +98,7 @@ def _poses(robot: Robot, shifts: list[tuple[float, float, float]]) -> np.ndarray
     """The pose at the workspace's home, moved by metres along the axes of the base
     frame: (N, 4, 4).
     """
-    T = np.repeat(
-        robot.mechanism.forward(robot.home(robot.workspace(None)[1])[None]), len(shifts), axis=0
-    )
+    T = np.repeat(robot.mechanism.forward(robot.workspace().home[None]), len(shifts), axis=0)
     T[:, :3, 3] += shifts
     return T
 
@@ -119,7 +116,7 @@ def _targets(robot: Robot) -> str:
 
 def _program(robot: Robot) -> str:
     """Home and an approach as joints, a seam of two poses."""
-    home = np.rad2deg(robot.to_controller(robot.home(robot.workspace(None)[1])[None])[0])
+    home = np.rad2deg(robot.to_controller(robot.workspace().home[None])[0])
     texts = [_joints('1:"home"', home)]
     for k, T in enumerate(_poses(robot, [(0.1, -0.3, -0.2), (0.1, 0.3, -0.2)])):
         x, y, z = T[:3, 3] * 1e3

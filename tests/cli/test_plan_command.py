@@ -172,3 +172,28 @@ def test_calibrations_that_are_no_start(files: Files) -> None:
         2, "plan", "planar-3r", "--from", files.local_poe, "--unregistered"
     )
     assert "MEASUREMENTS" not in refused(3, "plan", "planar-3r", "--from", files.measurements)
+
+
+def test_a_plan_for_a_probe_its_program_and_the_next_one() -> None:
+    """Planes are proposed; where they really stand is known after a few rows."""
+    observe = ("--observe", "plane", "--places", 3, "--candidates", 150)
+    made = run("plan", "ur5", "-n", 12, *observe, "-o", "p.csv", "--program", "rows.script")
+    assert made.stderr.count("note: plane ") == 3
+    header, *rows = Path("p.csv").read_text().splitlines()
+    assert header.endswith(",plane")
+    assert len(rows) == 12
+    program = Path("rows.script").read_text()
+    assert program.count("movej(") == 12
+    assert "# plane 3" in program
+    message = refused(2, "plan", "ur5", *observe, "--program", "rows.txt")
+    assert message.startswith("rows.txt: a program of rows is .ls (FANUC)")
+    run("simulate", "ur5", "--observe", "plane", "--places", 2, "-n", 60, "-o", "m.h5")
+    run("identify", "m.h5", "-o", "c.h5")
+    message = refused(2, "plan", "ur5", "--from", "c.h5")
+    assert message.startswith("c.h5: it was identified from another instrument (heights above")
+    next_rows = ("--set-up", "m.h5", "--candidates", 150, "-n", 6)
+    value = answer("plan", "ur5", "--from", "c.h5", *next_rows, "-o", "n.csv")
+    after, before = (value[k]["target_std_mean_mm"] for k in ("selected", "before"))
+    assert after < before
+    assert {row["plane"] for row in value["plan"]} <= {"plane 1", "plane 2"}
+    assert refused(2, "plan", "ur5", *observe, "--set-up", "m.h5").startswith("--observe and")

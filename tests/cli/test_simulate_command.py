@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from calibtool.robot.catalogue import load_robot, shipped
 
 EXACT = ("--length-error-mm", 0, "--angle-error-mrad", 0, "--noise-mm", 0)
-KINDS = ["geometric", "gear", "gravity", "backlash", "payload", "thermal"]
+KINDS = ["geometric", "gear", "gravity", "backlash", "payload", "thermal", "bending", "wobble"]
 
 
 def truth_of(path: str) -> dict[str, np.ndarray | float]:

@@ -90,9 +90,7 @@ def six() -> Robot:
 @cache
 def measurements(robot: str = "planar-3r") -> Measurements:
     made = load_robot(robot)
-    simulated = simulate(
-        made, Simulation(seed=1, workspace=made.workspace(None)[1], configurations=12)
-    )
+    simulated = simulate(made, Simulation(seed=1, configurations=12))
     return replace(simulated, provenance={"command": "calibtool simulate", "note": "µm"})
 
 
@@ -289,7 +287,7 @@ def _check_robot(robot: Robot) -> None:
     assert np.isfinite(robot.chain.placements).all()
     assert np.isfinite(robot.lower).all()
     assert np.isfinite(robot.upper).all()
-    assert np.isfinite(robot.mechanism.forward(robot.home(None)[None])).all()
+    assert np.isfinite(robot.mechanism.forward(robot.workspace("full").home[None])).all()
 
 
 def _description(data: bytes) -> None:
@@ -308,7 +306,7 @@ def _controller(dh: DhConvention | None) -> Callable[[bytes], object]:
     def read(data: bytes) -> None:
         model = read_controller_model(text_of(data), "model", six(), dh)
         assert np.isfinite([model.position, model.orientation]).all()
-        assert np.isfinite(model.mechanism.forward(six().home(None)[None])).all()
+        assert np.isfinite(model.mechanism.forward(six().workspace("full").home[None])).all()
 
     return read
 

@@ -7,17 +7,18 @@ from scipy.spatial import cKDTree
 
 from calibtool.measurement.checks.finding import Finding, listed
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, log3
 
 MOVES = 1e-3  # rad or m: a joint that moves less stands still
 REPEATS = 1e-3  # rad or m: configurations nearer than this are the same one, driven to again
 _FLAT = 0.01  # extent across the plane over the largest one along it
+_TURNS = 0.05  # rad: a tool that turns less about an axis keeps its orientation about it
 _ALONE = 0.8  # part of the rows in which at most one joint has left its usual position
 
 
 def design_findings(robot: Robot, q: Array) -> list[Finding]:
     """Joints that never move, equal columns, one joint at a time, repeated rows, tool
-    positions in a plane.
+    positions in a plane, tool turned about one axis at most.
 
     q (N, n), rad or m.
     """
@@ -27,6 +28,7 @@ def design_findings(robot: Robot, q: Array) -> list[Finding]:
         _one_at_a_time(robot, q),
         _repeated(q),
         _plane(robot, q),
+        _one_orientation(robot, q),
     ]
     return [finding for finding in found if finding is not None]
 
@@ -133,3 +135,21 @@ def _plane(robot: Robot, q: Array) -> Finding | None:
         message,
         {"extent_ratio": float(extents[2] / max(extents[0], 1e-300))},
     )
+
+
+def _one_orientation(robot: Robot, q: Array) -> Finding | None:
+    """The spread of the tool's orientations about the axes of least and middle spread."""
+    if robot.n < 6 or len(q) <= 3:
+        return None
+    rotations = robot.mechanism.forward(q)[:, :3, :3]
+    turns = log3(rotations @ rotations[0].T)
+    spread = np.linalg.svd(turns - turns.mean(axis=0), compute_uv=False) / np.sqrt(len(q))
+    if not spread[1] < _TURNS:
+        return None
+    still = "keeps one orientation" if spread[0] < _TURNS else "turns about one axis only"
+    message = (
+        f"the tool {still}: where an unknown target is on it and where the base stands are seen "
+        "together only, along that axis or in all directions; they stay near the tool frame; "
+        "measure with the tool turned otherwise"
+    )
+    return Finding("one_orientation", "warning", message, {"spread_rad": spread.tolist()})

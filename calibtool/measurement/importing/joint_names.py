@@ -33,7 +33,8 @@ _AROUND = {
     "value",
 }
 _NUMBERED = re.compile(
-    r"(?:joint|jnt|jt|j|axis|axe|achse|gelenk|eje|asse|ax|a|q|theta|th|θ|rax|robax|position|pos)"
+    r"(?:joint|jnt|jt|j|axis|axe|achse|gelenk|eje|asse|eixo|akse|axel|osa|oś|ось|关节|關節|関節|轴|軸"
+    r"|ax|a|q|theta|th|θ|rax|robax|position|pos)"
     r" ?[\[(]? ?(\d{1,3})[\])]?"
 )
 _OWN = re.compile(r"j\d+(?:_(?:read|serial|controller))?_(?:deg|rad|mm|m)")

@@ -53,7 +53,12 @@ def preview(imported: Imported) -> str:
         facts.append((f"target {i + 1}", f"{', '.join(names)} [{target.unit}], {where}"))
     if columns.lengths is not None:
         lengths = columns.lengths
-        of = {"distance": "distances", "plane": "heights above a plane"}[lengths.of]
+        of = {
+            "distance": "distances",
+            "plane": "heights above a plane",
+            "sphere": "distances from a sphere",
+            "centre": "distances from the centre of a sphere",
+        }[lengths.of]
         facts.append((of, f"{', '.join(lengths.columns)} [{lengths.unit}]"))
     if columns.place is not None:
         labels = ", ".join(measurements.setup.places) or "one alone, not used"

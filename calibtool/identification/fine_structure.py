@@ -1,0 +1,111 @@
+"""Fine structure of the joint motions: which joints, and up to which order, before anything of it
+is fitted.
+
+Of a fit without it, the evidence for more harmonics of one joint needs their products with the
+residuals and the columns
+only, so that a hundred orders of every joint cost less than one step of a fit that has them.
+"""
+
+import numpy as np
+
+from calibtool.errormodel.harmonics import FINE_ORDERS, LOW_ORDERS, harmonic_functions
+from calibtool.identification.equations import linearised_rows
+from calibtool.identification.fitting import Fit
+from calibtool.identification.parameters import Parameters
+from calibtool.measurement.measurements import Measurements
+from calibtool.robot.se3 import Array
+
+_CLEAR = 3.0  # nats by which finer harmonics must make the data more probable
+_ROWS = 2.0  # waves per configuration, at most
+_NOISES = np.geomspace(0.4, 1.1, 6)  # of that of the fit
+_HANDFUL, _FEW = 20, 200  # configurations
+_SIZES = np.geomspace(3e-6, 3e-4, 9)  # rad, of their coefficients
+
+
+def finer(measurements: Measurements, fit: Fit, highest: int) -> tuple[np.ndarray, Array]:
+    """Orders of harmonics per joint (n,) that the residuals of a fit ask for, and the size of what
+    is added (n,) in rad.
+
+    At least those that the fit has, none from a handful of rows, and never more than two waves per
+    configuration.
+    """
+    has = harmonic_orders(fit.parameters)
+    orders, sizes = has.copy(), np.zeros(len(has))
+    turning = np.flatnonzero(~np.array(measurements.robot.prismatic))
+    steps = [h for h in FINE_ORDERS if h <= min(highest, _ROWS * len(measurements))]
+    if not steps or not len(turning) or len(measurements) < _HANDFUL:
+        return orders, sizes
+    columns, offsets, left = _columns(measurements, fit)
+    few = len(measurements) <= _FEW
+    # Joints that ask for it clearly have a size of their own; with few rows the others may do so
+    # together.
+    for joints in (*([j] for j in turning), turning if has.max() <= LOW_ORDERS and few else []):
+        asking = [j for j in joints if orders[j] == has[j] and 2 * steps[-1] > 2 * has[j]]
+        if not asking:
+            continue
+        functions = [_functions(measurements.q[:, j], has[j], steps[-1]) for j in asking]
+        order = np.concatenate([values[0] for values in functions])
+        parts = [
+            offsets[:, :, j, None] * f[:, None] for j, (_, f) in zip(asking, functions, strict=True)
+        ]
+        A = np.concatenate(parts, axis=-1).reshape(left.size, -1)
+        both = A.T @ columns
+        information = A.T @ A - both @ fit.covariance @ both.T
+        gradient = A.T @ left
+        freedom = max(len(left) - fit.effective, 1.0)
+        best = max(
+            (*_gain(information[np.ix_(k, k)], gradient[k], float(left @ left), freedom), h)
+            for h, k in ((h, np.flatnonzero(order <= h)) for h in steps)
+            if len(k)
+        )
+        if best[0] > (_CLEAR if len(joints) == 1 else -np.inf):
+            orders[asking], sizes[asking] = best[2], best[1]
+    return np.maximum(orders, has), sizes
+
+
+def _functions(q: Array, has: int, highest: int) -> tuple[np.ndarray, Array]:
+    """Orders (k,) and values (N, k) of the harmonics that a joint does not have yet, q (N,)."""
+    first = 2 * max(has, LOW_ORDERS)
+    values = harmonic_functions(q, highest)[:, first:]
+    return (first + np.arange(values.shape[1])) // 2 + 1, values
+
+
+def harmonic_orders(parameters: Parameters) -> np.ndarray:
+    """Highest order of harmonics of every joint (n,), 0 where it has none."""
+    orders = np.zeros(parameters.robot.n, dtype=int)
+    for part in parameters.parts:
+        if part.family.id == "harmonics":
+            for j, row in enumerate(part.free):
+                orders[j] = (np.flatnonzero(row)[-1] // 2 + 1) if row.any() else 0
+    return orders
+
+
+def _columns(measurements: Measurements, fit: Fit) -> tuple[Array, Array, Array]:
+    """Of a fit, over its noise: columns (N d, p), those of the joint offsets (N, d, n), and
+    residuals (N d,)."""
+    columns, left = linearised_rows(measurements, fit.parameters, fit.state)
+    scale = np.sqrt(fit.row_weight)[:, None, None] / fit.noise_factor
+    columns = columns * scale
+    offsets = columns[..., fit.parameters.blocks["offsets"]]
+    return columns.reshape(left.size, -1), offsets, (left * scale[..., 0]).ravel()
+
+
+def _gain(
+    information: Array, gradient: Array, squares: float, freedom: float
+) -> tuple[float, float]:
+    """The most that parameters of one size add to the log evidence, nats, and that size in rad.
+
+    Over the size and over the noise, which is less where they explain what it was for: `squares`
+    over the noise so far,
+    which has that many degrees of `freedom`.
+    """
+    values, vectors = np.linalg.eigh(information)
+    values, along = np.maximum(values, 0.0), (vectors.T @ gradient) ** 2
+    noise, size = _NOISES[:, None, None] ** 2, _SIZES[:, None] ** 2
+    spread = 1.0 + size * values / noise
+    explained = (size * along / noise**2 / spread - np.log(spread)).sum(axis=-1)
+    kept = squares / noise[..., 0] + freedom * np.log(noise[..., 0])
+    gains = 0.5 * (explained - kept)
+    before = -0.5 * (squares / noise[..., 0] + freedom * np.log(noise[..., 0])).min()
+    best = np.unravel_index(gains.argmax(), gains.shape)
+    return float(gains[best] - before), float(_SIZES[best[1]])

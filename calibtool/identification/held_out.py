@@ -1,0 +1,97 @@
+"""Held-out configurations without a second fit: what the others say about each, by the quadratic
+model of one fit.
+
+Rows that repeat a configuration are held out together: each would tell the others.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from calibtool.identification.equations import linearised_rows
+from calibtool.identification.fitting import Fit
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.observation import weights
+from calibtool.robot.se3 import Array
+
+_JUDGED = 500  # configurations that are held out
+_REPEATS = 2e-3  # rad or m of any joint: nearer rows are one configuration
+TYPICAL = 4.0  # times the typical squared size: more of a row counts no more
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Rows (M,) held out in G groups of g rows, and what a fit says of them over its noise.
+
+    theta, covariance  of the fit: (p,), (p, p)
+    blocks             of groups of one size: rows (G, g), C Aᵀ (p, G, g d), A C Aᵀ (G, g d, g d),
+    residuals (G, g d)
+    d                  coordinates seen in every row (M,)
+    """
+
+    theta: Array
+    covariance: Array
+    blocks: list[tuple[np.ndarray, Array, Array, Array]]
+    d: np.ndarray
+
+    @classmethod
+    def of(cls, measurements: Measurements, fit: Fit) -> Self:
+        """For a fit, and for what it would be with less parameters."""
+        groups = _groups(measurements.q)
+        rows = np.sort(np.concatenate(groups))
+        part = measurements.rows(rows)
+        columns, left = linearised_rows(part, fit.parameters, fit.state)
+        scale = np.sqrt(fit.row_weight[rows])[:, None] / fit.noise_factor
+        columns, left = columns * scale[..., None], left * scale
+        blocks = []
+        for size in sorted({len(group) for group in groups}):
+            index = np.searchsorted(rows, np.stack([g for g in groups if len(g) == size]))
+            A = columns[index].reshape(len(index), -1, columns.shape[-1])
+            flat = A.reshape(-1, A.shape[-1])
+            CA = (fit.covariance @ flat.T).reshape(-1, *A.shape[:2])
+            hat = np.moveaxis(CA, 0, 2) @ np.swapaxes(A, 1, 2)
+            blocks.append((index, CA, hat, left[index].reshape(A.shape[:2])))
+        return cls(fit.theta, fit.covariance, blocks, (weights(part) > 0).sum(axis=-1))
+
+    def sizes(self, dropped: np.ndarray | None = None) -> Array:
+        """Squared residuals per coordinate (M,) over the fit's noise, each group predicted by the
+        others.
+
+        Without the group k, r_k is (1 − A_k C A_kᵀ)⁻¹ r_k, exact for the quadratic model. dropped
+        (k,): parameters that are
+        zero; the Gaussian is conditioned on that.
+        """
+        s = np.zeros(0, dtype=int) if dropped is None else dropped
+        own = self.covariance[np.ix_(s, s)]
+        sizes = np.empty(len(self.d))
+        for index, CA, hat, left in self.blocks:
+            part = CA[s]
+            gain = np.linalg.solve(own, part.reshape(len(s), left.size)).reshape(part.shape)
+            there = left + np.tensordot(self.theta[s], gain, 1)
+            less = hat - np.moveaxis(part, 0, 2) @ np.moveaxis(gain, 0, 1)
+            alone = np.linalg.solve(np.eye(left.shape[1]) - less, there[..., None])
+            sizes[index] = (alone.reshape(*index.shape, -1) ** 2).sum(axis=-1)
+        return np.asarray(sizes / self.d)
+
+
+def _groups(q: Array) -> list[np.ndarray]:
+    """Up to `_JUDGED` rows, evenly spread, and all that repeat their configuration."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(q).query_pairs(_REPEATS, p=np.inf, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(q), len(q)))
+    count, label = connected_components(links, directed=False)
+    order = np.argsort(label, kind="stable")
+    groups = np.split(order, np.cumsum(np.bincount(label, minlength=count))[:-1])
+    share = min(1.0, _JUDGED / len(q))
+    chosen = np.unique(np.linspace(0, count - 1, max(1, round(share * count))).astype(int))
+    return [groups[k] for k in chosen]
+
+
+def typical(sizes: Array, reference: Array) -> float:
+    """Mean of squared sizes (M,) in which no row counts for more than a few times the typical one
+    of the reference."""
+    return float(np.minimum(sizes, TYPICAL * reference.mean()).mean())

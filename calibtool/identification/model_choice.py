@@ -1,0 +1,189 @@
+"""Which errors a robot is given: by evidence, then by held-out rows, section by section
+(`Family.sections`)."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from calibtool.errormodel.families import BY_ID, FAMILIES
+from calibtool.errormodel.family import Rows
+from calibtool.errormodel.harmonics import LOW_ORDERS
+from calibtool.identification.evidence import log_density_ratio, most_probable
+from calibtool.identification.fine_structure import finer, harmonic_orders
+from calibtool.identification.fitting import CONVERGED, ROUGHLY, Fit
+from calibtool.identification.held_out import TYPICAL, HeldOut, typical
+from calibtool.identification.parameters import Parameters, Part, State
+from calibtool.measurement.measurements import Measurements
+from calibtool.robot.se3 import Array
+
+_PARSIMONY = 4.0  # nats that a section must earn
+_CLEARLY, _AT_ALL = 1.0, 0.5  # standard errors by which held-out rows are predicted better
+_BEYOND_DOUBT = 30.0  # nats: held-out rows need not be asked
+_WORTHWHILE = 0.95  # of the held-out squares: what has fine structure has to leave less than that
+_FINE = (
+    32,
+    128,
+)  # harmonics up to which fine structure is sought, in turn: the finer beside the coarser
+
+
+class FitOf(Protocol):
+    """A fit of some parameters to the measurements, from a state and, where there is one, another
+    fit."""
+
+    def __call__(
+        self,
+        parameters: Parameters,
+        state: State,
+        start: Fit | None,
+        converged: float,
+        prior_std: Array | None = None,
+    ) -> Fit: ...
+
+
+def chosen_fit(measurements: Measurements, orders: Mapping[str, int], fit_of: FitOf) -> Fit:
+    """The fit of what the data speak for. orders: those of families that are not open, by id.
+
+    Evidence first: sections that are more probably absent go. Then held-out rows, because evidence
+    knows white noise only:
+    sections without which the others predict a row no worse go too. At last harmonics beyond the
+    low orders, of the joints
+    whose residuals ask for them, as long as held-out rows are predicted better by enough.
+    """
+    rows = Rows(measurements.robot, measurements.q, measurements.conditions)
+    start = State.nominal(measurements.robot, measurements.setup)
+    every = {family.id: family.orders[-1] if family.known(rows) else 0 for family in FAMILIES}
+    every |= {family.id: 1 for family in FAMILIES if family.always} | dict(orders)
+    low = Parameters.of(measurements.robot, start.setup, **every)
+    few = low.count > measurements.equations
+
+    def probable(of: Fit) -> np.ndarray:
+        sections = _sections(of.parameters, orders)
+        if few and (fine := _fine_structure(of.parameters)):
+            # Held-out rows decide on all of it: one joint's part is never clear there.
+            sections = [s for s in sections if s[0] not in fine[0]]
+        return most_probable(of.theta, of.covariance, of.prior_std, sections, _PARSIMONY)
+
+    fit = fit_of(low, start, None, ROUGHLY)
+    if "harmonics" not in orders:
+        fit = _with_fine_structure(measurements, fit, probable(fit), fit_of)
+    fit = _smaller(fit, _useful(measurements, fit, probable(fit), orders), fit_of)
+    while (below := fit.parameters.positive & (fit.theta < 0)).any():
+        fit = _smaller(fit, ~below, fit_of)  # no gear has a clearance below zero
+    return fit
+
+
+def _with_fine_structure(
+    measurements: Measurements, every: Fit, probable: np.ndarray, fit_of: FitOf
+) -> Fit:
+    """The fit with the harmonics beyond the low orders that its residuals ask for; itself where
+    they do not.
+
+    The first are sought beside what is probable without them, so that few can hide in what few
+    rows leave open.
+    """
+    fit = _smaller(every, probable, fit_of)
+    for highest in _FINE:
+        has, (wanted, size) = harmonic_orders(fit.parameters), finer(measurements, fit, highest)
+        if (wanted <= np.maximum(has, LOW_ORDERS)).all():
+            continue
+        larger = _with_harmonics(every.parameters, wanted)
+        every = fit = fit_of(larger, every.state, every, ROUGHLY, _priors(every, larger, size))
+    return every
+
+
+def _priors(fit: Fit, larger: Parameters, size: Array) -> Array:
+    """Tolerances of a larger model (p,): the fit's own, and for what it does not have the size of
+    its joint (n,), rad."""
+    known = dict(zip(fit.parameters.names, fit.prior_std, strict=True))
+    of_joint = np.zeros(larger.count)
+    for part in larger.parts:
+        if part.family.id == "harmonics":
+            of_joint[larger.blocks["harmonics"]] = size[part.elements // part.shape[1]]
+    return np.array([known.get(name, s) for name, s in zip(larger.names, of_joint, strict=True)])
+
+
+def _sections(parameters: Parameters, fixed: Collection[str]) -> list[np.ndarray]:
+    return [index for family, index in parameters.sections if family.id not in fixed]
+
+
+def _smaller(fit: Fit, kept: np.ndarray, fit_of: FitOf) -> Fit:
+    """The converged fit of the parameters that are kept (p,)."""
+    smaller = fit.parameters.only(kept)
+    return fit_of(smaller, fit.reduced(smaller), fit, CONVERGED)
+
+
+def _useful(
+    measurements: Measurements, fit: Fit, kept: np.ndarray, fixed: Collection[str]
+) -> np.ndarray:
+    """Of the parameters that are kept (p,) bool, those that help to predict held-out rows.
+
+    Fine structure that is not worth its number goes, and so do doubtful sections without which no
+    row is predicted worse.
+    """
+    dropped = np.flatnonzero(~kept)
+    theta, covariance = fit.conditional(dropped)
+    theta += fit.theta
+    fine = [] if "harmonics" in fixed else _fine_structure(fit.parameters)
+    doubtful = []
+    for s in _sections(fit.parameters, fixed):
+        if kept[s[0]] and not (fine and s[0] in fine[0]):
+            density = log_density_ratio(theta[s], covariance[np.ix_(s, s)], fit.prior_std[s])
+            doubtful += [(-density, s)] if -density < _BEYOND_DOUBT else []
+    if not (doubtful or fine):
+        return kept
+    held_out = HeldOut.of(measurements, fit)
+    now = held_out.sizes(dropped)
+    for section in fine:
+        trial = np.union1d(dropped, section)
+        without = held_out.sizes(trial)
+        worthwhile = typical(now, without) < _WORTHWHILE * typical(without, without)
+        if not (worthwhile and _better(now, without, _CLEARLY)):
+            dropped, now = trial, without
+            break
+    for _, section in sorted(doubtful, key=lambda pair: pair[0]):
+        trial = np.union1d(dropped, section)
+        without = held_out.sizes(trial)
+        if len(trial) > len(dropped) and not _better(now, without, _AT_ALL):
+            dropped, now = trial, without
+    result = np.ones(len(theta), dtype=bool)
+    result[dropped] = False
+    return result
+
+
+def _fine_structure(parameters: Parameters) -> list[np.ndarray]:
+    """Parameters (k,) beyond each of the orders in which fine structure is sought, all of it
+    first."""
+    for part in parameters.parts:
+        if part.family.id == "harmonics":
+            order = part.elements % part.shape[1] // 2 + 1
+            start = parameters.blocks["harmonics"].start
+            beyond = [start + np.flatnonzero(order > h) for h in (LOW_ORDERS, *_FINE[:-1])]
+            return [index for index in beyond if len(index)]
+    return []
+
+
+def _better(sizes: Array, than: Array, errors: float) -> bool:
+    """Whether squared sizes (M,) of held-out rows are smaller than others by more than some
+    standard errors."""
+    most = TYPICAL * than.mean()
+    gain = np.minimum(than, most) - np.minimum(sizes, most)
+    return bool(gain.mean() > errors * gain.std() / np.sqrt(len(gain)))
+
+
+def _with_harmonics(parameters: Parameters, wanted: np.ndarray) -> Parameters:
+    """The parameters with more harmonics of every joint up to those wanted (n,)."""
+    family = BY_ID["harmonics"]
+    free = np.zeros(family.shape(parameters.robot.n, int(wanted.max())), dtype=bool)
+    others = []
+    for part in parameters.parts:
+        if part.family is family:
+            free[:, : part.shape[1]] = part.free
+        else:
+            others.append(part)
+    for j, order in enumerate(wanted):
+        free[j, 2 * LOW_ORDERS : 2 * order] = True
+    parts = [*others, Part(family, free.shape, np.flatnonzero(free))]
+    parts.sort(key=lambda part: FAMILIES.index(part.family))
+    return replace(parameters, parts=tuple(parts))
