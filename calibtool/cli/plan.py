@@ -269,8 +269,10 @@ def plan(
             f"warning: only {len(made.candidates.q)} candidates after {made.candidates.drawn} "
             "draws; the constraints are tight"
         )
-    if target is not None:
-        write_output(target, made.table, force)
+    outputs: dict[str, bytes | str] = {} if target is None else {target: made.table}
+    if program is not None:
+        outputs[program] = point_list(program, model, made.q, made.beside)
+    write_outputs(outputs, force)
     if json:
         print_json({**made.as_json(), "workspace": space.name, "seed": seed})
     else:
@@ -278,10 +280,6 @@ def plan(
         if seen_by is not None and set_up is None:
             for line in placed(seen_by.setup):
                 message(f"note: {line}")
-    outputs: dict[str, bytes | str] = {} if target is None else {target: made.table}
-    if program is not None:
-        outputs[program] = point_list(program, model, made.q, made.beside)
-    write_outputs(outputs, force)
     if target is not None:
         wrote(target, f"{count_of(len(made.q), 'configuration')}, in an order of short travel")
 
