@@ -263,7 +263,7 @@ def build_calibration(file: h5py.File) -> Calibration:
         posterior=_posterior(model["posterior"], robot, setup) if "posterior" in model else None,
         flagged=_flagged(model["flagged"], len(q)) if "flagged" in model else None,
         held_out={
-            name.removeprefix(_HELD_OUT): read_number(model, name, 0.0)
+            name.removeprefix(_HELD_OUT): read_number(model, name, 0.0, np.inf)
             for name in model.attrs
             if name.startswith(_HELD_OUT)
         },

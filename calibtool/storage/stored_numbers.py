@@ -59,7 +59,7 @@ def get(group: h5py.Group, name: str, *shape: int, below: float = LARGEST) -> Ar
 
 
 def get_with_gaps(group: h5py.Group, name: str, *shape: int, below: float = LARGEST) -> Array:
-    """The same where NaN has a meaning."""
+    """A dataset (…,) as `get`, where NaN has a meaning."""
     dataset = group[name]
     if dataset.dtype.kind not in "iuf":  # numpy would read numbers from text
         raise ValueError(f"{dataset.name} holds {dataset.dtype}; expected numbers")
@@ -72,7 +72,7 @@ def get_with_gaps(group: h5py.Group, name: str, *shape: int, below: float = LARG
 
 
 def get_positive(group: h5py.Group, name: str, *shape: int) -> Array:
-    """A dataset of scales or standard deviations, all above zero."""
+    """A dataset (…,) of scales or standard deviations, all above zero."""
     array = get(group, name, *shape)
     if not (array > _SMALLEST).all():
         raise ValueError(f"{group.name}/{name} holds a value that is not above zero")

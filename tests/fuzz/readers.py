@@ -43,6 +43,7 @@ from calibtool.robot.denavit_hartenberg import DhConvention
 from calibtool.robot.description import parse_source, source_from_urdf
 from calibtool.robot.robot import Robot
 from calibtool.storage import read_any, read_study, to_bytes
+from calibtool.storage.file_checks import with_digest
 from calibtool.storage.studies import study_to_bytes
 from calibtool.tables import read_tables
 
@@ -185,7 +186,8 @@ def _strange(rng: random.Random, values: object) -> object:
 
 
 def _hdf5(rng: random.Random, seeds: Sequence[bytes]) -> bytes:
-    return edited(rng, seeds) if rng.random() < 0.2 else mutated(rng, seeds, BINARY)
+    data = edited(rng, seeds) if rng.random() < 0.2 else mutated(rng, seeds, BINARY)
+    return with_digest(data) if rng.random() < 0.3 else data  # anybody can seal a file
 
 
 def _read_hdf5(data: bytes) -> None:

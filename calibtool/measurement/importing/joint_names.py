@@ -19,6 +19,7 @@ _ASKED = {
     "setpoint",
     "nominal",
 }
+_MOST_WORDS = 20  # in the name of a joint
 _AROUND = {
     *_READ,
     *_ASKED,
@@ -86,6 +87,8 @@ def _number(column: str, joints: Sequence[str]) -> tuple[int, bool] | None:
         if rest and set(f"{rest[1]} {rest[2]}".split()) <= _AROUND:
             return i + 1, bool(set(rest[0].split()) & _READ)
     words = name.split(" ")
+    if len(words) > _MOST_WORDS:  # the search takes the square of their number
+        return None
     for start in range(len(words)):
         for length in (2, 1):
             middle = " ".join(words[start : start + length])
