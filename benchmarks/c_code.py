@@ -92,9 +92,7 @@ def with_harmonics(calibration: Calibration, orders: int) -> Calibration:
 def main() -> None:
     flags = shlex.split(" ".join(sys.argv[1:])) or ["-O2"]
     robot = load_robot("fanuc-m1000ia")
-    measurements = simulate(
-        robot, Simulation(workspace=robot.workspace(None)[1], configurations=60)
-    )
+    measurements = simulate(robot, Simulation(configurations=60))
     paper = train(measurements, "nominal", TrainingOptions(restarts=1))
     complete = identify(measurements, "complete")
     cases = {

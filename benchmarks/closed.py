@@ -43,7 +43,7 @@ from calibtool.robot.continuation import newton
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
 
-ROBOTS = ("fivebar", "hexapod", "delta", "prs3", "palletizer", "hybrid")
+ROBOTS = ("fivebar", "hexapod", "delta", "prs3", "palletizer", "palletizer-level", "hybrid")
 BAYES = TrainingOptions(regularisation="bayes")
 STEPS = 100  # of the way to a pose whose assembly mode is checked
 
@@ -91,15 +91,15 @@ def knowing(measured: Measurements) -> Calibration:
 
 
 def planned(robot: Robot, truth: Measurements, count: int, seed: int) -> Array:
-    """Configurations (count, n) that `plan` chooses."""
-    workspace = robot.workspace(None)[1]
+    """Configurations (count, n) that the command `plan` chooses unless told otherwise."""
+    workspace = robot.workspace()
     plan = make_plan(
         Knowledge.of_tolerances(robot, truth.noise_position),
         workspace,
         count,
         constraints=Constraints(),
-        criterion="i",
-        candidates=300,
+        criterion="d",
+        candidates=2000,
         rng=np.random.default_rng(seed),
     )
     return plan.q
@@ -109,7 +109,7 @@ def reductions(robot: Robot, seed: int, fresh_rows: int) -> dict[str, Array]:
     """Per method the reductions of (maximum, mean) of position and rotation, percent: (4,), NaN
     where there is none.
     """
-    basis = Simulation(seed=seed, configurations=50, workspace=robot.workspace(None)[1])
+    basis = Simulation(seed=seed, configurations=50)
     measured = simulate(robot, basis)
     assert measured.truth is not None
     fresh = simulate(robot, replace(basis, configurations=fresh_rows, same_robot=measured.truth))
@@ -144,7 +144,7 @@ def perfect_model(robot: Robot, seed: int) -> float:
     """Largest position error (mm) of the task components after exact correction by the truth
     itself.
     """
-    basis = Simulation(seed=seed, configurations=200, workspace=robot.workspace(None)[1])
+    basis = Simulation(seed=seed, configurations=200)
     measured = simulate(robot, basis)
     assert measured.truth is not None
     result = compensate_joints(knowing(measured), measured.q)
@@ -205,9 +205,9 @@ def speed(robot: Robot) -> tuple[float, float, float]:
     """Forward kinematics with Jacobian in µs a pose, exact corrections in rows/s, making of the
     starts in s.
     """
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     start = time.process_time()
-    robot.mechanism.closes(robot.home(workspace)[None])
+    robot.mechanism.closes(workspace.home[None])
     starts = time.process_time() - start
     q = sample_configurations(robot, workspace, 2000, np.random.default_rng(0))
     forward = processor_time(lambda: robot.mechanism.forward_and_jacobian(q)) / len(q)

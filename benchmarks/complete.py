@@ -75,10 +75,16 @@ def accuracy(seeds: range) -> None:
         ratios = []
         for seed in seeds:
             measurements = simulate(
-                robot, Simulation(seed=seed, configurations=count, scales=ErrorScales(kinds))
+                robot,
+                Simulation(
+                    seed=seed, configurations=count, scales=ErrorScales(kinds), workspace="full"
+                ),
             )
             fresh = simulate(
-                robot, Simulation(seed=seed, configurations=1000, same_robot=measurements.truth)
+                robot,
+                Simulation(
+                    seed=seed, configurations=1000, same_robot=measurements.truth, workspace="full"
+                ),
             )
             methods: list[tuple[str, Calibration]] = [
                 ("geometry alone", identify(measurements, GEOMETRY)),
@@ -131,7 +137,7 @@ def times() -> None:
     )
     for count in (50, 1000, 3000, 10_000):
         measurements = simulate(
-            robot, Simulation(configurations=count, scales=ErrorScales(PHYSICAL))
+            robot, Simulation(configurations=count, scales=ErrorScales(PHYSICAL), workspace="full")
         )
         repeats = 5 if count == 50 else 1
         taken = []

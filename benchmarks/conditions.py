@@ -32,7 +32,8 @@ def measured(
     again = {} if first is None else {"same_robot": first.truth, "noise": 0.0}
     more: Mapping[str, object] = {**rows, **again}
     return simulate(
-        load_robot("ur10"), Simulation(seed=seed, configurations=count, scales=scales, **more)
+        load_robot("ur10"),
+        Simulation(seed=seed, configurations=count, workspace="full", scales=scales, **more),
     )
 
 

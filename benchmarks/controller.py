@@ -75,7 +75,7 @@ def scene(seed: int, configurations: int = 60) -> Scene:
         read_controller_model(yaml_of(frames), "arm.yaml", robot).mechanism
         for frames in (factory, actual)
     ]
-    q = sample_configurations(robot, None, configurations, rng)
+    q = sample_configurations(robot, "full", configurations, rng)
     points = transform_points(mechanisms[1].forward(q), robot.targets)
     measurements = Measurements(
         robot=robot,
@@ -102,7 +102,7 @@ def poses_in(text: str) -> Array:
     """The poses of movel instructions (N, 4, 4)."""
     found = re.findall(r"movel\(p\[([^]]*)\]", text)
     return np.array(
-        [pose([float(v) for v in each.split(",")], "rotation vector") for each in found]
+        [pose([float(v) for v in each.split(",")], "rotation-vector") for each in found]
     )
 
 
@@ -116,7 +116,7 @@ def driven(made: Scene, text: str, q_near: Array) -> Array:
 def errors(made: Scene, seed: int, count: int = 40) -> dict[str, tuple[Array, Array]]:
     """Distances (N,) in m and turns (N,) in rad from the commanded poses, by method."""
     robot = made.calibration.robot
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     q = sample_configurations(robot, workspace, count, np.random.default_rng([seed, 1]))
     text = program(robot.mechanism.forward(q))
     commanded = poses_in(text)

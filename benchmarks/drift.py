@@ -40,13 +40,13 @@ def main() -> None:
     drift = np.linspace(0, 0.2e-3, ROWS)[:, None, None] * [0.0, 0.6, 0.8]
     for name in ("ur10", "fanuc-m1000ia"):
         robot = load_robot(name)
-        space = robot.workspace(None)[1]
+        space = robot.workspace()
         for kinds in (("geometric",), ("geometric", "gear", "gravity", "backlash")):
             for targets in (1, 3):
                 false = true = 0
                 for seed in range(seeds):
                     q = sample_configurations(robot, space, ROWS, np.random.default_rng(seed))
-                    q = q[short_order(robot, q, robot.home(space))]
+                    q = q[short_order(robot, q, space.home)]
                     scales = ErrorScales(kinds=kinds)
                     steady = simulate(
                         robot, Simulation(seed=seed, at=q, scales=scales, unregistered=True)

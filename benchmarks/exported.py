@@ -40,8 +40,6 @@ from calibtool.export.rendering import Precision
 from calibtool.export.structured_text import calibration_as_structured_text
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.description import Workspace
-from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 
 LOOP = """
@@ -102,11 +100,6 @@ def sizes(calibration: Calibration, q: Array, commanded: Array) -> Array:
     return np.array([np.linalg.norm(part, axis=1) for part in (error, task)])
 
 
-def home(robot: Robot) -> Workspace | None:
-    """The default workspace."""
-    return robot.workspace(None)[1]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--rows", type=int, default=2000)
@@ -127,9 +120,9 @@ def main() -> None:
             (options.rows, robot.n)
         )
         for base, workspace in (
-            ("complete", None),
-            ("complete", home(robot)),
-            ("nominal", home(robot)),
+            ("complete", robot.workspace("full")),
+            ("complete", robot.workspace()),
+            ("nominal", robot.workspace()),
         ):
             basis = Simulation(
                 seed=options.seed,
@@ -138,7 +131,7 @@ def main() -> None:
                 scales=ErrorScales(ERROR_KINDS),
             )
             calibration = train(simulate(robot, basis), base)
-            label = base if workspace is None else f"{base}, workspace"
+            label = f"{base}, workspace" if workspace.bounded else base
             single = q.astype(np.float32).astype(float)
             found = {
                 "C": (q, *by_c(calibration, q, "double")),

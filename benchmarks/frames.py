@@ -2,7 +2,7 @@
 
     python benchmarks/frames.py            # 1 min
 
-The sample of the tutorial, then simulated robots in an unknown set-up with every kind of error but
+The sample of the pages, then simulated robots in an unknown set-up with every kind of error but
 backlash: 60 configurations of the default workspace, the complete model, 500 fresh targets. Median
 of the seeds (worst).
 """
@@ -77,7 +77,6 @@ def of_seed(name: str, seed: int) -> list[float]:
     simulation = Simulation(
         seed=seed,
         configurations=60,
-        workspace=robot.workspace(None)[1],
         scales=ErrorScales(kinds=tuple(kind for kind in ERROR_KINDS if kind != "backlash")),
         unregistered=True,
     )

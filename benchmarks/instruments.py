@@ -1,6 +1,6 @@
 """What instruments beside a tracker give: mean position error on unseen poses over the whole range.
 
-    python benchmarks/instruments.py [--seeds 20]
+    python benchmarks/instruments.py [--seeds 20] [--only NAME]
 
 A ur10 with geometric errors (without pitch, 0.169 mm and 0.169 mrad: about 0.63 mm of the nominal
 robot), contacts and wires to 0.05 mm, boards to 0.04, 0.04, 0.07 mm and 0.21 mrad. The complete
@@ -26,15 +26,22 @@ from calibtool.robot.se3 import Array, transform_points
 
 ROBOT = load_robot("ur10")
 SIZE = 0.169e-3
-CASES = {  # instrument, places, rows, what to reach in mm
-    "two sockets, 1 placement": ("contact", 1, 80, None),
-    "two sockets, 2 placements": ("contact", 2, 80, None),
-    "two sockets, 4 placements": ("contact", 4, 80, 0.08),
-    "camera on the tool": ("board", 1, 60, 0.24),
-    "camera beside the arm": ("camera", 1, 60, 0.16),
-    "one wire": ("distance", 1, 80, 0.08),
-    "three wires": ("distance", 3, 80, 0.04),
-    "probe on 3 planes": ("plane", 3, 80, 0.15),
+CASES = {  # instrument, places, rows, length of its gauge in m, what to reach in mm
+    "two sockets 50 mm apart, 1 placement": ("contact", 1, 80, None, None),
+    "two sockets 50 mm apart, 2 placements": ("contact", 2, 80, None, None),
+    "two sockets 50 mm apart, 4 placements": ("contact", 4, 80, None, 0.08),
+    "the same, 160 contacts": ("contact", 4, 160, None, 0.08),
+    "two sockets 200 mm apart, 4 placements": ("contact", 4, 80, 0.2, 0.08),
+    "camera on the tool, board poses": ("board", 1, 60, None, 0.24),
+    "camera on the tool, corners": ("corners", 1, 60, None, 0.24),
+    "camera beside the arm, board poses": ("camera", 1, 60, None, 0.16),
+    "camera beside the arm, corners": ("corners-beside", 1, 60, None, 0.16),
+    "one wire": ("distance", 1, 80, None, 0.08),
+    "three wires": ("distance", 3, 80, None, 0.04),
+    "probe on 3 planes": ("plane", 3, 80, None, 0.15),
+    "probe on 3 planes, block of 200 mm": ("plane", 3, 80, 0.2, 0.15),
+    "probe on 3 spheres": ("sphere", 3, 80, None, None),
+    "tool seen from a second arm": ("second-arm", 1, 80, None, 0.1),
 }
 
 
@@ -51,13 +58,19 @@ def mean_error(actual: Array, poses: Array) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
-    seeds = parser.parse_args().seeds
-    print(f"{'instrument':<28}{'nominal':>9}{'mean':>8}{'median':>8}{'max':>8}{'bound':>7}  asked")
-    for name, (instrument, places, rows, asked) in CASES.items():
+    parser.add_argument("--only", default="", help="instruments whose name holds this")
+    options = parser.parse_args()
+    seeds = options.seeds
+    print(f"{'instrument':<40}{'nominal':>9}{'mean':>8}{'median':>8}{'max':>8}{'bound':>7}  asked")
+    for name, (instrument, places, rows, gauge, asked) in CASES.items():
+        if options.only not in name:
+            continue
         found, failed = [], 0
         for seed in range(seeds):
             scales = ErrorScales(length=SIZE, angle=SIZE)
-            truth = simulate(ROBOT, Simulation(seed=seed, configurations=4, scales=scales)).truth
+            truth = simulate(
+                ROBOT, Simulation(seed=seed, configurations=4, scales=scales, workspace="full")
+            ).truth
             assert truth is not None
             errors = truth.actual.errors.without("twists")
             truth = replace(truth, actual=replace(truth.actual, errors=errors))
@@ -70,6 +83,8 @@ def main() -> None:
                         same_robot=truth,
                         instrument=instrument,
                         places=places,
+                        workspace="full",
+                        gauge=gauge,
                     ),
                 )
                 calibration = identify(seen)
@@ -84,7 +99,7 @@ def main() -> None:
             found.append((mean_error(actual, ROBOT.mechanism.forward(q)), after, after / expected))
         table = np.array(found)
         print(
-            f"{name:<28}{table[:, 0].mean():>9.3f}{table[:, 1].mean():>8.3f}"
+            f"{name:<40}{table[:, 0].mean():>9.3f}{table[:, 1].mean():>8.3f}"
             f"{np.median(table[:, 1]):>8.3f}{table[:, 1].max():>8.3f}"
             f"{np.median(table[:, 2]):>7.2f}  {asked or '':<6}"
             + (f"{failed} of {seeds} seeds without a solution" if failed else ""),

@@ -125,7 +125,7 @@ def main() -> None:
         start = time.process_time()
         solved = inverse_kinematics(robot, targets, near)
         row(name, "calibtool, near seed", solved.reached, time.process_time() - start)
-        seed = robot.home(robot.workspace(None)[1])
+        seed = robot.workspace().home
         row(name, "Pinocchio's CLIK example, no seed", *clik(robot, targets[:FEW], seed))
         if arguments.peer:
             row(name, "roboticstoolbox ik_LM, no seed", *toolbox(robot, targets, arguments.peer))

@@ -99,10 +99,20 @@ def sizes() -> Table:
             )
             errors = ErrorScales(length=0.5e-3 * scale)
             data = simulate(
-                robot, Simulation(seed=1, configurations=50, scales=errors, noise=0.05e-3 * scale)
+                robot,
+                Simulation(
+                    seed=1,
+                    configurations=50,
+                    scales=errors,
+                    noise=0.05e-3 * scale,
+                    workspace="full",
+                ),
             )
             fresh = simulate(
-                robot, Simulation(seed=2, configurations=60, noise=0.0, same_robot=data.truth)
+                robot,
+                Simulation(
+                    seed=2, configurations=60, noise=0.0, same_robot=data.truth, workspace="full"
+                ),
             )
             calibration = identify(data, "complete")
             fresh = fresh.rows(np.flatnonzero(compensate_joints(calibration, fresh.q).status == OK))
@@ -148,7 +158,7 @@ def collinear() -> Table:
     """
     rows = [["off the line", "when read", "largest error of the complete model, forced, mm"]]
     fanuc = load_robot("fanuc-m1000ia")
-    data = simulate(fanuc, Simulation(seed=1, workspace=fanuc.workspace(None)[1]))
+    data = simulate(fanuc, Simulation(seed=1))
     data = data.rows(np.arange(40))
     for width in 10.0 ** -np.arange(1, 10):
         targets = np.array([[-0.1, 0, 0.05], [0.1, 0, 0.05], [0, 0.2 * width, 0.05]])
@@ -177,9 +187,7 @@ def noise() -> Table:
     rows = [["noise", "nominal mm", "complete mm"]]
     fanuc = load_robot("fanuc-m1000ia")
     for size in (0.0, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6):
-        simulation = Simulation(
-            seed=1, workspace=fanuc.workspace(None)[1], configurations=40, noise=size
-        )
+        simulation = Simulation(seed=1, configurations=40, noise=size)
         data = simulate(fanuc, simulation)
         assert data.truth is not None
         true = data.truth.actual.forward(data.q)

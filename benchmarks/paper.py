@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("--workspace", default=None)
     seeds = range(parser.parse_args().seeds)
     robot = load_robot("fanuc-m1000ia")
-    workspace = robot.workspace(parser.parse_args().workspace)[1]
+    workspace = robot.workspace(parser.parse_args().workspace)
 
     results: dict[tuple[str, str], list[list[float]]] = {}
     for seed in seeds:

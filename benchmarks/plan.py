@@ -36,7 +36,7 @@ RANDOM = (15, 20, 25, 30)
 
 def accuracy(seeds: range, workspace: str) -> None:
     robot = load_robot("fanuc-m1000ia")
-    space = robot.workspace(workspace)[1]
+    space = robot.workspace(workspace)
     knowledge = Knowledge.of_tolerances(robot, NOISE)
     print(f"\n{workspace}: reduction in %, median of {len(seeds)} seeds (worst)\n")
     print(
@@ -98,7 +98,7 @@ def limits(seeds: range) -> None:
     know of no others.
     """
     robot = load_robot("fanuc-m1000ia")
-    space = robot.workspace("full")[1]
+    space = robot.workspace("full")
     whole = Knowledge.of_tolerances(robot, NOISE)
     parameters = Parameters.of(robot, whole.state.setup, twists=1)
     prior_std = parameters.prior_std(Tolerances.of_robot(robot))
@@ -140,9 +140,7 @@ def times() -> None:
     print("\n| 30 of 2,000 | rows | select d | select i |\n|---|---|---|---|")
     knowledge = Knowledge.of_tolerances(robot, NOISE)
     for workspace in ("full", "machining"):
-        q = sample_configurations(
-            robot, robot.workspace(workspace)[1], 2000, np.random.default_rng(0)
-        )
+        q = sample_configurations(robot, robot.workspace(workspace), 2000, np.random.default_rng(0))
         start = time.perf_counter()
         rows = knowledge.rows(q)
         taken = [time.perf_counter() - start]

@@ -47,7 +47,7 @@ OTHER_ROBOT = "ur5"
 
 def configurations(robot: Robot, count: int) -> Array:
     """Joint positions of a program, rounded as a program writes them, away from singularities."""
-    q = sample_configurations(robot, robot.workspace(None)[1], 2 * count, np.random.default_rng(1))
+    q = sample_configurations(robot, robot.workspace(), 2 * count, np.random.default_rng(1))
     return np.deg2rad(np.round(np.rad2deg(q[robot.singularity_distance(q) > 0.05][:count]), 3))
 
 
@@ -191,9 +191,7 @@ def read_joints(robot: Robot, text: str, program_format: str, near: Array) -> Ar
 
 def calibrations(robot: Robot) -> tuple[Calibration, Calibration]:
     """The identity, and one of a robot with errors."""
-    measurements = simulate(
-        robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=40)
-    )
+    measurements = simulate(robot, Simulation(seed=1, configurations=40))
     return identify(measurements, "nominal"), identify(measurements, "local-poe")
 
 

@@ -52,7 +52,9 @@ NONE = 1e-9  # weighted pose error: below it, nothing is left
 @cache
 def calibrated(name: str, base: str) -> Calibration:
     robot = load_robot(name)
-    simulation = Simulation(seed=1, configurations=100, scales=ErrorScales(kinds=ERROR_KINDS))
+    simulation = Simulation(
+        seed=1, configurations=100, scales=ErrorScales(kinds=ERROR_KINDS), workspace="full"
+    )
     data = simulate(robot, simulation)
     return (
         identify(data, base)

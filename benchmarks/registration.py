@@ -88,9 +88,7 @@ def main() -> None:
     for name in ("fanuc-m1000ia", "ur5"):
         robot = load_robot(name)
         actual = random_actual(robot, ErrorScales(ERROR_KINDS), np.random.default_rng(1))
-        q = readonly(
-            sample_configurations(robot, robot.workspace(None)[1], 40, np.random.default_rng(2))
-        )
+        q = readonly(sample_configurations(robot, robot.workspace(), 40, np.random.default_rng(2)))
         poses = robot.mechanism.forward(q)
         for kind in KINDS:
             rng = np.random.default_rng(3)
@@ -121,7 +119,7 @@ def main() -> None:
     )
     for name in ("fanuc-m1000ia", "ur5"):
         robot = load_robot(name)
-        home = robot.home(robot.workspace(None)[1])
+        home = robot.workspace().home
         turns, shifts = [], []
         for seed in range(100):
             rng = np.random.default_rng(seed)

@@ -27,8 +27,8 @@ from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.description import Workspace
 from calibtool.robot.robot import Robot
+from calibtool.robot.workspace import Workspace
 
 BAYES = TrainingOptions(regularisation="bayes")
 WITHOUT_BACKLASH = tuple(kind for kind in ERROR_KINDS if kind != "backlash")
@@ -46,7 +46,7 @@ class Outcome:
     without_backlash: float
 
 
-def run(robot: Robot, workspace: Workspace | None, configurations: int, seed: int) -> Outcome:
+def run(robot: Robot, workspace: Workspace, configurations: int, seed: int) -> Outcome:
     """Simulate, train and evaluate on fresh configurations; once more without backlash."""
     before, after, backlash, uncorrectable = trial(
         robot, workspace, configurations, seed, ERROR_KINDS
@@ -66,7 +66,7 @@ def run(robot: Robot, workspace: Workspace | None, configurations: int, seed: in
 
 def trial(
     robot: Robot,
-    workspace: Workspace | None,
+    workspace: Workspace,
     configurations: int,
     seed: int,
     kinds: tuple[str, ...],
@@ -106,7 +106,7 @@ def main() -> None:
     for name in options.robots.split(","):
         robot = load_robot(name)
         for workspace_name in dict.fromkeys((robot.workspace_names[0], "full")):
-            workspace = robot.workspace(workspace_name)[1]
+            workspace = robot.workspace(workspace_name)
             seeds = [
                 run(robot, workspace, options.configurations, seed) for seed in range(options.seeds)
             ]

@@ -34,7 +34,7 @@ def seconds(function: Callable[[], object], repeats: int = 11) -> float:
 
 def main() -> None:
     robot = load_robot("fanuc-m1000ia")
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     q = sample_configurations(robot, workspace, 10_000, np.random.default_rng(0))
     measurements = simulate(robot, Simulation(workspace=workspace))
 

@@ -1,8 +1,9 @@
 """Rows per second and memory of `calibtool compensate` through the command line, CSV in and out.
 
 Run: python benchmarks/throughput.py [--rows 1000000]. fanuc-m1000ia, joint rows of the default
-workspace; one process, one thread. Start-up (about half a second) counts; CPU seconds are user
-and system time, which other programs on the machine disturb less. Bytecode is kept, as an
+workspace; one BLAS thread, by this process alone and with one worker per core. Start-up (about half
+a second, a second more for the workers) counts; CPU seconds are user and system time, which other
+programs on the machine disturb less. Bytecode is kept, as an
 installation does.
 """
 
@@ -13,11 +14,13 @@ import subprocess
 import sys
 import tempfile
 import time
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.processes import processors
 from calibtool.robot.catalogue import load_robot
 
 CALIBTOOL = [sys.executable, "-m", "calibtool"]
@@ -45,7 +48,7 @@ def main() -> None:
     count = parser.parse_args().rows
     robot = load_robot("fanuc-m1000ia")
     q = sample_configurations(
-        robot, robot.workspace(None)[1], min(count, 20_000), np.random.default_rng(0)
+        robot, robot.workspace(), min(count, 20_000), np.random.default_rng(0)
     )
     with tempfile.TemporaryDirectory() as folder:
         table, measurements = str(Path(folder, "rows.csv")), str(Path(folder, "m.h5"))
@@ -65,19 +68,18 @@ def main() -> None:
             measurements,
         )
         print(
-            "| calibration | method | rows/s, wall | rows/s, CPU | peak memory |\n"
-            "|---|---|---|---|---|"
+            "| calibration | method | workers | rows/s, wall | rows/s, CPU | peak memory |\n"
+            "|---|---|---|---|---|---|"
         )
         for base in ("nominal", "complete"):
             calibration = str(Path(folder, f"{base}.h5"))
             run("train", measurements, "--base", base, "-o", calibration)
-            for method in ("one-step", "exact"):
-                wall, cpu, peak = run(
-                    "compensate", calibration, table, "--method", method, "-o", os.devnull
-                )
+            for method, workers in product(("one-step", "exact"), sorted({1, processors()})):
+                how = ("--method", method, "--workers", str(workers))
+                wall, cpu, peak = run("compensate", calibration, table, *how, "-o", os.devnull)
                 name = "network on nominal" if base == "nominal" else "complete"
                 print(
-                    f"| {name} | {method} | {count / wall:,.0f} | {count / cpu:,.0f} | "
+                    f"| {name} | {method} | {workers} | {count / wall:,.0f} | {count / cpu:,.0f} | "
                     f"{peak:.0f} MiB |",
                     flush=True,
                 )

@@ -26,9 +26,9 @@ from calibtool.export.urdf_geometry import fitted_geometry
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.description import Workspace
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
+from calibtool.robot.workspace import Workspace
 
 FRESH = 2000
 
@@ -40,7 +40,7 @@ def mean_errors(poses: Array, truth: Array) -> Array:
     return np.asarray(1e3 * sizes.mean(axis=1))
 
 
-def trial(robot: Robot, workspace: Workspace | None, configurations: int, seed: int) -> Array:
+def trial(robot: Robot, workspace: Workspace, configurations: int, seed: int) -> Array:
     """Errors of drawing, complete model, URDF and best URDF: (4, 2)."""
     basis = Simulation(
         seed=seed,
@@ -85,7 +85,7 @@ def main() -> None:
     for name in options.robots.split(","):
         robot = load_robot(name)
         for workspace_name in dict.fromkeys((robot.workspace_names[0], "full")):
-            workspace = robot.workspace(workspace_name)[1]
+            workspace = robot.workspace(workspace_name)
             trials = [
                 trial(robot, workspace, options.configurations, seed)
                 for seed in range(options.seeds)

@@ -15,6 +15,7 @@ DOING = {
     "serve": ("serving", "with"),
     "report": ("reporting", "on"),
     "study": ("studying", ""),
+    "monitor": ("checking", "with"),
     "view": ("drawing", ""),
     "plot": ("plotting", ""),
     "demo": ("running the demo", ""),

@@ -37,16 +37,14 @@ def run_demo(
     `write` receives every file by name, `report` a line before every step.
     """
     robot = load_robot(ROBOT)
-    workspace = robot.workspace(None)[1]
 
     report(f"simulate   {ROBOT}: 100 configurations, 0.5 mm / 0.5 mrad errors, 0.05 mm noise")
-    measurements = simulate(robot, Simulation(seed=seed, workspace=workspace))
+    measurements = simulate(robot, Simulation(seed=seed))
     measurements = replace(measurements, provenance=provenance)
     fresh = simulate(
         robot,
         Simulation(
             seed=seed,
-            workspace=workspace,
             configurations=FRESH_CONFIGURATIONS,
             same_robot=measurements.truth,
         ),
@@ -103,8 +101,8 @@ def _straight_line(robot: Robot) -> str:
     """100 poses along y through the middle of the workspace, with the tool held
     still: a CSV of poses.
     """
-    workspace = robot.workspace(None)[1]
-    T = robot.mechanism.forward(robot.home(workspace)[None])[0]
+    workspace = robot.workspace()
+    T = robot.mechanism.forward(workspace.home[None])[0]
     quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
     rows = []
     for k, shift in enumerate(np.linspace(-0.4, 0.4, 100)):

@@ -65,7 +65,7 @@ def near_names(name: str, known: Iterable[str]) -> str:
         return f"did you mean {names[folded.index(name.casefold())]}?"
     near = [
         names[folded.index(match)]
-        for match in get_close_matches(name.casefold(), folded, n=3, cutoff=0.4)
+        for match in get_close_matches(name.casefold(), folded, n=3, cutoff=0.6)
     ]
     return (
         f"did you mean {' or '.join(dict.fromkeys(near))}?"

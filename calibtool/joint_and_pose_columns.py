@@ -7,6 +7,13 @@ import numpy as np
 
 from calibtool.errors import InputError
 from calibtool.robot.coupling import JointValues
+from calibtool.robot.orientation import (
+    FIXED_ANGLES,
+    QUATERNION,
+    ROTATION_VECTOR,
+    rotation_matrices,
+    wrong_length,
+)
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.tables import Table
@@ -107,9 +114,9 @@ def unit_of(column: str) -> str:
 
 
 _ORIENTATIONS = {
-    "quaternion": ("qw", "qx", "qy", "qz"),
-    "rotation vector": ("rx_rad", "ry_rad", "rz_rad"),
-    "roll, pitch, yaw": ("roll_deg", "pitch_deg", "yaw_deg"),
+    QUATERNION: ("qw", "qx", "qy", "qz"),
+    ROTATION_VECTOR: ("rx_rad", "ry_rad", "rz_rad"),
+    FIXED_ANGLES: ("roll_deg", "pitch_deg", "yaw_deg"),
 }
 
 
@@ -138,25 +145,22 @@ def poses_from_header(table: Table) -> tuple[Array, list[str]] | None:
     found = pose_columns_of(table)
     if found is None:
         return None
-    from scipy.spatial.transform import Rotation
-
     position, orientation = found
     T = np.zeros((len(table), 4, 4))
     T[:, 3, 3] = 1.0
     T[:, :3, 3] = table.numbers(position) * TO_SI[unit_of(position[0])]
     values = table.numbers(orientation)
     if len(orientation) == 4:
-        lengths = np.linalg.norm(values, axis=-1)
-        wrong = np.abs(lengths - 1.0) > 1e-3
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            raise InputError(
-                f"{table.place(row)}: quaternion of length {lengths[row]:.4g}; expected 1"
-            )
-        rotation = Rotation.from_quat(values, scalar_first=True)
-    elif orientation[0] == "rx_rad":
-        rotation = Rotation.from_rotvec(values)
-    else:
-        rotation = Rotation.from_euler("xyz", values, degrees=True)  # lower case: fixed axes
-    T[:, :3, :3] = rotation.as_matrix()
+        check_quaternions(table, values)
+    factors = [TO_SI.get(column.rpartition("_")[2], 1.0) for column in orientation]
+    convention = next(name for name, columns in _ORIENTATIONS.items() if columns[0] in orientation)
+    T[:, :3, :3] = rotation_matrices(values * factors, convention)
     return T, [*position, *orientation]
+
+
+def check_quaternions(table: Table, quaternions: Array) -> None:
+    """InputError for the first row of (N, 4) whose length is not 1."""
+    found = wrong_length(quaternions)
+    if found is not None:
+        row, length = found
+        raise InputError(f"{table.place(row)}: quaternion of length {length:.4g}; expected 1")

@@ -31,7 +31,7 @@ def robot_summary(robot: Robot) -> dict[str, object]:
     units in the keys.
     """
     description = robot.source.description
-    home = robot.mechanism.forward(robot.home(robot.workspace(None)[1])[None])[0]
+    home = robot.mechanism.forward(robot.workspace().home[None])[0]
     joints = []
     for j, prismatic in enumerate(robot.prismatic):
         factor, unit = robot.display_unit(j)

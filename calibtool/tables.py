@@ -4,6 +4,7 @@ name line and column.
 
 import csv
 import io
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ _DELIMITERS = ("\t", ";", ",")
 
 
 _BLOCK = 20_000  # rows whose cells exist as text objects at one time
+_FORMULA = re.compile(r"[\t\r ]*(?:[=@]|[+-](?![\d.,]*(?:[eE][+-]?\d+)?\s*$))", re.ASCII)
 LONG_LINE = 100_000  # characters; csv refuses cells a little longer than this
 
 
@@ -315,11 +317,22 @@ def _records(
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """CSV text, comma separated, one line feed per row."""
+    return "\n".join([*csv_lines([header, *rows]), ""])
+
+
+def csv_lines(rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Rows of cells as lines of CSV, without line ends: the one place where CSV is written.
+
+    A text that a spreadsheet would take for a formula (it begins with = @ + or -, and is no number)
+    gets an apostrophe in front, by which spreadsheets know text.
+    """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return out.getvalue()
+    for row in rows:
+        writer.writerow([f"'{cell}" if _FORMULA.match(cell) else cell for cell in row])
+        yield out.getvalue()[:-1]
+        out.seek(0)
+        out.truncate()
 
 
 def number(value: float) -> str:

@@ -67,3 +67,19 @@ def joint_and_factor(name: str, prismatic: list[bool], place: str) -> tuple[int,
             f"{place}: '{name}': joint {index + 1} is {kind}; its unit is {' or '.join(allowed)}"
         )
     return index, TO_SI[unit]
+
+
+def three_digits(value: float) -> str:
+    """A number for people: three significant digits, at most four decimals, never an exponent."""
+    size = abs(value)
+    if not math.isfinite(size) or size == 0.0:
+        return f"{value:g}"
+    if size < 5e-5:
+        return "<0.0001" if value > 0 else ">-0.0001"
+    decimals = 2 - math.floor(math.log10(float(f"{size:.2e}")))
+    return f"{round(value, min(decimals, 4)):.{min(max(decimals, 0), 4)}f}"
+
+
+def count_of(count: int, one: str, many: str | None = None) -> str:
+    """`1 row`, `2 rows`: a number with its noun. many: a plural that is not made by an s."""
+    return f"{count:,} {one if count == 1 else many or one + 's'}"

@@ -14,7 +14,7 @@ PAGE = Path(__file__).with_name("commands.md")
 _INTRODUCTION = """# Commands
 
 Generated from the help (`make docs`); do not edit. `calibtool COMMAND --help` says the same. Files:
-[file formats](file-formats.md). First steps: [tutorial](tutorial.md).
+[file formats](file-formats.md). First steps: [get started](get-started.md).
 
 """
 _NOT_SHOWN = ("help", "install_completion", "show_completion")

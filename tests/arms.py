@@ -5,7 +5,14 @@ from calibtool.robot.catalogue import load_robot, robot_names
 # Arms that differ from others in their numbers alone have tests of their own (test_arms).
 LIKE_OTHERS = {
     *("abb-irb120", "abb-irb1200", "abb-irb2600", "abb-irb4600", "abb-irb6700", "denso-vs060"),
-    *("doosan-m1013", "fanuc-lrmate200id", "fanuc-m20ia", "fanuc-r2000ic-165f", "kinova-gen3"),
+    *(
+        "doosan-m1013",
+        "fanuc-lrmate200id",
+        "fanuc-m20ia",
+        "fanuc-r2000ic-165f",
+        "kinova-gen3",
+        "nachi-mz07",
+    ),
     *("kuka-iiwa14", "kuka-kr210-r2700", "staubli-tx2-60l", "techman-tm12", "yaskawa-gp25"),
     *("ur3e", "ur5e", "ur16e", "ur20", "ur30"),
 }

@@ -72,7 +72,7 @@ def fanuc() -> Robot:
 @pytest.fixture(scope="session")
 def fanuc_measurements(fanuc: Robot) -> Measurements:
     """The paper's experiment: 100 configurations of the machining workspace."""
-    return simulate(fanuc, Simulation(seed=1, workspace=fanuc.workspace(None)[1]))
+    return simulate(fanuc, Simulation(seed=1))
 
 
 @pytest.fixture(scope="session")

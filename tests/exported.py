@@ -57,9 +57,7 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     wind-up under gravity.
     """
     robot = load_robot(name)
-    measurements = simulate(
-        robot, Simulation(workspace=robot.workspace(None)[1], configurations=60)
-    )
+    measurements = simulate(robot, Simulation(configurations=60))
     model = "nominal" if base == "nominal" else "local-poe"
     if not network:
         return identify(measurements, model)

@@ -256,7 +256,7 @@ def test_the_largest_wind_up_is_the_stated_one(name: str, rng: np.random.Generat
 
 
 def test_backlash_leaves_a_joint_behind_its_motion(fanuc: Robot) -> None:
-    home = fanuc.home(fanuc.workspace(None)[1])
+    home = fanuc.workspace().home
     up, down = home + 0.1, home - 0.2
     widths = np.array([1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4])
     robot = ActualRobot(RobotErrors.of(fanuc, backlash=widths))
@@ -266,7 +266,7 @@ def test_backlash_leaves_a_joint_behind_its_motion(fanuc: Robot) -> None:
 
 
 def test_backlash_knows_the_direction_of_each_joint(fanuc: Robot) -> None:
-    home = fanuc.home(fanuc.workspace(None)[1])
+    home = fanuc.workspace().home
     direction = np.array([1, -1, 1, 1, -1, -1])
     robot = actual(fanuc, "backlash")
     assert (robot.errors["backlash"] == 0.1e-3).all()
@@ -276,7 +276,7 @@ def test_backlash_knows_the_direction_of_each_joint(fanuc: Robot) -> None:
 
 
 def test_a_joint_that_stands_still_stays_on_the_side_of_its_last_motion(fanuc: Robot) -> None:
-    home = fanuc.home(fanuc.workspace(None)[1])
+    home = fanuc.workspace().home
     q = np.array([home + 0.1, home + 0.1])
     q[1, 0] += 0.1  # only joint 1 goes on
     motion = actual(fanuc, "backlash").joint_motion(q)

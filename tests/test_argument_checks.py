@@ -32,9 +32,9 @@ from calibtool.errors import check_choice, check_number
         (lambda: ErrorScales(kinds=("geometri",)), "geometric"),
         (lambda: ErrorScales(length=-1e-3), "length"),
         (lambda: ErrorScales(sizes={"gear": np.nan}), "gear"),
-        (lambda: Simulation(configurations=0), "configurations: 0"),
-        (lambda: Simulation(noise=np.inf), "noise"),
-        (lambda: Simulation(seed=-1), "seed"),
+        (lambda: Simulation(configurations=0, workspace="full"), "configurations: 0"),
+        (lambda: Simulation(noise=np.inf, workspace="full"), "noise"),
+        (lambda: Simulation(seed=-1, workspace="full"), "seed"),
         (lambda: TrainingOptions(loss="tsk"), "did you mean task"),
         (lambda: TrainingOptions(optimiser="adam"), "known: lm, gd"),
         (lambda: TrainingOptions(regularisation="early"), "early-stopping"),
@@ -51,7 +51,7 @@ def test_options_are_checked_when_they_are_made(made: Callable[[], object], word
 
 def test_a_wrong_name_never_means_another_method() -> None:
     robot = load_robot("planar-3r")
-    measurements = simulate(robot, Simulation(configurations=12))
+    measurements = simulate(robot, Simulation(configurations=12, workspace="full"))
     calibration = identify(measurements)
     with pytest.raises(UsageError, match="did you mean complete"):
         identify(measurements, "complet")

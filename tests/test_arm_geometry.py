@@ -2,6 +2,7 @@
 folders that were given alone.
 """
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from calibtool.errors import InputError
 from calibtool.evaluation.view.arm_geometry import described_shape, mesh_folders, simple_shape
+from calibtool.evaluation.view.mesh_files import ALONE
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
@@ -57,10 +59,10 @@ def described(visual: str, base: str = "") -> Robot:
     ("base", "locked"),
     [("", ""), ('base_frame = "root"', ""), ("", "locked_joints = { l = 0.25 }")],
 )
-def test_links_are_seen_where_the_urdf_has_them(base: str, locked: str) -> None:
+def test_links_are_seen_where_the_urdf_has_them(base: str, locked: str, tmp_path: Path) -> None:
     """Against Pinocchio on the URDF as it is, without the rebuilding of the chain."""
     robot = described('<cylinder radius="0.1" length="1"/>', f"{base}\n{locked}")
-    shape = described_shape(robot, [])
+    shape = described_shape(robot, [], tmp_path)
     q = np.array([0.3]) if locked else np.array([0.25, 0.3])
     found = placements(robot, shape, q)
     full = pin.buildModelFromXML(robot.source.urdf_text)
@@ -77,16 +79,16 @@ def test_links_are_seen_where_the_urdf_has_them(base: str, locked: str) -> None:
         assert np.allclose(found[name], (T_world_base.inverse() * pose).homogeneous, atol=1e-12)
 
 
-def test_meshes_of_a_built_in_robot_are_found() -> None:
+def test_meshes_of_a_built_in_robot_are_found(tmp_path: Path) -> None:
     robot = load_robot("xarm7")
-    shape = described_shape(robot, mesh_folders(robot, []))
+    shape = described_shape(robot, mesh_folders(robot, []), tmp_path)
     assert shape.ngeoms == 8
     assert {piece.parentJoint for piece in shape.geometryObjects} == set(range(8))
 
 
 def test_the_simple_arm_reaches_from_the_base_to_the_tool(robot: Robot) -> None:
     """Every rod ends where the next joint or the tool is, at any configuration."""
-    q = robot.home(robot.workspace(None)[1])
+    q = robot.workspace().home
     shape = simple_shape(robot)
     found = placements(robot, shape, q)
     lengths = {
@@ -118,8 +120,11 @@ def test_a_mesh_in_the_given_folder(tmp_path: Path, name: str) -> None:
     robot = described(f'<mesh filename="{name.replace("PATH", str(tmp_path))}"/>')
     folders = [tmp_path / "arm"] if not name.startswith("package") else [tmp_path]
     for given in (folders, [tmp_path / "arm"]):
-        (piece,) = (p for p in described_shape(robot, given).geometryObjects if p.name == "two_0")
-        assert piece.meshPath == str(file)
+        (piece,) = (
+            p for p in described_shape(robot, given, tmp_path).geometryObjects if p.name == "two_0"
+        )
+        assert Path(piece.meshPath).read_text() == TRIANGLE
+        assert Path(piece.meshPath).parent == tmp_path
 
 
 @pytest.mark.parametrize(
@@ -140,7 +145,7 @@ def test_nothing_outside_the_given_folder_is_read(tmp_path: Path, name: str) -> 
     (tmp_path / "arm" / "link.stl").symlink_to(tmp_path / "secret.stl")
     robot = described(f'<mesh filename="{name.replace("PATH", str(tmp_path))}"/>')
     with pytest.raises(InputError, match="is outside of"):
-        described_shape(robot, [tmp_path / "arm"])
+        described_shape(robot, [tmp_path / "arm"], tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -150,4 +155,61 @@ def test_nothing_outside_the_given_folder_is_read(tmp_path: Path, name: str) -> 
 def test_a_mesh_that_cannot_be_had_is_named(tmp_path: Path, name: str, reason: str) -> None:
     (tmp_path / "bad.stl").write_text("no mesh")
     with pytest.raises(InputError, match=reason):
-        described_shape(described(f'<mesh filename="{name}"/>'), [tmp_path])
+        described_shape(described(f'<mesh filename="{name}"/>'), [tmp_path], tmp_path)
+
+
+# --- what meshes refer to ---------------------------------------------------------------------
+
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+DAE = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><created>2000-01-01T00:00:00</created><modified>2000-01-01T00:00:00</modified></asset>
+<library_images><image id="i"><init_from>{}</init_from></image></library_images></COLLADA>"""
+PLY = "ply\nformat ascii 1.0\ncomment TextureFile {}\nelement vertex 0\nend_header\n"
+
+
+@pytest.mark.parametrize("name", ["../secret", "/etc/passwd", "pipe", "a b.mtl"])
+@pytest.mark.parametrize(
+    ("suffix", "text"),
+    [
+        (".obj", "mtllib {}\nusemtl m\n" + OBJ),
+        (".obj", "  mtllib\\\n {}\n" + OBJ),
+        (".obj", OBJ + "call {}\ncsh cat {}\nmaplib {}"),
+        (".obj", "mtllib {}\r" + OBJ.replace("\n", "\r")),
+        (".dae", DAE),
+        (".ply", PLY),
+    ],
+)
+def test_a_copy_names_no_other_file(suffix: str, text: str, name: str) -> None:
+    data = text.replace("{}", name).encode()
+    copy = ALONE[suffix](data, "mesh")
+    assert name.encode() in data
+    assert name.encode() not in copy
+    if suffix == ".obj":
+        assert copy.split() == OBJ.encode().split()
+    assert ALONE[suffix](copy, "mesh") == copy
+
+
+def test_a_pipe_beside_a_mesh_is_not_opened(tmp_path: Path) -> None:
+    """Pinocchio would wait there for ever."""
+    folder = tmp_path / "arm"
+    folder.mkdir()
+    os.mkfifo(folder / "pipe.mtl")
+    os.mkfifo(folder / "b.stl")
+    (folder / "a.obj").write_text("mtllib pipe.mtl\n" + OBJ)
+    shape = described_shape(described('<mesh filename="a.obj"/>'), [folder], tmp_path)
+    assert shape.ngeoms == 2
+    with pytest.raises(InputError, match="not found"):
+        described_shape(described('<mesh filename="b.stl"/>'), [folder], tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("a.stl", "solid\n"), ("a.dae", "<COLLADA"), ("a.obj", "f 1 2"), ("a.ply", "")],
+)
+def test_a_mesh_that_a_library_refuses_is_named(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    copies = tmp_path / "copies"
+    copies.mkdir()
+    with pytest.raises(InputError, match="mesh"):
+        described_shape(described(f'<mesh filename="{name}"/>'), [tmp_path], copies)

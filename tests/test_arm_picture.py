@@ -22,7 +22,7 @@ def test_every_view_names_base_joints_and_tool_once(name: str) -> None:
 
 def test_points_stand_where_kinematics_puts_them() -> None:
     robot = load_robot("scara")
-    home = robot.home(robot.workspace(None)[1])
+    home = robot.workspace().home
     tool = robot.mechanism.forward(home[None])[0]
     side = arm_figure(robot).axes[0]
     links, targets = (

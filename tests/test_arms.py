@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from test_catalogue import denavit_hartenberg
 
 from calibtool.evaluation.robot_check import check_robot
@@ -27,6 +28,7 @@ REACH = {
     "kuka-iiwa14": (820, 7),
     "kuka-kr210-r2700": (2701, 5),
     "kuka-kr6-r900": (901.5, 5),
+    "nachi-mz07": (723, 5),
     "staubli-tx2-60l": (920, 0),
     "yaskawa-gp25": (1730, 5),
 }
@@ -83,6 +85,34 @@ def test_the_tm12_reaches_as_far_as_published() -> None:
     assert np.hypot(1300.0, 156.3) == pytest.approx(found, abs=TOLERANCE)
 
 
+# Joint values (deg) and flange poses (mm; deg about z, y, x) that a pendant of an MZ07F shows,
+# as nachi-mz07f.md of the public RobotKinematics states them. It is the MZ07 on a base 10 mm
+# higher, with a flange 5 mm farther out.
+PENDANT = [
+    [21.4862, 64.4801, -41.7744, -180.007, 22.7216, -158.513],
+    [18.6965, 68.6763, -39.6996, -158.418, 38.2621, -180.401],
+    [4.98917, 73.5581, -44.4732, -189.95, 35.3251, -153.57],
+    [-17.8857, 69.2501, -38.4703, -14.4347, -45.5303, -25.5808],
+    [-25.4971, 70.7751, -42.0408, 44.0796, -38.9396, -79.9948],
+]
+SHOWN = [
+    [339.525, 133.617, 278.473, 0.000535733, 0.0236197, 179.986],
+    [339.486, 133.658, 311.388, 1.99842, 10.7741, -169.478],
+    [339.5, 21.8373, 319.019, -13.2406, 3.7502, 172.732],
+    [339.474, -124.15, 319.966, 19.152, 17.1551, 179.99],
+    [339.49, -124.109, 319.939, 14.2266, -16.2692, -159.49],
+]
+
+
+def test_the_mz07_is_where_a_pendant_says() -> None:
+    shown = np.array(SHOWN)
+    poses = load_robot("nachi-mz07").mechanism.forward(np.deg2rad(PENDANT))
+    flange = poses[:, :3, 3] + np.array([0, 0, 0.01]) + 0.005 * poses[:, :3, 2]
+    np.testing.assert_allclose(1e3 * flange, shown[:, :3], atol=0.1)
+    turns = Rotation.from_euler("ZYX", shown[:, 3:], degrees=True).as_matrix()
+    np.testing.assert_allclose(poses[:, :3, :3], turns, atol=np.deg2rad(0.02))
+
+
 @pytest.mark.parametrize("name", UNIVERSAL)
 def test_the_arms_of_universal_robots_have_their_published_tables(name: str) -> None:
     q = np.random.default_rng(1).uniform(-3, 3, (20, 6))
@@ -99,5 +129,5 @@ def test_its_description_can_be_worked_with(name: str) -> None:
     assert all(design.rank == design.possible for _, design in found.designs)
     assert robot.coupled == name.startswith("fanuc")
     assert robot.source.description.notes[0].startswith("Kinematics")
-    home = robot.mechanism.forward(robot.home(robot.workspace(None)[1])[None])[0]
+    home = robot.mechanism.forward(robot.workspace().home[None])[0]
     assert home[2, 2] < -0.3  # its tool looks down

@@ -42,7 +42,9 @@ WITHOUT = BaseOptions("complete", CompleteOptions(orders={"backlash": 0}))
 
 @cache
 def measured(name: str = "fanuc-m1000ia", count: int = 60, fresh: bool = False) -> Measurements:
-    simulation = Simulation(seed=2, configurations=count, scales=ErrorScales(ERROR_KINDS))
+    simulation = Simulation(
+        seed=2, configurations=count, scales=ErrorScales(ERROR_KINDS), workspace="full"
+    )
     if fresh:
         simulation = replace(simulation, same_robot=measured(name).truth)
     return simulate(load_robot(name), simulation)
@@ -187,7 +189,10 @@ def test_columns_of_the_half_widths_are_derivatives() -> None:
 
 def test_no_backlash_is_found_where_there_is_none_or_the_order_is_lost() -> None:
     kinds = tuple(kind for kind in ERROR_KINDS if kind != "backlash")
-    plain = simulate(load_robot("ur5"), Simulation(configurations=40, scales=ErrorScales(kinds)))
+    plain = simulate(
+        load_robot("ur5"),
+        Simulation(configurations=40, scales=ErrorScales(kinds), workspace="full"),
+    )
     shuffled = measured()
     wrong = np.random.default_rng(0).permutation(shuffled.conditions.direction)
     for measurements in (plain, replace(shuffled, conditions=Conditions(wrong))):

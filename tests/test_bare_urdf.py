@@ -121,6 +121,13 @@ def test_a_base_that_moves_freely_is_locked(kind: str, read: Callable[..., Robot
     np.testing.assert_array_equal(robot.mechanism.forward(Q), fixed.mechanism.forward(Q))
 
 
+def test_a_camera_is_no_tool_in_other_languages(read: Callable[..., Robot]) -> None:
+    text = arm(joint("k", "link_6", "kamera") + joint("f", "link_6", "flansch"), flange="")
+    assert chosen(read(text))[0] == "flansch"
+    text = arm(joint("k", "link_6", "kamera"), flange="")
+    assert chosen(read(text))[0] == "link_6"
+
+
 def test_names_of_public_urdfs(read: Callable[..., Robot]) -> None:
     """What public descriptions of arms call their frames, and what is beside them."""
     kuka = joint("a", "link_6", "iiwa_link_ee") + joint("b", "link_6", "iiwa_link_ee_kuka")
@@ -195,20 +202,30 @@ MIMICS = arm().replace(f"</joint>{BEHIND_3}", f"{FOLLOWS}{BEHIND_3}")
         MIMICS.replace('name="sample"', 'name="sample" xmlns="http://example.org/arm"'),
         "\n" + '<?xml version="1.0"?>' + MIMICS,
         MIMICS.replace("<mimic ", "<u:mimic "),
+        MIMICS.replace("<mimic ", "<Mimic "),
         MIMICS.replace("<", "<u:")
         .replace("<u:/", "</u:")
         .replace("u:robot ", 'u:robot xmlns:u="http://example.org/arm" '),
         f"<!-- a -- comment -->{MIMICS}",
     ],
-    ids=["plain", "prefix", "namespace", "blank line", "mimic prefix", "all prefixed", "hyphens"],
+    ids=[
+        "plain",
+        "prefix",
+        "namespace",
+        "blank line",
+        "mimic prefix",
+        "capital",
+        "all prefixed",
+        "hyphens",
+    ],
 )
 def test_a_mimic_on_the_way_is_refused_however_the_xml_is_written(
     text: str, read: Callable[..., Robot]
 ) -> None:
-    assert "mimic" in text
+    assert "mimic" in text.lower()
     with pytest.raises(InputError, match="joint 'joint_3' between base and tool mimics 'joint_2'"):
         read(text)
-    assert read(text.replace(' joint="joint_2"', "").replace("mimic ", "mimicked ")).n == 6
+    assert read(text.replace(' joint="joint_2"', "").replace("imic ", "imicked ")).n == 6
 
 
 @pytest.mark.parametrize(
@@ -285,6 +302,31 @@ def test_a_xacro_file_is_expanded_where_xacrodoc_is_installed(
     np.testing.assert_allclose(robot.mechanism.forward(Q), plain.mechanism.forward(Q), atol=1e-12)
     with pytest.raises(InputError, match="xacro cannot expand it"):
         read(text.replace("3 * h", "no_such_property"), "sample.xacro")
+
+
+@pytest.mark.parametrize(
+    ("follower", "leader"), [("joint_2", "joint_3"), ("joint_3", "joint_3"), ("joint_5", "joint_6")]
+)
+def test_a_joint_of_the_arm_that_mimics_itself_or_one_behind_is_no_gripper(
+    follower: str, leader: str, read: Callable[..., Robot]
+) -> None:
+    before, behind = arm().split(f'<joint name="{follower}"')
+    mimic = f'<mimic joint="{leader}"/></joint>'
+    text = f'{before}<joint name="{follower}"{behind.replace("</joint>", mimic, 1)}'
+    with pytest.raises(InputError, match=f"'{follower}' between base and tool mimics '{leader}'"):
+        read(text)
+
+
+def test_links_in_a_circle_are_named(read: Callable[..., Robot]) -> None:
+    text = arm().replace('<parent link="base"/>', '<parent link="link_2"/>')
+    with pytest.raises(InputError, match=r"in a circle .*link_2, link_1"):
+        read(text)
+
+
+def test_a_single_limit_leaves_the_other_at_zero(read: Callable[..., Robot]) -> None:
+    """http://wiki.ros.org/urdf/XML/joint: lower and upper are 0 where they are not given."""
+    robot = read(arm().replace('lower="-2.5" ', "", 1))
+    assert (robot.lower[0], robot.upper[0]) == (0.0, 2.5)
 
 
 def test_a_link_with_two_parents_is_named_with_its_joints(read: Callable[..., Robot]) -> None:
@@ -365,10 +407,18 @@ def test_lengths_in_other_units_and_far_bases_are_said(read: Callable[..., Robot
         return text
 
     assert "look like mm" in " ".join(implausible(read(scaled(1e3))))
+    for factor in (100.0, 1 / 0.0254):
+        assert "look like mm, cm or inches" in " ".join(implausible(read(scaled(factor))))
     tiny = scaled(1e-6).replace('"0 0 0.1"', '"0 0 1e-7"')
     assert "check the unit" in " ".join(implausible(read(tiny)))
     far = arm().replace('"0 0 0.3"', '"999999 0 0.3"')
     assert "name a base_frame near the arm" in " ".join(implausible(read(far)))
+
+
+@pytest.mark.parametrize("rpy", ["0 90 0", "0 0 -180", "45 0 0"])
+def test_angles_of_frames_in_degrees_are_said(rpy: str, read: Callable[..., Robot]) -> None:
+    turned = arm().replace('<origin xyz="0 0 0.1"/>', f'<origin xyz="0 0 0.1" rpy="{rpy}"/>')
+    assert "the rpy of mount looks like degrees" in " ".join(implausible(read(turned)))
 
 
 def test_joints_locked_beyond_their_limits_are_said(

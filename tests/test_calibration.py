@@ -26,7 +26,7 @@ def twist_matrix(twist: Array) -> Array:
 
 def trained(name: str, base: str = "nominal") -> tuple[Calibration, Array]:
     robot = load_robot(name)
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     measurements = simulate(robot, Simulation(seed=1, workspace=workspace, configurations=60))
     calibration = train(
         measurements, base, TrainingOptions(regularisation="early-stopping", restarts=1)
@@ -65,7 +65,7 @@ def test_the_calibrated_pose_is_the_base_model_s_moved_by_the_network(name: str)
 
 
 def test_without_a_network_it_is_the_base_model(fanuc: Robot, fanuc_local_poe: Calibration) -> None:
-    q = sample_configurations(fanuc, fanuc.workspace(None)[1], 5, np.random.default_rng(9))
+    q = sample_configurations(fanuc, fanuc.workspace(), 5, np.random.default_rng(9))
     assert fanuc_local_poe.network is None
     assert fanuc_local_poe.training is None
     for k in range(5):
@@ -128,9 +128,7 @@ def test_the_facts_of_the_measurements_are_kept(
 @pytest.mark.parametrize("other", ["ur5", "fanuc-m900ib-700"])
 def test_a_base_for_another_robot_is_refused(other: str, fanuc_local_poe: Calibration) -> None:
     robot = load_robot(other)
-    measurements = simulate(
-        robot, Simulation(configurations=20, workspace=robot.workspace(None)[1])
-    )
+    measurements = simulate(robot, Simulation(configurations=20))
     with pytest.raises(
         InputError, match=f"for 'fanuc-m1000ia', but the measurements for '{other}'"
     ):
@@ -163,7 +161,7 @@ def test_a_robot_is_the_same_by_its_kinematics_and_not_by_its_name(fanuc: Robot)
 
 
 def test_an_unknown_setup_is_that_of_the_calibration(fanuc: Robot) -> None:
-    workspace = fanuc.workspace(None)[1]
+    workspace = fanuc.workspace()
     first = simulate(fanuc, Simulation(seed=1, workspace=workspace, unregistered=True))
     again = simulate(fanuc, Simulation(seed=1, workspace=workspace, same_robot=first.truth))
     calibration = identify(first, "local-poe")

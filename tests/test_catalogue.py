@@ -62,7 +62,7 @@ def test_the_promised_robots_are_built_in() -> None:
 def test_limits_are_ranges_and_homes_lie_inside_them(robot: Robot) -> None:
     assert (robot.lower < robot.upper).all()
     for name in robot.workspace_names:
-        home = robot.home(robot.workspace(name)[1])
+        home = robot.workspace(name).home
         assert robot.within_limits(home[None])[0], name
 
 
@@ -75,8 +75,8 @@ def test_targets_determine_the_pose(robot: Robot) -> None:
 def test_full_is_the_last_workspace_and_the_first_is_the_default(robot: Robot) -> None:
     names = robot.workspace_names
     assert names[-1] == "full"
-    assert robot.workspace("full") == ("full", None)
-    assert robot.workspace(None)[0] == names[0] != "full"
+    assert not robot.workspace("full").bounded
+    assert robot.workspace().name == names[0] != "full"
 
 
 def test_a_robot_is_built_again_from_the_texts_of_its_source(

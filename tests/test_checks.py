@@ -26,7 +26,7 @@ SIX = ("fanuc-m1000ia", "ur5")
 def measured(robot: Robot, count: int = 40, **options: object) -> Measurements:
     return simulate(
         robot,
-        Simulation(seed=1, configurations=count, workspace=robot.workspace(None)[1], **options),
+        Simulation(seed=1, configurations=count, **options),
     )
 
 
@@ -61,7 +61,7 @@ def warned(found: list[Finding]) -> list[str]:
 @pytest.mark.parametrize("unregistered", [False, True])
 def test_clean_measurements_raise_no_warning(robot: Robot, unregistered: bool) -> None:
     for seed in range(3):
-        workspace = robot.workspace(None)[1]
+        workspace = robot.workspace()
         simulation = Simulation(
             seed=seed, configurations=40, workspace=workspace, unregistered=unregistered
         )
@@ -293,11 +293,11 @@ def test_rows_of_a_steady_arm_in_order_of_travel_do_not_drift() -> None:
     """The stated error rate is 1 %: of 24 sets of a rising thermometer none is a drift."""
     for name in ("ur10", "fanuc-m1000ia"):
         robot = load_robot(name)
-        home = robot.home(robot.workspace(None)[1])
+        home = robot.workspace().home
         for seed in range(6):
             for kinds in (("geometric",), ("geometric", "gear", "gravity", "backlash")):
                 rng = np.random.default_rng(seed)
-                q = sample_configurations(robot, robot.workspace(None)[1], 30, rng)
+                q = sample_configurations(robot, robot.workspace(), 30, rng)
                 q = q[short_order(robot, q, home)]
                 scales = ErrorScales(kinds=kinds)
                 steady = simulate(
@@ -350,7 +350,7 @@ def test_two_joints_with_the_same_numbers(fanuc: Robot) -> None:
 
 
 def test_one_joint_at_a_time(fanuc: Robot) -> None:
-    home = fanuc.home(fanuc.workspace(None)[1])
+    home = fanuc.workspace().home
     q = np.tile(home, (36, 1))
     for j in range(6):
         q[6 * j : 6 * j + 6, j] += np.linspace(-0.4, 0.5, 6)

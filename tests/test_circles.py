@@ -24,7 +24,7 @@ def circles(robot: Robot) -> Array:
     """Twelve rows of joint 1, twelve of joint 2, elsewhere than joint 1's first row, and
     ten of everything.
     """
-    q = np.tile(robot.home(robot.workspace(None)[1]), (34, 1))
+    q = np.tile(robot.workspace().home, (34, 1))
     q[:12, 0] += np.linspace(-0.8, 0.8, 12)
     q[12:24, 0] += 0.3
     q[12:24, 1] += np.linspace(-0.4, 0.4, 12)

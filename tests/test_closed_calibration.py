@@ -25,7 +25,7 @@ COUNT = 40
 
 
 def measured(robot: Robot, seed: int = 1, **options: object) -> Measurements:
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     basis = Simulation(seed=seed, configurations=COUNT, workspace=workspace)
     return simulate(robot, replace(basis, **options))
 
@@ -129,7 +129,7 @@ def test_poses_are_commanded_as_well_as_joints(closed: Robot) -> None:
 def test_a_pose_outside_the_workspace_is_unreachable() -> None:
     robot = load_robot("delta")
     calibration = knowing(measured(robot))
-    far = robot.mechanism.forward(robot.home(None)[None])
+    far = robot.mechanism.forward(robot.workspace("full").home[None])
     far[0, 0, 3] += 3.0
     result = compensate_poses(calibration, far)
     assert result.status.tolist() == ["unreachable"]
@@ -141,7 +141,7 @@ def test_a_pose_outside_the_workspace_is_unreachable() -> None:
 
 def not_closing(robot: Robot) -> Array:
     """A five-bar with its elbows as far apart as its limits allow."""
-    return np.array([[robot.upper[0], robot.lower[1]], robot.home(None)])
+    return np.array([[robot.upper[0], robot.lower[1]], robot.workspace("full").home])
 
 
 def test_a_row_that_does_not_close_stays_and_says_so() -> None:
@@ -199,7 +199,7 @@ def test_configurations_at_which_a_robot_does_not_close_cannot_be_measured() -> 
 
 def test_sampled_configurations_close_for_the_actual_robot_too() -> None:
     robot = load_robot("hexapod")
-    measurements = simulate(robot, Simulation(seed=3, configurations=200))
+    measurements = simulate(robot, Simulation(seed=3, configurations=200, workspace="full"))
     assert measurements.truth is not None
     assert measurements.truth.actual.mechanism.closes(measurements.q).all()
     assert len(measurements) == 200
@@ -226,7 +226,7 @@ def test_gravity_torques_are_what_the_weights_gain(rng: np.random.Generator) -> 
     robot = load_robot("delta")
     model = gravity_model(robot)
     data = model.createData()
-    q = robot.home(None)[None] + 0.1 * rng.uniform(-1, 1, (3, 3))
+    q = robot.workspace("full").home[None] + 0.1 * rng.uniform(-1, 1, (3, 3))
 
     def energy(at: Array) -> Array:
         rows = robot.mechanism.configuration(at)
@@ -246,7 +246,7 @@ def test_a_payload_winds_the_actuators_up_by_the_work_it_does() -> None:
     from calibtool.errormodel.payload import moments
 
     robot = load_robot("delta")
-    q = robot.home(None)[None] + np.array([[0.1, -0.1, 0.05]])
+    q = robot.workspace("full").home[None] + np.array([[0.1, -0.1, 0.05]])
     along, across = moments(Rows(robot, q, Conditions(payload_kg=readonly(2.0))))
     step = 1e-6
     for k in range(3):

@@ -26,6 +26,7 @@ LOOP = 'joint = "planar"'
         ("delta", 15, 3),
         ("prs3", 6, 3),
         ("palletizer", 2, 6),
+        ("palletizer-level", 6, 4),
         ("hybrid", 6, 5),
     ],
 )
@@ -41,7 +42,7 @@ def test_a_revolute_cut_of_a_planar_loop_keeps_what_the_plane_sees() -> None:
     robot = changed("fivebar", (LOOP, 'joint = "revolute"'))
     assert [loop.rows for loop in robot.chain.tree.loops] == [(0, 1)]
     expected = load_robot("fivebar")
-    q = expected.home(None)[None] + np.array([[0.1, -0.2], [0.0, 0.3]])
+    q = expected.workspace("full").home[None] + np.array([[0.1, -0.2], [0.0, 0.3]])
     np.testing.assert_allclose(
         robot.mechanism.forward(q), expected.mechanism.forward(q), atol=1e-12
     )
@@ -55,7 +56,7 @@ def test_the_spin_of_a_rod_is_idle() -> None:
     robot = changed("hexapod", (fixed, '<joint name="spin" type="continuous"><axis xyz="0 0 1"/>'))
     tree = robot.chain.tree
     assert robot.chain.bodies.joints[tree.n + tree.p :] == ("spin",)
-    q = robot.home(robot.workspace(None)[1])[None] + 0.02 * np.arange(6)
+    q = robot.workspace().home[None] + 0.02 * np.arange(6)
     expected = load_robot("hexapod").mechanism.forward_and_jacobian(q)
     for found, truth in zip(robot.mechanism.forward_and_jacobian(q), expected, strict=True):
         np.testing.assert_allclose(found, truth, atol=1e-11)
@@ -68,7 +69,7 @@ def test_joints_between_other_loops_may_stand_in_any_order() -> None:
         ('["platform_12", "rod12_end"]', '["rod12_end", "platform_12"]'),
         ('["platform_21", "rod21_end"]', '["rod21_end", "platform_21"]'),
     )
-    q = robot.home(None)[None] + np.array([[0.1, -0.2, 0.05]])
+    q = robot.workspace("full").home[None] + np.array([[0.1, -0.2, 0.05]])
     np.testing.assert_allclose(
         robot.mechanism.forward(q), load_robot("delta").mechanism.forward(q), atol=1e-12
     )
@@ -320,7 +321,7 @@ def test_as_many_parameters_are_identifiable_as_the_mathematics_says(
     robot = load_robot(name)
     setup = Setup(readonly(np.eye(4)), robot.targets)
     parameters = Parameters.of(robot, setup, twists=1)
-    q = sample_configurations(robot, robot.workspace(None)[1], 100, np.random.default_rng(0))
+    q = sample_configurations(robot, robot.workspace(), 100, np.random.default_rng(0))
     context = State.nominal(robot, setup).errors.context(q)
     seen = observation_matrix(setup, context.frames.tool) @ parameters.pose_columns(context)
     sizes = np.linalg.svd(seen.reshape(-1, parameters.count), compute_uv=False)
@@ -335,7 +336,7 @@ def test_an_ideal_hexapod_has_42_identifiable_parameters() -> None:
     from calibtool.measurement.sampling import sample_configurations
 
     robot = load_robot("hexapod")
-    q = sample_configurations(robot, robot.workspace(None)[1], 60, np.random.default_rng(0))
+    q = sample_configurations(robot, robot.workspace(), 60, np.random.default_rng(0))
     context = RobotErrors.of(robot).context(q)
     labels = list(robot.chain.labels)
     legs = [labels.index(f"u{k}x") for k in range(1, 7)]

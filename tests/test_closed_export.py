@@ -36,13 +36,13 @@ NAMES = ["delta", "prs3"]
 @cache
 def calibration_of(name: str) -> Calibration:
     robot = load_robot(name)
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     return identify(simulate(robot, Simulation(seed=2, configurations=40, workspace=workspace)))
 
 
 def rows(calibration: Calibration, count: int = 12) -> Array:
     robot = calibration.robot
-    q = sample_configurations(robot, robot.workspace(None)[1], 3 * count, np.random.default_rng(9))
+    q = sample_configurations(robot, robot.workspace(), 3 * count, np.random.default_rng(9))
     middle = (robot.lower + robot.upper) / 2
     return (middle + 0.8 * (q - middle))[:count]
 
@@ -140,7 +140,7 @@ def test_a_stranger_reads_the_json_file_and_corrects_as_calibtool_does(name: str
 
 def test_joint_functions_and_a_network_are_in_the_json_file() -> None:
     robot = load_robot("delta")
-    measurements = simulate(robot, Simulation(seed=2, configurations=40))
+    measurements = simulate(robot, Simulation(seed=2, configurations=40, workspace="full"))
     options = TrainingOptions(restarts=1)
     calibration = train(measurements, calibration_of("delta"), options)
     rng = np.random.default_rng(0)

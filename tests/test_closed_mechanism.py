@@ -19,7 +19,7 @@ from calibtool.robot.se3 import Array, exp6, relative_error
 
 
 def inside(robot: Robot, count: int, rng: np.random.Generator) -> Array:
-    return sample_configurations(robot, robot.workspace(None)[1], count, rng)
+    return sample_configurations(robot, robot.workspace(), count, rng)
 
 
 def closed_mechanism(robot: Robot) -> ClosedMechanism:
@@ -75,7 +75,7 @@ def test_the_legs_of_the_hexapod_are_as_long_as_its_joints_say(rng: np.random.Ge
     frames = robot.mechanism.frames(q)
     legs = [robot.chain.bodies.joints.index(f"u{k}x") for k in range(1, 7)]
     base = robot.chain.placements[legs, :3, 3]
-    home = robot.mechanism.frames(robot.home(robot.workspace(None)[1])[None])
+    home = robot.mechanism.frames(robot.workspace().home[None])
     ends = np.concatenate([home.after[:, [0], :3, 3], home.cuts[:, ::2, :3, 3]], axis=1)[0]
     T_tool_base = np.linalg.inv(home.tool[0])
     on_tool = ends @ T_tool_base[:3, :3].T + T_tool_base[:3, 3]
@@ -119,6 +119,19 @@ def test_the_parallelogram_keeps_its_rod_parallel_to_the_lower_arm(
     rod = frames.cuts[:, 1, :3, 3] - frames.after[:, joints.index("rodj"), :3, 3]
     lower = frames.after[:, joints.index("elbow"), :3, 3] - frames.after[:, 1, :3, 3]
     np.testing.assert_allclose(rod, lower, atol=1e-12)
+
+
+def test_levelling_rods_keep_the_wrist_upright(rng: np.random.Generator) -> None:
+    """Its tool is where the lengths and angles of both arms say, and looks down."""
+    robot = load_robot("palletizer-level")
+    q = inside(robot, 100, rng)
+    poses = robot.mechanism.forward(q)
+    np.testing.assert_allclose(poses[:, :3, 2], np.tile([0, 0, -1], (len(q), 1)), atol=1e-12)
+    lower, upper = q[:, 1], q[:, 2]  # from the vertical, from the horizontal
+    out = 0.2 + np.sin(lower) + 1.1 * np.cos(upper) + 0.2
+    up = 0.7 + np.cos(lower) - 1.1 * np.sin(upper) - 0.25
+    np.testing.assert_allclose(np.hypot(poses[:, 0, 3], poses[:, 1, 3]), out, atol=1e-12)
+    np.testing.assert_allclose(poses[:, 2, 3], up, atol=1e-12)
 
 
 # --- derivatives ---

@@ -29,7 +29,7 @@ STATISTICS = {"mean", "std", "rms", "p95", "max"}
 def simulated(name: str = "ur5", unregistered: bool = False) -> tuple[Measurements, Measurements]:
     """A simulation, and the same robot at fresh configurations."""
     robot = load_robot(name)
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     first = simulate(
         robot, Simulation(seed=1, workspace=workspace, configurations=60, unregistered=unregistered)
     )
@@ -355,7 +355,7 @@ def test_rows_unlike_the_training_are_predicted_by_the_base_on_request() -> None
     )
     assert trained.networks
     everywhere = simulate(
-        first.robot, Simulation(seed=1, configurations=15, same_robot=first.truth)
+        first.robot, Simulation(seed=1, configurations=15, same_robot=first.truth, workspace="full")
     ).q
     both = Simulation(at=np.concatenate([fresh.q, everywhere]), same_robot=first.truth)
     real = replace(simulate(first.robot, both), truth=None)

@@ -28,8 +28,12 @@ def measured(
     robot: Robot, count: int = 50, seed: int = 0, **options: object
 ) -> tuple[Measurements, Measurements]:
     """Measurements over the whole joint range, and fresh ones of the same robot."""
-    first = simulate(robot, Simulation(seed=seed, configurations=count, **options))
-    return first, simulate(robot, Simulation(seed=seed, configurations=300, same_robot=first.truth))
+    first = simulate(
+        robot, Simulation(seed=seed, configurations=count, workspace="full", **options)
+    )
+    return first, simulate(
+        robot, Simulation(seed=seed, configurations=300, same_robot=first.truth, workspace="full")
+    )
 
 
 def position_errors(calibration_forward: object, fresh: Measurements) -> np.ndarray:

@@ -43,7 +43,7 @@ def arm(seed: int, left: float = 1.0) -> Arm:
     robot, rng = load_robot("ur5"), np.random.default_rng(seed)
     factory = perturbed(UR5, rng, 0.45e-3, 1.1e-3)
     actual = perturbed(factory, rng, left * 0.1e-3, left * 0.2e-3)
-    q = sample_configurations(robot, None, 40, rng)
+    q = sample_configurations(robot, "full", 40, rng)
     points = transform_points(forward(actual, q), robot.targets)
     measurements = Measurements(
         robot,
@@ -63,9 +63,7 @@ def nominal() -> Mechanism:
 
 def commands(count: int, seed: int = 0) -> Array:
     robot = load_robot("ur5")
-    return sample_configurations(
-        robot, robot.workspace(None)[1], count, np.random.default_rng(seed)
-    )
+    return sample_configurations(robot, robot.workspace(), count, np.random.default_rng(seed))
 
 
 def script(poses: Array) -> str:

@@ -164,10 +164,13 @@ def test_a_calibration_moves_to_a_tool_with_one_target_and_to_another_instrument
     """Of a known set-up a shift of the only target is found; of an unknown one, the
     set-up itself is.
     """
-    first = simulate(fanuc, Simulation(configurations=60))
+    first = simulate(fanuc, Simulation(configurations=60, workspace="full"))
     old = identify(first, "complete")
     again = replace(
-        simulate(fanuc, Simulation(seed=3, configurations=12, same_robot=first.truth)), truth=None
+        simulate(
+            fanuc, Simulation(seed=3, configurations=12, same_robot=first.truth, workspace="full")
+        ),
+        truth=None,
     )
     setup, shift = again.setup, np.array([0.02, -0.01, 0.03])
     one = replace(
@@ -193,7 +196,7 @@ def test_a_calibration_moves_to_a_tool_with_one_target_and_to_another_instrument
 
 def test_a_calibration_moves_to_another_cell(fanuc: Robot) -> None:
     """The same arm on another foot with another tool: a few rows bring the old calibration back."""
-    first = simulate(fanuc, Simulation(configurations=60))
+    first = simulate(fanuc, Simulation(configurations=60, workspace="full"))
     old = identify(first, "complete")
     assert first.truth is not None
     actual = first.truth.actual
@@ -202,8 +205,10 @@ def test_a_calibration_moves_to_another_cell(fanuc: Robot) -> None:
     shifts[-1] += [0.002, 0.001, -0.003, 0.004, -0.002, 0.003]
     moved: ActualRobot = replace(actual, errors=actual.errors.having(placements=shifts))
     truth = replace(first.truth, actual=moved)
-    few = simulate(fanuc, Simulation(seed=3, configurations=8, same_robot=truth))
-    fresh = simulate(fanuc, Simulation(seed=4, configurations=100, same_robot=truth))
+    few = simulate(fanuc, Simulation(seed=3, configurations=8, same_robot=truth, workspace="full"))
+    fresh = simulate(
+        fanuc, Simulation(seed=4, configurations=100, same_robot=truth, workspace="full")
+    )
     refitted, verdict = refit(old, few, ("base", "tool"))
     assert verdict.still_helps
 
@@ -215,7 +220,7 @@ def test_a_calibration_moves_to_another_cell(fanuc: Robot) -> None:
         )
 
     assert mean_error(refitted) < 0.05 * mean_error(old)
-    other = simulate(fanuc, Simulation(seed=77, configurations=8))
+    other = simulate(fanuc, Simulation(seed=77, configurations=8, workspace="full"))
     assert not refit(old, other, ("base", "tool"))[1].still_helps
     with pytest.raises(UsageError, match="base, tool"):
         refit(old, few, ("elbow",))

@@ -40,7 +40,7 @@ def moved_state(measurements: Measurements, parameters: Parameters) -> State:
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "scara"])
 def test_they_are_the_products_of_the_columns(name: str, unregistered: bool) -> None:
     measurements = simulate(
-        load_robot(name), Simulation(configurations=30, unregistered=unregistered)
+        load_robot(name), Simulation(configurations=30, unregistered=unregistered, workspace="full")
     )
     parameters = Parameters.of(
         measurements.robot, measurements.setup, twists=1, harmonics=4, gravity=1
@@ -60,7 +60,7 @@ def test_they_are_the_products_of_the_columns(name: str, unregistered: bool) -> 
 
 
 def test_rows_weigh_as_they_are_given_and_missing_targets_not_at_all() -> None:
-    measurements = simulate(load_robot("ur5"), Simulation(configurations=12))
+    measurements = simulate(load_robot("ur5"), Simulation(configurations=12, workspace="full"))
     points = measurements.points.copy()
     points[3, 1] = np.nan
     lacking = replace(measurements, points=points)
@@ -76,7 +76,9 @@ def test_rows_weigh_as_they_are_given_and_missing_targets_not_at_all() -> None:
 def test_a_row_left_out_is_predicted_as_a_fit_of_the_others_would() -> None:
     """The closed form against fits repeated without the row, of the same linear model."""
     small = ErrorScales(length=1e-5, angle=1e-5)  # so that the robot is linear
-    measurements = simulate(load_robot("ur5"), Simulation(configurations=25, scales=small))
+    measurements = simulate(
+        load_robot("ur5"), Simulation(configurations=25, scales=small, workspace="full")
+    )
     parameters = Parameters.of(measurements.robot, measurements.setup, harmonics=1)
     start = State.nominal(measurements.robot, measurements.setup)
     prior = np.diag(np.full(parameters.count, 1e-3) ** -2.0)
@@ -110,7 +112,7 @@ def test_held_out_rows_without_a_section_are_those_of_the_smaller_model() -> Non
     are held out together."""
     small = ErrorScales(("geometric", "gear"), length=1e-5, angle=1e-5, sizes={"gear": 1e-5})
     robot = load_robot("ur5")
-    once = simulate(robot, Simulation(configurations=20, scales=small))
+    once = simulate(robot, Simulation(configurations=20, scales=small, workspace="full"))
     at = np.concatenate([once.q, once.q[:5] + 1e-4])
     measurements = simulate(robot, Simulation(at=at, same_robot=once.truth))
     start = State.nominal(robot, measurements.setup)

@@ -189,7 +189,7 @@ def test_no_mass_and_the_reference_temperature_change_nothing(
     ],
 )
 def test_conditions_that_cannot_be_are_refused(kwargs: dict, what: str) -> None:
-    measurements = simulate(load_robot("ur5"), Simulation(configurations=3))
+    measurements = simulate(load_robot("ur5"), Simulation(configurations=3, workspace="full"))
     with pytest.raises(InputError, match=what):
         replace(measurements, conditions=Conditions(**kwargs))
 
@@ -204,13 +204,19 @@ def simulated(
         ("geometric", *kinds), sizes={"payload": 1.5e-3} if "payload" in kinds else {}
     )
     return simulate(
-        load_robot("ur5"), Simulation(seed=seed, configurations=count, scales=scales, **more)
+        load_robot("ur5"),
+        Simulation(seed=seed, configurations=count, workspace="full", scales=scales, **more),
     )
 
 
 def again(measurements: Measurements, **more: object) -> Measurements:
     simulation = Simulation(
-        seed=77, configurations=300, same_robot=measurements.truth, noise=0.0, **more
+        seed=77,
+        configurations=300,
+        same_robot=measurements.truth,
+        noise=0.0,
+        workspace="full",
+        **more,
     )
     return simulate(measurements.robot, simulation)
 
@@ -308,7 +314,9 @@ def test_kinds_of_simulated_errors_are_those_of_the_families(fanuc: Robot) -> No
 
 
 def test_parameters_are_those_of_their_families(fanuc: Robot) -> None:
-    measurements = simulate(fanuc, Simulation(configurations=2, unregistered=True))
+    measurements = simulate(
+        fanuc, Simulation(configurations=2, unregistered=True, workspace="full")
+    )
     parameters = Parameters.of(
         fanuc, measurements.setup, twists=1, harmonics=2, gravity=1, backlash=1, payload=1
     )

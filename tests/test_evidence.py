@@ -51,7 +51,8 @@ def test_a_noise_that_rounding_drowns_is_an_error_and_no_number(noise: float) ->
     a noise of 10 nm.
     """
     measurements = simulate(
-        load_robot("planar-3r"), Simulation(noise=noise, unregistered=True, configurations=40)
+        load_robot("planar-3r"),
+        Simulation(noise=noise, unregistered=True, configurations=40, workspace="full"),
     )
     with pytest.raises(NoSolutionError, match="state a larger noise"):
         identify(measurements, "complete")

@@ -35,7 +35,7 @@ from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import UsageError
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
-from calibtool.export.rendering import SINGLE_ACCURACY, Precision
+from calibtool.export.rendering import SINGLE_ACCURACY, SINGLE_LARGEST, Precision
 from calibtool.export.structured_text import calibration_as_structured_text
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
@@ -265,7 +265,9 @@ def test_compiled_c_in_single_precision_keeps_what_its_header_says(
     found, codes = run(compiled(calibration, "single"), q)
     plain = undisturbed(calibration, q.astype(float))
     assert plain.mean() > 0.5
-    assert np.abs(found - expected.q)[plain].max() < SINGLE_ACCURACY
+    apart = np.abs(found - expected.q)[plain].max(axis=-1)
+    assert np.quantile(apart, 0.999) < SINGLE_ACCURACY
+    assert apart.max() < SINGLE_LARGEST
     assert (np.array(names(codes)) == expected.status).mean() > 0.999
     before, after = (
         weighted_sizes(calibration, x.astype(float), q.astype(float)) for x in (q, found)

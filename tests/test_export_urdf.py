@@ -84,7 +84,7 @@ def test_the_urdf_has_the_calibrated_geometry(name: str, twists: str, tmp_path: 
 def fresh(calibration: Calibration, count: int = 300) -> Array:
     """Configurations of the default workspace that no fit has seen."""
     robot = calibration.robot
-    return sample_configurations(robot, robot.workspace(None)[1], count, np.random.default_rng(77))
+    return sample_configurations(robot, robot.workspace(), count, np.random.default_rng(77))
 
 
 def distances(a: Array, b: Array) -> Array:

@@ -52,9 +52,7 @@ def arm(name: str = "ur5", frame: FrameName = "taught", model: str = "complete")
     robot = load_robot(name)
     data = simulate(
         robot,
-        Simulation(
-            seed=4, configurations=40, workspace=robot.workspace(None)[1], unregistered=True
-        ),
+        Simulation(seed=4, configurations=40, unregistered=True),
     )
     options = BaseOptions(model, CompleteOptions(orders={"harmonics": 0, "gravity": 0}))
     return identify(data, options, frame)
@@ -192,7 +190,7 @@ def test_the_report_states_what_scipy_states_of_the_frames() -> None:
 
 def test_a_known_set_up_and_the_nominal_base_leave_nothing_to_choose() -> None:
     robot = load_robot("ur5")
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     registered = simulate(robot, Simulation(seed=4, configurations=30, workspace=workspace))
     free = simulate(
         robot, Simulation(seed=4, configurations=30, workspace=workspace, unregistered=True)
@@ -211,7 +209,9 @@ def test_training_on_a_base_keeps_its_frame_unless_another_is_asked_for(
     frame: FrameName | None,
 ) -> None:
     robot = load_robot("planar-3r")
-    data = simulate(robot, Simulation(seed=2, configurations=25, unregistered=True))
+    data = simulate(
+        robot, Simulation(seed=2, configurations=25, unregistered=True, workspace="full")
+    )
     base = identify(data, "local-poe", "fitted")
     trained = train(data, base, frame=frame)
     assert trained.frame is not None
@@ -224,9 +224,7 @@ def test_a_moved_tracker_is_registered_in_the_frame(frame: FrameName) -> None:
     robot = load_robot("ur5")
     data = simulate(
         robot,
-        Simulation(
-            seed=4, configurations=40, workspace=robot.workspace(None)[1], unregistered=True
-        ),
+        Simulation(seed=4, configurations=40, unregistered=True),
     )
     calibration = arm(frame=frame)
     turn = Rotation.from_rotvec([0.5, -0.3, 1.2]).as_matrix()
@@ -274,7 +272,7 @@ def test_the_frame_follows_every_error_of_the_parameters(frame: FrameName) -> No
 def test_predicted_deviations_are_those_of_fresh_robots() -> None:
     """Taught poses of identified arms against those of the true ones, in units of ±."""
     robot = load_robot("ur5")
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     options = BaseOptions(
         complete=CompleteOptions(orders={"harmonics": 0, "gravity": 0, "twists": 1})
     )

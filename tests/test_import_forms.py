@@ -211,3 +211,22 @@ def test_rows_that_compensate_could_not_reach_were_not_driven() -> None:
         "t.csv: 1 rows have the status unreachable and no joints; left out: line 4"
     ]
     assert found.understood.remarks == []  # the columns of compensate are known
+
+
+def test_the_minus_of_spreadsheets_in_other_languages_is_one() -> None:
+    assert TEXT.count("-") > 10
+    check(read(TEXT.replace("-", "\u2212")))
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ('{"j1_deg": 1.0}\n', "a JSON file"),
+        ('[{"j1_deg": 1.0}]', "a JSON file"),
+        ('<?xml version="1.0"?><points/>', "an XML or HTML file"),
+        ("<html></html>", "an XML or HTML file"),
+    ],
+)
+def test_what_is_no_table_is_refused_with_what_it_is(text: str, kind: str) -> None:
+    with pytest.raises(InputError, match=f"{kind}; expected a table"):
+        read(text)

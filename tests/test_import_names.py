@@ -49,6 +49,9 @@ HEADERS = {
         (list_of("axis_{}"), "tcp_x;tcp_y;tcp_z", BOTH),
         (list_of("Joint {} [°]"), "SMR X [mm];SMR Y [mm];SMR Z [mm]", {}),
         (list_of("Eje {} [grad]"), "x_mm;y_mm;z_mm", {}),
+        (list_of("Eje {} [grados]"), "X [mm];Y [mm];Z [mm]", {}),
+        (list_of("Asse {} (gradi)"), "X [mm];Y [mm];Z [mm]", {}),
+        (list_of("关节{}(度)"), "X(毫米);Y(毫米);Z(毫米)", {}),
     ],
     "kuka": [
         (list_of("A{}"), "X;Y;Z", BOTH),
@@ -209,3 +212,33 @@ def test_names_of_points_of_any_length_are_no_list() -> None:
     rows = "".join(f"{'_' * 20_000}!,{k},0,0\n" for k in range(3))
     table = parse_table("name,x_mm,y_mm,z_mm\n" + rows, "t.csv")
     assert one_row_each(table, None, ()) == (table, None)
+
+
+@pytest.mark.parametrize(
+    ("position", "orientation"),
+    [
+        ("pose.position.{}", "pose.orientation.{}"),
+        ("field.pose.pose.position.{}", "field.pose.pose.orientation.{}"),
+        ("transform.translation.{}", "transform.rotation.{}"),
+        ("Position {}", "Rotation {}"),
+        ("{}", "quat {}"),
+    ],
+)
+def test_a_quaternion_under_the_names_of_ros_and_of_cameras(
+    position: str, orientation: str
+) -> None:
+    w, *xyz = Rotation.from_euler("xyz", ANGLES, degrees=True).as_quat(scalar_first=True)
+    header = ";".join(
+        [list_of("j{}_deg"), *map(position.format, "xyz"), *map(orientation.format, "xyzw")]
+    )
+    read_in = read(header, [*Q, *P, *xyz, w], unit="mm").measurements
+    assert read_in.points.shape == (1, 1, 3)
+    expected = Rotation.from_euler("xyz", ANGLES, degrees=True).as_matrix()
+    np.testing.assert_allclose(read_in.rotations[0], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["{}_cm", "{} [cm]", "T1 {} (µm)", "{}_ft", "pos_{} um"])
+def test_lengths_in_units_that_are_not_read_are_refused(name: str) -> None:
+    header = ";".join([list_of("j{}_deg"), *map(name.format, "xyz")])
+    with pytest.raises(InputError, match=r"t.csv:1: column .* is in (?:cm|µm|ft|um); lengths are"):
+        read(header, [*Q, *P], unit="mm")

@@ -21,7 +21,7 @@ Array = np.ndarray
 
 UR5 = load_robot("ur5")
 N = 12
-Q = sample_configurations(UR5, UR5.workspace(None)[1], N, np.random.default_rng(0))
+Q = sample_configurations(UR5, UR5.workspace(), N, np.random.default_rng(0))
 Q_DEG = np.rad2deg(Q)
 POSES = UR5.mechanism.forward(Q)
 JOINTS = [f"j{i}_deg" for i in range(1, 7)]
@@ -530,7 +530,7 @@ def test_a_sample_larger_than_the_rows_is_wrong_usage() -> None:
 
 
 def test_a_controller_s_joint_values_become_those_of_the_chain(fanuc: Robot) -> None:
-    measured = simulate(fanuc, Simulation(configurations=12, seed=4))
+    measured = simulate(fanuc, Simulation(configurations=12, seed=4, workspace="full"))
     header = [
         *(f"j{j}_rad" for j in range(1, 7)),
         *(f"t{i}_{axis}_m" for i in (1, 2, 3) for axis in "xyz"),

@@ -30,7 +30,9 @@ def test_rows_carry_the_information_of_the_normal_equations(name: str, unregiste
     """Condensed, scaled rows against the H that an identification would use."""
     robot = load_robot(name)
     knowledge = Knowledge.of_tolerances(robot, NOISE, unregistered)
-    measurements = simulate(robot, Simulation(configurations=12, unregistered=unregistered))
+    measurements = simulate(
+        robot, Simulation(configurations=12, unregistered=unregistered, workspace="full")
+    )
     setup = replace(measurements.setup, T_instrument_base=np.eye(4), targets=robot.targets)
     measurements = replace(measurements, setup=setup)
     rows = knowledge.rows(measurements.q).reshape(-1, knowledge.parameters.count)
@@ -65,7 +67,7 @@ def posterior_deviation(calibration: Calibration, q: np.ndarray) -> np.ndarray:
 
 
 def test_with_an_unknown_set_up_targets_can_be_predicted_all_the_same(fanuc: Robot) -> None:
-    q = simulate(fanuc, Simulation(configurations=40)).q
+    q = simulate(fanuc, Simulation(configurations=40, workspace="full")).q
     known, unknown = (
         Knowledge.of_tolerances(fanuc, NOISE, unregistered) for unregistered in (False, True)
     )
@@ -78,7 +80,7 @@ def test_what_is_predicted_is_what_the_estimator_states_afterwards(fanuc: Robot)
     """Planned covariance against the posterior of an identification from such measurements, its
     noise factor aside.
     """
-    measurements = simulate(fanuc, Simulation(configurations=25))
+    measurements = simulate(fanuc, Simulation(configurations=25, workspace="full"))
     calibration = complete(measurements)
     posterior = calibration.base.posterior
     assert posterior is not None
@@ -98,7 +100,7 @@ def test_what_is_predicted_is_what_the_estimator_states_afterwards(fanuc: Robot)
 
 def test_a_calibration_is_where_the_next_measurements_start(fanuc: Robot) -> None:
     """Its posterior, and the same after more rows as by adding their information to the inverse."""
-    measurements = simulate(fanuc, Simulation(configurations=20))
+    measurements = simulate(fanuc, Simulation(configurations=20, workspace="full"))
     calibration = complete(measurements)
     posterior = calibration.base.posterior
     assert posterior is not None
@@ -112,7 +114,7 @@ def test_a_calibration_is_where_the_next_measurements_start(fanuc: Robot) -> Non
 
 
 def test_many_harmonics_of_a_calibration_stay_as_they_are(fanuc: Robot) -> None:
-    measurements = simulate(fanuc, Simulation(configurations=40))
+    measurements = simulate(fanuc, Simulation(configurations=40, workspace="full"))
     options = CompleteOptions(orders={"harmonics": 4, "gravity": 1, "twists": 1})
     base = identify(measurements, BaseOptions("complete", options)).base
     knowledge = Knowledge.of_identification(fanuc, base, NOISE, 1e-4)

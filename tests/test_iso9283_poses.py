@@ -34,20 +34,20 @@ def test_places_on_the_inclined_plane() -> None:
 @pytest.mark.parametrize("name", ["fanuc-m1000ia", "ur5", "panda", "scara", "gantry", "kinova"])
 def test_the_largest_cube_can_be_driven(name: str) -> None:
     robot = load_robot(name)
-    space = robot.workspace(None)[1]
-    assert space is not None
+    space = robot.workspace()
+    assert space.bounded
     cube = plan_test(robot, space, FREE, robot.targets)
-    assert 0.05 < cube.edge <= min(space.box_m) + 1e-12
+    assert 0.05 < cube.edge <= space.box.min() + 1e-12
     assert np.allclose(robot.mechanism.forward(cube.q), cube.pose, atol=1e-6)
     assert robot.within_limits(cube.q).all()
-    home = robot.mechanism.forward(robot.home(space)[None])[0]
+    home = robot.mechanism.forward(space.home[None])[0]
     assert np.allclose(cube.pose[:, :3, :3], home[:3, :3])
     assert np.allclose(cube.pose[0], home)
 
 
 def test_poses_are_on_the_branch_of_the_home(fanuc: Robot) -> None:
     """A straight way from the centre to every pose never comes near a singularity."""
-    cube = plan_test(fanuc, fanuc.workspace(None)[1], FREE, fanuc.targets, edge=0.8)
+    cube = plan_test(fanuc, fanuc.workspace(), FREE, fanuc.targets, edge=0.8)
     assert cube.edge == 0.8
     for q in cube.q[1:]:
         way = cube.q[0] + np.linspace(0, 1, 50)[:, None] * (q - cube.q[0])
@@ -55,7 +55,7 @@ def test_poses_are_on_the_branch_of_the_home(fanuc: Robot) -> None:
 
 
 def test_cycles_run_from_the_fifth_pose_to_the_first(fanuc: Robot) -> None:
-    cube = plan_test(fanuc, fanuc.workspace(None)[1], FREE, fanuc.targets, edge=0.5)
+    cube = plan_test(fanuc, fanuc.workspace(), FREE, fanuc.targets, edge=0.5)
     rows = list(csv.DictReader(io.StringIO(cube.table(3))))
     assert [row["pose"] for row in rows] == [*reversed(POSES)] * 3
     assert [row["cycle"] for row in rows] == ["1"] * 5 + ["2"] * 5 + ["3"] * 5
@@ -65,14 +65,14 @@ def test_cycles_run_from_the_fifth_pose_to_the_first(fanuc: Robot) -> None:
 
 
 def test_the_joint_range_holds_the_largest_cube_of_the_reach(fanuc: Robot) -> None:
-    cube = plan_test(fanuc, None, FREE, fanuc.targets)
+    cube = plan_test(fanuc, "full", FREE, fanuc.targets)
     assert cube.edge > 1.0
     with pytest.raises(NoSolutionError):
-        plan_test(fanuc, None, FREE, fanuc.targets, edge=1.05 * cube.edge)
+        plan_test(fanuc, "full", FREE, fanuc.targets, edge=1.05 * cube.edge)
 
 
 def test_constraints_make_it_smaller(fanuc: Robot) -> None:
-    space = fanuc.workspace(None)[1]
+    space = fanuc.workspace()
     free = plan_test(fanuc, space, FREE, fanuc.targets)
     corner = free.pose[3, :3, 3]
     shelf = Constraints(keep_out=((*(corner - 0.1), *(corner + 0.1)),))
@@ -87,4 +87,4 @@ def test_constraints_make_it_smaller(fanuc: Robot) -> None:
 def test_an_arm_that_cannot_take_them_is_refused() -> None:
     robot = load_robot("planar-3r")
     with pytest.raises(NoSolutionError, match=r"planar-3r: P2 .* fails the reach"):
-        plan_test(robot, robot.workspace(None)[1], FREE, robot.targets)
+        plan_test(robot, robot.workspace(), FREE, robot.targets)

@@ -26,9 +26,7 @@ SMALL = [  # whose virtual joints are chosen, not named
 
 
 def configurations(robot: Robot, count: int = 60, seed: int = 11) -> Array:
-    return sample_configurations(
-        robot, robot.workspace(None)[1], count, np.random.default_rng(seed)
-    )
+    return sample_configurations(robot, robot.workspace(), count, np.random.default_rng(seed))
 
 
 def elementary(name: str) -> Array:

@@ -54,7 +54,7 @@ def measured(
     truth: Truth, count: int = 60, noise: float = 0.0, at: Array | None = None
 ) -> Measurements:
     robot = truth.actual.robot
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     return simulate(
         robot,
         Simulation(
@@ -64,15 +64,13 @@ def measured(
 
 
 def fresh_configurations(robot: Robot, workspace: str | None = "full") -> Array:
-    return sample_configurations(
-        robot, robot.workspace(workspace)[1], 50, np.random.default_rng(99)
-    )
+    return sample_configurations(robot, robot.workspace(workspace), 50, np.random.default_rng(99))
 
 
 def design_configurations(robot: Robot, design: str) -> Array:
     rng = np.random.default_rng(7)
     if design == "workspace":
-        return sample_configurations(robot, robot.workspace(None)[1], 40, rng)
+        return sample_configurations(robot, robot.workspace(), 40, rng)
     return robot.lower + (robot.upper - robot.lower) * rng.random((30, robot.n))
 
 

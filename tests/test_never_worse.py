@@ -33,7 +33,7 @@ REDUNDANT = ("panda", "xarm7", "tiago-arm")
 @cache
 def calibrated(name: str, base: str = "complete", workspace: str | None = "full") -> Calibration:
     robot = load_robot(name)
-    chosen = robot.workspace(workspace)[1]
+    chosen = robot.workspace(workspace)
     simulation = Simulation(
         seed=1, workspace=chosen, configurations=60, scales=ErrorScales(kinds=ERROR_KINDS)
     )
@@ -124,7 +124,7 @@ def test_a_row_that_is_ok_leaves_no_more_than_the_others(name: str) -> None:
 
 def test_rows_that_are_corrected_in_part_are_counted_by_an_evaluation() -> None:
     calibration = calibrated("ur5")
-    data = simulate(calibration.robot, Simulation(seed=3, configurations=80))
+    data = simulate(calibration.robot, Simulation(seed=3, configurations=80, workspace="full"))
     status = compensate_joints(calibration, data.q).status
     nominal, corrected = evaluate([("c", calibration)], data).results
     assert (nominal.marked, corrected.marked) == (0, np.isin(status, DOUBTFUL).sum())

@@ -48,15 +48,13 @@ _KEPT: dict[str, Calibration] = {}
 def calibrated(name: str) -> Calibration:
     if name not in _KEPT:
         robot = load_robot(name)
-        data = simulate(
-            robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=40)
-        )
+        data = simulate(robot, Simulation(seed=1, configurations=40))
         _KEPT[name] = identify(data, "complete")
     return _KEPT[name]
 
 
 def towards_singularity(robot: Robot, joint: int) -> Array:
-    q = np.tile(robot.home(robot.workspace(None)[1]), (len(DISTANCES), 1))
+    q = np.tile(robot.workspace().home, (len(DISTANCES), 1))
     q[:, joint] = DISTANCES
     return q
 
@@ -171,9 +169,13 @@ def test_a_micro_manipulator_and_a_crane_are_calibrated_as_well(
             configurations=50,
             scales=ErrorScales(length=0.5e-3 * scale),
             noise=0.05e-3 * scale,
+            workspace="full",
         ),
     )
-    fresh = simulate(robot, Simulation(seed=2, configurations=60, noise=0.0, same_robot=data.truth))
+    fresh = simulate(
+        robot,
+        Simulation(seed=2, configurations=60, noise=0.0, same_robot=data.truth, workspace="full"),
+    )
     calibration = identify(data, "complete")
     # At a joint limit or a singularity a part of the error stays.
     full = compensate_joints(calibration, fresh.q).status == OK
@@ -187,14 +189,17 @@ def test_a_micro_manipulator_and_a_crane_are_calibrated_as_well(
 
 def test_the_stated_noise_of_a_fine_instrument_is_its_own() -> None:
     robot = load_robot("ur5")
-    data = simulate(robot, Simulation(configurations=5, noise=2e-8))
+    data = simulate(robot, Simulation(configurations=5, noise=2e-8, workspace="full"))
     assert data.noise_position == 2e-8
-    assert simulate(robot, Simulation(configurations=5, noise=0.0)).noise_position == 1e-6
+    assert (
+        simulate(robot, Simulation(configurations=5, noise=0.0, workspace="full")).noise_position
+        == 1e-6
+    )
 
 
 def test_robots_that_differ_by_five_micrometres_are_not_the_same() -> None:
     chain = DrawnChain(tuple(ARM + WRIST), TOOL, TARGETS)
-    data = simulate(chain.robot(), Simulation(configurations=10))
+    data = simulate(chain.robot(), Simulation(configurations=10, workspace="full"))
     other = replace(data, robot=chain.robot(scale=1 + 1e-5))
     with pytest.raises(InputError, match="kinematics differ"):
         evaluate([("other", identify(other, "nominal"))], data)
@@ -266,7 +271,7 @@ def test_targets_almost_on_a_line_are_refused_or_serve(
 
 @pytest.mark.parametrize("noise", [0.0, 1e-15, 1e-9, 1e-3, 1.0, 1e3, 1e6])
 def test_no_noise_and_huge_noise_give_the_truth_and_the_drawing(noise: float, fanuc: Robot) -> None:
-    workspace = fanuc.workspace(None)[1]
+    workspace = fanuc.workspace()
     data = simulate(fanuc, Simulation(seed=1, workspace=workspace, configurations=40, noise=noise))
     found = identify(data, "complete")
     assert data.truth is not None
@@ -338,7 +343,10 @@ def test_without_errors_nothing_is_left_to_correct_at_any_size() -> None:
     for scale in (0.005, 50.0):
         robot = DrawnChain(tuple(SLIDES + WRIST), TOOL, TARGETS).robot(scale=scale)
         data = simulate(
-            robot, Simulation(configurations=20, scales=ErrorScales(kinds=()), noise=0.0)
+            robot,
+            Simulation(
+                configurations=20, scales=ErrorScales(kinds=()), noise=0.0, workspace="full"
+            ),
         )
         found = identify(data, "complete")
         assert np.abs(found.base.errors["placements"]).max() < 1e-9

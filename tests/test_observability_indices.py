@@ -17,7 +17,7 @@ NOISE = 0.05e-3
 
 @pytest.fixture(scope="module")
 def fanuc_configurations(fanuc: Robot) -> np.ndarray:
-    return sample_configurations(fanuc, None, 300, np.random.default_rng(0))
+    return sample_configurations(fanuc, "full", 300, np.random.default_rng(0))
 
 
 def test_they_are_those_of_the_geometry_by_finite_differences(

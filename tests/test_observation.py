@@ -174,7 +174,9 @@ def test_deviations_of_axes_weigh_along_the_instrument_s_axes(rng: np.random.Gen
     from calibtool.measurement.observation import linearised, weighted_residuals
     from calibtool.measurement.simulate import Simulation, simulate
 
-    measurements = simulate(load_robot("ur5"), Simulation(configurations=5, unregistered=True))
+    measurements = simulate(
+        load_robot("ur5"), Simulation(configurations=5, unregistered=True, workspace="full")
+    )
     deviations = rng.uniform(0.01, 0.3, (5, 9)) * 1e-3
     uneven = replace(measurements, deviations=deviations)
     pose = measurements.robot.mechanism.forward(measurements.q)
@@ -207,14 +209,19 @@ def test_an_instrument_that_is_bad_along_one_axis_is_used_along_the_others(
     robot = load_robot("ur5")
     errors = []
     for seed in range(3):
-        exact = simulate(robot, Simulation(seed=seed, configurations=60, noise=0.0))
+        exact = simulate(
+            robot, Simulation(seed=seed, configurations=60, noise=0.0, workspace="full")
+        )
         deviations = np.tile([2e-3, 0.02e-3, 0.02e-3], (60, 3))
         noisy = exact.points + rng.normal(size=exact.points.shape) * deviations.reshape(60, 3, 3)
         measurements = replace(
             exact, points=noisy, noise_position=float(np.sqrt((deviations**2).mean()))
         )
         fresh = simulate(
-            robot, Simulation(seed=9, configurations=200, noise=0.0, same_robot=exact.truth)
+            robot,
+            Simulation(
+                seed=9, configurations=200, noise=0.0, same_robot=exact.truth, workspace="full"
+            ),
         )
         for told in (replace(measurements, deviations=deviations), measurements):
             poses = identify(told, "complete").forward(fresh.q)

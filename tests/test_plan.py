@@ -27,7 +27,7 @@ def planned(
     **options: bool,
 ) -> Plan:
     knowledge = Knowledge.of_tolerances(robot, NOISE)
-    space = robot.workspace(workspace)[1]
+    space = robot.workspace(workspace)
     constraints = Constraints(singularity_distance=0.05, joint_margin=0.02)
     rng = np.random.default_rng(0)
     return make_plan(
@@ -46,7 +46,7 @@ def planned(
 def test_it_keeps_workspace_and_constraints(name: str) -> None:
     robot = load_robot(name)
     made = planned(robot, 6)
-    space = robot.workspace(None)[1]
+    space = robot.workspace()
     assert made.q.shape == (6, robot.n)
     assert len(np.unique(made.q, axis=0)) == 6
     assert inside(robot, space, made.q).all()
@@ -55,7 +55,7 @@ def test_it_keeps_workspace_and_constraints(name: str) -> None:
 
 
 def test_the_table_is_the_plan(robot: Robot) -> None:
-    q = as_written(robot, sample_configurations(robot, None, 5, np.random.default_rng(0)))
+    q = as_written(robot, sample_configurations(robot, "full", 5, np.random.default_rng(0)))
     read = joints_from_header(parse_table(joint_table(robot, q), "plan.csv"), robot)
     assert read is not None
     assert np.allclose(read[0], q, atol=1e-14)
@@ -87,9 +87,9 @@ def test_the_prediction_holds(fanuc: Robot) -> None:
     made = planned(fanuc, 15, workspace="full", refine=False)
     errors: dict[str, list[float]] = {"planned": [], "random": []}
     for seed in range(2):
-        random = simulate(fanuc, Simulation(seed=seed, configurations=15))
+        random = simulate(fanuc, Simulation(seed=seed, configurations=15, workspace="full"))
         best = simulate(fanuc, Simulation(seed=seed, at=made.q, same_robot=random.truth))
-        fresh = sample_configurations(fanuc, None, 200, np.random.default_rng(seed))
+        fresh = sample_configurations(fanuc, "full", 200, np.random.default_rng(seed))
         assert random.truth is not None
         actual = random.truth.actual.forward(fresh)[:, :3, 3]
         for name, data in (("planned", best), ("random", random)):

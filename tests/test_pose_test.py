@@ -25,7 +25,7 @@ CYCLES = 12
 @pytest.fixture(scope="module")
 def cycles(fanuc: Robot, fanuc_measurements: Measurements) -> Measurements:
     """The cube in cycles on the robot of `fanuc_measurements`, P5 to P1."""
-    cube = plan_test(fanuc, fanuc.workspace(None)[1], Constraints(), fanuc.targets)
+    cube = plan_test(fanuc, fanuc.workspace(), Constraints(), fanuc.targets)
     q = np.tile(cube.q[::-1], (CYCLES, 1))
     return simulate(fanuc, Simulation(seed=3, at=q, same_robot=fanuc_measurements.truth))
 

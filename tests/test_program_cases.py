@@ -134,7 +134,7 @@ RIGHT: dict[str, dict[int, Sequence[float] | str]] = {
 def calibration(name: str) -> Calibration:
     """As `simulate NAME -n 60 --seed 7` and `identify --model local-poe` make it."""
     robot = load_robot(name)
-    simulation = Simulation(seed=7, workspace=robot.workspace(None)[1], configurations=60)
+    simulation = Simulation(seed=7, configurations=60)
     return identify(simulate(robot, simulation), "local-poe")
 
 

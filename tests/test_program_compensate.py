@@ -177,7 +177,7 @@ def test_frames_and_tools() -> None:
     framed = next(
         t for t in reader("fanuc-ls")(result.data.decode(), robot).literals if t.name == "P[5]"
     )
-    T_new = frames.frames["3"] @ pose(framed.values, "wpr") @ inverse(frames.tools["2"])
+    T_new = frames.frames["3"] @ pose(framed.values, "extrinsic-xyz") @ inverse(frames.tools["2"])
     np.testing.assert_allclose(
         T_new, robot.mechanism.forward(compensate_joints(calibration, q).q)[0], atol=2e-7
     )
@@ -248,12 +248,12 @@ def test_poses_without_configuration_data_are_corrected_as_poses() -> None:
             compensate_program(calibration, data, "a", "ur-script", nominal("ur5")).data,
         )
     )
-    tool = pose([0, 0, 0.1, 0, 0, 0], "rotation vector")
+    tool = pose([0, 0, 0.1, 0, 0, 0], "rotation-vector")
     q_near = np.array([before.literals[0].values])
-    T = pose(before.literals[1].values, "rotation vector") @ inverse(tool)
+    T = pose(before.literals[1].values, "rotation-vector") @ inverse(tool)
     expected = robot.mechanism.forward(compensate_poses(calibration, T[None], q_near).q)[0]
     np.testing.assert_allclose(
-        pose(after.literals[1].values, "rotation vector") @ inverse(tool), expected, atol=1e-7
+        pose(after.literals[1].values, "rotation-vector") @ inverse(tool), expected, atol=1e-7
     )
 
 

@@ -48,7 +48,9 @@ def robot(external: str = TRACK) -> Robot:
 
 @cache
 def calibration() -> Calibration:
-    return identify(simulate(robot(), Simulation(seed=1, configurations=40)), "local-poe")
+    return identify(
+        simulate(robot(), Simulation(seed=1, configurations=40, workspace="full")), "local-poe"
+    )
 
 
 def configurations(count: int) -> Array:

@@ -46,7 +46,7 @@ def controller() -> Controller:
 @cache
 def calibrations() -> tuple[Calibration, Calibration]:
     """The identity, and one of a robot with errors."""
-    simulation = Simulation(seed=3, workspace=robot().workspace(None)[1], configurations=40)
+    simulation = Simulation(seed=3, workspace=robot().workspace(), configurations=40)
     measurements = simulate(robot(), simulation)
     return identify(measurements, "nominal"), identify(measurements, "local-poe")
 
@@ -118,7 +118,9 @@ def test_a_pose_is_solved_and_written_in_its_turns(degrees: list[float]) -> None
     after = corrected(program([group(np.array(degrees))]).encode(), calibrations()[1]).decode()
     (literal,) = reader("fanuc-ls")(after, robot()).literals
     assert isinstance(literal.configuration, Fanuc)
-    solved = solve_pose(controller(), pose(literal.values, "wpr"), literal.configuration, None)
+    solved = solve_pose(
+        controller(), pose(literal.values, "extrinsic-xyz"), literal.configuration, None
+    )
     np.testing.assert_allclose(np.rad2deg(solved), np.rad2deg(expected[0]), atol=1e-4)
     shown = np.rad2deg(controller().to_controller(expected[0]))
     found = TURNS.search(after)
@@ -271,7 +273,9 @@ def test_bytes_outside_of_numbers_stay_and_the_calibrated_robot_reaches_what_was
                 FRAMES.frames.get(getattr(old.alone.frame, "name", ""), np.eye(4)),
                 FRAMES.tools.get(getattr(old.alone.tool, "name", ""), np.eye(4)),
             )
-            wanted, stated = (frame @ pose(one.values, "wpr") @ inverse(tool) for one in (old, new))
+            wanted, stated = (
+                frame @ pose(one.values, "extrinsic-xyz") @ inverse(tool) for one in (old, new)
+            )
             q = solve_pose(controller(), stated, new.configuration, None)
             assert not isinstance(q, str)
             reached = calibrations()[1].forward(q[None])[0]

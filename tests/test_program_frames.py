@@ -25,28 +25,28 @@ def turn(axis: str, angle: float) -> np.ndarray:
 def test_conventions(angles: tuple[float, float, float]) -> None:
     """FANUC: W, P, R about fixed x, y, z. KUKA: A about z, B about the new y, C about the new x."""
     a, b, c = angles
-    wpr, abc = pose([1, 2, 3, a, b, c], "wpr"), pose([1, 2, 3, a, b, c], "abc")
+    wpr, abc = pose([1, 2, 3, a, b, c], "extrinsic-xyz"), pose([1, 2, 3, a, b, c], "intrinsic-zyx")
     np.testing.assert_allclose(wpr[:3, :3], turn("z", c) @ turn("y", b) @ turn("x", a), atol=1e-12)
     np.testing.assert_allclose(abc[:3, :3], turn("z", a) @ turn("y", b) @ turn("x", c), atol=1e-12)
     assert wpr[:3, 3].tolist() == [1, 2, 3]
 
 
-@pytest.mark.parametrize("orientation", ["wpr", "abc", "rotation vector"])
+@pytest.mark.parametrize("orientation", ["extrinsic-xyz", "intrinsic-zyx", "rotation-vector"])
 @given(ANGLES)
 def test_numbers_come_back(orientation: str, angles: tuple[float, float, float]) -> None:
     """Whatever branch the program wrote, its own numbers are the nearest ones (away
     from gimbal lock).
     """
-    if orientation != "rotation vector" and abs(np.cos(angles[1])) < 1e-3:
+    if orientation != "rotation-vector" and abs(np.cos(angles[1])) < 1e-3:
         return
     numbers = [0.1, 0.2, 0.3, *angles]
     back = pose_values(pose(numbers, orientation), orientation, numbers)
     np.testing.assert_allclose(pose(back, orientation), pose(numbers, orientation), atol=1e-9)
-    if orientation != "rotation vector" or np.linalg.norm(angles) > 1e-3:
+    if orientation != "rotation-vector" or np.linalg.norm(angles) > 1e-3:
         np.testing.assert_allclose(back, numbers, atol=1e-6)
 
 
-@pytest.mark.parametrize("orientation", ["wpr", "abc"])
+@pytest.mark.parametrize("orientation", ["extrinsic-xyz", "intrinsic-zyx"])
 @pytest.mark.parametrize("pitch", [90.0, -90.0, 89.9999999999])
 def test_gimbal_lock(orientation: str, pitch: float) -> None:
     numbers = [0.0, 0.0, 0.0, *np.deg2rad([20.0, pitch, -70.0])]
@@ -57,14 +57,16 @@ def test_gimbal_lock(orientation: str, pitch: float) -> None:
 def test_a_quaternion_keeps_its_sign() -> None:
     numbers = [0, 0, 0, -0.5, 0.5, -0.5, 0.5]
     np.testing.assert_allclose(
-        pose_values(pose(numbers, "quaternion"), "quaternion", numbers), numbers, atol=1e-12
+        pose_values(pose(numbers, "quaternion-wxyz"), "quaternion-wxyz", numbers),
+        numbers,
+        atol=1e-12,
     )
 
 
 def test_angles_stay_in_their_turn() -> None:
     numbers = [0, 0, 0, *np.deg2rad([-180.0, 0.0, 540.0])]
     np.testing.assert_allclose(
-        pose_values(pose(numbers, "wpr"), "wpr", numbers), numbers, atol=1e-12
+        pose_values(pose(numbers, "extrinsic-xyz"), "extrinsic-xyz", numbers), numbers, atol=1e-12
     )
 
 

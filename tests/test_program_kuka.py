@@ -42,7 +42,7 @@ def robot(name: str = "fanuc-m1000ia") -> Robot:
 
 @cache
 def calibration() -> Calibration:
-    simulation = Simulation(seed=7, workspace=robot().workspace(None)[1], configurations=60)
+    simulation = Simulation(seed=7, workspace=robot().workspace(), configurations=60)
     return identify(simulate(robot(), simulation), "local-poe")
 
 
@@ -91,7 +91,7 @@ def bad(text: str, name: str = "fanuc-m1000ia") -> dict[int, str]:
 def frame(text: str) -> Array:
     """T (4, 4) of an aggregate."""
     numbers = [float(part.split()[1]) for part in text.strip("{}").split(",")]
-    return pose([*np.array(numbers[:3]) * 1e-3, *np.deg2rad(numbers[3:])], "abc")
+    return pose([*np.array(numbers[:3]) * 1e-3, *np.deg2rad(numbers[3:])], "intrinsic-zyx")
 
 
 # --- samples --------------------------------------------------------------------------------------
@@ -712,7 +712,7 @@ def test_corrections_come_back_and_other_bytes_stay(made: tuple[str, list[int]])
             assert position.tool is not None
             T = (
                 position.frame.T
-                @ poses(np.array([literal.values]), "abc")[0]
+                @ poses(np.array([literal.values]), "intrinsic-zyx")[0]
                 @ inverse(position.tool.T)
             )
             nominal = inverse_kinematics(robot(), T[None], np.deg2rad(q[None]))

@@ -61,7 +61,7 @@ def there_and_back(name: str) -> tuple[Calibration, Calibration]:
     back to the nominal one.
     """
     robot = load_robot(name)
-    simulation = Simulation(seed=3, workspace=robot.workspace(None)[1], configurations=40)
+    simulation = Simulation(seed=3, configurations=40)
     calibration = identify(simulate(robot, simulation), "local-poe")
     errors = calibration.base.errors
     assert [family.id for family in errors.present] == ["placements"]
@@ -98,7 +98,7 @@ def test_corrected_there_and_back(program_format: str) -> None:
     literals = [reader(program_format)(t, robot).literals for t in (text, twice.data.decode())]
     for old, new in zip(*literals, strict=True):
         size = (
-            np.linalg.norm(old.values[3:]) if old.orientation == "quaternion" else 1.0
+            np.linalg.norm(old.values[3:]) if old.orientation == "quaternion-wxyz" else 1.0
         )  # of six digits
         for a, b in zip(old.numbers, new.numbers, strict=True):
             digits = {"deg": 3e-6 * np.pi / 180, "rad": 3e-8, "mm": 3e-7, "m": 3e-7, "": 3e-9}[

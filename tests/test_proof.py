@@ -38,7 +38,6 @@ def made(
     simulation = Simulation(
         seed=3,
         configurations=40,
-        workspace=robot.workspace(None)[1],
         scales=ErrorScales(kinds=kinds),
         unregistered=unregistered,
     )

@@ -16,9 +16,7 @@ from calibtool.robot.se3 import translation
 
 def test_no_pose_of_the_joint_range_is_excluded(robot: Robot, rng: np.random.Generator) -> None:
     q = random_positions(robot, rng, 300)
-    q[:100] = np.where(
-        rng.random((100, robot.n)) < 0.7, robot.home(robot.workspace(None)[1]), q[:100]
-    )
+    q[:100] = np.where(rng.random((100, robot.n)) < 0.7, robot.workspace().home, q[:100])
     q[100:200] = np.where(rng.random((100, robot.n)) < 0.5, robot.lower, robot.upper)
     assert not excluded(
         robot, expm_chain(robot.chain.placements, robot.chain.twists, q), 1e-8

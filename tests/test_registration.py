@@ -43,7 +43,7 @@ def random_truth(rng: np.random.Generator, kind: str, turn: Rotation | None = No
 
 
 def configurations(robot: Robot, count: int, rng: np.random.Generator) -> Array:
-    return sample_configurations(robot, robot.workspace(None)[1], count, rng)
+    return sample_configurations(robot, robot.workspace(), count, rng)
 
 
 def seen(robot: Robot, truth: Setup, q: Array) -> tuple[Array, Array | None]:
@@ -235,7 +235,9 @@ def test_rigid_fit_is_the_least_squares_motion(rng: np.random.Generator) -> None
 @pytest.mark.parametrize("target", [0, 2])
 @pytest.mark.parametrize("name", ["ur10", "scara"])
 def test_a_target_that_is_never_seen_is_named(name: str, target: int) -> None:
-    measurements = simulate(load_robot(name), Simulation(configurations=30, unregistered=True))
+    measurements = simulate(
+        load_robot(name), Simulation(configurations=30, unregistered=True, workspace="full")
+    )
     points = measurements.points.copy()
     points[:, target] = np.nan
     with pytest.raises(NoSolutionError, match=f"target {target + 1} is seen in none of the 30"):
@@ -243,7 +245,9 @@ def test_a_target_that_is_never_seen_is_named(name: str, target: int) -> None:
 
 
 def test_rows_of_which_none_sees_all_targets_register_all_the_same() -> None:
-    whole = simulate(load_robot("ur10"), Simulation(configurations=30, unregistered=True))
+    whole = simulate(
+        load_robot("ur10"), Simulation(configurations=30, unregistered=True, workspace="full")
+    )
     points = whole.points.copy()
     points[np.arange(30), np.arange(30) % 3] = np.nan
     found = register(replace(whole, points=points))

@@ -79,9 +79,7 @@ def test_a_smooth_function_is_learned_and_nothing_is_not(
 @KINDS
 def test_it_is_trained_judged_and_kept_in_a_file(kind: type[Regressor]) -> None:
     robot = load_robot("ur5")
-    measurements = simulate(
-        robot, Simulation(workspace=robot.workspace(None)[1], configurations=60)
-    )
+    measurements = simulate(robot, Simulation(configurations=60))
     options = TrainingOptions(regularisation="bayes", regressor=kind.id, restarts=2, folds=3)
     calibration = train(measurements, "nominal", options)
     assert calibration.validation is not None
@@ -95,7 +93,9 @@ def test_it_is_trained_judged_and_kept_in_a_file(kind: type[Regressor]) -> None:
 
 
 def test_c_code_of_another_model_is_refused(rng: np.random.Generator) -> None:
-    calibration = identify(simulate(load_robot("ur5"), Simulation(configurations=20)), "nominal")
+    calibration = identify(
+        simulate(load_robot("ur5"), Simulation(configurations=20, workspace="full")), "nominal"
+    )
     other = REGRESSORS["random-features"].initial(calibration.q, np.full(6, 1e-4), 4, rng)
     with pytest.raises(UsageError, match="export JSON"):
         calibration_as_c(replace(calibration, networks=(other,)))

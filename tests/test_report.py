@@ -12,11 +12,13 @@ import pytest
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errors import InputError
 from calibtool.evaluation.acceptance import parse_limit
 from calibtool.evaluation.compare import evaluate
 from calibtool.evaluation.metrics import MethodResult
+from calibtool.evaluation.observed import noise_of_errors, point_errors
 from calibtool.evaluation.plots import FIGURES, Subject
-from calibtool.evaluation.report import html_report
+from calibtool.evaluation.report import html_report, parse_occasion
 from calibtool.evaluation.report.content import number
 from calibtool.evaluation.report.verdict import cautions, headline, remarks, verdicts
 from calibtool.measurement.measurements import Measurements, Setup
@@ -84,17 +86,13 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def measurements() -> Measurements:
     robot = load_robot("planar-3r")
-    return simulate(
-        robot, Simulation(seed=1, configurations=30, workspace=robot.workspace(None)[1])
-    )
+    return simulate(robot, Simulation(seed=1, configurations=30))
 
 
 @pytest.fixture(scope="module")
 def fresh(measurements: Measurements) -> Measurements:
     robot = measurements.robot
-    options = Simulation(
-        seed=2, configurations=20, workspace=robot.workspace(None)[1], same_robot=measurements.truth
-    )
+    options = Simulation(seed=2, configurations=20, same_robot=measurements.truth)
     return simulate(robot, options)
 
 
@@ -156,7 +154,7 @@ def test_names_from_files_cannot_become_markup(text: str, page: Page) -> None:
     assert "49" not in [cell.strip() for cell in page.cells]
     assert EVIL in page.cells
     assert json.loads(page.scripts["evaluation"])["methods"][1]["name"] == EVIL
-    assert len(page.scripts) == 2  # one of data and one of ours
+    assert len(page.scripts) == 3  # two of data and one of ours
 
 
 def test_nothing_is_loaded_from_anywhere(text: str, page: Page) -> None:
@@ -291,7 +289,7 @@ def test_the_headline_names_who_keeps_the_limits_and_who_does_not(subject: Subje
         f"Not met: {EVIL} and complete miss the limit. complete brings "
     )
     assert said("position_max_mm=100", "position_mean_mm=100").startswith(
-        f"Met: {EVIL} and complete keep the 2 limits. "
+        f"Met: {EVIL} and complete keep both limits. "
     )
     assert subject.evaluation is not None
     nominal, paper, complete = subject.evaluation.methods
@@ -322,3 +320,61 @@ def test_doubtful_corrections_and_unlike_rows_are_cautions(
     found = cautions(doubtful, fresh.q)
     assert f"2 judged configurations are unlike those of the training of {EVIL}." in found
     assert "3 corrections by complete leave a part of the error, or all of it." in found
+
+
+def test_rows_of_the_training_prove_nothing(
+    named: list[tuple[str, Calibration]], measurements: Measurements
+) -> None:
+    limits = (parse_limit("position_max_mm=100"),)
+    own = Subject(named[1:], measurements, evaluate(named[1:], measurements), limits)
+    found = verdicts(own)
+    assert found[0].met
+    assert found[0].badge == ("met on training rows only", "doubt")
+    said = headline(own, found)
+    assert said.good is None
+    assert said.text.startswith("Not proven: the calibration keeps the limit, but on rows that")
+    page = html_report(own, {})
+    assert 'class="badge good"' not in page
+    assert 'class="headline good"' not in page
+
+
+def test_the_first_page_names_the_occasion(subject: Subject) -> None:
+    about = """
+title = "Acceptance <b>"
+serial = 1234
+date = 2026-11-27
+[calibrations]
+complete = "Calibration of May"
+"""
+    occasion = parse_occasion(about, "about.toml").changed({"customer": "A & B", "date": None})
+    page = Page(html_report(subject, {}, occasion))
+    text = html_report(subject, {}, occasion)
+    assert "Acceptance &lt;b&gt;" in text
+    entries = dict(re.findall(r"<dt>(.*?)</dt><dd>(.*?)</dd>", text))
+    assert entries["serial number"] == "1234"
+    assert entries["date"] == "2026-11-27"
+    assert entries["customer"] == "A &amp; B"
+    assert entries["operator"] == ""
+    assert "Calibration of May" in page.cells
+    methods = json.loads(page.scripts["evaluation"])["methods"]
+    assert methods[2]["name"] == "complete"  # data keep the name of the file
+    with pytest.raises(InputError, match=r"about.toml: seril: .*known are title, serial"):
+        parse_occasion("seril = 1", "about.toml")
+    with pytest.raises(InputError, match=r"about\.toml: "):
+        parse_occasion("title = ", "about.toml")
+
+
+def test_the_noise_beside_an_error_is_that_of_drawn_measurements() -> None:
+    """Targets of random places with noise: position and turn of the rigid fit, again and again."""
+    rng = np.random.default_rng(4)
+    targets, sigma = rng.normal(size=(4, 3)) * 0.2, 5e-5
+    setup = Setup(np.eye(4), targets)
+    seen = targets + rng.normal(size=(4000, 4, 3)) * sigma
+    blank = np.zeros((4000, 6))
+    drawn = Measurements(load_robot("ur10"), blank, seen, None, setup, sigma, 1e-4)
+    errors = point_errors("noise", seen, np.broadcast_to(np.eye(4), (4000, 4, 4)), setup)
+    stated = noise_of_errors(drawn)
+    assert np.sqrt((errors.position_size**2).mean()) == pytest.approx(stated["position"], rel=0.02)
+    assert errors.orientation_size is not None
+    turned = np.sqrt((errors.orientation_size**2).mean())
+    assert turned == pytest.approx(stated["orientation"], rel=0.02)

@@ -1,4 +1,4 @@
-"""The sample of the tutorial: made again, byte for byte, and small."""
+"""The sample of the pages: made again, byte for byte, and small."""
 
 import runpy
 from pathlib import Path

@@ -11,23 +11,21 @@ from calibtool.errors import NoSolutionError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.description import Workspace
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.workspace import Workspace
 
-UR5_HOME = {
-    "j1_deg": 0.0,
-    "j2_deg": -80.0,
-    "j3_deg": 100.0,
-    "j4_deg": -110.0,
-    "j5_deg": -90.0,
-    "j6_deg": 0.0,
-}
+UR5_HOME = np.deg2rad([0.0, -80.0, 100.0, -110.0, -90.0, 0.0])
+
+
+def cell(robot: Robot, home: Array, box: float, cone_deg: float) -> Workspace:
+    cone = float(np.deg2rad(cone_deg))
+    return Workspace("cell", home, box=np.full(3, box), cone=cone, roll=cone)
 
 
 def drawn(robot: Robot, workspace: str | None, count: int = 60, seed: int = 0) -> Array:
     return sample_configurations(
-        robot, robot.workspace(workspace)[1], count, np.random.default_rng(seed)
+        robot, robot.workspace(workspace), count, np.random.default_rng(seed)
     )
 
 
@@ -65,11 +63,11 @@ def test_configurations_keep_their_distance_from_singularities(
 
 
 def test_tool_positions_are_inside_the_box_and_fill_it(robot: Robot) -> None:
-    workspace = robot.workspace(None)[1]
-    assert workspace is not None
-    centre = robot.mechanism.forward(robot.home(workspace)[None])[0, :3, 3]
+    workspace = robot.workspace()
+    assert workspace.bounded
+    centre = robot.mechanism.forward(workspace.home[None])[0, :3, 3]
     offset = robot.mechanism.forward(drawn(robot, None))[:, :3, 3] - centre
-    half = np.array(workspace.box_m) / 2
+    half = workspace.box / 2
     assert (np.abs(offset) <= half + 1e-7).all()
     reachable = half > 0
     if robot.name == "planar-3r":
@@ -80,21 +78,21 @@ def test_tool_positions_are_inside_the_box_and_fill_it(robot: Robot) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [name for name in ROBOTS if load_robot(name).n >= 6 and load_robot(name).workspace(None)[1]],
+    [name for name in ROBOTS if load_robot(name).n >= 6 and load_robot(name).workspace().bounded],
 )
 def test_tools_are_inside_the_cone_and_turned_within_the_roll(name: str) -> None:
     # With n < 6 the nearest reachable orientation is taken, which the cone does not bound.
     robot = load_robot(name)
-    workspace = robot.workspace(None)[1]
-    assert workspace is not None
-    home = robot.mechanism.forward(robot.home(workspace)[None])[0, :3, :3]
+    workspace = robot.workspace()
+    assert workspace.bounded
+    home = robot.mechanism.forward(workspace.home[None])[0, :3, :3]
     relative = home.T @ robot.mechanism.forward(drawn(robot, None))[:, :3, :3]
     tilt = np.rad2deg(np.arccos(np.clip(relative[:, 2, 2], -1, 1)))
-    assert tilt.max() <= workspace.cone_deg + 1e-5
-    assert tilt.max() > 0.8 * workspace.cone_deg
+    cone, roll = np.rad2deg([workspace.cone, workspace.roll])
+    assert tilt.max() <= cone + 1e-5
+    assert tilt.max() > 0.8 * cone
     _, _, z, w = Rotation.from_matrix(relative).as_quat().T
     turn = np.rad2deg(2 * np.arctan(z / w))  # the twist about the tool's own axis
-    roll = workspace.cone_deg if workspace.roll_deg is None else workspace.roll_deg
     assert np.abs(turn).max() <= roll + 1e-5
     assert np.abs(turn).max() > 0.8 * roll
 
@@ -102,9 +100,9 @@ def test_tools_are_inside_the_cone_and_turned_within_the_roll(name: str) -> None
 def test_tilts_are_uniform_over_the_cap_of_the_cone(fanuc: Robot) -> None:
     # Uniform over a cap: 1 − cos(tilt) is uniform, so half of the tilts are below the
     # median of the cap.
-    workspace = Workspace(home=fanuc.workspace(None)[1].home, box_m=[0.2, 0.2, 0.2], cone_deg=20)
+    workspace = cell(fanuc, fanuc.workspace().home, box=0.2, cone_deg=20)
     q = sample_configurations(fanuc, workspace, 400, np.random.default_rng(0))
-    home = fanuc.mechanism.forward(fanuc.home(workspace)[None])[0, :3, :3]
+    home = fanuc.mechanism.forward(workspace.home[None])[0, :3, :3]
     height = 1.0 - (home.T @ fanuc.mechanism.forward(q)[:, :3, :3])[:, 2, 2]
     below = (height < 0.5 * (1.0 - np.cos(np.deg2rad(20)))).mean()
     assert abs(below - 0.5) < 4 * 0.5 / np.sqrt(400)
@@ -120,7 +118,7 @@ def test_the_same_seed_draws_the_same_configurations_and_another_seed_others() -
 
 def test_a_workspace_out_of_reach_has_no_configurations() -> None:
     ur5 = load_robot("ur5")
-    far = Workspace(home=UR5_HOME, box_m=[50.0, 50.0, 50.0], cone_deg=30)
+    far = cell(ur5, UR5_HOME, box=50.0, cone_deg=30)
     with pytest.raises(
         NoSolutionError, match=r"ur5: only .* poses of the workspace can be reached"
     ):
@@ -129,6 +127,6 @@ def test_a_workspace_out_of_reach_has_no_configurations() -> None:
 
 def test_a_workspace_at_a_singularity_has_no_configurations() -> None:
     ur5 = load_robot("ur5")
-    wrist = Workspace(home=UR5_HOME | {"j5_deg": 0.0}, box_m=[0.0, 0.0, 0.0], cone_deg=0)
+    wrist = cell(ur5, UR5_HOME * [1, 1, 1, 1, 0, 1], box=0.0, cone_deg=0)
     with pytest.raises(NoSolutionError, match="ur5: only 0 of"):
         sample_configurations(ur5, wrist, 10, np.random.default_rng(0))

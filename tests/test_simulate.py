@@ -25,9 +25,7 @@ EVERYTHING = ErrorScales(kinds=ERROR_KINDS)
 def simulated(robot: Robot, **options: object) -> Measurements:
     return simulate(
         robot,
-        replace(
-            Simulation(seed=3, configurations=40, workspace=robot.workspace(None)[1]), **options
-        ),
+        replace(Simulation(seed=3, configurations=40), **options),
     )
 
 

@@ -34,9 +34,7 @@ FEW = examples(8)
 @cache
 def calibrated(name: str, base: str, network: bool = True) -> Calibration:
     robot = load_robot(name)
-    measurements = simulate(
-        robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=60)
-    )
+    measurements = simulate(robot, Simulation(seed=1, configurations=60))
     if not network:
         return identify(measurements, base)
     return train(measurements, base, TrainingOptions(regularisation="early-stopping", restarts=1))
@@ -50,9 +48,7 @@ def zero(name: str, base: str) -> Calibration:
 
 
 def configurations(robot: Robot, count: int = 30, seed: int = 4) -> Array:
-    return sample_configurations(
-        robot, robot.workspace(None)[1], count, np.random.default_rng(seed)
-    )
+    return sample_configurations(robot, robot.workspace(), count, np.random.default_rng(seed))
 
 
 def angle(a: Array, b: Array) -> Array:
@@ -94,9 +90,7 @@ def test_correcting_where_the_calibrated_robot_went_gives_the_joints_back(
 
 def test_the_actual_robot_is_put_right_by_its_own_geometry() -> None:
     robot = load_robot("ur5")
-    measurements = simulate(
-        robot, Simulation(seed=2, workspace=robot.workspace(None)[1], configurations=30)
-    )
+    measurements = simulate(robot, Simulation(seed=2, configurations=30))
     truth = measurements.truth
     assert truth is not None
     calibration = zero("ur5", "local-poe")
@@ -310,7 +304,7 @@ def test_poses_along_a_path_stay_on_one_branch() -> None:
 def test_the_seed_chooses_the_branch() -> None:
     calibration = calibrated("fanuc-m1000ia", "local-poe", network=False)
     robot = calibration.robot
-    home = robot.home(robot.workspace(None)[1])
+    home = robot.workspace().home
     flipped = home * [1, 1, 1, 1, -1, 1] + [
         0,
         0,
@@ -349,7 +343,7 @@ def test_poses_and_seeds_that_are_none_are_refused(q: Array) -> None:
 def test_gear_errors_are_lowered_by_a_network_through_compensation() -> None:
     """End to end: the actual robot is driven to the corrected joints."""
     robot = load_robot("ur5")
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     scales = ErrorScales(kinds=("geometric", "gear"))
     measurements = simulate(robot, Simulation(seed=6, workspace=workspace, scales=scales))
     truth = measurements.truth

@@ -132,3 +132,13 @@ def test_a_list_of_points_is_distinguished_from_a_table() -> None:
     assert not looks_like_points("1 2 3 4 5 6\n")
     assert not looks_like_points("")
     assert read_source(b"A,p1,T1,1,2,3\r\nA,p2,T1,1,2,3\r\n", "p.txt").format == "spatial-analyzer"
+
+
+def test_semicolons_between_cells_leave_the_comma_to_decimals() -> None:
+    text = "A;G;p1_1;1,5;-2,25;3\nA;G;p1_2;4,5;5;6\nA;G;p2_1;7;8;9,125\nA;G;p2_2;1;2;3\n"
+    assert looks_like_points(text)
+    table = parse_points(text, "p.txt").table
+    assert [list(map(float, row[1:])) for row in table.rows] == [
+        [1.5, -2.25, 3, 4.5, 5, 6],
+        [7, 8, 9.125, 1, 2, 3],
+    ]

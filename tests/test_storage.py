@@ -33,7 +33,6 @@ def measurements(kind: str, name: str = "ur5") -> Measurements:
     robot = load_robot(name)
     simulation = Simulation(
         seed=1,
-        workspace=robot.workspace(None)[1],
         configurations=15,
         scales=ErrorScales(kinds=ERROR_KINDS),
         unregistered="unregistered" in kind,

@@ -11,7 +11,7 @@ from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.storage import to_bytes
 
-MEASUREMENTS = simulate(load_robot("planar-3r"), Simulation(configurations=3))
+MEASUREMENTS = simulate(load_robot("planar-3r"), Simulation(configurations=3, workspace="full"))
 
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:
@@ -51,7 +51,7 @@ def test_a_failure_while_writing_leaves_nothing_behind(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("calibtool.storage.paths.os.replace", full)
+    monkeypatch.setattr("calibtool.atomic_output.os.fsync", full)
     with pytest.raises(UsageError, match=r"m\.h5: cannot be written: No space left on device"):
         calibtool.write(MEASUREMENTS, tmp_path / "m.h5")
     assert list(tmp_path.iterdir()) == []

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from calibtool.calibration import Calibration, identify
+from calibtool.compensation import stream as module
 from calibtool.compensation.solve import compensate_joints
 from calibtool.compensation.stream import (
+    RowFormat,
     StreamOptions,
     StreamReport,
     compensate_stream,
@@ -30,13 +32,13 @@ HEADER = "j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg"
 @cache
 def calibrated(name: str = "ur5", model: str = "local-poe") -> Calibration:
     robot = load_robot(name)
-    simulation = Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=30)
+    simulation = Simulation(seed=1, configurations=30)
     return identify(simulate(robot, simulation), model)
 
 
 def joints(count: int) -> Array:
     robot = load_robot("ur5")
-    return sample_configurations(robot, robot.workspace(None)[1], count, np.random.default_rng(3))
+    return sample_configurations(robot, robot.workspace(), count, np.random.default_rng(3))
 
 
 def joint_csv(q: Array) -> str:
@@ -186,3 +188,24 @@ def test_uncertainty_and_refusal_go_through_the_stream() -> None:
     assert rows[3][7:] == ["", ""]
     assert report.without_joints == 1
     assert np.isfinite(compensate_joints(calibration, q).q).all()
+
+
+@pytest.mark.parametrize("row_format", ["csv", "ndjson"])
+def test_processes_that_help_do_not_show(
+    row_format: RowFormat, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_ALONE", 2)
+    q = joints(20)
+    text = joint_csv(q)
+    if row_format == "ndjson":
+        names = HEADER.split(",")
+        rows = (dict(zip(names, row, strict=True)) for row in np.rad2deg(q).tolist())
+        text = "".join(json.dumps(row) + "\n" for row in rows)
+
+    def corrected(workers: int) -> tuple[str, StreamReport]:
+        report, options = StreamReport(), StreamOptions(batch=3, workers=workers)
+        lines = io.StringIO(text)
+        parts = compensate_stream(calibrated(), lines, "t", options, report, row_format)
+        return "".join(parts), report
+
+    assert corrected(2) == corrected(1)

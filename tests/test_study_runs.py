@@ -33,7 +33,7 @@ def test_a_run_is_simulate_identify_and_evaluate() -> None:
     nominal, local_poe, complete = as_dicts(perform(study, 1))
     seed = complete["seed"]
     robot = load_robot("fanuc-m1000ia")
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     measured = simulate(robot, Simulation(seed=seed, configurations=25, workspace=workspace))
     fresh = Simulation(seed=seed, configurations=20, workspace=workspace, same_robot=measured.truth)
     judged = evaluate([("c", identify(measured, "complete"))], simulate(robot, fresh))

@@ -2,6 +2,8 @@
 line and column.
 """
 
+import csv
+
 import numpy as np
 import pytest
 from cases import examples
@@ -12,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from calibtool.errors import InputError
 from calibtool.joint_and_pose_columns import joints_from_header, poses_from_header
 from calibtool.robot.catalogue import load_robot
-from calibtool.tables import format_table, number, parse_table
+from calibtool.tables import csv_lines, format_table, number, parse_table
 
 Array = np.ndarray
 
@@ -114,7 +116,19 @@ def test_a_written_table_is_read_back_to_fifteen_digits(rows: list[list[float]])
 def test_text_cells_survive_writing_and_reading(cells: list[str]) -> None:
     header = [f"c{i}" for i in range(len(cells))]
     table = parse_table(format_table(header, [cells]), "t.csv", delimiter=",")
-    assert table.rows == [[cell.strip() for cell in cells]]
+    for found, cell in zip(table.rows[0], cells, strict=True):
+        assert found == cell.strip() or (found == f"'{cell}".strip() and cell.strip()[0] in "=@+-")
+
+
+@pytest.mark.parametrize(
+    ("cell", "written"),
+    [
+        *((text, text) for text in ("-1", "+2.5e-3", "-1,5", "-.5", "-", "+", "a=b", "'=1", "x-y")),
+        *((text, f"'{text}") for text in ("=1", " =1", "@A1", "-A1", "+1+2", "-1-1", "\t=1")),
+    ],
+)
+def test_a_text_that_begins_a_formula_gets_an_apostrophe(cell: str, written: str) -> None:
+    assert next(csv.reader([next(csv_lines([[cell]]))])) == [written]
 
 
 def test_not_a_number_is_written_as_an_empty_cell() -> None:

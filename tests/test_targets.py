@@ -49,14 +49,14 @@ UR5_HOME = np.array([0.0, -80.0, 100.0, -110.0, -90.0, 0.0])
 def calibrated(name: str = "ur5") -> Calibration:
     robot = load_robot(name)
     return identify(
-        simulate(robot, Simulation(seed=1, workspace=robot.workspace(None)[1], configurations=30)),
+        simulate(robot, Simulation(seed=1, configurations=30)),
         "local-poe",
     )
 
 
 def configurations(name: str = "ur5", count: int = 5) -> Array:
     robot = load_robot(name)
-    return sample_configurations(robot, robot.workspace(None)[1], count, np.random.default_rng(3))
+    return sample_configurations(robot, robot.workspace(), count, np.random.default_rng(3))
 
 
 def csv(header: list[str], values: Array, extra: str = "") -> str:
@@ -185,7 +185,7 @@ def test_poses_of_a_robot_with_prismatic_joints_become_degrees_and_millimetres()
 
 def test_with_both_the_pose_is_commanded_and_the_joints_choose_the_branch() -> None:
     robot = load_robot("fanuc-m1000ia")
-    home = robot.home(robot.workspace(None)[1])
+    home = robot.workspace().home
     flipped = home * [1, 1, 1, 1, -1, 1] + [0, 0, 0, np.pi, 0, np.pi]
     T = robot.mechanism.forward(home[None])
     for branch in (home, flipped):

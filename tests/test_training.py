@@ -161,9 +161,7 @@ def test_nothing_to_learn_leaves_no_network() -> None:
 
 
 def test_a_perfect_robot_is_not_made_worse_than_its_noise(fanuc: Robot) -> None:
-    simulation = Simulation(
-        seed=2, workspace=fanuc.workspace(None)[1], scales=ErrorScales(kinds=())
-    )
+    simulation = Simulation(seed=2, scales=ErrorScales(kinds=()))
     measurements = simulate(fanuc, simulation)
     calibration = train(measurements, "nominal", TrainingOptions(restarts=2))
     q = measurements.q
@@ -225,12 +223,10 @@ def test_the_loss_of_a_calibration_is_the_weighted_error_of_its_predicted_target
 def test_a_network_on_the_nominal_robot_lowers_its_error_on_fresh_configurations(
     fanuc: Robot,
 ) -> None:
-    measurements = simulate(fanuc, Simulation(seed=1, workspace=fanuc.workspace(None)[1]))
+    measurements = simulate(fanuc, Simulation(seed=1))
     truth = measurements.truth
     assert truth is not None
-    fresh = simulate(
-        fanuc, Simulation(seed=1, workspace=fanuc.workspace(None)[1], same_robot=truth)
-    )
+    fresh = simulate(fanuc, Simulation(seed=1, same_robot=truth))
     real = truth.actual.forward(fresh.q)[:, :3, 3]
 
     def error(poses: Array) -> float:
@@ -245,12 +241,10 @@ def test_a_network_on_the_nominal_robot_lowers_its_error_on_fresh_configurations
 def test_a_network_on_local_poe_learns_what_local_poe_cannot_represent() -> None:
     ur5 = load_robot("ur5")
     scales = ErrorScales(kinds=("gear",), sizes={"gear": 5e-3})
-    measurements = simulate(
-        ur5, Simulation(seed=3, workspace=ur5.workspace(None)[1], scales=scales)
-    )
+    measurements = simulate(ur5, Simulation(seed=3, scales=scales))
     truth = measurements.truth
     assert truth is not None
-    fresh = simulate(ur5, Simulation(seed=3, workspace=ur5.workspace(None)[1], same_robot=truth))
+    fresh = simulate(ur5, Simulation(seed=3, same_robot=truth))
     real = truth.actual.forward(fresh.q)[:, :3, 3]
     base = identify(measurements, "local-poe")
     both = train(measurements, base, TrainingOptions(regularisation="early-stopping"))
@@ -262,9 +256,7 @@ def test_a_network_on_local_poe_learns_what_local_poe_cannot_represent() -> None
 
 def test_the_paper_stops_early_and_everything_else_is_regularised() -> None:
     robot = load_robot("planar-3r")
-    measurements = simulate(
-        robot, Simulation(configurations=16, workspace=robot.workspace(None)[1])
-    )
+    measurements = simulate(robot, Simulation(configurations=16))
     for base, expected in (
         ("nominal", "early-stopping"),
         (identify(measurements, "local-poe"), "bayes"),

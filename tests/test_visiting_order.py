@@ -13,7 +13,7 @@ from calibtool.robot.robot import Robot
 def test_every_configuration_is_visited_once(robot: Robot) -> None:
     rng = np.random.default_rng(0)
     q = robot.lower + (robot.upper - robot.lower) * rng.random((30, robot.n))
-    order = short_order(robot, q, robot.home(None))
+    order = short_order(robot, q, robot.workspace("full").home)
     assert sorted(order) == list(range(30))
     assert travel(robot, q[order]) < 0.8 * travel(robot, q)
 

@@ -42,7 +42,7 @@ def write_data(file: Path, seed: int) -> None:
     from calibtool.robot.catalogue import load_robot
 
     robot = load_robot("fanuc-m1000ia")
-    measurements = simulate(robot, Simulation(seed=seed, workspace=robot.workspace(None)[1]))
+    measurements = simulate(robot, Simulation(seed=seed))
     pose, jacobian = identify(measurements, "nominal").base_forward_and_jacobian(measurements.q)
     weight = weights(measurements)
     G = observation_matrix(measurements.setup, pose) @ jacobian * weight[..., None]

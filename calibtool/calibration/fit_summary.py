@@ -8,6 +8,7 @@ from calibtool.equivalent.training import TrainingReport
 from calibtool.identification.identification import Identification
 from calibtool.identification.report import parameter_rows, strongest_correlations
 from calibtool.measurement.checks import design_findings
+from calibtool.units import count_of
 
 _CORRELATED = 0.9  # pairs of parameters above it are listed
 
@@ -77,7 +78,7 @@ def fit_lines(calibration: Calibration) -> list[str]:
             if calibration.networks
             else "not used"
         )
-        result.append(f"network: {used} ({verdict})")
+        result.append(f"neural network: {used} ({verdict})")
     elif training is not None:
         gain = loss_reduction(training)
         judged = "validation" if len(training.validation_rows) else "training"
@@ -129,24 +130,31 @@ def _complete_lines(calibration: Calibration) -> list[str]:
         for part in parameters.parts
         if not part.family.always
     ]
-    functions = ", ".join(told) or "geometry alone"
+    functions = ", ".join(told)
     estimated = posterior.noise_factor * calibration.noise_position * 1e3
     result = [
-        f"{posterior.effective:.1f} of {base.observable_rank} directions determined "
-        f"({parameters.count} parameters), {functions}, estimated noise {estimated:.3g} mm, "
-        f"{base.iterations} iterations"
+        f"found beside errors of the geometry: {functions}"
+        if told
+        else "found: errors of the geometry alone",
+        f"the measurements determine {posterior.effective:.1f} of {base.observable_rank} "
+        f"combinations of {parameters.count} parameters; they show {estimated:.3g} mm of noise",
     ]
     if not 0.5 <= posterior.noise_factor <= 2.0:
         result.append(
             f"warning: the residuals show {estimated:.3g} mm of noise, stated are "
-            f"{calibration.noise_position * 1e3:.3g} mm: either the statement is wrong or the "
-            "robot does what the model cannot describe"
+            f"{calibration.noise_position * 1e3:.3g} mm: "
+            + (
+                "either the statement is wrong or the robot does what the model cannot describe"
+                if posterior.noise_factor > 1.0
+                else "they agree with the model better than was stated"
+            )
         )
     if base.unobservable:
         names = ", ".join(base.unobservable[:6]) + (" …" if len(base.unobservable) > 6 else "")
+        count = len(base.unobservable)
         result.append(
-            f"{len(base.unobservable)} parameters stay at their tolerance (not observable "
-            f"here): {names}"
+            f"{count_of(count, 'parameter is', 'parameters are')} not seen in these configurations "
+            f"and {'stays' if count == 1 else 'stay'} near zero, within the tolerance: {names}"
         )
     return result
 
@@ -161,7 +169,7 @@ def _flagged_lines(calibration: Calibration) -> list[str]:
         "them out"
     )
     count = len(flagged.rows)
-    result = [f"warning: {count} {'row does' if count == 1 else 'rows do'} not fit ({done})"]
+    result = [f"warning: {count_of(count, 'row does', 'rows do')} not fit ({done})"]
     order = np.argsort(-flagged.deviation)[:5]
     result += [
         f"  configuration {flagged.rows[k] + 1}: {flagged.position[k] * 1e3:.3g} mm, "

@@ -39,12 +39,12 @@ class FrameReport:
     def lines(self) -> list[str]:
         """The same as lines of text."""
         if self.name == "taught":
-            chosen = "taught: commanded poses move as little as a rigid base and tool allow"
+            chosen = "taught: base and tool are placed such that taught poses move least"
         else:
             chosen = "fitted: every commanded pose moves by the common part, too"
         return [
-            f"frame {chosen}; common part: {self.common}",
-            f"apart from the common part the robot is {_rms(self.position) * 1e3:.3g} mm and "
+            f"frame {chosen}; common part of all errors: {self.common}",
+            f"apart from it the robot is {_rms(self.position) * 1e3:.3g} mm and "
             f"{_rms(self.orientation) * 1e3:.3g} mrad rms from the drawing, at most "
             f"{self.position.max() * 1e3:.3g} mm and {self.orientation.max() * 1e3:.3g} mrad",
         ]

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,9 +10,13 @@ from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.robot.se3 import Array
 
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 # times the largest distance between a configuration of the training and its nearest neighbour
 _DISTANCE = 1.5
-_COMPARED = 100_000  # pairs at a time: they stay in the processor's cache
+_ROUGH = 4.0  # a bound is at most 1 + this times the distance
+_AT_A_TIME = 256
 _STANDS = 1e-3  # rad or m: a joint that moved less stood still, and this far from there is like it
 _UNCERTAINTY = 2.0  # times the largest predicted standard deviation on the training configurations
 
@@ -43,55 +48,62 @@ def coverage(calibration: Calibration, q: Array) -> Coverage:
     distance alone does not decide.
     """
     reference = _reference(calibration)
-    distance = _nearest(reference.known, q / reference.scale) / reference.spacing
+    distance = reference.nearest(q) / reference.spacing
     deviation = np.zeros(len(q))
     doubtful = (distance > 1.0) & (distance <= _DISTANCE)
     if calibration.base.posterior is not None and doubtful.any():
         found = predicted_uncertainty(calibration, q[doubtful]).position
-        deviation[doubtful] = found / max(reference.deviation, 1e-15)
+        deviation[doubtful] = found / max(_largest_deviation(calibration), 1e-15)
     return Coverage(distance, deviation)
 
 
 @dataclass(frozen=True, eq=False)
 class _Reference:
-    """Scaled configurations of the training, largest spacing and standard deviation (m)."""
+    """Scaled configurations of the training in a k-d tree, their scale (n,) and largest spacing."""
 
-    known: Array
+    tree: "cKDTree"
     scale: Array
     spacing: float
-    deviation: float
+
+    def nearest(self, q: Array) -> Array:
+        """Scaled distance of joint positions (N, n) to the nearest of the training: (N,), NaN for
+        rows without positions.
+        """
+        distance = np.full(len(q), np.nan)
+        known = np.isfinite(q).all(axis=-1)
+        distance[known] = self.tree.query(q[known] / self.scale)[0]
+        return distance
 
 
 @lru_cache(maxsize=8)
 def _reference(calibration: Calibration) -> _Reference:
+    from scipy.spatial import cKDTree
+
     known = calibration.q
-    half = np.ptp(known, axis=0) / 2
-    scale = np.maximum(half, _STANDS)
-    within = _nearest(known / scale, known / scale, others=True) if len(known) > 1 else np.ones(1)
-    deviation = 0.0
-    if calibration.base.posterior is not None:
-        deviation = float(predicted_uncertainty(calibration, known).position.max())
-    spacing = max(float(within.max()), float(np.linalg.norm(_STANDS / scale)))
-    return _Reference(known / scale, scale, spacing, deviation)
+    scale = np.maximum(np.ptp(known, axis=0) / 2, _STANDS)
+    tree = cKDTree(known / scale)
+    spacing = _largest_spacing(tree) if len(known) > 1 else 1.0
+    return _Reference(tree, scale, max(spacing, float(np.linalg.norm(_STANDS / scale))))
 
 
-def _nearest(known: Array, points: Array, others: bool = False) -> Array:
-    """Distance of points (N, n) to the nearest of known ones (K, n): (N,); with `others`, to the
-    nearest but themselves.
+@lru_cache(maxsize=8)
+def _largest_deviation(calibration: Calibration) -> float:
+    """Largest predicted standard deviation (m) of the training configurations."""
+    return float(predicted_uncertainty(calibration, calibration.q).position.max())
 
-    Compared with all of them, by |k|²/2 − k·p: in six dimensions a tree looks at most of its
-    leaves all the same.
+
+def _largest_spacing(tree: "cKDTree") -> float:
+    """Largest distance between a point of a tree and the nearest other one.
+
+    Bounds on the distances come fast; exact ones are asked for, from the largest bound on, until no
+    bound exceeds what was found.
     """
-    centre = known.mean(axis=0)
-    known, points = known - centre, points - centre
-    half_squares = (known**2).sum(axis=-1) / 2
-    nearest = np.empty(len(points), dtype=int)
-    step = max(1, _COMPARED // len(known))
-    for start in range(0, len(points), step):
-        rows = slice(start, start + step)
-        score = half_squares - points[rows] @ known.T
-        if others:
-            score[np.arange(len(score)), np.arange(start, start + len(score))] = np.inf
-        nearest[rows] = score.argmin(axis=-1)
-    distance: Array = np.linalg.norm(points - known[nearest], axis=-1)
-    return distance
+    bound = tree.query(tree.data, k=2, eps=_ROUGH)[0][:, 1]
+    order = np.argsort(-bound)
+    largest = 0.0
+    for start in range(0, len(order), _AT_A_TIME):
+        rows = order[start : start + _AT_A_TIME]
+        if bound[rows[0]] <= largest:
+            break
+        largest = max(largest, float(tree.query(tree.data[rows], k=2)[0][:, 1].max()))
+    return largest

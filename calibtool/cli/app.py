@@ -13,9 +13,11 @@ from calibtool.cli import (
     demo,
     evaluate,
     export,
+    guide,
     identify,
     import_,
     info,
+    monitor,
     plan,
     plot,
     report,
@@ -26,10 +28,11 @@ from calibtool.cli import (
     train,
     view,
 )
+from calibtool.cli.command_help import Command
 from calibtool.cli.files import message
 from calibtool.cli.provenance import remember_command
 from calibtool.cli.verbosity import detail, take_switches
-from calibtool.errors import CalibtoolError
+from calibtool.errors import CalibtoolError, near_names
 
 
 class _Group(TyperGroup):
@@ -48,12 +51,15 @@ class _Group(TyperGroup):
             code = super().main(take_switches(arguments), prog_name or "calibtool", **extra)
             detail("done")
         except CalibtoolError as error:
-            self._give_up(str(error), error.exit_code)
+            text, command = str(error), next(iter(take_switches(arguments)), "")
+            if error.exit_code == 2 and text.startswith("--") and command in self.commands:
+                text = f"{text} (see calibtool {command} --help)"
+            self._give_up(text, error.exit_code)
         except MemoryError:
             self._give_up("out of memory; use fewer configurations at a time", 1)
         except Exception as error:
             if hasattr(error, "format_message"):  # wrong usage, found by typer
-                self._give_up(f"{error.format_message()} (see calibtool --help)", 2)
+                self._give_up(_usage(error), 2)
             if self.debug:
                 raise
             if (
@@ -77,10 +83,26 @@ class _Group(TyperGroup):
         sys.exit(code)
 
 
+def _usage(error: Any) -> str:
+    """A wrong use in one line: near options or all of them, and where to look."""
+    context = getattr(error, "ctx", None)
+    path = "calibtool" if context is None else context.command_path
+    text = str(error.format_message())
+    unknown = getattr(error, "option_name", None)
+    if unknown is not None and context is not None:
+        every = [name for p in context.command.get_params(context) for name in p.opts]
+        known = [name for name in every if name.startswith("--")]
+        text = f"{path} has no option {unknown}; {near_names(unknown, known)}"
+    elif context is not None and text.startswith("No such command"):
+        name = text.split("'")[1]
+        text = f"there is no command '{name}'; {near_names(name, context.command.commands)}"
+    return f"{text} (see {path} --help)"
+
+
 app = typer.Typer(
     cls=_Group,
-    help="Make a serial robot accurate in software: from its description and measurements to "
-    "corrected joint targets.",
+    help="Make a robot arm accurate in software: from its description and measurements to "
+    "corrected joints, programs and controller code.",
     epilog="-v, -q and --debug are understood before and after a command's name. "
     "Exit codes: 0 done, 1 unexpected, 2 wrong usage, 3 bad input data, 4 no solution, 5 an "
     "acceptance limit was not met, 130 interrupted.",
@@ -118,6 +140,7 @@ def _root(
 
 
 for _name, _function in (
+    ("guide", guide.guide),
     ("robots", robots.robots),
     ("simulate", simulate.simulate),
     ("import", import_.import_),
@@ -132,7 +155,8 @@ for _name, _function in (
     ("report", report.report),
     ("view", view.view),
     ("study", study.study),
+    ("monitor", monitor.monitor),
     ("info", info.info),
     ("demo", demo.demo),
 ):
-    app.command(_name)(_function)
+    app.command(_name, cls=Command)(_function)

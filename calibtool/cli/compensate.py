@@ -15,6 +15,7 @@ from calibtool.cli.files import (
     output_stream,
     shown,
     text_lines,
+    wrote,
 )
 from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
@@ -57,6 +58,7 @@ from calibtool.cli.programs import (
 )
 from calibtool.cli.progress import counted
 from calibtool.errors import UsageError
+from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -114,6 +116,12 @@ def compensate(
     external: External = "leave",
     report: Report = None,
     partial: Partial = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Processes that help with very many joint rows (default: one per core)."
+        ),
+    ] = None,
     line_buffered: Annotated[
         bool,
         typer.Option(
@@ -123,17 +131,18 @@ def compensate(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Correct commanded poses or joint positions, any number of rows, or a controller program.
+    """Correct a program, or a table of poses or joints.
 
-    By the calibrated model no row has a larger weighted pose error (displacement over the robot's
-    characteristic length beside rotation) than the command: where no better joints are found, it
-    stays as it is. Rows come back with the corrected joints, the input's other columns and a status
-    (docs/numerics): ok, jump (the correction changes faster than the command), outside (of the
-    training's configurations); partial, limited, near-singular, out-of-limits (a part of the error
-    stays), uncorrected (all of it: as commanded) or unreachable (empty joints, exit code 4; the
-    other rows are written nevertheless). Poses without joints are a path: each row starts from the
-    one before, jumps of the joints are reported. A calibration with backlash takes it up by the
-    direction of each joint's corrected motion: rows must be in the order of motion.
+    Any number of rows, or a controller program. By the calibrated model no row has a larger
+    weighted pose error (displacement over the robot's characteristic length beside rotation) than
+    the command: where no better joints are found, it stays as it is. Rows come back with the
+    corrected joints, the input's other columns and a status (docs/numerics): ok, jump (the
+    correction changes faster than the command), outside (of the training's configurations);
+    partial, limited, near-singular, out-of-limits (a part of the error stays), uncorrected (all of
+    it: as commanded) or unreachable (empty joints, exit code 4; the other rows are written
+    nevertheless). Poses without joints are a path: each row starts from the one before, jumps of
+    the joints are reported. A calibration with backlash takes it up by the direction of each
+    joint's corrected motion: rows must be in the order of motion.
 
     Of a program (docs/programs) only the numbers of joint and pose targets change; stderr reports
     how many, by how much at most, and what was left alone and why. A target without an answer
@@ -162,6 +171,7 @@ def compensate(
     from calibtool.compensation.solve import Method
     from calibtool.compensation.stream import BATCH, RowFormat, StreamOptions
     from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
+    from calibtool.processes import processors
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
@@ -222,6 +232,7 @@ def compensate(
             largest_change=most,
             weights=weighed,
             batch=1 if line_buffered else BATCH,
+            workers=1 if line_buffered else workers or processors(),
         )
         lines = text_lines(stream, shown(targets))
         compensate_rows(
@@ -295,11 +306,12 @@ def compensate_rows(
             f"{report.rows} rows verified, none is corrected in full"
             if not report.in_full
             else f"{report.rows} rows verified: the calibrated model stays within "
-            f"{report.remaining_position * 1e3:.3g} mm and "
-            f"{report.remaining_orientation * 1e3:.3g} mrad of the command where "
-            "the status is ok, jump or outside"
+            f"{three_digits(max(report.remaining_position * 1e3, 1e-4))} mm and "
+            f"{three_digits(max(report.remaining_orientation * 1e3, 1e-4))} mrad of the command "
+            "where the status is ok, jump or outside"
         )
         message(kept)
+    wrote(output, count_of(report.rows, "corrected row"))
     if report.without_joints:
         raise NoSolutionError(
             f"{name}: {report.without_joints} of {report.rows} rows have no joints, unreachable or "

@@ -17,14 +17,12 @@ def demo(
     ] = "demo",
     sample: Annotated[
         bool,
-        typer.Option(
-            "--sample", help="Instead: copy the sample of docs/tutorial.md into the folder."
-        ),
+        typer.Option("--sample", help="Instead: copy the sample of the pages into the folder."),
     ] = False,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
-    """Run the paper's experiment from end to end.
+    """Run the whole way once, on a simulated robot.
 
     On the FANUC M-1000iA: files, table, report, plots and C code in one folder. --sample copies a
     tracker's files, targets and a program to try the commands on.

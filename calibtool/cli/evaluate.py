@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
+from calibtool.cli.files import check_output, message, one_stdin, stem, write_output, wrote
 from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
@@ -18,10 +18,12 @@ from calibtool.cli.options import (
     Require,
     choice,
 )
-from calibtool.cli.printing import print_json, print_table
+from calibtool.cli.printing import Table, print_json, print_tables
 from calibtool.cli.progress import working
+from calibtool.units import count_of, three_digits
 
-_POSES = 8  # columns of a table for people
+_POSES = 8  # of ISO 9283 in a table for people
+_STATISTICS = ("mean", "rms", "95 % below", "max", "change of max")
 
 
 def evaluate(
@@ -53,7 +55,7 @@ def evaluate(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Compare calibrations with the nominal robot.
+    """Judge calibrations on measurements.
 
     Simulated measurements: the actual robot is driven to the corrected joints and measured without
     noise. Real ones: measured minus predicted target points, which is what to expect after
@@ -100,7 +102,8 @@ def evaluate(
             before=earlier,
         )
     if output is not None:
-        write_output(output, format_table(*error_rows(evaluation.methods)), force)
+        header, rows = error_rows(evaluation.methods)
+        write_output(output, format_table(header, rows), force)
     report = evaluation.as_json()
     if json:
         print_json(report)
@@ -110,55 +113,60 @@ def evaluate(
         if result.marked:
             message(
                 f"warning: {result.name}: {result.marked} of {evaluation.configurations} "
-                "configurations are corrected in part, or not at all (status of compensate)"
+                f"configurations {'is' if result.marked == 1 else 'are'} corrected in part, or not "
+                "at all (status of compensate)"
             )
     for result in evaluation.results:
         if result.outside:
             message(
                 f"warning: {result.name}: {result.outside} of {evaluation.configurations} "
-                "configurations are unlike the training's"
+                f"configurations {'is' if result.outside == 1 else 'are'} unlike the training's"
             )
+    if output is not None:
+        wrote(output, f"signed errors of {count_of(len(rows), 'row')}")
     broken = broken_limits(evaluation.methods[1:], limits, evaluation.pose_tests[1:])
     if broken:
         raise AcceptanceError(broken[0])
 
 
 def show_evaluation(report: dict[str, object]) -> None:
-    """The table for people."""
+    """The tables for people: position, then orientation where it is seen."""
     from calibtool.evaluation.wording import words
 
     terms = words(report["kind"], report.get("before"))  # type: ignore[arg-type]
     methods = report["methods"]
     assert isinstance(methods, list)
-    rows = [_cells(entry["name"], entry, entry["reduction_percent"]) for entry in methods]
-    expected = report.get("expected")
+    entries = [(entry["name"], entry, entry["reduction_percent"]) for entry in methods]
+    expected, by = report.get("expected"), ""
     if isinstance(expected, dict):
-        rows[0][0], rows[1][0] = terms.before, f"{terms.after} ({expected['name']})"
-        rows.append(_cells("expected, without noise", expected, {}))
-    header = [
-        "method",
-        "mean mm",
-        "rms mm",
-        "p95 mm",
-        "max mm",
-        "max −%",
-        "mean mrad",
-        "rms mrad",
-        "p95 mrad",
-        "max mrad",
-        "max −%",
-    ]
-    print_table(
-        f"{report['robot']}, {report['configurations']} configurations, {terms.how}", header, rows
-    )
+        entries = [
+            (name, *entry[1:])
+            for name, entry in zip((terms.before, terms.after), entries, strict=True)
+        ]
+        entries.append(("expected, without noise", expected, {}))
+        by = f" corrected by {expected['name']}"
+    count = report["configurations"]
+    assert isinstance(count, int)
+    tables: list[Table] = []
+    for quantity, unit in (("position", "mm"), ("orientation", "mrad")):
+        key = f"{quantity}_{unit}"
+        rows = [
+            _cells(name, errors[key], reduction.get(f"{quantity}_max") if k else None)
+            for k, (name, errors, reduction) in enumerate(entries)
+            if errors[key] is not None
+        ]
+        if rows:
+            tables.append(([f"{quantity} error, {unit}", *_STATISTICS], rows))
+    print_tables(f"{report['robot']}, {count_of(count, 'configuration')}{by}, {terms.how}", tables)
     beyond = report.get("uncorrectable")
     if isinstance(beyond, dict):
         position, orientation = beyond["position_mm"], beyond["orientation_mrad"]
         message(
-            f"{beyond['configurations']} poses are out of the joints' reach: at best "
-            f"{position['mean']:.3f} mm and {orientation['mean']:.3f} mrad stay (at most "
-            f"{position['max']:.3f}, {orientation['max']:.3f}); −% is of the part that the "
-            "joints can correct"
+            f"{count_of(beyond['configurations'], 'pose is', 'poses are')} out of the joints' "
+            f"reach: at best {three_digits(position['mean'])} mm and "
+            f"{three_digits(orientation['mean'])} mrad stay (at most "
+            f"{three_digits(position['max'])}, {three_digits(orientation['max'])}); percentages "
+            "count only the error that moving the joints can remove"
         )
     test = report.get("iso9283")
     if isinstance(test, dict):
@@ -169,45 +177,38 @@ def show_evaluation(report: dict[str, object]) -> None:
         _show_pose_test(test, how, names)
 
 
-def _cells(name: str, errors: dict[str, Any], reduction: dict[str, float | None]) -> list[str]:
-    """A row of the table: the statistics of position and orientation, each with its reduction."""
-    row = [name]
-    for quantity, key in (("position", "position_mm"), ("orientation", "orientation_mrad")):
-        found = errors[key]
-        if found is None:
-            row += ["-"] * 5
-            continue
-        lowered = reduction.get(f"{quantity}_max")
-        row += [f"{found[s]:.3f}" for s in ("mean", "rms", "p95", "max")]
-        row.append("" if lowered is None else f"{lowered:.1f}")
-    return row
+def _cells(name: str, errors: dict[str, float], reduction: float | None) -> list[str]:
+    """A row of the table: statistics of an error, and how much lower its maximum is."""
+    found = [three_digits(errors[s]) for s in ("mean", "rms", "p95", "max")]
+    return [name, *found, "" if reduction is None else change(reduction)]
+
+
+def change(reduction: float) -> str:
+    """A reduction in percent as what it does to the error: `−93.0 %`."""
+    return f"{'−' if reduction > 0 else '+'}{abs(reduction):.1f} %"
 
 
 def _show_pose_test(test: dict[str, Any], how: str, names: list[str]) -> None:
     """AP of every method, as it is called, and RP, per pose."""
-
-    def cells(position: list[float], turn: list[float] | None) -> list[str]:
-        if turn is None:
-            return [f"{value:.3f}" for value in position]
-        return [f"{value:.3f} / {angle:.3f}" for value, angle in zip(position, turn, strict=True)]
-
-    rows = [
-        [f"AP {name}", *cells(entry["ap_mm"], entry["ap_mrad"])]
-        for name, entry in zip(names, test["methods"], strict=True)
-    ]
-    if "rp_before_mm" in test:
-        rows.append([f"RP {names[0]}", *cells(test["rp_before_mm"], test["rp_before_mrad"])])
-    called = f"RP {names[1]}" if "rp_before_mm" in test else "RP"
-    rows.append([called, *cells(test["rp_mm"], test["rp_mrad"])])
-    rows = [row[: _POSES + 1] for row in rows]
     repeats = sorted({*test["repeats"]})
     counted = str(repeats[0]) if len(repeats) == 1 else f"{repeats[0]} to {repeats[-1]}"
-    unit = "mm" if test["rp_mrad"] is None else "mm / mrad"
-    more = (
-        ""
-        if len(test["poses"]) <= _POSES
-        else f", the first {_POSES} of {len(test['poses'])} poses (all: --json)"
+    poses = test["poses"][:_POSES]
+    more = "" if len(poses) == len(test["poses"]) else f" of {len(test['poses'])} (all: --json)"
+    title = (
+        f"ISO 9283, {count_of(len(poses), 'pose')}{more} measured {counted} times, {how}; "
+        "AP: accuracy, RP: repeatability"
     )
-    print_table(
-        f"ISO 9283, {counted} repeats, {how}, {unit}{more}", ["", *test["poses"][:_POSES]], rows
-    )
+    tables: list[Table] = []
+    for unit in ("mm", "mrad"):
+        called = [
+            (f"AP {name}", entry[f"ap_{unit}"])
+            for name, entry in zip(names, test["methods"], strict=True)
+        ]
+        if f"rp_before_{unit}" in test:
+            called.append((f"RP {names[0]}", test[f"rp_before_{unit}"]))
+        after = f"RP {names[1]}" if "rp_before_mm" in test else "RP"
+        called.append((after, test[f"rp_{unit}"]))
+        rows = [[name, *map(three_digits, values[:_POSES])] for name, values in called if values]
+        if rows:
+            tables.append(([unit, *poses], rows))
+    print_tables(title, tables)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs
+from calibtool.cli.files import STREAM, check_output, message, write_output, write_outputs, wrote
 from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
     CalibrationFile,
@@ -78,7 +78,7 @@ def export(
     output: Output = "-",
     force: Force = False,
 ) -> None:
-    """Write the compensator as JSON, C, Structured Text or ONNX, or as a geometry for others.
+    """Write a calibration as code or as a robot model.
 
     For C, -o NAME.c also writes NAME.h; NAME, or --prefix, starts every symbol, and names the
     function block of NAME.st. A calibration with payload or temperature is written for those of the
@@ -128,6 +128,7 @@ def export(
     else:
         contents = _geometry(loaded, format, values)
     write_output(output, contents, force)
+    wrote(output, f"{format} format, {loaded.robot.name}")
 
 
 def _format(given: str | None, output: str) -> str:
@@ -195,6 +196,7 @@ def _export_c(
     values = calibration.robot.joint_values(calibration.robot.name, values)
     header, source = calibration_as_c(calibration, prefix, precision, values)
     write_outputs({header_path: header, output: source}, force)
+    wrote(output, f"C99 compensator of {calibration.robot.name}; its header is {header_path}")
 
 
 def _precision(format: str, name: str | None) -> "Precision":

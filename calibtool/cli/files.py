@@ -9,25 +9,57 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
-from calibtool.cli.atomic_output import PartialFile, staged
-from calibtool.cli.interrupts import held
-from calibtool.cli.verbosity import detail, is_quiet
+from calibtool.atomic_output import PartialFile, encoded, staged, weaker, written_at
+from calibtool.cli.verbosity import detail, is_quiet, tell
 from calibtool.errors import InputError, UsageError, printable
+from calibtool.unfinished_files import held
 
 STREAM = "-"
+_WIDTH = 80  # columns where nobody says how many there are
 
 
 def message(text: str, important: bool = False) -> None:
     """One line for people on stderr; with --quiet only warnings and errors.
 
-    A closed stderr is ignored.
+    A terminal gets it wrapped between words. A closed stderr is ignored.
     """
     if is_quiet() and not important and not text.startswith("warning"):
         return
+    line = printable(text)
+    tell(wrapped(line, stderr_width()) if sys.stderr.isatty() else [line])
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Text in lines of at most `width` columns, broken between words; later ones are indented."""
+    from textwrap import wrap
+
+    indent = " " * (len(text) - len(text.lstrip()))
+    lines = wrap(
+        text,
+        width,
+        initial_indent=indent,
+        subsequent_indent=f"{indent}  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return lines or [""]
+
+
+def stderr_width() -> int:
+    """Columns for people: those of the terminal, 80 where stderr is none."""
+    if not sys.stderr.isatty():
+        return _WIDTH
     try:
-        print(printable(text), file=sys.stderr, flush=True)  # noqa: T201
-    except OSError:
-        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+        columns = int(os.environ.get("COLUMNS", "0"))
+        return columns or os.get_terminal_size(sys.stderr.fileno()).columns or _WIDTH
+    except (OSError, ValueError):
+        return _WIDTH
+
+
+def wrote(path: str, what: str) -> None:
+    """The line after an output was written: its path and what it holds; none for stdout."""
+    if path != STREAM:
+        message(f"wrote {path}: {what}")
 
 
 def read_bytes(path: str) -> bytes:
@@ -103,8 +135,10 @@ def shown(path: str) -> str:
 
 
 def stem(path: str) -> str:
-    """Name of a calibration in tables: the file's stem, or `stdin`."""
-    return "stdin" if path == STREAM else Path(path).stem
+    """Name of a calibration in tables: the file's stem, or `stdin`; printable, whatever the name of
+    the file is.
+    """
+    return "stdin" if path == STREAM else printable(Path(path).stem)
 
 
 def one_stdin(*paths: str | None) -> None:
@@ -139,16 +173,11 @@ def check_output(path: str, force: bool, *, binary: bool = False) -> None:
         return  # a device or a named pipe is written to, never replaced
     if target is not None and not force:
         raise _exists(path)
-    folder = destination(path).parent
+    folder = written_at(path).parent
     if not os.path.isdir(folder):
         raise UsageError(f"{path}: there is no folder {folder}")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise UsageError(f"{path}: the folder {folder} is not writable")
-
-
-def destination(path: str) -> Path:
-    """The file that is written: the target of a symbolic link."""
-    return Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
 
 
 def same_file(a: str, b: str) -> bool:
@@ -160,7 +189,7 @@ def write_output(path: str, contents: bytes | str, force: bool, *, text: bool = 
     """Write the whole file or nothing, see `atomic_output`. text: may be written to a terminal."""
     check_output(path, force, binary=isinstance(contents, bytes) and not text)
     with output_stream(path, force, checked=True) as write:
-        write(_encoded(contents))
+        write(encoded(contents))
 
 
 @contextlib.contextmanager
@@ -178,14 +207,16 @@ def output_stream(
         return
     with _reported(path):
         if _is_device(path):
-            with open(path, "wb") as stream:
+            # Never truncated, whatever stands there by now.
+            with os.fdopen(os.open(path, os.O_WRONLY), "wb") as stream:
                 yield _writer(stream, path)
         else:
-            with staged(destination(path)) as part:
+            with staged(written_at(path)) as part:
                 yield _writer(part.stream, path)
                 detail(f"{path}: {part.stream.tell():,} bytes written")
                 with held():
                     part.publish(force)
+                _say_if_weaker(path, part)
 
 
 def write_outputs(outputs: dict[str, bytes | str], force: bool) -> None:
@@ -199,14 +230,21 @@ def write_outputs(outputs: dict[str, bytes | str], force: bool) -> None:
             check_output(path, force, binary=isinstance(contents, bytes))
             if path != STREAM and not _is_device(path):
                 with _reported(path):
-                    parts[path] = stack.enter_context(staged(destination(path)))
-                    parts[path].stream.write(_encoded(contents))
+                    parts[path] = stack.enter_context(staged(written_at(path)))
+                    parts[path].stream.write(encoded(contents))
                     parts[path].stream.flush()
         for path, contents in outputs.items():
             if path not in parts:
                 write_output(path, contents, force)
         with held():
             _publish_all(parts, force)
+        for path, part in parts.items():
+            _say_if_weaker(path, part)
+
+
+def _say_if_weaker(path: str, part: PartialFile) -> None:
+    if part.lacking:
+        message(f"note: {path}: {weaker(part.lacking)}")
 
 
 def _publish_all(parts: dict[str, PartialFile], force: bool) -> None:
@@ -219,7 +257,7 @@ def _publish_all(parts: dict[str, PartialFile], force: bool) -> None:
         except UsageError:
             for earlier, old in done.items():
                 if old is None:
-                    destination(earlier).unlink(missing_ok=True)
+                    written_at(earlier).unlink(missing_ok=True)
                 else:
                     write_output(earlier, old, True)
             raise
@@ -257,10 +295,6 @@ def _unwritable(path: str, error: OSError) -> UsageError:
 
 def _is_device(path: str) -> bool:
     return os.path.exists(path) and not os.path.isfile(path)
-
-
-def _encoded(contents: bytes | str) -> bytes:
-    return contents.encode("utf-8") if isinstance(contents, str) else contents
 
 
 def write_stdout(data: bytes) -> None:

@@ -16,7 +16,7 @@ from calibtool.cli.base_model_options import (
     Without,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
+from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
 from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
@@ -24,9 +24,10 @@ from calibtool.cli.input_files import (
     say_if_frame_is_not_free,
 )
 from calibtool.cli.options import Force, FrameOption, Json, choice
-from calibtool.cli.printing import print_json, print_table
+from calibtool.cli.printing import print_json, print_tables
 from calibtool.cli.progress import working
 from calibtool.cli.provenance import provenance
+from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -93,17 +94,25 @@ def identify(
     parameters: Annotated[
         bool, typer.Option("--parameters", help="Show every parameter with its uncertainty.")
     ] = False,
+    offsets: Annotated[
+        bool,
+        typer.Option(
+            "--offsets",
+            help="Say the joint offsets in degrees ±, turns of the placements about the joints' "
+            "axes included: for a mastering screen.",
+        ),
+    ] = False,
     frame: FrameOption = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Identify the errors of the geometry and of the joint motions.
+    """Find the errors of a robot from measurements.
 
     complete: every error with a tolerance, harmonics and gravity where the evidence asks for
-    them, ± for each parameter. local-poe: initial relative poses only (Eq. 11), with rank,
-    singular values and what cannot be observed. Where instrument and targets are unknown, base
-    and tool frame are free: --frame chooses, stderr reports what they have in common with the
-    drawing's and what remains.
+    them, ± for each parameter. local-poe: one constant error of each link (the method of Song, Tian
+    and Ma), with rank, singular values and what cannot be observed. Where instrument and targets
+    are unknown, base and tool frame are free: --frame chooses, stderr reports what they have in
+    common with the drawing's and what remains.
 
     Example: calibtool identify measurements.h5 --model complete -o complete.h5
     """
@@ -117,7 +126,8 @@ def identify(
     from calibtool.calibration import identify as run
     from calibtool.calibration.transfer import refit as transfer
     from calibtool.errors import UsageError
-    from calibtool.identification.partial import of_families, offset_lines
+    from calibtool.identification.mastering import mastering
+    from calibtool.identification.partial import of_families
     from calibtool.storage import to_bytes
 
     choice(model, IDENTIFIED_MODELS, "--model")
@@ -165,13 +175,19 @@ def identify(
     if frame is not None and refit is None:
         say_if_frame_is_not_free(calibration, shown(measurements[0]))
     calibration = replace(calibration, provenance=provenance(None, **inputs))
+    found = mastering(calibration.base)
+    extra["joint_offsets"] = [offset.as_json() for offset in found]
+    if target is not None:  # first: whoever listens may have gone
+        write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/identification", json, extra)
-    for line in offset_lines(calibration.base):
-        message(line)
+    posterior = calibration.base.posterior
+    alone = posterior is not None and "placements" not in posterior.parameters.orders
+    for offset in found if offsets or alone else []:
+        message(offset.text)
     if not json and calibration.base.posterior is not None:
         show_parameters(calibration, parameters)
     if target is not None:
-        write_output(target, to_bytes(calibration), force)
+        wrote(target, fit_words(calibration))
 
 
 def loaded(paths: list[str], inputs: dict[str, bytes]) -> "Measurements":
@@ -192,23 +208,20 @@ def show_parameters(calibration: "Calibration", every: bool) -> None:
 
     rows = parameter_rows(calibration.base)
     shown = rows if every else sorted(rows, key=lambda row: -abs(row.value) / row.std)[:_CLEAREST]
-    print_table(
-        f"{len(shown)} of {len(rows)} parameters"
-        + ("" if every else ", the clearest (all: --parameters or --json)"),
-        ["parameter", "value", "±", "tolerance", "unit", "determined", ""],
+    header = ["parameter", "value", "±", "tolerance", "unit", "determined", ""]
+    table = [
         [
-            [
-                row.name,
-                f"{row.value:.4f}",
-                f"{row.std:.4f}",
-                f"{row.tolerance:.4f}",
-                row.unit,
-                f"{100 * row.determined:.1f} %",
-                "at prior" if row.at_prior else "",
-            ]
-            for row in shown
-        ],
-    )
+            row.name,
+            *map(three_digits, (row.value, row.std, row.tolerance)),
+            row.unit,
+            f"{100 * row.determined:.1f} %",
+            "at tolerance" if row.at_prior else "",
+        ]
+        for row in shown
+    ]
+    clearest = "" if every else "the clearest "
+    more = "" if every else " (all: --parameters or --json; symbols: docs/glossary.md)"
+    print_tables(f"{clearest}{len(shown)} of {len(rows)} parameters{more}", [(header, table)])
     posterior = calibration.base.posterior
     assert posterior is not None
     pairs = ", ".join(
@@ -242,3 +255,13 @@ def report_calibration(
         return
     for line in fit_lines(calibration):
         message(line)
+
+
+def fit_words(calibration: "Calibration") -> str:
+    """What a calibration is, for the line after it was written."""
+    networks = f" with {count_of(len(calibration.networks), 'network')}"
+    return (
+        f"calibration of {calibration.robot.name}, {calibration.base.model} model"
+        f"{networks if calibration.networks else ''}, from "
+        f"{count_of(calibration.configurations, 'configuration')}"
+    )

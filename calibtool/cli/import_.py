@@ -1,5 +1,7 @@
 """calibtool import: what instruments write to measurements."""
 
+import os
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -15,9 +17,13 @@ from calibtool.cli.files import (
     write_output,
     write_outputs,
     write_stdout,
+    wrote,
 )
-from calibtool.cli.input_files import load_described
+from calibtool.cli.import_images import ImageOptions, import_folder
+from calibtool.cli.import_options import chosen, offset_of, second_arm_of, stated_of
+from calibtool.cli.input_files import load_described, measurements_words
 from calibtool.cli.options import (
+    AllowOption,
     Force,
     JointValuesOption,
     Output,
@@ -36,7 +42,8 @@ def import_(
         str,
         typer.Argument(
             metavar="TABLE",
-            help="A table with a header, SpatialAnalyzer points, .xlsx; '-' is stdin.",
+            help="A table with a header, SpatialAnalyzer points, .xlsx, a ROS bag, a folder of "
+            "images; '-' is stdin.",
         ),
     ],
     robot: Annotated[str, typer.Option(help="A robot of the catalogue, or a path.")],
@@ -54,12 +61,49 @@ def import_(
             help="Frame of the measured values (default: the map's, or unknown).",
         ),
     ] = None,
-    board: Annotated[
-        bool,
+    poses_of: Annotated[
+        str,
         typer.Option(
-            "--board", help="The poses are those of a fixed board in a camera on the tool."
+            metavar="sensor|board",
+            help="The poses are those of a sensor on the tool, or of a fixed board in a camera on "
+            "the tool.",
         ),
-    ] = False,
+    ] = "sensor",
+    board: Annotated[
+        str | None,
+        typer.Option(metavar="BOARD.toml", help="Of images: the board that they show."),
+    ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tool|beside",
+            help="Of images: the camera is on the tool (default), or beside the arm with the board "
+            "on the tool.",
+        ),
+    ] = None,
+    intrinsics: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Of images: the camera's, as ROS or OpenCV write them (default: calibrated from "
+            "the images).",
+        ),
+    ] = None,
+    picture: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.png",
+            help="Of images: draw the corners found and their reprojection errors.",
+        ),
+    ] = None,
+    second_arm: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="The points are those of a sensor on this arm, or on that of a calibration.h5; "
+            "its joints: second_j1_deg …",
+        ),
+    ] = None,
     robot_targets: Annotated[
         bool,
         typer.Option(
@@ -91,10 +135,16 @@ def import_(
         typer.Option(min=0, help="Time stamps further apart than this do not belong together."),
     ] = 0.1,
     clock_offset: Annotated[
-        float | None,
+        str | None,
         typer.Option(
-            metavar="SECONDS",
-            help="Added to the stamps of TABLE, for --join time with a moving arm.",
+            metavar="SECONDS|auto",
+            help="Added to the stamps of TABLE, for --join time with a moving arm; auto: found.",
+        ),
+    ] = None,
+    topics: Annotated[
+        str | None,
+        typer.Option(
+            metavar="JOINTS,MEASURED", help="Of a ROS bag: its topics, where there are several."
         ),
     ] = None,
     format: Annotated[
@@ -131,6 +181,7 @@ def import_(
         ),
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     encoding: Annotated[
         str | None,
         typer.Option(
@@ -173,7 +224,7 @@ def import_(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Bring in what an instrument wrote.
+    """Import measurements (CSV, Excel, SpatialAnalyzer, …).
 
     Three targets, one target (position only) or 6-D poses; an unknown instrument frame and
     unknown targets are estimated,
@@ -183,8 +234,42 @@ def import_(
     --commanded TARGETS holds the joints or poses that were corrected. `evaluate` then compares the
     measured points with the commanded ones.
 
+    A folder of images with --board BOARD.toml and --joints FILE: the corners of the board in them,
+    found with OpenCV (the extra `camera`); each image is a row, by its name or by order.
+
     Example: calibtool import tracker.csv --robot ur10 --columns map.toml -o measurements.h5
     """
+    from calibtool.measurement.importing.ros_bags import is_bag, read_bag
+
+    images = ImageOptions(board, camera, intrinsics, picture)
+    if os.path.isdir(table) and not is_bag(table):
+        import_folder(
+            table,
+            load_described(robot, tool, allow),
+            output,
+            images,
+            joints,
+            stated=stated_of(unit, angle_unit, convention),
+            joint_values=joint_values_of(joint_values),
+            encoding=encoding,
+            others={
+                "--columns": columns,
+                "--commanded": commanded,
+                "--clock-offset": clock_offset,
+                "--format": format,
+                "--rows": rows,
+                "--sample": sample,
+                "--rest": rest,
+                "--map-template": map_template,
+                "--dry-run": dry_run,
+                "--robot-targets": robot_targets,
+                "--second-arm": second_arm,
+            },
+            accept_misfit=accept_misfit,
+            force=force,
+        )
+        return
+    images.refuse(table)
     if not dry_run:
         check_output(output, force, binary=not map_template)
         if rest is not None:
@@ -198,7 +283,6 @@ def import_(
     from calibtool.measurement.importing import (
         CommandedFile,
         JointFile,
-        Stated,
         parse_column_map,
         preview,
         read_table,
@@ -209,10 +293,8 @@ def import_(
     from calibtool.measurement.importing.spatial_analyzer import LAYOUTS
     from calibtool.storage import to_bytes
 
-    def chosen(value: str | None, allowed: tuple[str, ...], option: str) -> Any:
-        return None if value is None else choice(value, allowed, option)
-
-    inputs = {"table": read_bytes(table)}
+    of_bag = is_bag(table)
+    inputs = {} if of_bag else {"table": read_bytes(table)}
     column_map = joint_file = None
     if columns is not None:
         map_text = read_text(columns)
@@ -228,11 +310,17 @@ def import_(
     if commanded is not None:
         inputs["commanded"] = read_bytes(commanded)
         commanded_file = CommandedFile(inputs["commanded"], shown(commanded), join_by)
-    stated = Stated(
-        chosen(unit, ("mm", "m", "in"), "--unit"),
-        chosen(angle_unit, ("deg", "rad"), "--angle-unit"),
-        convention,
-    )
+    model = load_described(robot, tool, allow)
+    if of_bag:
+        if joints is not None:
+            raise UsageError(f"--joints {joints}: a bag holds the joints itself")
+        bag = read_bag(Path(table), model, [] if topics is None else topics.split(","))
+        inputs |= {"table": bag.measured.encode(), "joints": bag.joints.encode()}
+        joint_file = JointFile(bag.joints, f"{table} (joints)", "time", join_tolerance_s)
+        message(f"note: {bag.note}")
+    elif topics is not None:
+        raise UsageError(f"--topics: {shown(table)} is no ROS bag")
+    stated = stated_of(unit, angle_unit, convention)
     how: dict[str, Any] = {
         "format": chosen(format, FORMATS, "--format"),
         "sheet": sheet,
@@ -241,15 +329,21 @@ def import_(
     }
     if map_template:
         text = template_of(
-            inputs["table"], shown(table), load_described(robot, tool), stated, joint_file, **how
+            inputs["table"],
+            shown(table),
+            model,
+            stated,
+            joint_file,
+            **how,
         )
         write_output(output, text, force)
+        wrote(output, "column map, to be completed")
         return
     with working(f"reading {shown(table)}"):
         imported = read_table(
             inputs["table"],
             shown(table),
-            load_described(robot, tool),
+            model,
             column_map,
             frame=chosen(frame, ("base", "unknown"), "--frame"),
             robot_targets=robot_targets,
@@ -257,11 +351,12 @@ def import_(
             joints=joint_file,
             joint_values=joint_values_of(joint_values),
             commanded=commanded_file,
-            board=board,
+            board=choice(poses_of, ("sensor", "board"), "--poses-of") == "board",
+            second_arm=None if second_arm is None else second_arm_of(second_arm),
             **how,
         )
     if clock_offset is not None:
-        imported = imported.with_clock_offset(clock_offset)
+        imported = imported.with_clock_offset(offset_of(imported, clock_offset))
     for note in imported.understood.remarks:
         message(f"note: {note}")
     for warning in imported.warnings:
@@ -294,3 +389,6 @@ def import_(
         held_out = left.with_setup(measurements.setup).measurements
         outputs[rest] = to_bytes(replace(held_out, provenance=origin, findings=said))
     write_outputs(outputs, force)
+    wrote(output, measurements_words(measurements))
+    if rest is not None and left is not None:
+        wrote(rest, measurements_words(held_out))

@@ -1,10 +1,13 @@
 """Measurements and calibrations from the command line's files."""
 
 import io
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibtool.cli.files import message, read_bytes, shown
 from calibtool.cli.options import choice
+from calibtool.errors import UsageError
+from calibtool.units import count_of
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -13,13 +16,22 @@ if TYPE_CHECKING:
     from calibtool.robot.robot import Robot
 
 
-def load_described(name: str, tool: str | None) -> "Robot":
-    """The robot of a ROBOT argument and of --tool, with what was assumed or is implausible."""
-    from calibtool.robot.catalogue import load_robot
-
-    robot = load_robot(name, tool)
+def load_described(name: str, tool: str | None, allow: list[str] | None) -> "Robot":
+    """The same as `load_allowed`, with a line for what was assumed or is implausible."""
+    robot = load_allowed(name, tool, allow)
     say_doubts(robot)
     return robot
+
+
+def load_allowed(name: str, tool: str | None, allow: list[str] | None) -> "Robot":
+    """The robot of a ROBOT argument, --tool and --allow, which must be folders (UsageError)."""
+    from calibtool.robot.catalogue import load_robot
+
+    folders = tuple(Path(folder) for folder in allow or [])
+    for folder in folders:
+        if not folder.is_dir():
+            raise UsageError(f"--allow: {folder}: no such folder")
+    return load_robot(name, tool, folders)
 
 
 def say_doubts(robot: "Robot") -> None:
@@ -44,6 +56,14 @@ def load_measurements(path: str) -> "tuple[Measurements, bytes]":
     for finding in measurements.findings:
         message(f"warning: {shown(path)}: {finding}")
     return measurements, data
+
+
+def measurements_words(measurements: "Measurements") -> str:
+    """What measurements are, for the line after they were written."""
+    kind = measurements.setup.kind.words.format(m=measurements.points.shape[1])
+    count = count_of(len(measurements), "configuration")
+    seen = kind.replace("1 target points", "1 target point")
+    return f"{count} of {measurements.robot.name}, {seen}"
 
 
 def load_calibration(path: str, frame: str | None = None) -> "tuple[Calibration, bytes]":

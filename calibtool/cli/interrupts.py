@@ -11,11 +11,9 @@ import sys
 from collections.abc import Iterator
 from types import FrameType
 
+from calibtool.unfinished_files import put_off, remove_unfinished
+
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_unfinished: set[str] = set()  # temporary files, gone when the process is ended
-_held: list[
-    int
-] = []  # 0 for every block that must not be broken off, then the signals that arrived in it
 
 
 @contextlib.contextmanager
@@ -51,47 +49,15 @@ def interruptible() -> Iterator[None]:
             signal.signal(signal.SIGINT, before)
 
 
-@contextlib.contextmanager
-def unfinished(path: str) -> Iterator[None]:
-    """A temporary file that is removed however the block ends, except by SIGKILL."""
-    _unfinished.add(path)
-    try:
-        yield
-    finally:
-        with contextlib.suppress(OSError):
-            os.unlink(path)
-        _unfinished.discard(path)
-
-
-@contextlib.contextmanager
-def held() -> Iterator[None]:
-    """Signals wait until the end of the block, for steps that must not be separated."""
-    _held.append(0)
-    try:
-        yield
-    finally:
-        _held.remove(0)
-        if 0 not in _held and _held:
-            number = _held.pop()
-            handler = signal.getsignal(number)
-            assert callable(handler)  # it was one that put the signal there
-            handler(number, None)
-
-
 def _raise(number: int, frame: FrameType | None) -> None:
-    if 0 in _held:
-        _held.append(number)
-        return
-    raise KeyboardInterrupt
+    if not put_off(number):
+        raise KeyboardInterrupt
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    if 0 in _held:
-        _held.append(number)
+    if put_off(number):
         return
-    for path in _unfinished:
-        with contextlib.suppress(OSError):
-            os.unlink(path)
+    remove_unfinished()
     with contextlib.suppress(OSError, AttributeError, ValueError):
         if sys.stderr.isatty():  # a progress line may stand there, with the cursor hidden
             os.write(sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")

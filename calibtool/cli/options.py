@@ -23,7 +23,7 @@ CalibrationFile = Annotated[
 CompensationMethod = Annotated[
     str,
     typer.Option(
-        "--method", metavar="exact|one-step", help="Solve exactly, or with the one step of Eq. 24."
+        "--method", metavar="exact|one-step", help="Solve exactly, or by one damped step."
     ),
 ]
 EXACT = "exact"
@@ -91,6 +91,15 @@ ToolOption = Annotated[
         "--tool",
         metavar="FRAME",
         help="The tool frame of a bare URDF, where its names do not tell it.",
+    ),
+]
+
+AllowOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--allow",
+        metavar="FOLDER",
+        help="A folder, besides its own, whose files the robot's description may name; repeatable.",
     ),
 ]
 

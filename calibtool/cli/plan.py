@@ -4,10 +4,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, message, shown, write_output
+from calibtool.cli.files import check_output, message, shown, write_output, write_outputs, wrote
 from calibtool.cli.identify import report_target
-from calibtool.cli.input_files import load_calibration, load_described
+from calibtool.cli.input_files import load_calibration, load_described, load_measurements
 from calibtool.cli.options import (
+    AllowOption,
     Force,
     JointValuesOption,
     Json,
@@ -16,15 +17,20 @@ from calibtool.cli.options import (
     choice,
     joint_values_of,
 )
-from calibtool.cli.printing import print_json, print_table
+from calibtool.cli.plan_options import box, finite, sight
+from calibtool.cli.printing import print_json, print_tables
 from calibtool.cli.progress import counted, working
+from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
-    from calibtool.planning.constraints import Sight
+    import numpy as np
+
     from calibtool.planning.information import Knowledge
+    from calibtool.planning.instrument_rows import InstrumentRows
     from calibtool.planning.iso9283_poses import TestCube
     from calibtool.planning.plan import Plan
     from calibtool.robot.robot import Robot
+    from calibtool.robot.workspace import Workspace
 
 
 def plan(
@@ -87,6 +93,32 @@ def plan(
             "--unregistered", help="Instrument frame and targets will have to be estimated as well."
         ),
     ] = False,
+    observe: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND",
+            help="The instrument, as of simulate --observe; where it stands is proposed too.",
+        ),
+    ] = "points",
+    places: Annotated[int, typer.Option(min=1, help="Of --observe, as of simulate --places.")] = 1,
+    gauge_mm: Annotated[
+        float | None, typer.Option(min=1, help="Of --observe, as of simulate --gauge-mm.")
+    ] = None,
+    set_up: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MEASUREMENTS.h5",
+            help="The instrument as it stands in these measurements: a few rows by hand will do.",
+        ),
+    ] = None,
+    program: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write the rows as a program too: .ls (FANUC), .src (KUKA), .mod (ABB), .script "
+            "(UR).",
+        ),
+    ] = None,
     joint_margin: Annotated[
         float,
         typer.Option(
@@ -95,7 +127,7 @@ def plan(
             max=49,
             help="Part of each joint's range kept free at both ends.",
         ),
-    ] = 0.0,
+    ] = 5.0,
     min_singularity_distance: Annotated[
         float | None,
         typer.Option(min=0, help="Smallest distance from singularities (default 0.02)."),
@@ -142,20 +174,25 @@ def plan(
         int | None, typer.Option(min=1, help="Cycles of --iso9283 (default 30).")
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     joint_values: JointValuesOption = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Choose the most informative configurations to measure, in an order of short travel.
+    """Choose what to measure.
 
-    The table holds joint positions (j1_deg …) for the controller and for simulate --at. Links are
+    The most informative configurations come first to last in an order of short travel. The table
+    holds joint positions (j1_deg …) for the controller and for simulate --at. Links are
     checked as straight lines from joint to joint; motions between configurations are not checked.
+    With --observe or --set-up the rows are those in which the instrument sees the tool: a tip on
+    planes, spheres or in a gauge, a board in a camera's field of view.
 
     Example: calibtool plan fanuc-m1000ia -n 20 --joint-values controller -o plan.csv
     """
     target = report_target(output, json)
-    if target is not None:
-        check_output(target, force)
+    for path in (target, program):
+        if path is not None:
+            check_output(path, force)
     choice(criterion, ("d", "i"), "--criterion")
     from dataclasses import replace
     from typing import cast
@@ -164,33 +201,41 @@ def plan(
 
     from calibtool.errors import UsageError
     from calibtool.planning.constraints import Constraints
+    from calibtool.planning.instrument_rows import placed
     from calibtool.planning.iso9283_poses import plan_test
     from calibtool.planning.plan import make_plan
     from calibtool.planning.selection import Criterion
+    from calibtool.programs.point_list import check_suffix, point_list
     from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 
-    model, values = load_described(robot, tool), joint_values_of(joint_values)
-    name, space = model.workspace(workspace)
+    if program is not None:
+        check_suffix(program)
+    model, values = load_described(robot, tool, allow), joint_values_of(joint_values)
+    space = model.workspace(workspace)
     distance = (
         MIN_SINGULARITY_DISTANCE if min_singularity_distance is None else min_singularity_distance
     )
     constraints = Constraints(
-        joint_margin=_finite(joint_margin, "--joint-margin") * 1e-2,
-        singularity_distance=_finite(distance, "--min-singularity-distance"),
-        floor=None if floor_mm is None else _finite(floor_mm, "--floor-mm") * 1e-3,
-        keep_out=tuple(_box(text) for text in keep_out or []),
-        sight=_sight(instrument, normal, cone_deg),
+        joint_margin=finite(joint_margin, "--joint-margin") * 1e-2,
+        singularity_distance=finite(distance, "--min-singularity-distance"),
+        floor=None if floor_mm is None else finite(floor_mm, "--floor-mm") * 1e-3,
+        keep_out=tuple(box(text) for text in keep_out or []),
+        sight=sight(instrument, normal, cone_deg),
     )
     if iso9283:
         if source is not None:
             raise UsageError("--iso9283 chooses fixed poses; it does not use --from")
-        edge = None if cube_mm is None else _finite(cube_mm, "--cube-mm") * 1e-3
+        if observe != "points" or set_up is not None or program is not None:
+            raise UsageError("--observe, --set-up and --program do not go with --iso9283")
+        edge = None if cube_mm is None else finite(cube_mm, "--cube-mm") * 1e-3
         values = model.joint_values(model.name, values)
         cube = plan_test(model, space, constraints, model.targets, edge)
         cube = replace(cube, joint_values=values)
-        _report_cube(cube, name, cycles or 30, json)
         if target is not None:
             write_output(target, cube.table(cycles or 30), force)
+        _report_cube(cube, space.name, cycles or 30, json)
+        if target is not None:
+            wrote(target, f"5 poses, {count_of(cycles or 30, 'cycle')}")
         return
     for option, value in (("--cube-mm", cube_mm), ("--cycles", cycles)):
         if value is not None:
@@ -199,7 +244,11 @@ def plan(
         raise UsageError(
             f"-n {configurations}: only {candidates} candidates to choose from; raise --candidates"
         )
-    knowledge = _knowledge(model, source, noise_mm, unregistered)
+    noise = None if noise_mm is None else finite(noise_mm, "--noise-mm") * 1e-3
+    rng = np.random.default_rng(seed)
+    gauge = None if gauge_mm is None else gauge_mm * 1e-3
+    seen_by = _instrument(model, space, observe, places, gauge, set_up, noise, rng)
+    knowledge = _knowledge(model, source, noise, unregistered, seen_by)
     values = model.joint_values(model.name, values)
     with working(f"choosing from {candidates} candidates"):
         made = make_plan(
@@ -209,8 +258,9 @@ def plan(
             constraints=constraints,
             criterion=cast(Criterion, criterion),
             candidates=candidates,
-            rng=np.random.default_rng(seed),
+            rng=rng,
             refine=refine,
+            instrument=seen_by,
             progress=counted,
         )
     made = replace(made, joint_values=values)
@@ -219,22 +269,68 @@ def plan(
             f"warning: only {len(made.candidates.q)} candidates after {made.candidates.drawn} "
             "draws; the constraints are tight"
         )
+    outputs: dict[str, bytes | str] = {} if target is None else {target: made.table}
+    if program is not None:
+        outputs[program] = point_list(program, model, made.q, made.beside)
+    write_outputs(outputs, force)
     if json:
-        print_json({**made.as_json(), "workspace": name, "seed": seed})
+        print_json({**made.as_json(), "workspace": space.name, "seed": seed})
     else:
-        _report(made, name)
+        _report(made, space.name)
+        if seen_by is not None and set_up is None:
+            for line in placed(seen_by.setup):
+                message(f"note: {line}")
     if target is not None:
-        write_output(target, made.table, force)
+        wrote(target, f"{count_of(len(made.q), 'configuration')}, in an order of short travel")
+
+
+def _instrument(
+    model: "Robot",
+    space: "Workspace",
+    observe: str,
+    places: int,
+    gauge: float | None,
+    set_up: str | None,
+    noise: float | None,
+    rng: "np.random.Generator",
+) -> "InstrumentRows | None":
+    """The instrument of --observe or --set-up; None for points of a tracker."""
+    from calibtool.calibration import check_same_robot
+    from calibtool.errors import UsageError
+    from calibtool.measurement.instruments import INSTRUMENTS
+    from calibtool.planning.instrument_rows import InstrumentRows
+
+    choice(observe, ("points", *INSTRUMENTS), "--observe")
+    if set_up is not None:
+        if observe != "points":
+            raise UsageError("--observe and --set-up: the measurements say what observes")
+        measurements, _ = load_measurements(set_up)
+        check_same_robot(measurements.robot, model, shown(set_up), "ROBOT")
+        return InstrumentRows.of(measurements, space)
+    if observe == "points":
+        return None
+    stated = 0.05e-3 if noise is None else noise
+    return InstrumentRows.proposed(model, space, observe, places, gauge, stated, rng)
 
 
 def _knowledge(
-    model: "Robot", source: str | None, noise_mm: float | None, unregistered: bool
+    model: "Robot",
+    source: str | None,
+    noise: float | None,
+    unregistered: bool,
+    seen_by: "InstrumentRows | None",
 ) -> "Knowledge":
     from calibtool.calibration import check_same_robot
     from calibtool.errors import InputError, UsageError
     from calibtool.planning.information import Knowledge
 
-    noise = None if noise_mm is None else _finite(noise_mm, "--noise-mm") * 1e-3
+    if seen_by is not None and source is None:
+        return Knowledge.of_tolerances(
+            model,
+            seen_by.noise if noise is None else noise,
+            setup=seen_by.setup,
+            noise_orientation=seen_by.noise_orientation,
+        )
     if source is None:
         return Knowledge.of_tolerances(model, 0.05e-3 if noise is None else noise, unregistered)
     if unregistered:
@@ -247,6 +343,13 @@ def _knowledge(
             f"{shown(source)}: its base model '{calibration.base.model}' has no posterior to start "
             "from; identify with --model complete"
         )
+    own, instrument = calibration.setup.kind, None if seen_by is None else seen_by.setup.kind
+    if own is not instrument and (instrument is not None or own.id not in ("points", "pose")):
+        raise UsageError(
+            f"{shown(source)}: it was identified from another instrument "
+            f"({own.words.format(m=len(calibration.setup.targets))}); give the measurements it was "
+            "identified from with --set-up"
+        )
     if noise is None:
         noise = calibration.noise_position * posterior.noise_factor
     return Knowledge.of_identification(
@@ -255,29 +358,27 @@ def _knowledge(
 
 
 def _report(made: "Plan", workspace: str) -> None:
+    """What is known before and after measuring: predicted by the model."""
+    count = count_of(len(made.q), "configuration")
     rows = []
-    for name, predicted, indices in (
-        ("before", made.before, None),
-        ("random", made.random, made.observability_random),
-        ("selected", made.selected, made.observability),
+    for name, predicted in (
+        ("before", made.before),
+        (f"with {len(made.q)} random ones", made.random),
+        (f"with the {len(made.q)} selected", made.selected),
     ):
         values = predicted.as_json()
-        cells = ["-"] * 5 if indices is None else [f"{value:.3g}" for value in indices.values()]
-        rows.append(
-            [
-                name,
-                f"{values['effective_parameters']:.1f}",
-                f"{values['target_std_mean_mm']:.4f}",
-                f"{values['target_std_max_mm']:.4f}",
-                *cells,
-            ]
-        )
-    robot = made.knowledge.robot
-    print_table(
-        f"{robot.name}, {workspace}: {len(made.q)} of {len(made.candidates.q)} configurations, "
-        f"{made.knowledge.parameters.count} parameters",
-        ["", "effective", "targets ± mean mm", "max mm", "O1", "O2", "O3", "O4", "O5"],
-        rows,
+        cells = ("effective_parameters", "target_std_mean_mm", "target_std_max_mm")
+        rows.append([name, *(three_digits(values[key]) for key in cells)])
+    header = ["", "parameters known", "mean error, mm", "max error, mm"]
+    print_tables(
+        f"{made.knowledge.robot.name}, {workspace}: {count} selected of "
+        f"{len(made.candidates.q)} candidates; the model has "
+        f"{count_of(made.knowledge.parameters.count, 'parameter')}",
+        [(header, rows)],
+    )
+    message(
+        "errors: expected standard deviation of a target point after compensation, over the "
+        "workspace; observability indices: --json"
     )
 
 
@@ -300,59 +401,3 @@ def _report_cube(cube: "TestCube", workspace: str, cycles: int, json: bool) -> N
         f"{cube.robot.name}, {workspace}: cube of {cube.edge * 1e3:.4g} mm, {len(POSES)} poses × "
         f"{cycles} cycles; measure with full load at full speed, each pose after standstill"
     )
-
-
-def _sight(instrument: str | None, normal: str | None, cone_deg: float | None) -> "Sight | None":
-    """The line of sight of three options."""
-    from math import radians
-
-    from calibtool.errors import UsageError
-    from calibtool.planning.constraints import Sight
-
-    if instrument is None:
-        for option, value in (("--normal", normal), ("--cone-deg", cone_deg)):
-            if value is not None:
-                raise UsageError(f"{option} needs --instrument x,y,z to look at")
-        return None
-    x, y, z = _numbers(instrument, 3, "--instrument")
-    u, v, w = _numbers(normal or "0,0,1", 3, "--normal")
-    if not (u or v or w):
-        raise UsageError(
-            "--normal: 0,0,0 is no direction; give the one in which the targets look, such as 0,0,1"
-        )
-    cone = 30.0 if cone_deg is None else _finite(cone_deg, "--cone-deg")
-    return Sight((x * 1e-3, y * 1e-3, z * 1e-3), (u, v, w), radians(cone))
-
-
-def _numbers(text: str, count: int, option: str) -> list[float]:
-    """Comma separated numbers of an option."""
-    from calibtool.errors import UsageError
-
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != count:
-        raise UsageError(f"{option}: '{text}' is not {count} numbers with commas between them")
-    return [_finite(value, option) for value in values]
-
-
-def _box(text: str) -> tuple[float, ...]:
-    from calibtool.errors import UsageError
-
-    values = _numbers(text, 6, "--keep-out")
-    if any(low >= high for low, high in zip(values[:3], values[3:], strict=True)):
-        raise UsageError(
-            f"--keep-out: '{text}' is empty; give x0,y0,z0,x1,y1,z1 with x0 < x1, y0 < y1, z0 < z1"
-        )
-    return tuple(value * 1e-3 for value in values)
-
-
-def _finite(value: float, option: str) -> float:
-    from math import isfinite
-
-    from calibtool.errors import UsageError
-
-    if not isfinite(value):
-        raise UsageError(f"{option}: {value} is no finite number")
-    return value

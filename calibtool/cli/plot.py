@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, one_stdin, shown, stem, write_output
+from calibtool.cli.files import check_output, one_stdin, shown, stem, write_output, wrote
 from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
@@ -65,9 +65,9 @@ def plot(
     before: Before = None,
     force: Force = False,
 ) -> None:
-    """Draw one figure, such as the errors of every configuration or the training curve.
+    """Draw one figure, such as the errors.
 
-    `training` and `errors` are figures 4 and 5 of the paper. Colours can be told apart by
+    Colours can be told apart by
     colour-blind readers, the type is 7 to 8 points at any width, letters are part of the
     file, and the same command gives the same bytes. Limits given with --require are drawn
     into `distribution`.
@@ -118,3 +118,4 @@ def plot(
     except InputError as error:
         raise InputError(f"{', '.join(map(shown, calibrations))}: {error}") from None
     write_output(output, picture, force)
+    wrote(output, f"figure {kind}")

@@ -1,14 +1,15 @@
 """Tables for people, on stderr, and JSON objects for programs, on stdout."""
 
-import contextlib
 import json
+import os
 import sys
 from collections.abc import Sequence
 
-from calibtool.cli.files import write_stdout
-from calibtool.cli.verbosity import is_quiet
+from calibtool.cli.files import stderr_width, wrapped, write_stdout
+from calibtool.cli.verbosity import is_quiet, tell
 from calibtool.errors import printable
 
+_GAP = "  "  # between columns
 _LONGEST = 24  # elements of a list that people are shown
 
 
@@ -17,27 +18,61 @@ def print_json(value: dict[str, object]) -> None:
     write_stdout((json.dumps(value, allow_nan=False) + "\n").encode("ascii"))
 
 
-def print_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on stderr; the first column is left-aligned text.
+Table = tuple[Sequence[str], Sequence[Sequence[str]]]  # header and rows
 
-    Colour only on a terminal without NO_COLOR. With --quiet there is none.
+
+def print_tables(title: str, tables: Sequence[Table], keys: int = 1) -> None:
+    """Tables under a title, on stderr; their first column is left-aligned text.
+
+    They are as wide as the terminal, 80 columns elsewhere: columns that do not fit follow below,
+    again behind the first `keys` columns. Bold only on a terminal without NO_COLOR. With --quiet
+    there is none.
     """
     if is_quiet():
         return
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
+    bold = sys.stderr.isatty() and "NO_COLOR" not in os.environ
+    first, *rest = wrapped(printable(title), stderr_width())
+    found = [f"\x1b[1m{first}\x1b[0m" if bold else first, *rest]
+    for header, rows in tables:
+        found += table_lines(header, rows, stderr_width(), keys)
+    tell([*found, ""])
 
-    console = Console(
-        stderr=True, width=None if sys.stderr.isatty() else 140, highlight=False, markup=False
-    )
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
-    for i, name in enumerate(header):
-        table.add_column(name, justify="left" if i == 0 else "right")
-    for row in rows:
-        table.add_row(*map(printable, row))
-    with contextlib.suppress(OSError):  # as in `message`
-        console.print(table)
+
+def table_lines(
+    header: Sequence[str], rows: Sequence[Sequence[str]], width: int, keys: int = 1
+) -> list[str]:
+    """Lines of a table without blanks at their ends, `width` wide where a column allows it."""
+    from rich.cells import cell_len
+
+    cells = [list(map(printable, row)) for row in (header, *rows)]
+    sizes = [max(map(cell_len, column)) for column in zip(*cells, strict=True)]
+    result = []
+    for columns in _blocks(sizes, width, keys):
+
+        def line(row: Sequence[str], columns: list[int] = columns) -> str:
+            parts = []
+            for k in columns:
+                blanks = " " * (sizes[k] - cell_len(row[k]))
+                parts.append(row[k] + blanks if k == 0 else blanks + row[k])
+            return f"  {_GAP.join(parts)}".rstrip()
+
+        rule = "─" * (sum(sizes[k] for k in columns) + len(_GAP) * (len(columns) - 1) + 2)
+        result += ["", line(cells[0]), f" {rule}", *map(line, cells[1:])]
+    return result
+
+
+def _blocks(sizes: list[int], width: int, keys: int) -> list[list[int]]:
+    """Columns of every block: the keys, and as many of the others as fit."""
+    first = list(range(keys))
+    blocks = [list(first)]
+    for k in range(keys, len(sizes)):
+        own = [*blocks[-1], k]
+        wide = 3 + sum(sizes[c] for c in own) + len(_GAP) * (len(own) - 1)
+        if wide > width and len(blocks[-1]) > keys:
+            blocks.append([*first, k])
+        else:
+            blocks[-1].append(k)
+    return blocks
 
 
 def lines(summary: dict[str, object], indent: str = "") -> list[str]:
@@ -54,7 +89,7 @@ def lines(summary: dict[str, object], indent: str = "") -> list[str]:
                 )
         else:
             result.append(f"{indent}{key}: {_text(value)}")
-    return result
+    return list(map(printable, result))
 
 
 def _text(value: object) -> str:
@@ -63,4 +98,4 @@ def _text(value: object) -> str:
     if isinstance(value, list):
         more = [f"… {len(value)} in all"] if len(value) > _LONGEST else []
         return "[" + ", ".join([*map(_text, value[:_LONGEST]), *more]) + "]"
-    return "none" if value is None else printable(str(value))
+    return "none" if value is None else str(value)

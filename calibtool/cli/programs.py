@@ -17,9 +17,11 @@ from calibtool.cli.files import (
     shown,
     write_output,
     write_outputs,
+    wrote,
 )
 from calibtool.cli.options import choice
 from calibtool.errors import InputError, NoSolutionError, UsageError
+from calibtool.units import count_of
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
@@ -228,6 +230,7 @@ def compensate_file(
         write_outputs({output: result.data, **reports}, force)
     _tell(shown(path), result)
     message(bounds)
+    wrote(output, "the corrected program")
     _check_whole([result], shown(path), partial)
 
 
@@ -285,6 +288,7 @@ def compensate_folder(
     for language, result in zip(languages, results, strict=True):
         _tell(f"{folder} ({language})", result)
     message(bounds)
+    wrote(output, count_of(len(outputs) - (report is not None), "corrected program"))
     _check_whole(results, folder, partial)
 
 

@@ -4,7 +4,15 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, message, one_stdin, stem, write_output
+from calibtool.cli.files import (
+    check_output,
+    one_stdin,
+    read_text,
+    shown,
+    stem,
+    write_outputs,
+    wrote,
+)
 from calibtool.cli.input_files import load_calibration, load_measurements
 from calibtool.cli.options import (
     EXACT,
@@ -17,6 +25,8 @@ from calibtool.cli.options import (
     Require,
     choice,
 )
+from calibtool.cli.progress import working
+from calibtool.units import count_of
 
 
 def report(
@@ -39,21 +49,56 @@ def report(
     require: Require = None,
     frame: FrameOption = None,
     before: Before = None,
+    title: Annotated[
+        str | None, typer.Option(help="Heading of the document.", metavar="TEXT")
+    ] = None,
+    serial: Annotated[
+        str | None, typer.Option(help="Serial number of the robot.", metavar="TEXT")
+    ] = None,
+    customer: Annotated[str | None, typer.Option(help="For whom.", metavar="TEXT")] = None,
+    operator: Annotated[str | None, typer.Option(help="Who measured.", metavar="TEXT")] = None,
+    instrument: Annotated[str | None, typer.Option(help="What measured.", metavar="TEXT")] = None,
+    date: Annotated[str | None, typer.Option(help="When it was measured.", metavar="TEXT")] = None,
+    temperature: Annotated[
+        str | None, typer.Option(help="Temperature in the cell.", metavar="TEXT")
+    ] = None,
+    about: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.toml",
+            help="The same as keys of a file; [calibrations] gives each a name for people.",
+        ),
+    ] = None,
+    pdf: Annotated[
+        str | None,
+        typer.Option(metavar="FILE.pdf", help="Also print the page; needs Chromium or WeasyPrint."),
+    ] = None,
+    paper: Annotated[str, typer.Option(metavar="a4|letter", help="Paper of --pdf.")] = "a4",
+    parameters: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.csv", help="Also write every parameter; the page lists the clear ones."
+        ),
+    ] = None,
     force: Force = False,
 ) -> None:
-    """Write one self-contained HTML page about calibrations.
+    """Write an acceptance document to be signed (HTML, PDF).
 
-    The verdict first, against limits if there are any: expected after correction, or, from rows
-    measured at corrected joints (see `evaluate`), before and after; then errors, error vectors,
-    training, joint motions, parameters, flagged rows, observability, coverage, noise and
-    provenance. The numbers are those of `evaluate`. The page loads nothing from anywhere, adapts to
-    light and dark, and prints. With a limit that is not met the page is written nevertheless, and
-    the exit code is 5.
+    The first page stands alone: robot and occasion, verdict against the limits, before and after
+    with the noise of the measurement, and lines to sign. Before and after are measured where rows
+    were measured at corrected joints (see `evaluate`), otherwise expected. The annex holds errors,
+    error vectors, parameters, flagged rows, noise and provenance; training, joint motions,
+    observability and coverage are on the screen alone. The numbers are those of `evaluate`. The
+    page loads nothing from anywhere, adapts to light and dark, and prints on A4 and Letter. With a
+    limit that is not met it is written nevertheless, and the exit code is 5.
 
     Example: calibtool report paper.h5 --on fresh.h5 --require position_max_mm=2 -o report.html
     """
-    check_output(output, force)
-    one_stdin(*calibrations, on, before)
+    for path in (output, pdf, parameters):
+        if path is not None:
+            check_output(path, force)
+    one_stdin(*calibrations, on, before, about)
+    choice(paper, ("a4", "letter"), "--paper")
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
@@ -64,7 +109,8 @@ def report(
     from calibtool.evaluation.acceptance import broken_limits, parse_limit
     from calibtool.evaluation.compare import evaluate
     from calibtool.evaluation.plots import Subject
-    from calibtool.evaluation.report import html_report
+    from calibtool.evaluation.report import Occasion, html_report, parse_occasion
+    from calibtool.identification.report import parameter_table
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
     limits = tuple(parse_limit(text) for text in require or [])
@@ -83,13 +129,34 @@ def report(
     inputs = {f"calibration_{k}": part for k, (_, _, part) in enumerate(loaded, 1)}
     if earlier is not None:
         inputs["before"] = earlier[1]
+    occasion = Occasion() if about is None else parse_occasion(read_text(about), shown(about))
+    given = {
+        "title": title,
+        "serial": serial,
+        "customer": customer,
+        "operator": operator,
+        "instrument": instrument,
+        "date": date,
+        "temperature": temperature,
+    }
     page = html_report(
         Subject(named, measurements, evaluation, limits),
         provenance(None, measurements=data, **inputs),
+        occasion.changed(given),
     )
-    write_output(output, page, force)
-    if output != "-":
-        message(f"{output}: {len(page.encode()) / 1e6:.1f} MB")
+    contents: dict[str, bytes | str] = {output: page}
+    if pdf is not None:
+        from calibtool.evaluation.report.pdf import to_pdf
+
+        with working("printing the page"):
+            contents[pdf] = to_pdf(page, paper)
+    if parameters is not None:
+        contents[parameters] = parameter_table([(name, each.base) for name, each in named])
+    write_outputs(contents, force)
+    wrote(output, f"report of {count_of(len(measurements), 'configuration')}")
+    for path, what in ((pdf, "the same, printed"), (parameters, "every parameter")):
+        if path is not None:
+            wrote(path, what)
     broken = broken_limits(evaluation.methods[1:], list(limits), evaluation.pose_tests[1:])
     if broken:
         raise AcceptanceError(broken[0])

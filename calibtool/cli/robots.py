@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, message, write_output, write_stdout
-from calibtool.cli.input_files import say_doubts
-from calibtool.cli.options import Force, Json, ToolOption
+from calibtool.cli.files import check_output, message, write_output, write_stdout, wrote
+from calibtool.cli.input_files import load_allowed, say_doubts
+from calibtool.cli.options import AllowOption, Force, Json, ToolOption
 from calibtool.cli.printing import lines, print_json
 from calibtool.errors import UsageError
 
@@ -29,6 +29,7 @@ def robots(
         typer.Option(metavar="FILE", help="Draw the arm at its home; FILE ends in .png or .svg."),
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     json: Json = False,
     force: Force = False,
 ) -> None:
@@ -41,8 +42,8 @@ def robots(
     Example: calibtool robots fanuc-m1000ia
     """
     if name is None:
-        if check or picture is not None or tool is not None:
-            option = "--check" if check else "--picture" if picture is not None else "--tool"
+        given = {"--check": check, "--picture": picture, "--tool": tool, "--allow": allow}
+        if option := next((each for each, value in given.items() if value), None):
             raise UsageError(f"{option} needs a robot: a NAME, or the path of a description")
         _list(json)
         return
@@ -51,9 +52,7 @@ def robots(
         from calibtool.evaluation.plots import image_format
 
         image_format(picture)
-    from calibtool.robot.catalogue import load_robot
-
-    robot = load_robot(name, tool)
+    robot = load_allowed(name, tool, allow)
     if check:
         _check(robot, name, json)
     else:
@@ -65,6 +64,7 @@ def robots(
         from calibtool.evaluation.plots import draw_arm, image_format
 
         write_output(picture, draw_arm(robot, image_format(picture)), force)
+        wrote(picture, f"picture of {robot.name}")
 
 
 def _list(json: bool) -> None:

@@ -56,7 +56,7 @@ def serve(
     method: Annotated[
         str,
         typer.Option(
-            "--method", metavar="one-step|exact", help="The one step of Eq. 24, or solve exactly."
+            "--method", metavar="one-step|exact", help="One damped step, or solve exactly."
         ),
     ] = "one-step",
     outside: Outside = "mark",
@@ -67,13 +67,13 @@ def serve(
     temperature_c: TemperatureC = None,
     frame: FrameOption = None,
 ) -> None:
-    """Correct joint positions one by one, for a program that moves: a row in, a row out, at once.
+    """Correct joint positions while the arm moves.
 
-    From stdin to stdout until stdin ends, or on a socket of this machine until the command is ended
-    (Ctrl-C); every client of the socket is a path of its own. An object has a key per joint
-    (j1_deg, j2_mm …); the answer has the corrected joints, a status, and the other keys. A line
-    that cannot be answered gets {"error": ...}. docs/serving.md has the binary rows, clients and
-    latencies.
+    For a program that moves it: a row in, a row out, at once. From stdin to stdout until stdin
+    ends, or on a socket of this machine until the command is ended (Ctrl-C); every client of the
+    socket is a path of its own. An object has a key per joint (j1_deg, j2_mm …); the answer has the
+    corrected joints, a status, and the other keys. A line that cannot be answered gets {"error":
+    ...}. docs/serving.md has the binary rows, clients and latencies.
 
     Example: calibtool serve calibration.h5 --port 5005
     """

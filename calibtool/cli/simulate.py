@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output
-from calibtool.cli.input_files import load_described, load_measurements
+from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output, wrote
+from calibtool.cli.input_files import load_described, load_measurements, measurements_words
 from calibtool.cli.options import (
+    AllowOption,
     Force,
     JointValuesOption,
     Output,
@@ -92,9 +93,10 @@ def simulate(
     observe: Annotated[
         str,
         typer.Option(
-            metavar="points|contact|distance|plane|board|camera",
-            help="A tracker, a gauge with two sockets, wires, a probe on planes, a camera on the "
-            "tool, or one beside the arm.",
+            metavar="KIND",
+            help="points: a tracker; contact: a gauge with two sockets; distance: wires; plane or "
+            "sphere: a probe; board or corners: a camera on the tool; camera or corners-beside: a "
+            "camera beside the arm; second-arm: a sensor on another arm.",
         ),
     ] = "points",
     places: Annotated[
@@ -103,6 +105,14 @@ def simulate(
             min=1, help="Of --observe: placements, planes, boards, stations; wires at a time."
         ),
     ] = 1,
+    gauge_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=1,
+            help="Of contact: between its two sockets (default 50); of plane: height of a block on "
+            "it.",
+        ),
+    ] = None,
     same_robot: Annotated[
         str | None,
         typer.Option(metavar="FILE.h5", help="Measure the actual robot of that simulation again."),
@@ -121,10 +131,11 @@ def simulate(
         ),
     ] = None,
     tool: ToolOption = None,
+    allow: AllowOption = None,
     joint_values: JointValuesOption = None,
     force: Force = False,
 ) -> None:
-    """Measure a perturbed robot, made up from a seed.
+    """Simulate measurements of a robot with random errors.
 
     Its targets are observed with noise at configurations of a workspace; the truth is kept in a
     group of its own. A correction is rehearsed with --same-robot FILE.h5 --at corrected.csv
@@ -166,7 +177,7 @@ def simulate(
     values = joint_values_of(joint_values)
     if values is not None and at is None:
         raise UsageError("--joint-values is for the joints of --at")
-    model = load_described(robot, tool)
+    model = load_described(robot, tool, allow)
     kinds = ERROR_KINDS if errors == "all" else tuple(kind.strip() for kind in errors.split(","))
     unknown = [kind for kind in kinds if kind not in ERROR_KINDS]
     if unknown:
@@ -179,6 +190,11 @@ def simulate(
             raise InputError(
                 f"{shown(same_robot)}: holds no simulated robot; --same-robot needs a file of "
                 "calibtool simulate"
+            )
+        if observe == "points" and earlier.setup.kind.id != "points":
+            raise UsageError(
+                f"--same-robot {shown(same_robot)}: its set-up is of another instrument than a "
+                "tracker; give --observe, too"
             )
         if unregistered != (not earlier.setup.known) and unregistered:
             raise UsageError("--unregistered: the set-up is that of --same-robot")
@@ -219,7 +235,7 @@ def simulate(
             Simulation(
                 seed=seed,
                 configurations=configurations,
-                workspace=model.workspace(workspace)[1],
+                workspace=workspace,
                 scales=scales,
                 noise=noise_mm * 1e-3,
                 unregistered=unregistered,
@@ -229,10 +245,12 @@ def simulate(
                 temperature_c=_range(temperature_c, "--temperature-c", -273.15),
                 instrument=choice(observe, ("points", *INSTRUMENTS), "--observe"),
                 places=places,
+                gauge=None if gauge_mm is None else gauge_mm * 1e-3,
             ),
         )
     measurements = replace(measurements, commanded=asked, provenance=provenance(seed, **inputs))
     write_output(output, to_bytes(measurements), force)
+    wrote(output, measurements_words(measurements))
 
 
 def _range(text: str | None, option: str, lowest: float) -> tuple[float, float] | None:

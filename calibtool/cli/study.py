@@ -5,15 +5,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import STREAM, check_output, message, read_text, shown, write_output
+from calibtool.atomic_output import weaker
+from calibtool.cli.evaluate import change
+from calibtool.cli.files import STREAM, check_output, message, read_text, shown, write_output, wrote
 from calibtool.cli.identify import report_target
-from calibtool.cli.interrupts import held, interruptible
+from calibtool.cli.interrupts import interruptible
 from calibtool.cli.options import Force, Json
-from calibtool.cli.printing import print_json, print_table
+from calibtool.cli.printing import Table, print_json, print_tables
 from calibtool.cli.progress import counted
+from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
     from calibtool.evaluation.study import Definition, Study, StudyTable
+    from calibtool.evaluation.study.cluster_security import ClusterSecurity
 
 
 def study(
@@ -46,7 +50,7 @@ def study(
         list[str] | None,
         typer.Option(
             metavar="LIST",
-            help="Of local-poe, complete, network (on nominal: the paper), network-local-poe, "
+            help="Of local-poe, complete, network (on the robot as drawn), network-local-poe, "
             "default (train); nominal is always there. Default: local-poe,network,complete.",
         ),
     ] = None,
@@ -87,6 +91,14 @@ def study(
     cluster: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://HOST:PORT.")
     ] = None,
+    cluster_security: Annotated[
+        str | None,
+        typer.Option(
+            "--cluster-security",
+            metavar="TLS.toml",
+            help="TLS files of the cluster, for tls://HOST:PORT; see docs/study.md.",
+        ),
+    ] = None,
     box_plot: Annotated[
         str | None,
         typer.Option("--box-plot", metavar="FILE", help="Also draw the errors: .svg or .png."),
@@ -109,6 +121,8 @@ def study(
 
     if cluster is not None and workers is not None:
         raise UsageError("--workers and --cluster exclude each other")
+    if cluster_security is not None and not (cluster or "").startswith("tls://"):
+        raise UsageError("--cluster-security is for --cluster tls://HOST:PORT")
     if box_plot is not None:
         from calibtool.evaluation.plots import image_format
 
@@ -141,26 +155,35 @@ def study(
     if table is None:
         if target is not None:
             check_output(target, force, binary=_is_hdf5(target))
-        table = _perform(study, target, workers, cluster, force)
+        table = _perform(study, target, workers, (cluster, cluster_security), force)
     else:
         message(f"{target}: this study is finished already")
     _report(study, table, json)
+    if target is not None:
+        wrote(target, f"{count_of(len(table.rows), 'row')} of {count_of(study.count, 'run')}")
     if box_plot is not None:
         from calibtool.evaluation.plots import draw_study, image_format
 
         write_output(box_plot, draw_study(table, image_format(box_plot)), force)
+        wrote(box_plot, "box plot of the errors")
 
 
 def _perform(
-    study: "Study", target: str | None, workers: int | None, cluster: str | None, force: bool
+    study: "Study",
+    target: str | None,
+    workers: int | None,
+    cluster: tuple[str | None, str | None],
+    force: bool,
 ) -> "StudyTable":
-    """Perform what is not finished yet, and write the table."""
+    """Perform what is not finished yet, and write the table. cluster: address and TLS files."""
 
     from calibtool.errors import CalibtoolError
     from calibtool.evaluation.study import StudyTable
     from calibtool.evaluation.study.cluster import on_cluster
     from calibtool.evaluation.study.journal import Journal
-    from calibtool.evaluation.study.local import in_processes, processors
+    from calibtool.evaluation.study.local import in_processes
+    from calibtool.processes import processors
+    from calibtool.unfinished_files import held
 
     # A stream or a device cannot be continued: no journal beside it.
     plain = (
@@ -172,9 +195,12 @@ def _perform(
     with Journal(path, study, discard=force) as journal:
         if journal.finished:
             message(f"{path}: {len(journal.finished)} of {study.count} runs are finished already")
+        if journal.lacking:
+            message(f"note: {path}: {weaker(journal.lacking)}")
         rest = [index for index in range(study.count) if index not in journal.finished]
-        if cluster is not None:
-            results = on_cluster(study, rest, cluster)
+        address, security = cluster
+        if address is not None:
+            results = on_cluster(study, rest, address, _security(security), message)
         else:
             results = in_processes(study, rest, workers or processors())
         try:
@@ -199,6 +225,12 @@ def _perform(
                 raise
             raise type(error)(f"{error} ({kept})") from None
     return table
+
+
+def _security(path: str | None) -> "ClusterSecurity | None":
+    from calibtool.evaluation.study.cluster_security import parse_security
+
+    return None if path is None else parse_security(read_text(path), path, Path(path).parent)
 
 
 def _definition(plan: str | None) -> "Definition":
@@ -284,38 +316,36 @@ def _show(study: "Study", summary: dict[str, object]) -> None:
         for key in ("robot", "errors", "error_scale", "noise_mm", "configurations")
         if _differs(groups, key)
     ]
-    columns = [
-        ("position_mm", "mean"),
-        ("position_mm", "max"),
-        ("orientation_mrad", "mean"),
-        ("orientation_mrad", "max"),
-    ]
-    reductions = ["position_max", "orientation_max"]
-    rows = []
-    for group in groups:
-        cells = [_spread(group[part][name]) for part, name in columns]
-        cells += [_reduction(group["reduction_percent"][name]) for name in reductions]
-        rows.append([group["method"], *(str(group[key]) for key in varied), *cells])
-    header = [
-        "method",
-        *varied,
-        "mean mm",
-        "max mm",
-        "mean mrad",
-        "max mrad",
-        "max mm −%",
-        "max mrad −%",
-    ]
+    keys = 1 + len(varied)
+    tables: list[Table] = []
+    for quantity, unit in (("position", "mm"), ("orientation", "mrad")):
+        key = f"{quantity}_{unit}"
+        rows = [
+            [
+                group["method"],
+                *(str(group[name]) for name in varied),
+                _spread(group[key]["mean"]),
+                _spread(group[key]["max"]),
+                ""
+                if group["method"] == "nominal"
+                else _changed(group["reduction_percent"][f"{quantity}_max"]),
+            ]
+            for group in groups
+            if group[key] is not None and group[key]["mean"] is not None
+        ]
+        header = [f"{quantity}, {unit}", *(name.replace("_", " ") for name in varied)]
+        if rows:
+            tables.append(([*header, "mean error", "max error", "change of max"], rows))
     judged = (
         f"{study.definition.fresh} fresh configurations"
         if study.definition.fresh
         else "the measured configurations"
     )
     names = ", ".join(dict.fromkeys(group["robot"] for group in groups))
-    print_table(
-        f"{names}: {study.count} runs, judged on {judged}; median (5 %…95 %)",
-        header,
-        rows,
+    print_tables(f"{names}: {count_of(study.count, 'run')}, judged on {judged}", tables, keys)
+    message(
+        "median of the runs, in brackets the range of the middle 90 %; of the change, in brackets, "
+        "what only 5 % of the runs fall short of"
     )
 
 
@@ -323,13 +353,10 @@ def _differs(groups: list[dict[str, object]], key: str) -> bool:
     return len({str(group[key]) for group in groups}) > 1
 
 
-def _spread(values: dict[str, float] | None) -> str:
-    return (
-        "-"
-        if values is None
-        else f"{values['median']:.3g} ({values['q05']:.2g}…{values['q95']:.2g})"
-    )
+def _spread(values: dict[str, float]) -> str:
+    low, high = three_digits(values["q05"]), three_digits(values["q95"])
+    return f"{three_digits(values['median'])} ({low}…{high})"
 
 
-def _reduction(values: dict[str, float] | None) -> str:
-    return "-" if values is None else f"{values['median']:.1f} ({values['q05']:.1f})"
+def _changed(values: dict[str, float] | None) -> str:
+    return "" if values is None else f"{change(values['median'])} ({change(values['q05'])})"

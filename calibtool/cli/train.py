@@ -17,8 +17,8 @@ from calibtool.cli.base_model_options import (
     Without,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, shown, write_output
-from calibtool.cli.identify import report_calibration, report_target
+from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
+from calibtool.cli.identify import fit_words, report_calibration, report_target
 from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
@@ -45,28 +45,31 @@ def train(
         str,
         typer.Option(
             metavar="nominal|local-poe|complete|FILE.h5",
-            help="What the network builds on ('nominal': the paper).",
+            help="What the network builds on; 'nominal' is the method of Song, Tian and Ma.",
         ),
     ] = "complete",
     loss: Annotated[
-        str, typer.Option(metavar="task|joint", help="Loss of Eq. 20 or of Eq. 21.")
+        str,
+        typer.Option(
+            metavar="task|joint", help="What training lowers: errors of the tool, or of the joints."
+        ),
     ] = "task",
     optimizer: Annotated[
         str,
-        typer.Option(metavar="lm|gd", help="Levenberg-Marquardt, or gradient descent (Eq. 22)."),
+        typer.Option(metavar="lm|gd", help="Levenberg-Marquardt, or gradient descent."),
     ] = "lm",
     regularisation: Annotated[
         str | None,
         typer.Option(
             metavar="bayes|early-stopping",
-            help="Default: bayes; early-stopping (the paper) on 'nominal'.",
+            help="Default: bayes; early-stopping on 'nominal'.",
         ),
     ] = None,
     regressor: Annotated[
         str,
         typer.Option(
             metavar="tanh|random-features",
-            help="Learned model: the paper's network, or a Gaussian process.",
+            help="Learned model: a small neural network, or a Gaussian process.",
         ),
     ] = "tanh",
     hidden: Annotated[
@@ -100,7 +103,7 @@ def train(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Train a network on top of a base model.
+    """Find the errors, and learn the rest by a network.
 
     The network learns the joint motion errors of the equivalent robot that the base model leaves
     over. With Bayesian regularisation it is kept only if cross-validation, with the base identified
@@ -184,9 +187,11 @@ def train(
             counted,
         )
         extra["learning_curve"] = learning_curve_summary(curve)
+    if target is not None:  # first: whoever listens may have gone
+        write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/training", json, extra)
     if learning_curve and not json:
         for line in learning_curve_lines(curve, len(data)):
             message(line)
     if target is not None:
-        write_output(target, to_bytes(calibration), force)
+        wrote(target, fit_words(calibration))

@@ -1,9 +1,10 @@
 """Verbosity of stderr: -q only warnings and errors, -v also the steps and their durations."""
 
+import os
 import sys
 from time import perf_counter
 
-from calibtool.errors import UsageError
+from calibtool.errors import UsageError, printable
 
 _QUIET, _VERBOSE = ("-q", "--quiet"), ("-v", "--verbose")
 SWITCHES = (*_QUIET, *_VERBOSE, "--debug")
@@ -38,7 +39,15 @@ def seconds() -> float:
     return perf_counter() - _start
 
 
+def tell(lines: list[str]) -> None:
+    """Lines on stderr; when nobody reads it any more, this and all that follows is dropped."""
+    try:
+        print("\n".join(lines), file=sys.stderr, flush=True)  # noqa: T201
+    except OSError:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+
+
 def detail(text: str) -> None:
     """A line for --verbose, on stderr, with the time since the command began."""
     if _level > 0:
-        print(f"{seconds():7.2f} s  {text}", file=sys.stderr, flush=True)  # noqa: T201
+        tell([f"{seconds():7.2f} s  {printable(text)}"])

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, message, read_bytes, shown, write_output
+from calibtool.cli.files import check_output, message, read_bytes, shown, write_output, wrote
 from calibtool.cli.input_files import in_frame
 from calibtool.cli.interrupts import interruptible
 from calibtool.cli.options import Force, FrameOption
+from calibtool.units import count_of
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -47,12 +48,13 @@ def view(
     ] = 8080,
     force: Force = False,
 ) -> None:
-    """Show the arm, its targets and their errors.
+    """Show the arm, its targets and their errors in 3-D.
 
     Measurements: targets of the nominal robot and the measured ones. A calibration: those of the
     nominal robot and where the calibration says they are. The live view needs the extra 'view' and
-    ends on Ctrl-C; a page of --html needs nothing. The live arm has the meshes of its URDF where
-    they are found (those of example-robot-data are), simple solids otherwise.
+    ends on Ctrl-C; it answers browsers of this machine alone. A page of --html needs nothing. The
+    live arm has the meshes of its URDF where they are found (those of example-robot-data are),
+    simple solids otherwise.
 
     Example: calibtool view measurements.h5 --html view.html
     """
@@ -81,19 +83,25 @@ def view(
     factor = scene.fitting_factor if magnify is None else magnify
     if html is not None:
         write_output(html, page_of(scene, factor), force)
+        wrote(html, f"{count_of(len(scene), 'configuration')}, errors × {factor:g}")
         return
     from contextlib import suppress
     from threading import Event
 
     from calibtool.evaluation.view.live import serving
+    from calibtool.unfinished_files import temporary_folder
 
-    shape = _shape(scene.robot, folders)
-    with suppress(KeyboardInterrupt), interruptible(), serving(scene, shape, factor, port):
+    with (
+        suppress(KeyboardInterrupt),
+        interruptible(),
+        temporary_folder() as copies,
+        serving(scene, _shape(scene.robot, folders, copies), factor, port),
+    ):
         message(f"http://127.0.0.1:{port} shows {shown(file)}, errors × {factor:g}; Ctrl-C ends it")
         Event().wait()
 
 
-def _shape(robot: "Robot", folders: list[Path]) -> "pin.GeometryModel":
+def _shape(robot: "Robot", folders: list[Path], copies: Path) -> "pin.GeometryModel":
     """What the URDF shows; simple solids, with the reason, where that cannot be had."""
     from calibtool.errors import InputError
     from calibtool.evaluation.view.arm_geometry import described_shape, mesh_folders, simple_shape
@@ -101,7 +109,7 @@ def _shape(robot: "Robot", folders: list[Path]) -> "pin.GeometryModel":
     if robot.chain.tree is not None:  # meshes are placed along serial chains
         return simple_shape(robot)
     try:
-        described = described_shape(robot, mesh_folders(robot, folders))
+        described = described_shape(robot, mesh_folders(robot, folders), copies)
     except InputError as error:
         message(f"{error}; the arm is shown as simple solids")
         return simple_shape(robot)

@@ -26,7 +26,7 @@ MEANING = {
     OUTSIDE: "outside the configurations of the training",
     PARTIAL: "corrected in part",
     LIMITED: "a joint is held at the largest change",
-    NEAR_SINGULAR: "near a singularity: damped",
+    NEAR_SINGULAR: "near a singularity: its step may be damped",
     OUT_OF_LIMITS: "a joint is held at its limit, or outside its limits",
     UNCORRECTED: "no better joints found: as commanded",
     NOT_CLOSED: "the closed loops do not close there: as commanded",

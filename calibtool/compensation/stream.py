@@ -2,11 +2,12 @@
 of constant memory.
 """
 
-import csv
 import io
-import json
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -14,28 +15,42 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.calibration.uncertainty import predicted_uncertainty, with_discrepancy
 from calibtool.compensation.backlash_path import BacklashPath
-from calibtool.compensation.decimals import DECIMALS, decimal_rows
+from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.jumps import CorrectionJump, CorrectionPath
 from calibtool.compensation.one_step import default_bounds
+from calibtool.compensation.row_texts import (
+    CorrectedRows,
+    csv_text,
+    objects_text,
+    read_objects,
+)
 from calibtool.compensation.solve import Compensation, Method
 from calibtool.compensation.status import CORRECTED, DOUBTFUL, JUMP, MEANING, OK
 from calibtool.compensation.targets import OutsidePolicy, guarded, no_targets
 from calibtool.compensation.weighted_error import Weights
 from calibtool.errors import InputError
-from calibtool.joint_and_pose_columns import joints_from_header, poses_from_header, unit_of
+from calibtool.joint_and_pose_columns import (
+    Joints,
+    joints_from_header,
+    poses_from_header,
+    unit_of,
+)
+from calibtool.processes import in_order
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
-from calibtool.tables import Table, number, read_tables
+from calibtool.tables import Table, read_tables
 from calibtool.units import TO_SI, without_values
 
 RowFormat = Literal["csv", "ndjson"]
 BATCH = 4096
+_ALONE = 16  # batches before other processes help: starting them takes as long
 # Numbers, 31 MiB: the C library keeps freed memory for the next batch up to the largest block that
 # it ever got back.
 _LARGEST_KEPT = 31 * 2**17
 _JUMP = np.deg2rad(
     60.0
 )  # between neighbours of a path: another branch, or a singularity on the way
+_Targets = tuple[Array | None, Array | None]  # joints (N, n) and T_base_tool (N, 4, 4)
 _ADDED = ("status", "left_mm", "left_mrad", "sd_mm", "sd_mrad")
 
 
@@ -49,6 +64,8 @@ class StreamOptions:
     joint_values: whose joint values come in, where the header does not state it, and go out
     (`Robot.joint_values`).
     largest_change (rad) and weights: see `default_bounds`.
+    workers: processes that help with many rows which hold joints, see `in_order`; the answers do
+    not depend on it.
     """
 
     method: Method = "exact"
@@ -60,6 +77,7 @@ class StreamOptions:
     largest_change: float | None = None
     weights: Weights | None = None
     batch: int = BATCH
+    workers: int = 1
 
 
 @dataclass
@@ -97,16 +115,20 @@ class StreamReport:
 
 
 @dataclass(frozen=True, eq=False)
-class _Corrected:
-    """A batch: the table, which of its columns stay, the corrected joints in its units,
-    and what is added.
+class _Asked:
+    """A batch as it was read: joints and poses (T_base_tool and their columns), where it has them,
+    and the objects of its rows.
     """
 
     table: Table
-    kept: list[int]
-    joint_names: list[str]
-    values: Array
-    added: dict[str, list[str]]
+    joints: Joints | None
+    poses: tuple[Array, list[str]] | None
+    objects: list[dict[str, object]]
+
+    def targets(self, seed: Array | None = None) -> _Targets:
+        """What to correct; without joints, poses start from `seed` (n,)."""
+        q = seed if self.joints is None else self.joints.q
+        return q, None if self.poses is None else self.poses[0]
 
 
 def compensate_stream(
@@ -132,14 +154,47 @@ def compensate_stream(
     """
     np.empty(_LARGEST_KEPT)  # given back at once
     corrector = _Corrector(calibration, options, report)
+    tables: Iterable[tuple[Table, list[dict[str, object]]]]
     if row_format == "ndjson":
-        for table, objects in _read_objects(lines, name, options.batch):
-            yield _objects_text(corrector.corrected(table), objects)
-        return
+        tables = read_objects(lines, name, options.batch)
+    else:
+        tables = ((table, []) for table in read_tables(lines, name, batch=options.batch))
     first = True
-    for table in read_tables(lines, name, batch=options.batch):
-        yield _csv_text(corrector.corrected(table), first)
+    for asked, result in _answered(corrector, tables, options.workers):
+        corrected = corrector.corrected(asked, result)
+        if row_format == "ndjson":
+            yield objects_text(corrected, asked.objects)
+        else:
+            yield csv_text(corrected, first)
         first = False
+
+
+def _answered(
+    corrector: "_Corrector",
+    tables: Iterable[tuple[Table, list[dict[str, object]]]],
+    workers: int,
+) -> Iterator[tuple[_Asked, Compensation]]:
+    """Every batch and its corrections, in order. Poses without joints are a path, of which each
+    batch starts where the one before ends; all others may be computed beside one another.
+    """
+    read = (corrector.asked(table, objects) for table, objects in tables)
+    first = next(read, None)
+    if first is None:
+        return
+    batches = chain([first], read)
+    if first.joints is None or workers == 1:
+        for batch in batches:
+            yield batch, corrector.compute(batch.targets(corrector.seed))
+        return
+    waiting: deque[_Asked] = deque()
+
+    def targets() -> Iterator[_Targets]:
+        for batch in batches:
+            waiting.append(batch)
+            yield batch.targets()
+
+    for result in in_order(corrector.compute, targets(), workers, _ALONE):
+        yield waiting.popleft(), result
 
 
 def compensate_text(
@@ -153,6 +208,17 @@ def compensate_text(
     ), report
 
 
+def _corrections(
+    calibration: Calibration,
+    method: Method,
+    outside: OutsidePolicy,
+    bounds: Bounds,
+    asked: _Targets,
+) -> Compensation:
+    """`guarded` for a batch, as other processes can call it."""
+    return guarded(calibration, *asked, method, outside, bounds)
+
+
 class _Corrector:
     """Corrects tables in order; remembers the last joints, from which the next pose starts, and
     where backlash stands.
@@ -163,7 +229,8 @@ class _Corrector:
     ) -> None:
         self.calibration, self.options, self.report = calibration, options, report
         self.seed: Array | None = None
-        self.bounds = default_bounds(calibration, options.largest_change, options.weights)
+        bounds = default_bounds(calibration, options.largest_change, options.weights)
+        self.compute = partial(_corrections, calibration, options.method, options.outside, bounds)
         self.correction = CorrectionPath(calibration.robot)
         backlash = calibration.base.errors["backlash"]
         self.path = None
@@ -171,9 +238,9 @@ class _Corrector:
             robot = calibration.robot
             self.path = BacklashPath(backlash, robot.lower, robot.upper)
 
-    def corrected(self, table: Table) -> _Corrected:
-        robot, options = self.calibration.robot, self.options
-        joints = joints_from_header(table, robot, options.joint_values)
+    def asked(self, table: Table, objects: list[dict[str, object]]) -> _Asked:
+        """What a table asks for. InputError where it has no targets, or is an output already."""
+        joints = joints_from_header(table, self.calibration.robot, self.options.joint_values)
         poses = poses_from_header(table)
         if poses is None and joints is None:
             raise no_targets(table)
@@ -183,12 +250,17 @@ class _Corrector:
                     f"{table.name}: a column '{column}' is there already; is this an output "
                     "of compensate?"
                 )
-        if joints is None:
-            q, values = self.seed, robot.joint_values(table.name, options.joint_values)
-        else:
-            q, values = joints.q, joints.values
-        T = None if poses is None else poses[0]
-        result = guarded(self.calibration, q, T, options.method, options.outside, self.bounds)
+        return _Asked(table, joints, poses, objects)
+
+    def corrected(self, asked: _Asked, result: Compensation) -> CorrectedRows:
+        """The batch to write; remarks and the ends of paths are noted along."""
+        robot, options = self.calibration.robot, self.options
+        table, joints, poses = asked.table, asked.joints, asked.poses
+        values = (
+            robot.joint_values(table.name, options.joint_values)
+            if joints is None
+            else joints.values
+        )
         if joints is None:
             self._note_branches(table, result.q)
         jumps = self.correction.jumps(result.commanded, result.q)
@@ -209,7 +281,7 @@ class _Corrector:
         names = [columns[j] for j in order]
         replaced = {*given, *([] if poses is None else poses[1])}
         factors = np.array([TO_SI[unit_of(name)] for name in names])
-        return _Corrected(
+        return CorrectedRows(
             table=table,
             kept=[i for i, column in enumerate(table.header) if column not in replaced],
             joint_names=names,
@@ -282,102 +354,3 @@ class _Corrector:
             )
         if len(path):
             self.seed = path[-1]
-
-
-# --- CSV ------------------------------------------------------------------------------------------
-
-
-def _csv_text(corrected: _Corrected, with_header: bool) -> str:
-    table, kept = corrected.table, corrected.kept
-    units = [name.rsplit("_", 1)[1] for name in corrected.joint_names]
-    numbers = decimal_rows(corrected.values, max(DECIMALS[unit] for unit in units))
-    columns = list(corrected.added.values())
-    rest = (
-        columns[0]
-        if len(columns) == 1
-        else [",".join(cells) for cells in zip(*columns, strict=True)]
-    )
-    if kept:
-        others = _written([[row[i] for i in kept] for row in table.rows])
-        rest = [f"{other},{added}" for other, added in zip(others, rest, strict=True)]
-    lines = [f"{a},{b}\n" for a, b in zip(numbers, rest, strict=True)]
-    if with_header:
-        header = [*corrected.joint_names, *(table.header[i] for i in kept), *corrected.added]
-        lines.insert(0, _written([header])[0] + "\n")
-    return "".join(lines)
-
-
-def _written(rows: list[list[str]]) -> list[str]:
-    """Rows of cells as CSV lines, without line ends."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    lines = []
-    for row in rows:
-        writer.writerow(row)
-        lines.append(out.getvalue()[:-1])
-        out.seek(0)
-        out.truncate()
-    return lines
-
-
-# --- newline-delimited JSON -----------------------------------------------------------------------
-
-
-def _read_objects(
-    lines: Iterable[str], name: str, batch: int
-) -> Iterator[tuple[Table, list[dict[str, object]]]]:
-    """Objects, one per line, with the keys of the first as columns of a table."""
-    header: list[str] = []
-    part: list[tuple[int, dict[str, object]]] = []
-
-    def table() -> tuple[Table, list[dict[str, object]]]:
-        objects = [found for _, found in part]
-        cells = [
-            ["" if found[key] is None else str(found[key]) for key in header] for found in objects
-        ]
-        return Table(name, header, cells, [line for line, _ in part], ",", "."), objects
-
-    for line, text in enumerate(lines, start=1):
-        text = text.removeprefix("\ufeff").strip()
-        if not text:
-            continue
-        try:
-            found = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            raise InputError(
-                f"{name}:{line}: not JSON: {error}; expected one object per line"
-            ) from None
-        if not isinstance(found, dict):
-            raise InputError(f"{name}:{line}: expected one JSON object per line")
-        header = header or list(found)
-        if set(found) != set(header):
-            different = sorted(set(found) ^ set(header))
-            raise InputError(
-                f"{name}:{line}: key '{different[0]}' is not in every object; keys must be the same"
-            )
-        part.append((line, found))
-        if len(part) == batch:
-            yield table()
-            part = []
-    if part:
-        yield table()
-    elif not header:
-        raise InputError(f"{name}: empty; expected one JSON object per line")
-
-
-def _objects_text(corrected: _Corrected, objects: list[dict[str, object]]) -> str:
-    table = corrected.table
-    convert: dict[str, Callable[[str], object]] = {"status": str}
-    lines = []
-    result: dict[str, object]
-    for k, given in enumerate(objects):
-        joints = [
-            None if np.isnan(value) else float(number(value)) for value in corrected.values[k]
-        ]
-        result = dict(zip(corrected.joint_names, joints, strict=True))
-        result |= {table.header[i]: given[table.header[i]] for i in corrected.kept}
-        for column, cells in corrected.added.items():
-            as_value = convert.get(column, float)
-            result[column] = None if cells[k] == "" else as_value(cells[k])
-        lines.append(json.dumps(result, ensure_ascii=False) + "\n")
-    return "".join(lines)

@@ -41,7 +41,7 @@ def read_configurations(
     poses = poses_from_header(table)
     if poses is None:
         raise no_targets(table)
-    solved = inverse_kinematics(robot, poses[0], robot.home(robot.workspace(None)[1]))
+    solved = inverse_kinematics(robot, poses[0], robot.workspace().home)
     if not solved.reached.all():
         row = int(np.argmin(solved.reached))
         raise NoSolutionError(

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibtool.controller.joint_offsets import is_offsets, offsets_model
-from calibtool.controller.universal_robots import SECTION, changes_model, frames_model
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.constant_placements import chain_of
 from calibtool.robot.denavit_hartenberg import (
@@ -21,6 +20,7 @@ from calibtool.robot.description import ToleranceTable
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse, log3
+from calibtool.robot.universal_robots import SECTION, changes_model, frames_model
 
 # The calibrations of five real UR arms move the tool by at most 0.33 % of that sum, and 12 mrad.
 PLAUSIBLE_PART = 0.01  # of the sum of link lengths

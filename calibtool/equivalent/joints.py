@@ -61,7 +61,7 @@ def equivalent_robot(robot: Robot) -> EquivalentRobot:
     override = robot.source.description.equivalent
     if override is not None:
         return EquivalentRobot(robot.n, tuple(override.virtual_joints), loops)
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace()
     q = sample_configurations(robot, workspace, 200, np.random.default_rng(0))
 
     def worst(names: tuple[VirtualJoint, ...]) -> float:

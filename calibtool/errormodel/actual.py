@@ -81,7 +81,7 @@ class ActualRobot:
         """Directions (N, n) of each joint's last motion when driven through q (N, n) in order, from
         home.
         """
-        return directions(q, start=self.robot.home(self.robot.workspace(None)[1]))
+        return directions(q, start=self.robot.workspace().home)
 
     def forward(self, q: Array, conditions: Conditions | None = None) -> Array:
         """Actual T_base_tool (N, 4, 4) in K_0 for commanded joints q (N, n), rad or m, in the order

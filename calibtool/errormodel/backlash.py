@@ -15,6 +15,7 @@ class Backlash(JointFunctions):
     words, unit, size = "backlash", "rad or m", 0.1e-3
     meaning = "half width w, −w times the direction of motion"
     needs = "from which side the joints came"
+    positive = True
 
     def tolerance(self, robot: Robot, tolerances: Tolerances, shape: tuple[int, ...]) -> Array:
         return np.full(shape, tolerances.of.get(self.id, 0.2e-3))

@@ -119,6 +119,7 @@ class Family(ABC):
     needs   description of what the rows must contain for it to be identified
     by_row  whether it changes placements from row to row
     turns   whether it turns joint frames from row to row (`turn`)
+    positive  whether its elements cannot be below zero
     grows   whether evidence may also enlarge its tolerances: what has a physical scale only gets
     smaller
     """
@@ -137,6 +138,7 @@ class Family(ABC):
     by_row: ClassVar[bool] = False
     turns: ClassVar[bool] = False
     grows: ClassVar[bool] = True
+    positive: ClassVar[bool] = False
 
     # --- its parameters ---
 
@@ -282,8 +284,9 @@ class JointFunctions(Family):
 
 
 def joint_list(free: np.ndarray) -> str:
-    """Joints that have a parameter, for people: `2, 3`."""
-    return ", ".join(str(j + 1) for j in np.flatnonzero(free.reshape(len(free), -1).any(axis=-1)))
+    """Joints that have a parameter, for people: `joint 2`, `joints 2, 3`."""
+    joints = np.flatnonzero(free.reshape(len(free), -1).any(axis=-1)) + 1
+    return f"joint{'s' if len(joints) > 1 else ''} {', '.join(map(str, joints))}"
 
 
 def names_of_twists(count: int, symbol: str) -> list[str]:

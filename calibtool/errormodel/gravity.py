@@ -32,7 +32,7 @@ class Gravity(JointFunctions):
         return 1e3 * largest_torque(robot), ["mrad"] * robot.n
 
     def told(self, robot: Robot, value: Array, free: np.ndarray) -> str:
-        return f"gravity on joints {joint_list(free)}"
+        return f"gravity on {joint_list(free)}"
 
     def functions(self, shape: tuple[int, ...], rows: Rows) -> Array:
         return -rows.torque[..., None]

@@ -1,5 +1,7 @@
 """Errors as an instrument observes them: target points or a sensor."""
 
+import numpy as np
+
 from calibtool.evaluation.metrics import MethodErrors
 from calibtool.measurement.measurements import Measurements, Setup, determines_orientation
 from calibtool.measurement.observation import measured_in_base, residuals
@@ -32,3 +34,23 @@ def point_errors(name: str, points: Array, pose: Array, setup: Setup) -> MethodE
     if determines_orientation(setup.targets):
         turn = log3(rigid_fit(expected, points)[:, :3, :3])
     return MethodErrors(name, points - expected, turn)
+
+
+def noise_of_errors(measurements: Measurements) -> dict[str, float | None]:
+    """Root mean square of what the noise alone gives: `position` in m and `orientation` in rad.
+
+    A target has √3 σ. A turn seen by targets at r_i from their centre has the covariance
+    σ² (Σ |r_i|² I − r_i r_iᵀ)⁻¹, and the root of its trace. None where nothing is seen of it, or
+    the instrument is none of points and poses.
+    """
+    sigma, targets = measurements.noise_position, measurements.setup.targets
+    turn = None
+    if measurements.setup.kind.id == "pose":
+        turn = float(np.sqrt(3.0) * measurements.noise_orientation)
+    elif determines_orientation(targets):
+        arm = targets - targets.mean(axis=0)
+        seen = (arm**2).sum() * np.eye(3) - arm.T @ arm
+        turn = float(sigma * np.sqrt(np.trace(np.linalg.inv(seen))))
+    if measurements.setup.kind.id not in ("points", "pose"):
+        return {"position": None, "orientation": None}
+    return {"position": float(np.sqrt(3.0) * sigma), "orientation": turn}

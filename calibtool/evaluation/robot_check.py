@@ -132,6 +132,11 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     rng = np.random.default_rng(0)
     place = robot.source.place
     anywhere = robot.closing(robot.anywhere(_REACH_SAMPLES, rng))
+    if not len(anywhere):
+        raise InputError(
+            f"{place}: no configuration of the joint range closes, but for closed_at; check link "
+            "lengths, loops and limits"
+        )
     tools = robot.mechanism.forward(anywhere)[:, :3, 3]
     first = robot.chain.placements[0, :3, 3]
     if robot.singularity_distance(anywhere).max() < MIN_SINGULARITY_DISTANCE:
@@ -144,7 +149,7 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
     design = anywhere[:_DESIGN_SAMPLES]
     setup = Setup(readonly(np.eye(4)), robot.targets)
     default = robot.workspace_names[0]
-    inside = sample_configurations(robot, robot.workspace(None)[1], _DESIGN_SAMPLES, rng)
+    inside = sample_configurations(robot, robot.workspace(), _DESIGN_SAMPLES, rng)
     models = ("local-poe", "complete")
     designs = [("full", observability(robot, setup, design, design, model)) for model in models]
     if default != "full":
@@ -197,8 +202,8 @@ def _loops(robot: Robot, closes: float) -> dict[str, object] | None:
 
 
 def _workspace(robot: Robot, name: str, place: str) -> WorkspaceCheck:
-    workspace = robot.workspace(name)[1]
-    home = robot.home(workspace)
+    workspace = robot.workspace(name)
+    home = workspace.home
     outside = np.flatnonzero((home < robot.lower - 1e-9) | (home > robot.upper + 1e-9))
     if len(outside):
         j = int(outside[0])

@@ -4,11 +4,11 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.errors import InputError
-from calibtool.export.as_urdf import roll_pitch_yaw
 from calibtool.export.not_held import not_held
 from calibtool.export.urdf_geometry import full_basis, urdf_geometry
 from calibtool.robot.robot import Robot
 from calibtool.robot.ur_frames import FRAMES
+from calibtool.robot.urdf_text import roll_pitch_yaw
 from calibtool.robot.z_axes import placements_between_z
 
 _SAME = 1e-6  # m and rad

@@ -10,11 +10,12 @@ from calibtool.calibration import Calibration
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.export.not_held import not_held
-from calibtool.export.rendering import render
+from calibtool.export.rendering import in_xml_comment, render
 from calibtool.export.urdf_geometry import urdf_geometry
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
 from calibtool.robot.tree import urdf_root
+from calibtool.robot.urdf_text import roll_pitch_yaw
 
 
 def calibration_as_urdf(
@@ -45,7 +46,7 @@ def calibration_as_urdf(
         "missing": missing,
         "loops": [loop.name for loop in robot.chain.tree.loops] if robot.chain.tree else [],
     }
-    comment = render("urdf_comment.xml.j2", values, comment=lambda text: text.replace("--", "- -"))
+    comment = render("urdf_comment.xml.j2", values, in_xml_comment)
     if not comments:
         said = {"tool": tool, "base": kinematics.base_frame or "the root link"}
         root.insert(0, ET.Element("calibtool", said | {"not_held": "; ".join(missing)}))
@@ -126,15 +127,3 @@ def _set_origin(part: ET.Element, pose: Array) -> None:
         part.insert(0, origin)
     origin.set("xyz", " ".join(repr(float(value)) for value in pose[:3, 3]))
     origin.set("rpy", " ".join(repr(float(value)) for value in roll_pitch_yaw(pose[:3, :3])))
-
-
-def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
-    """Fixed-axes angles (rad) that give R (3, 3) to rounding, where the pitch is ±90° too.
-
-    Roll is the turn that remains after yaw and pitch.
-    """
-    yaw = np.arctan2(R[1, 0], R[0, 0])
-    s, c = np.sin(yaw), np.cos(yaw)
-    pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
-    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
-    return float(roll), float(pitch), float(yaw)

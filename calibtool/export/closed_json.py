@@ -58,7 +58,7 @@ def closed_calibration_as_json(calibration: Calibration) -> str:
     robot, chain, equivalent = calibration.robot, calibration.robot.chain, calibration.equivalent
     assert isinstance(chain, ClosedChain)
     tree, errors, conditions = chain.tree, calibration.errors, calibration.conditions
-    rows = Rows(robot, robot.home(None)[None], conditions)
+    rows = Rows(robot, robot.workspace("full").home[None], conditions)
     masses, centres = _masses(calibration)
     task = Task.of(equivalent)
     network = calibration.network

@@ -8,7 +8,14 @@ from typing import Any
 
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
-from calibtool.export.rendering import Precision, compensator_values, digits, render, wrapped
+from calibtool.export.rendering import (
+    Code,
+    Precision,
+    compensator_values,
+    digits,
+    render,
+    wrapped,
+)
 from calibtool.export.taught_code import taught_values
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import Array
@@ -77,7 +84,9 @@ def calibration_as_structured_text(
     declarations = render("declarations.st.j2", values, **filters)
     memory = _memory(declarations, values["n"], 8 if precision == "double" else 4)
     return render(
-        "compensator.st.j2", {**values, "declarations": declarations, "memory": memory}, **filters
+        "compensator.st.j2",
+        {**values, "declarations": Code(declarations), "memory": memory},
+        **filters,
     )
 
 

@@ -54,7 +54,7 @@ class Taught:
         error.
         """
         robot, rng = calibration.robot, np.random.default_rng(0)
-        workspace = robot.workspace(None)[1]
+        workspace = robot.workspace()
         drawn = sample_configurations(robot, workspace, _TAUGHT + _JUDGED, rng)
         commanded = robot.mechanism.forward(drawn)
         result = exact(calibration, drawn, commanded)

@@ -105,12 +105,10 @@ def _sample(calibration: Calibration, count: int) -> Array:
     where it is another.
     """
     robot, q, rng = calibration.robot, calibration.q, np.random.default_rng(0)
-    workspace = robot.workspace(None)[1]
-    if workspace is not None:
-        home, points = (
-            robot.mechanism.forward(x)[:, :3, 3] for x in (robot.home(workspace)[None], q)
-        )
-        inside = np.all(np.abs(points - home) <= np.array(workspace.box_m) / 2 + 1e-3, axis=-1)
+    workspace = robot.workspace()
+    if workspace.bounded:
+        home, points = (robot.mechanism.forward(x)[:, :3, 3] for x in (workspace.home[None], q))
+        inside = np.all(np.abs(points - home) <= workspace.box / 2 + 1e-3, axis=-1)
         if inside.mean() > _MOST:
             return sample_configurations(robot, workspace, count, rng)
     return rng.uniform(q.min(axis=0), q.max(axis=0), (count, robot.n))

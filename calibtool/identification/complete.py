@@ -33,6 +33,7 @@ from calibtool.robot.se3 import Array, readonly
 _RANK_TOLERANCE = (
     1e-6  # of the largest singular value of normal equations; exact redundancies lie near 1e-8
 )
+_VIEWS = 200  # times as many configurations as are needed, where a camera sees few of them
 
 
 @dataclass(frozen=True)
@@ -210,17 +211,14 @@ def _observable_rank(measurements: Measurements, fitted: Fit) -> int:
     moving to either side."""
     robot, parameters = measurements.robot, fitted.parameters
     count, rng = max(30, parameters.count // 3), np.random.default_rng(0)
-    q = robot.closing(drawn(robot, count, rng))
+    views = 1.0 if measurements.setup.kind.sees_all else _VIEWS
+    q = robot.closing(drawn(robot, int(views * count), rng))
     q = q[fitted.state.errors.mechanism.closes(q)]
-    count = len(q)
-    anywhere = replace(
-        measurements.rows(np.zeros(count, dtype=int)),
-        q=q,
-        points=np.zeros(
-            (count, *measurements.points.shape[1:])
-        ),  # every target is seen; where does not matter
-        conditions=measurements.conditions.anywhere((count, robot.n), rng),
-    )
-    information = normal_equations(anywhere, parameters, fitted.state, np.ones(count)).information
+    anywhere = measurements.anywhere(q, rng)
+    setup, frames = fitted.state.setup, fitted.state.frames(q, anywhere.conditions)
+    seen = setup.kind.sees(setup, frames.tool, anywhere.place)
+    anywhere = anywhere.rows(np.flatnonzero(seen)[:count]) if seen.sum() >= count else measurements
+    row_weight = np.ones(len(anywhere))
+    information = normal_equations(anywhere, parameters, fitted.state, row_weight).information
     eigenvalues = np.linalg.eigvalsh(fitted.prior_std[:, None] * information * fitted.prior_std)
     return int((eigenvalues > _RANK_TOLERANCE**2 * eigenvalues[-1]).sum())

@@ -19,6 +19,7 @@ from calibtool.robot.se3 import Array
 
 CONVERGED = 1e-3  # a step this small against the posterior's standard deviations changes nothing
 ROUGHLY = 0.1  # and this small a one not the choice of a model
+_ROUNDING = 1e-12  # m: positions of an arm have no digits below
 _MAX_ITERATIONS = 30
 _PRIOR_STEPS = (
     3  # Gauss–Newton steps in which tolerances are re-estimated; one where a fit before has done so
@@ -144,7 +145,7 @@ def fit(
     assert equations is not None
     assert solution is not None
     if not settled and not solution.farthest < 1.0:
-        raise _not_settled(parameters, solution)
+        raise _not_settled(measurements, parameters, solution)
     return Fit(
         parameters,
         state,
@@ -158,11 +159,15 @@ def fit(
     )
 
 
-def _not_settled(parameters: Parameters, solution: Solution) -> NoSolutionError:
+def _not_settled(
+    measurements: Measurements, parameters: Parameters, solution: Solution
+) -> NoSolutionError:
     setup = slice(parameters.blocks["base"].start, None)
     unsure = np.sqrt(np.diag(solution.covariance)[setup]) / solution.prior_std[setup]
-    remedy = "check units, joint order and target order"
-    if unsure.max(initial=0.0) > _UNSURE:
+    remedy, noise = "check units, joint order and target order", measurements.noise_position
+    if noise < _ROUNDING:
+        remedy = f"the stated noise of {noise * 1e3:.3g} mm is below rounding: state a larger one"
+    elif unsure.max(initial=0.0) > _UNSURE:
         name = parameters.names[setup][int(np.argmax(unsure))]
         remedy = f"the rows hardly tell {name}: measure with the tool turned in other directions"
     return NoSolutionError(f"complete: no convergence in {_MAX_ITERATIONS} iterations; {remedy}")

@@ -68,7 +68,10 @@ def chosen_fit(measurements: Measurements, orders: Mapping[str, int], fit_of: Fi
     fit = fit_of(low, start, None, ROUGHLY)
     if "harmonics" not in orders:
         fit = _with_fine_structure(measurements, fit, probable(fit), fit_of)
-    return _smaller(fit, _useful(measurements, fit, probable(fit), orders), fit_of)
+    fit = _smaller(fit, _useful(measurements, fit, probable(fit), orders), fit_of)
+    while (below := fit.parameters.positive & (fit.theta < 0)).any():
+        fit = _smaller(fit, ~below, fit_of)  # no gear has a clearance below zero
+    return fit
 
 
 def _with_fine_structure(

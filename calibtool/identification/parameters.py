@@ -23,6 +23,7 @@ from calibtool.robot.se3 import Array
 # Unknown instrument frames and targets are as good as free beside their registration, but do not
 # run away where nothing tells them: 1 m, 1 rad.
 _FREE = 1.0
+_TURNS = (".rx", ".ry", ".rz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +143,14 @@ class Parameters:
         names += [f"base.{c}" for c in COMPONENTS] if self.frame_free else []
         return names + list(self.targets)
 
+    @cached_property
+    def positive(self) -> np.ndarray:
+        """Which parameters cannot be below zero: (p,) bool."""
+        positive = np.zeros(self.count, dtype=bool)
+        for part in self.parts:
+            positive[self.blocks[part.family.id]] = part.family.positive
+        return positive
+
     def without(self, *families: str) -> Self:
         """The same parameters without these families."""
         return replace(
@@ -197,7 +206,7 @@ class Parameters:
             factors.append(factor.ravel()[part.elements])
             units += [unit[i] for i in part.elements]
         units += ["mm"] * 3 + ["mrad"] * 3 if self.frame_free else []
-        units += ["mrad" if ".r" in name else "mm" for name in self.targets]
+        units += [_unit(name) for name in self.targets]
         return np.concatenate(
             [*factors, np.full(6 * self.frame_free + len(self.targets), 1e3)]
         ), units
@@ -285,3 +294,10 @@ class State:
             value = part.family.resized(self.errors[part.family.id], part.shape)
             values[part.family.id] = np.where(part.free, value, 0.0)
         return replace(self, errors=RobotErrors.of(self.errors.robot, **values))
+
+
+def _unit(name: str) -> str:
+    """Unit in which an element of the set-up is displayed: 1e-3 of m, rad or 1."""
+    if name.startswith("lens."):
+        return "‰"
+    return "mrad" if name.endswith(_TURNS) else "mm"

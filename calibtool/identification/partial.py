@@ -2,13 +2,9 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from calibtool.errormodel.families import BY_ID
 from calibtool.errors import UsageError, near_names
 from calibtool.identification.complete import CompleteOptions
-from calibtool.identification.identification import Identification
-from calibtool.identification.report import AT_PRIOR
 
 _SHORT = {"q": "offsets"}
 
@@ -36,25 +32,3 @@ def of_families(
     if len(left_out) == len(BY_ID):
         raise UsageError("--fix: no family is left to identify")
     return replace(options, orders={**options.orders, **dict.fromkeys(left_out, 0)})
-
-
-def offset_lines(identification: Identification) -> list[str]:
-    """Joint offsets with their standard deviations, in degrees or mm, for a mastering screen: what
-    to add to the joint values.
-
-    None at all where placement errors are identified too: turns about a joint's axis are theirs.
-    """
-    posterior = identification.posterior
-    if posterior is None or "offsets" not in posterior.parameters.orders:
-        return []
-    if "placements" in posterior.parameters.orders:
-        return []
-    block, robot = posterior.parameters.blocks["offsets"], identification.errors.robot
-    values, prior = identification.errors["offsets"], posterior.prior_std[block]
-    lines = []
-    for j, std in enumerate(posterior.std[block]):
-        factor, unit = (1e3, "mm") if robot.prismatic[j] else (180.0 / np.pi, "deg")
-        unseen = " (not observable here)" if std > AT_PRIOR * prior[j] else ""
-        value = f"{values[j] * factor:+.4f} ± {std * factor:.4f} {unit}"
-        lines.append(f"offset of joint {j + 1}: {value}{unseen}")
-    return lines

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibtool.identification.identification import Identification, Posterior
+from calibtool.tables import format_table
 
 AT_PRIOR = 0.99  # a standard deviation above this part of the tolerance: the data said nothing
 
@@ -54,6 +55,23 @@ def parameter_rows(identification: Identification) -> list[ParameterRow]:
         )
         for i, name in enumerate(posterior.parameters.names)
     ]
+
+
+def parameter_table(identifications: list[tuple[str, Identification]]) -> str:
+    """Every parameter of named identifications as a CSV text; `determined` from 0 to 1."""
+    header = ["calibration", "parameter", "value", "std", "tolerance", "unit", "determined"]
+    rows = [
+        [
+            name,
+            row.id,
+            *(f"{value:.9g}" for value in (row.value, row.std, row.tolerance)),
+            row.unit,
+            f"{row.determined:.6f}",
+        ]
+        for name, identification in identifications
+        for row in parameter_rows(identification)
+    ]
+    return format_table(header, rows)
 
 
 def strongest_correlations(posterior: Posterior, count: int = 5) -> list[tuple[str, str, float]]:

@@ -14,7 +14,7 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, check_poses, readonly
 
 # m or rad: smaller or larger than its inverse, and squares of weighted residuals overflow
-_SMALLEST_NOISE = 1e-15
+SMALLEST_NOISE = 1e-15
 _COLLINEAR = 1e-3  # smallest extent across the line over the largest one along it
 
 
@@ -30,12 +30,21 @@ class Setup:
     frame_known        whether the instrument's frame was given (otherwise every fit estimates it)
     targets_known      whether targets (and sensor orientation) were given
     further_frames     (G − 1, 4, 4) T_instrument_base in the second to last labelled place
+    places             labels (G) of the places; none where there is one
     anchors            (w, 3) fixed points in K_0 that distances are measured to, m
     planes             (G, 4) unit normals in K_0 and distances from its origin, m, of probed planes
+    spheres            (G, 4) centres in K_0 and radii of probed spheres, m
+    T_base2_flange2    (G, 4, 4) poses of a second arm's flange in its base, one for each place
+    T_flange2_sensor   (4, 4) pose of a sensor on that flange, m
+    T_base_base2       (4, 4) pose of the second arm's base in K_0, m
     T_tool_camera      (4, 4) pose of a camera on the tool, m
     T_base_boards      (G, 4, 4) poses in K_0 of the boards that it sees, m
-    places             labels (G) of the places; none where there is one
-    The four before the last are None but for their kinds of observation.
+    T_tool_board       (4, 4) pose on the tool of a board that cameras beside the arm see, m
+    T_base_cameras     (G, 4, 4) poses of these in K_0, m
+    intrinsics         (9,) of the camera whose image corners are measured, see `kinds.projection`
+    corners            (k, 3) of the board in its frame, m
+    image_scale        (1,) length that a pixel has on the board, m
+    From the anchors on they are None but for their kinds of observation.
     """
 
     T_instrument_base: Array
@@ -46,8 +55,17 @@ class Setup:
     further_frames: Array | None = None
     anchors: Array | None = None
     planes: Array | None = None
+    spheres: Array | None = None
+    T_base2_flange2: Array | None = None
+    T_flange2_sensor: Array | None = None
+    T_base_base2: Array | None = None
     T_tool_camera: Array | None = None
     T_base_boards: Array | None = None
+    T_tool_board: Array | None = None
+    T_base_cameras: Array | None = None
+    intrinsics: Array | None = None
+    corners: Array | None = None
+    image_scale: Array | None = None
     places: tuple[str, ...] = ()
 
     @property
@@ -103,7 +121,8 @@ class Measurements:
                  axes, m and rad; None where noise_position and noise_orientation hold for all
     truth        actual robot and set-up of a simulation; None for real measurements
     conditions   of every row, as far as they are known: directions of motion, payload, temperature
-    values       (N, w) measured lengths, m, of kinds that have such; NaN for one that was not read
+    values       (N, w) measured lengths, m, or image coordinates, px, of kinds that have such; NaN
+                 for one that was not read
     place        (N,) number from 0 of the labelled place (station, placement, board) of each row;
                  None where all rows belong to one
     findings     what was found to be wrong with them when they were made, one line each
@@ -175,7 +194,7 @@ class Measurements:
         if self.truth is not None and self.truth.setup.targets.shape != self.setup.targets.shape:
             raise InputError("measurements: the true targets are not as many as the measured ones")
         if not all(
-            _SMALLEST_NOISE < noise < 1 / _SMALLEST_NOISE
+            SMALLEST_NOISE < noise < 1 / SMALLEST_NOISE
             for noise in (self.noise_position, self.noise_orientation)
         ):
             raise InputError(
@@ -186,7 +205,7 @@ class Measurements:
             if self.deviations.shape != (len(self.q), self.coordinates):
                 raise InputError(f"measurements: deviations have shape {self.deviations.shape}")
             if not (
-                (self.deviations > _SMALLEST_NOISE) & (self.deviations < 1 / _SMALLEST_NOISE)
+                (self.deviations > SMALLEST_NOISE) & (self.deviations < 1 / SMALLEST_NOISE)
             ).all():
                 raise InputError("measurements: a standard deviation is not above zero")
 
@@ -319,6 +338,23 @@ class Measurements:
             else readonly(self.deviations[:, : 3 * len(setup.targets)])
         )
         return replace(self, rotations=None, setup=setup, truth=None, deviations=deviations)
+
+    def anywhere(self, q: Array, rng: np.random.Generator) -> Self:
+        """As if measured at q (N, n), rad or m, with everything seen; what is read does not matter.
+
+        Every row is in any of the places, under any of the conditions.
+        """
+        count = len(q)
+        width = None if self.values is None else self.values.shape[1]
+        place = None if self.place is None else rng.integers(len(self.places), size=count)
+        return replace(
+            self.rows(np.zeros(count, dtype=int)),
+            q=readonly(q),
+            points=readonly(np.zeros((count, *self.points.shape[1:]))),
+            values=None if width is None else readonly(np.zeros((count, width))),
+            place=place,
+            conditions=self.conditions.anywhere((count, self.robot.n), rng),
+        )
 
     def rows(self, index: np.ndarray) -> Self:
         """The same measurements at some configurations only: their indices (k,)."""

@@ -139,10 +139,13 @@ def refine(
         rows = np.diag(held)[-len(prior) :]
         return np.concatenate([columns, rows]), np.concatenate([left, drawn(at)])
 
+    fitted = np.ones(6 * (not setup.frame_known) + len(setup.free_names), dtype=bool)
+    fitted[shift] = setup.kind.registered(setup)
     slow: list[bool] = []
 
     def solve(system: tuple[Array, Array], damping: float) -> tuple[Array, bool]:
         columns, right = system
+        columns = columns * fitted
         if damping:
             scale = np.sqrt(damping * (columns**2).sum(axis=0))
             columns, right = (
@@ -173,8 +176,8 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
     """Starting values of the unknown parts of the set-up."""
     setup, arm = measurements.setup, measurements.noise_position / measurements.noise_orientation
     readings, kind = measurements.readings, setup.kind
-    if not kind.of_points:
-        return kind.starts(readings, setup, poses)
+    if starts := kind.starts(readings, setup, poses):
+        return starts
     points, targets = kind.as_points(readings, setup, arm)
     place = readings.place if readings.place is not None else np.zeros(len(poses), dtype=int)
     count = len(measurements.places) or 1
@@ -186,11 +189,11 @@ def _starts(measurements: Measurements, poses: Array, start: Setup | None) -> li
         largest = int(np.argmax(np.bincount(place, minlength=count)))
         rows = place == largest
         guesses = [start.frames[min(largest, len(start.frames) - 1)]] if start is not None else []
-        if count == 1 and (circles := circle_start(measurements)) is not None:
+        if count == 1 and kind.of_points and (circles := circle_start(measurements)) is not None:
             guesses.append(circles)
         frames = frames_of_least_squares(poses[rows], points[rows], guesses)
-        if points.shape == measurements.points.shape and count == 1:
-            frames = frames[:1]  # the search had the very sum of squares of the refinement
+        if not kind.of_points or (points.shape == measurements.points.shape and count == 1):
+            frames = frames[:1]  # the search had the sum of squares of the refinement, or nearly
         found = []
         for frame in frames:
             on_tool = _mean_targets(poses[rows], frame, points[rows])

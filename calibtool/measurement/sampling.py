@@ -4,37 +4,38 @@ import numpy as np
 
 from calibtool.errors import NoSolutionError
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.description import Workspace
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6
+from calibtool.robot.workspace import Workspace
 
 
 def sample_configurations(
-    robot: Robot, workspace: Workspace | None, count: int, rng: np.random.Generator
+    robot: Robot, workspace: Workspace | str | None, count: int, rng: np.random.Generator
 ) -> Array:
-    """Joint positions (count, n) of a workspace, in rad or m.
+    """Joint positions (count, n) of a workspace, in rad or m; None is the robot's default one.
 
-    With a workspace: poses uniform in its box and cone, solved by inverse kinematics from its home;
-    for n < 6 the reachable pose nearest to the drawn one. Without (`full`): uniform over the joint
-    range. Configurations outside the limits or nearer to a singularity than
-    MIN_SINGULARITY_DISTANCE are drawn again.
+    With a box: poses uniform in its box and cone, solved by inverse kinematics from its home; for
+    n < 6 the reachable pose nearest to the drawn one. `full`: uniform over the joint range.
+    Configurations outside the limits or nearer to a singularity than MIN_SINGULARITY_DISTANCE are
+    drawn again.
 
     Raises NoSolutionError when hardly any pose of the workspace is reachable.
     """
+    workspace = robot.workspace(workspace)
     accepted: list[Array] = []
     found = tried = 0
     while found < count:
         batch = max(2 * (count - found), 50)
         drawn = (
-            robot.anywhere(batch, rng)
-            if workspace is None
-            else _poses(robot, workspace, batch, rng)
+            _poses(robot, workspace, batch, rng)
+            if workspace.bounded
+            else robot.anywhere(batch, rng)
         )
         tried += batch
         while len(drawn) and found < count:  # no more of them are solved than are needed
             part, drawn = np.split(drawn, [min(max(count - found, 50), len(drawn))])
-            q = part if workspace is None else _solved(robot, workspace, part)
+            q = _solved(robot, workspace, part) if workspace.bounded else part
             q = q[robot.within_limits(q)]
             q = q[robot.singularity_distance(q) >= MIN_SINGULARITY_DISTANCE]
             accepted.append(q)
@@ -54,11 +55,9 @@ def spread_rows(count: int, most: int) -> np.ndarray:
 
 def _poses(robot: Robot, workspace: Workspace, count: int, rng: np.random.Generator) -> Array:
     """T_base_tool (count, 4, 4), uniform in the box and cone round the home."""
-    home = robot.home(workspace)
+    home = workspace.home
     T_base_home = robot.mechanism.forward(home[None])[0]
-    box = np.array(workspace.box_m)
-    cone = np.deg2rad(workspace.cone_deg)
-    roll = cone if workspace.roll_deg is None else np.deg2rad(workspace.roll_deg)
+    cone, roll = workspace.cone, workspace.roll
 
     # Tilts of the tool axis uniform over the cap of the cone, then a turn about the axis.
     tilt = np.arccos(1.0 - rng.random(count) * (1.0 - np.cos(cone)))
@@ -69,7 +68,7 @@ def _poses(robot: Robot, workspace: Workspace, count: int, rng: np.random.Genera
     turns = np.zeros((count, 6))
     turns[:, 5] = turn
     target: Array = T_base_home @ exp6(tilts) @ exp6(turns)
-    target[:, :3, 3] = T_base_home[:3, 3] + box * rng.uniform(-0.5, 0.5, (count, 3))
+    target[:, :3, 3] = T_base_home[:3, 3] + workspace.box * rng.uniform(-0.5, 0.5, (count, 3))
     return target
 
 
@@ -77,7 +76,7 @@ def _solved(robot: Robot, workspace: Workspace, target: Array) -> Array:
     """Joint positions for poses of the box and cone (N, 4, 4); rows that are not reached, or left
     the box, are dropped.
     """
-    home = robot.home(workspace)
+    home = workspace.home
     solved = solve_poses(
         robot.mechanism.forward_and_jacobian,
         target,
@@ -96,9 +95,6 @@ def _solved(robot: Robot, workspace: Workspace, target: Array) -> Array:
     q = solved.q[solved.converged]
     q = q[((q > robot.lower + 1e-6) & (q < robot.upper - 1e-6)).all(axis=-1)]
     centre = robot.mechanism.forward(home[None])[0, :3, 3]
-    inside = (
-        np.abs(robot.mechanism.forward(q)[:, :3, 3] - centre)
-        <= np.array(workspace.box_m) / 2 + 1e-9
-    )
+    inside = np.abs(robot.mechanism.forward(q)[:, :3, 3] - centre) <= workspace.box / 2 + 1e-9
     q = q[inside.all(axis=-1)]
     return q

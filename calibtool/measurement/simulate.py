@@ -11,9 +11,9 @@ from calibtool.measurement.instruments import INSTRUMENTS, Cell, unknown
 from calibtool.measurement.measurements import Measurements, Setup, Truth, check_targets
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.description import Workspace
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
+from calibtool.robot.workspace import Workspace
 
 SMALLEST_NOISE, NO_NOISE = (
     1e-9,
@@ -28,7 +28,9 @@ class Simulation:
     """Options of a simulation.
 
     seed            of all random numbers
-    configurations  number to sample in `workspace` (None: the whole joint range)
+    configurations  number to sample in `workspace`
+    workspace       a workspace of the robot or its name, `full` for the whole joint range; None is
+                    the robot's default one, as on the command line
     scales          kinds and magnitudes of the errors of the actual robot
     noise           standard deviation per coordinate, m
     unregistered    instrument and targets are at random places that the estimators do not know
@@ -40,11 +42,12 @@ class Simulation:
                     None: see `ActualRobot`
     instrument      `points` (the targets, by a tracker) or one of `instruments.INSTRUMENTS`
     places          of that instrument: placements, planes, boards, stations; of wires how many
+    gauge           length of its gauge, m, see `Cell`
     """
 
     seed: int = 0
     configurations: int = 100
-    workspace: Workspace | None = None
+    workspace: Workspace | str | None = None
     scales: ErrorScales = field(default_factory=ErrorScales)
     noise: float = 0.05e-3
     unregistered: bool = False
@@ -54,12 +57,14 @@ class Simulation:
     temperature_c: tuple[float, float] | None = None
     instrument: str = "points"
     places: int = 1
+    gauge: float | None = None
 
     def __post_init__(self) -> None:
         check_number(self.seed, "seed", 0)
         check_number(self.configurations, "configurations", 1)
         check_number(self.noise, "noise", 0)
         check_number(self.places, "places", 1)
+        check_number(1.0 if self.gauge is None else self.gauge, "gauge", 1e-3)
         check_choice(self.instrument, ("points", *INSTRUMENTS), "instrument")
 
 
@@ -80,14 +85,14 @@ def simulate(robot: Robot, simulation: Simulation) -> Measurements:
         np.random.default_rng(s) for s in entropy.spawn(5)
     )
 
-    if simulation.same_robot is not None:
-        truth = simulation.same_robot
-    else:
+    truth = simulation.same_robot
+    if truth is None or truth.setup.kind.id != "points":  # or it was seen by another instrument
         check_targets(robot.targets, f"{robot.name}: targets")
         setup = Setup(readonly(np.eye(4)), robot.targets)
         if simulation.unregistered:
             setup = _random_setup(setup, setup_rng)
-        truth = Truth(random_actual(robot, simulation.scales, robot_rng), setup)
+        drawn = random_actual(robot, simulation.scales, robot_rng)
+        truth = Truth(drawn if truth is None else truth.actual, setup)
 
     if simulation.instrument != "points":
         return _by_instrument(robot, simulation, truth.actual, configuration_rng)
@@ -157,7 +162,8 @@ def _by_instrument(
     """What another instrument than a tracker reads, see `instruments`; its set-up is registered."""
     if simulation.at is not None:
         raise InputError("configurations: the instrument chooses where the arm is measured")
-    cell = Cell(robot, actual, simulation.workspace, simulation.noise)
+    workspace = robot.workspace(simulation.workspace)
+    cell = Cell(robot, actual, workspace, simulation.noise, simulation.gauge)
     read = INSTRUMENTS[simulation.instrument]
     seen = read(cell, simulation.configurations, simulation.places, rng)
     setup = replace(seen.setup, places=seen.places)
@@ -167,7 +173,7 @@ def _by_instrument(
         points=readonly(seen.readings.points),
         rotations=None if seen.readings.rotations is None else readonly(seen.readings.rotations),
         setup=unknown(setup),
-        noise_position=max(simulation.noise, NO_NOISE),
+        noise_position=max(simulation.noise, NO_NOISE) if seen.noise is None else seen.noise,
         noise_orientation=ORIENTATION_NOISE
         if seen.deviations is None
         else float(np.median(seen.deviations[:, 3:])),

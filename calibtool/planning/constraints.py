@@ -2,20 +2,24 @@
 sight.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import NoSolutionError
+from calibtool.measurement.checks.design import repeated_groups
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.planning.instrument_rows import InstrumentRows, Rows
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
-from calibtool.robot.description import Workspace
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, transform_points
+from calibtool.robot.workspace import Workspace
 
+JOINT_MARGIN = 0.05  # of the range of a joint, kept free at either end
 _TOGETHER = 500  # draws at least
 _TRIES = 50  # as many times, before the plan goes on with what it has
 
@@ -50,7 +54,7 @@ class Constraints:
     configurations are not checked.
     """
 
-    joint_margin: float = 0.0
+    joint_margin: float = JOINT_MARGIN
     singularity_distance: float = MIN_SINGULARITY_DISTANCE
     floor: float | None = None
     keep_out: tuple[tuple[float, ...], ...] = ()
@@ -99,46 +103,60 @@ class Constraints:
 class Candidates:
     """Configurations to choose from.
 
-    q          (N, n) those that keep the constraints, rad or m
+    rows       those that keep the constraints, with the places of an instrument
     workspace  (M, n) the first ones drawn, whether they keep them or not: where the robot will work
     drawn      how many were drawn in all
     rejected   how many of them each constraint turned down, by its option
     """
 
-    q: Array
+    rows: Rows
     workspace: Array
     drawn: int
     rejected: dict[str, int] = field(default_factory=dict)
 
+    @property
+    def q(self) -> Array:
+        """(N, n) joint positions that keep the constraints, rad or m."""
+        return self.rows.q
+
 
 def draw_candidates(
     robot: Robot,
-    workspace: Workspace | None,
+    workspace: Workspace | str | None,
     constraints: Constraints,
     targets: Array,
     count: int,
     needed: int,
     rng: np.random.Generator,
+    instrument: InstrumentRows | None = None,
 ) -> Candidates:
     """`count` configurations of a workspace that keep the constraints, fewer where they
-    are hard to find.
+    are hard to find; with an instrument, those in which it sees the tool.
 
     targets (m, 3) in the tool frame, m. Raises NoSolutionError when not even `needed` are found,
     naming the constraint that turns down most.
     """
-    accepted: list[Array] = []
+    workspace = robot.workspace(workspace)
+    accepted: list[Rows] = []
     first: Array | None = None
     rejected: dict[str, int] = {}
     found = drawn = 0
     together = max(count, _TOGETHER)
     while found < count and drawn < _TRIES * together:
-        q = sample_configurations(robot, workspace, together, rng)
+        if instrument is None:
+            rows = Rows(sample_configurations(robot, workspace, together, rng))
+        else:
+            rows = instrument.draw(together, rng)
+        if workspace.bounded or instrument is not None:  # `full` means all turns
+            q = wrapped(robot, rows.q, constraints.joint_margin, workspace.home)
+            rows = rows._replace(q=q)
+        q = rows.q
         first = q if first is None else first
-        keep = np.ones(len(q), dtype=bool)
+        keep = ~_again(q, accepted)
         for option, kept in constraints.checks(robot, targets, q):
             rejected[option] = rejected.get(option, 0) + int((~kept).sum())
             keep &= kept
-        accepted.append(q[keep])
+        accepted.append(rows.take(keep))
         found, drawn = found + int(keep.sum()), drawn + len(q)
     assert first is not None
     if found < needed:
@@ -148,9 +166,40 @@ def draw_candidates(
             f"needed; {worst} turns down {rejected[worst]}: loosen it, or choose "
             "another --workspace"
         )
+    every = reduce(Rows.with_more, accepted)
     return Candidates(
-        np.concatenate(accepted)[:count], first, drawn, {o: k for o, k in rejected.items() if k}
+        every.take(np.arange(min(count, len(every.q)))),
+        first,
+        drawn,
+        {o: k for o, k in rejected.items() if k},
     )
+
+
+def wrapped(robot: Robot, q: Array, margin: float, home: Array) -> Array:
+    """The same configurations (N, n) with joints of several turns as near to home (n,) as their
+    limits, less a margin (part of the range), allow.
+    """
+    span = robot.upper - robot.lower
+    several = (span > 2 * np.pi) & ~np.array(robot.prismatic) & (robot.chain.tree is None)
+    low, high = robot.lower + margin * span, robot.upper - margin * span
+    near = q - 2 * np.pi * np.round((q - home) / (2 * np.pi))
+    inside = (near >= low) & (near <= high)
+    found: Array = np.where(several & inside, near, q)
+    return found
+
+
+def distinct(q: Array) -> np.ndarray:
+    """Rows (k,) of q (N, n) without those that repeat an earlier one."""
+    kept: np.ndarray = np.sort(np.unique(repeated_groups(q), return_index=True)[1])
+    return kept
+
+
+def _again(q: Array, accepted: Sequence[Rows]) -> np.ndarray:
+    """Which rows of q (N, n) repeat another one of them, or one that was accepted: (N,) bool."""
+    before = np.concatenate([*(rows.q for rows in accepted), q])
+    again = np.ones(len(before), dtype=bool)
+    again[distinct(before)] = False
+    return again[len(before) - len(q) :]
 
 
 def links(robot: Robot, targets: Array, q: Array) -> tuple[Array, Array]:
@@ -187,20 +236,18 @@ def crosses(start: Array, end: Array, box: Array) -> np.ndarray:
     return result
 
 
-def inside(robot: Robot, workspace: Workspace | None, q: Array) -> np.ndarray:
+def inside(robot: Robot, workspace: Workspace, q: Array) -> np.ndarray:
     """Whether q (N, n) is in a workspace, as `sample_configurations` draws from it: limits, box,
     cone and roll. (N,) bool
 
     For n < 6 the cone is not asked for: the drawn pose is only approached.
     """
     result: np.ndarray = robot.within_limits(q)
-    if workspace is None:
+    if not workspace.bounded:
         return result
-    home = robot.mechanism.forward(robot.home(workspace)[None])[0]
+    home = robot.mechanism.forward(workspace.home[None])[0]
     pose = robot.mechanism.forward(q)
-    result &= (np.abs(pose[:, :3, 3] - home[:3, 3]) <= np.array(workspace.box_m) / 2 + 1e-9).all(
-        axis=-1
-    )
+    result &= (np.abs(pose[:, :3, 3] - home[:3, 3]) <= workspace.box / 2 + 1e-9).all(axis=-1)
     if robot.n < 6:
         return result
     x, y, z, w = Rotation.from_matrix(home[:3, :3].T @ pose[:, :3, :3]).as_quat().T
@@ -209,6 +256,5 @@ def inside(robot: Robot, workspace: Workspace | None, q: Array) -> np.ndarray:
         2 * np.arctan2(z, w),
     )  # swing, then twist about z
     turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
-    roll = workspace.cone_deg if workspace.roll_deg is None else workspace.roll_deg
-    result &= (tilt <= np.deg2rad(workspace.cone_deg) + 1e-9) & (turn <= np.deg2rad(roll) + 1e-9)
+    result &= (tilt <= workspace.cone + 1e-9) & (turn <= workspace.roll + 1e-9)
     return result

@@ -44,11 +44,18 @@ class Knowledge:
     noise_orientation: float = ORIENTATION_NOISE
 
     @classmethod
-    def of_tolerances(cls, robot: Robot, noise: float, unregistered: bool = False) -> Self:
+    def of_tolerances(
+        cls,
+        robot: Robot,
+        noise: float,
+        unregistered: bool = False,
+        setup: Setup | None = None,
+        noise_orientation: float = ORIENTATION_NOISE,
+    ) -> Self:
         """Nothing but the robot's tolerances; unregistered: instrument frame and targets are
-        unknown as well.
+        unknown as well. setup: of an instrument, instead of points of known targets.
         """
-        setup = Setup(
+        setup = setup or Setup(
             readonly(np.eye(4)),
             robot.targets,
             frame_known=not unregistered,
@@ -62,7 +69,13 @@ class Knowledge:
         prior_std = parameters.prior_std()
         state = State.nominal(robot, setup)
         return cls(
-            robot, parameters, state, readonly(prior_std), readonly(np.eye(parameters.count)), noise
+            robot,
+            parameters,
+            state,
+            readonly(prior_std),
+            readonly(np.eye(parameters.count)),
+            noise,
+            noise_orientation,
         )
 
     @classmethod
@@ -119,46 +132,68 @@ class Knowledge:
             self, covariance=readonly(root @ inverse(np.eye(len(root)) + seen.T @ seen) @ root.T)
         )
 
-    def rows(self, q: Array) -> Array:
+    def rows(self, q: Array, place: np.ndarray | None = None) -> Array:
         """Rows of the identification matrix for q (N, n), over the noise, columns times the
         tolerances: (N, r, p).
 
-        Where the targets are known, more than six measured coordinates are condensed to six rows of
-        the same information.
+        place (N,): the labelled place of each row. More measured coordinates than a pose and the
+        set-up have unknowns are condensed to as many rows of the same information.
         """
-        seen, poses, targets = self._columns(q)
-        noise = np.full(seen.shape[1], self.noise_position)
-        noise[3 * len(self.state.setup.targets) :] = self.noise_orientation
-        seen = seen / noise[:, None]
-        if targets is not None:
-            rows = np.concatenate([seen @ poses, targets / noise[:, None]], axis=-1)
-        else:
-            rows = (np.linalg.qr(seen, mode="r") if seen.shape[1] > 6 else seen) @ poses
+        seen, poses, targets = self._columns(q, place)
+        setup = self.state.setup
+        lengths = setup.kind.lengths(setup)
+        noise = np.where(lengths, self.noise_position, self.noise_orientation)
+        both = (seen if targets is None else np.concatenate([seen, targets], -1)) / noise[:, None]
+        if both.shape[1] > both.shape[2]:
+            both = np.asarray(np.linalg.qr(both, mode="r"))
+        rows = np.concatenate([both[..., :6] @ poses, both[..., 6:]], axis=-1)
         result: Array = rows * self.prior_std
+        return result
+
+    def target_rows(self, q: Array) -> Array:
+        """∂(target points)/∂θ at q (M, n), m, columns times the tolerances: (M, 3 m, p).
+
+        In the instrument's frame where that is unknown: what every set-up lets predict, unlike the
+        tool frame itself. For instruments that see no points, what a fit of base and tool frame to
+        all of these points takes up is left out.
+        """
+        if self.state.setup.kind.id in ("points", "pose"):
+            seen, poses, targets = self._columns(q)
+            columns = seen @ poses
+            if targets is not None:
+                columns = np.concatenate([columns, targets], axis=-1)
+            found: Array = columns[:, : 3 * len(self.state.setup.targets)] * self.prior_std
+            return found
+        robot = self.robot
+        context = self.state.errors.context(q)
+        poses = self.parameters.pose_columns(context)
+        points = Setup(np.eye(4), robot.targets, targets_known=False)
+        seen = observation_matrix(points, context.frames.tool)
+        free = np.concatenate([seen, target_columns(points, context.frames.tool)], axis=-1)
+        columns = np.zeros((*seen.shape[:2], self.parameters.count))
+        columns[..., : poses.shape[-1]] = seen @ poses
+        flat, frames = columns.reshape(-1, columns.shape[-1]), free.reshape(-1, free.shape[-1])
+        left = flat - frames @ np.linalg.lstsq(frames, flat, rcond=1e-10)[0]
+        result: Array = left.reshape(columns.shape) * self.prior_std
         return result
 
     def target_deviation(self, q: Array) -> Array:
         """Predicted standard deviation of the target points at q (N, n), m: root of the sum over x,
-        y, z, RMS over points.
-
-        In the instrument's frame where that is unknown: what every set-up lets predict, unlike the
-        tool frame itself.
+        y, z, RMS over points; see `target_rows`.
         """
-        seen, poses, targets = self._columns(q)
-        columns = (
-            seen @ poses if targets is None else np.concatenate([seen @ poses, targets], axis=-1)
-        )
-        points = len(self.state.setup.targets)
-        columns = columns[:, : 3 * points] * self.prior_std
+        columns = self.target_rows(q)
         variance: Array = ((columns @ self.covariance) * columns).sum(axis=(1, 2))
-        return np.sqrt(variance / points)
+        deviation: Array = np.sqrt(3 * variance / columns.shape[1])
+        return deviation
 
-    def _columns(self, q: Array) -> tuple[Array, Array, Array | None]:
+    def _columns(
+        self, q: Array, place: np.ndarray | None = None
+    ) -> tuple[Array, Array, Array | None]:
         """∂(observation)/∂δy (N, d, 6), ∂δy/∂θ (N, 6, ·) and, of unknown targets,
-        ∂(observation)/∂(targets) (N, d, d).
+        ∂(observation)/∂(free elements of the set-up) (N, d, k).
         """
         setup = self.state.setup
         context = self.state.errors.context(q)
         frames, poses = context.frames, self.parameters.pose_columns(context)
-        targets = target_columns(setup, frames.tool) if self.parameters.targets else None
-        return observation_matrix(setup, frames.tool), poses, targets
+        targets = target_columns(setup, frames.tool, place) if self.parameters.targets else None
+        return observation_matrix(setup, frames.tool, place), poses, targets

@@ -10,10 +10,10 @@ from calibtool.errors import NoSolutionError
 from calibtool.planning.constraints import Constraints
 from calibtool.planning.joint_table import as_written, in_columns, joint_table
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.description import Workspace
 from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.workspace import Workspace
 
 POSES = ("P1", "P2", "P3", "P4", "P5")
 _VISITED = (4, 3, 2, 1, 0)  # a cycle runs P5 → P1, and so reaches every pose from the same side
@@ -79,7 +79,7 @@ def five_poses(T_base_centre: Array, edge: float) -> Array:
 
 def plan_test(
     robot: Robot,
-    workspace: Workspace | None,
+    workspace: Workspace | str | None,
     constraints: Constraints,
     targets: Array,
     edge: float | None = None,
@@ -91,7 +91,8 @@ def plan_test(
     constraints; targets (m, 3) in the tool frame, m. Raises NoSolutionError naming a pose that
     cannot be taken.
     """
-    home = robot.home(robot.workspace(None)[1] if workspace is None else workspace)
+    workspace = robot.workspace(workspace)
+    home = (workspace if workspace.bounded else robot.workspace()).home
     centre = robot.mechanism.forward(home[None])[0]
 
     def tried(size: float) -> tuple[TestCube, str | None]:
@@ -115,7 +116,7 @@ def plan_test(
                 f"{robot.name}: {failure}; give a smaller --cube-mm or another --workspace"
             )
         return cube
-    largest = 2.0 * robot.length if workspace is None else min(workspace.box_m)
+    largest = float(workspace.box.min()) if workspace.bounded else 2.0 * robot.length
     best, failure = tried(max(largest, _SMALLEST))
     if failure is None:
         return best

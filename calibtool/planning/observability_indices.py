@@ -7,12 +7,15 @@ import numpy as np
 from calibtool.planning.information import Knowledge
 from calibtool.robot.se3 import Array
 
+Places = tuple[np.ndarray | None, np.ndarray | None]
 _OBSERVABLE = (
     1e-8  # smallest eigenvalue of the candidates' information, over the largest, that counts
 )
 
 
-def observability_indices(knowledge: Knowledge, q: Array, candidates: Array) -> dict[str, float]:
+def observability_indices(
+    knowledge: Knowledge, q: Array, candidates: Array, places: Places = (None, None)
+) -> dict[str, float]:
     """O1 … O5 of the configurations q (N, n).
 
     They are those of the identification matrix of the geometry alone, placements δζ (Eq. 11) with
@@ -26,10 +29,11 @@ def observability_indices(knowledge: Knowledge, q: Array, candidates: Array) -> 
     O4  σ_L² / σ_1               Nahvi and Hollerbach 1996 (noise amplification)
     O5  1 / Σ 1/σ_i              Sun and Hollerbach 2008
 
-    All grow with the quality of the set, and are 0 for one that leaves a direction undetermined.
+    places: labelled places (N,) and (M,) of an instrument. All grow with the quality of the set,
+    and are 0 for one that leaves a direction undetermined.
     """
-    directions = _observable(_geometry_rows(knowledge, candidates))
-    matrix = _geometry_rows(knowledge, q) @ directions
+    directions = _observable(_geometry_rows(knowledge, candidates, places[1]))
+    matrix = _geometry_rows(knowledge, q, places[0]) @ directions
     count = directions.shape[1]
     sigma = np.zeros(count)
     values = np.linalg.svd(matrix, compute_uv=False)
@@ -45,13 +49,13 @@ def observability_indices(knowledge: Knowledge, q: Array, candidates: Array) -> 
     }
 
 
-def _geometry_rows(knowledge: Knowledge, q: Array) -> Array:
+def _geometry_rows(knowledge: Knowledge, q: Array, place: np.ndarray | None) -> Array:
     """Rows of the placements and of the unknown set-up, (N r, l)."""
     blocks = knowledge.parameters.blocks
     columns = np.concatenate(
         [np.arange(blocks[b].start, blocks[b].stop) for b in ("placements", "base", "targets")]
     )
-    rows = knowledge.rows(q)[:, :, columns]
+    rows = knowledge.rows(q, place)[:, :, columns]
     return rows.reshape(-1, rows.shape[-1])
 
 

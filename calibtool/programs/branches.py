@@ -37,7 +37,7 @@ class Controller:
     @cached_property
     def home(self) -> Array:
         """Assumed joint positions (n,) where nothing is known: home of the default workspace."""
-        return self.robot.home(self.robot.workspace(None)[1])
+        return self.robot.workspace().home
 
     def to_serial(self, q: Array) -> Array:
         """Joint positions of the serial chain for the controller's joint values, (…, n) both."""

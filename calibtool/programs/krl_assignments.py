@@ -25,6 +25,7 @@ from calibtool.programs.motions import (
     frame_of,
 )
 from calibtool.programs.numbers import Remark, number_at
+from calibtool.robot.orientation import TURNED_ANGLES
 
 _KINDS = {"$base": FRAME, "base_data": FRAME, "$tool": TOOL, "tool_data": TOOL}
 _BAS = re.compile(r"\(\s*#(\w+)\s*(?:,\s*([^,)]*?)\s*)?\)")
@@ -78,7 +79,7 @@ class Assignments(Values):
         if part:
             edited = f"a component of it is assigned (line {line})"
             numbers = self._number(item, part)
-            yield Assign(line, target, Edited(target, numbers, "abc", line, edited))
+            yield Assign(line, target, Edited(target, numbers, TURNED_ANGLES, line, edited))
             return
         value = self.frame(item.start, item.end, kind, line)
         if isinstance(value, Frame) and value.values is not None and "data" in name:
@@ -103,7 +104,7 @@ class Assignments(Values):
         else:
             for variable in self.variables(self.target(word) or self.anywhere(name)):
                 for key in (variable, f"{variable}{AS_FRAME}"):
-                    yield Assign(line, key, Edited(key, (), "abc", line, why))
+                    yield Assign(line, key, Edited(key, (), TURNED_ANGLES, line, why))
 
     def _number(self, item: Declared, part: str) -> tuple[tuple[int, float], ...]:
         if part not in ORDER:
@@ -137,10 +138,10 @@ class Assignments(Values):
         why = f"a component of it is assigned (line {self.text.lines(item.start)})"
         numbers = self._number(item, part)
         for key in self.variables(target):
-            yield Assign(line, key, Edited(key, (), "abc", line, why))
+            yield Assign(line, key, Edited(key, (), TURNED_ANGLES, line, why))
             if item.name.lower() in self.names.framed:
                 twin = f"{key}{AS_FRAME}"
-                yield Assign(line, twin, Edited(twin, numbers, "abc", line, why))
+                yield Assign(line, twin, Edited(twin, numbers, TURNED_ANGLES, line, why))
 
     def given(self, item: Declared, type_: str, line: int) -> Iterator[Assign]:
         """What a variable holds that is given the value in code[item.start:item.end]."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 from calibtool.programs.motions import Assign, Begin, Call, Edited, End, Jump, Routine
 from calibtool.programs.motions import Statement as Step
+from calibtool.robot.orientation import TURNED_ANGLES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +49,8 @@ def uncertain(routines: Sequence[Routine], starts: Sequence[Started]) -> list[Ro
         if names:
             why = f"may be changed at any time ({start.word} in line {start.line})"
             changes = {
-                n: Assign(start.line, n, Edited(n, (), "abc", start.line, why)) for n in names
+                n: Assign(start.line, n, Edited(n, (), TURNED_ANGLES, start.line, why))
+                for n in names
             }
             result = [
                 one if one.name in inside else replace(one, body=tuple(_body(one, start, changes)))

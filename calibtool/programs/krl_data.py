@@ -16,6 +16,7 @@ from calibtool.programs.numbers import (
     is_not_finite,
     number_at,
 )
+from calibtool.robot.orientation import TURNED_ANGLES
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST
@@ -109,7 +110,7 @@ class Text:
             return None
         numbers = [number_at(self.text, *spans[k], u) for k, u in zip(_POSE, _UNITS, strict=True)]
         values = [number.value for number in numbers if number is not None]
-        return pose(values, "abc") if len(values) == len(_POSE) else None
+        return pose(values, TURNED_ANGLES) if len(values) == len(_POSE) else None
 
     def position(
         self,
@@ -203,7 +204,7 @@ class Text:
             tuple(numbers),
             place,
             name,
-            "abc",
+            TURNED_ANGLES,
             Kuka(None if status is None else status.value, turn) if digits else None,
             self.number,
             not_corrected,

@@ -144,8 +144,7 @@ class Literal:
     numbers        joints in the robot's order; or x, y, z and the orientation; empty if it
                    cannot be corrected
     line, name     for messages: the line of its first number, from 1, and how the program calls it
-    orientation    of a pose: `wpr` (fixed x, y, z), `abc` (z, y', x''), `quaternion` (scalar
-                   first), `rotation vector`
+    orientation    of a pose, a convention of `rotation_matrices`
     configuration  data on the branch of a pose
     source         number of its text
     not_corrected  why it is no position to correct: not taught, an expression among its numbers,

@@ -1,12 +1,11 @@
 """Summary of a corrected program: counts, largest change, uncorrected positions."""
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
 from calibtool.programs.numbers import Remark
+from calibtool.tables import format_table
 
 _LISTED = 20  # lines named for one reason
 _COLUMNS = ("file", "line", "name", "kind", "fate", "why")
@@ -91,11 +90,8 @@ class CompensatedProgram:
             for r in self.left_alone
             if (r.source, r.line, r.name) not in seen
         ]
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        writer.writerows((self.names[row[0]], *row[1:]) for row in sorted(rows))
-        return text.getvalue()
+        cells = ([str(cell) for cell in (self.names[row[0]], *row[1:])] for row in sorted(rows))
+        return format_table(_COLUMNS, cells)
 
 
 def _places(remarks: Sequence[Remark]) -> str:

@@ -20,6 +20,7 @@ from calibtool.programs.rapid import Argument, arguments
 from calibtool.programs.rapid_data import SHAPES
 from calibtool.programs.rapid_names import Data, Names
 from calibtool.programs.rapid_values import Values
+from calibtool.robot.orientation import QUATERNION
 
 HANDLER = Label("ERROR")  # begins what a routine does on errors; labels of the text are lower case
 FRAMES = {"tooldata": ("",), "wobjdata": (".u", ".o")}  # the variables of a tool, a work object
@@ -69,7 +70,7 @@ def changed(values: Values, word: str, line: int, why: str) -> Iterator[Assign]:
     """What the data of a word hold once something else has changed them."""
     for keys in variables(values, word):
         for key in keys:
-            yield Assign(line, key, Edited(key, (), "quaternion", line, why))
+            yield Assign(line, key, Edited(key, (), QUATERNION, line, why))
 
 
 @dataclass(eq=False)
@@ -202,7 +203,7 @@ class Changes:
         parts = FRAMES.get(parameter.type, ("",))
         for keys in variables(values, word):
             for k, key in enumerate(keys):
-                step = Assign(line, key, Edited(key, (), "quaternion", line, why))
+                step = Assign(line, key, Edited(key, (), QUATERNION, line, why))
                 own = parts[k] if len(keys) == len(parts) else ""
                 self.passed.append((step, parameter.key + own))
                 yield step
@@ -223,4 +224,4 @@ def by_name(values: Values, text: str, line: int, why: str) -> Iterator[Assign]:
             keys = values.names.elements.get(data.key, []) if data.dimensions else [data.key]
             for key in keys:
                 for part in FRAMES.get(data.type, ("",)):
-                    yield Assign(line, key + part, Edited(key + part, (), "quaternion", line, why))
+                    yield Assign(line, key + part, Edited(key + part, (), QUATERNION, line, why))

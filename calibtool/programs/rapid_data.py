@@ -9,7 +9,7 @@ import numpy as np
 from calibtool.programs.bracketed_lists import Item, item
 from calibtool.programs.configurations import Abb, Digit
 from calibtool.programs.external_axes import UNUSED, arm_units, beside_pose, joints, unit_of
-from calibtool.programs.frames import UNIT_TOLERANCE, pose
+from calibtool.programs.frames import pose
 from calibtool.programs.motions import (
     BASE,
     FRAME,
@@ -23,6 +23,7 @@ from calibtool.programs.motions import (
     frame_of,
 )
 from calibtool.programs.numbers import NUMBER, LineNumbers, Number, is_not_finite, number_at
+from calibtool.robot.orientation import QUATERNION, UNIT_TOLERANCE
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.units import LARGEST, TO_SI
@@ -99,7 +100,7 @@ class Text:
         values = [number.value for number in numbers if number is not None]
         if len(values) != 7 or not _unit(values[3:]):
             return None
-        return pose(values, "quaternion")
+        return pose(values, QUATERNION)
 
     def tool(self, start: int, end: int, name: str | None, line: int = 0) -> Value:
         """T_flange_tool of a tooldata `[robhold, tframe, load]`."""
@@ -202,7 +203,7 @@ class Text:
             tuple(numbers),
             self.lines(found.start()),
             name,
-            "quaternion",
+            QUATERNION,
             Abb((digits[0], digits[1], digits[2]), digits[3].value),
             self.number,
             not_corrected,

@@ -20,6 +20,7 @@ from calibtool.programs.motions import (
 from calibtool.programs.numbers import Remark, number_at
 from calibtool.programs.rapid_data import SHAPES, Text
 from calibtool.programs.rapid_names import Data, Names
+from calibtool.robot.orientation import QUATERNION
 
 _COMPONENTS = {"x": 0, "y": 1, "z": 2, "q1": 3, "q2": 4, "q3": 5, "q4": 6}
 _WORD = re.compile(r"([^\W\d]\w*)\s*+(?:\{([^{}]*)\})?\s*+")
@@ -152,7 +153,7 @@ class Values:
         words = parts.strip(".").split(".")
         why = f"a component of it is assigned (line {line})"
         if data.type in SHAPES:
-            yield key, Edited(key, (), "quaternion", line, why)
+            yield key, Edited(key, (), QUATERNION, line, why)
             return
         part = {"tframe": "", "uframe": ".u", "oframe": ".o"}.get(words[0])
         if part is None:
@@ -180,7 +181,7 @@ class Values:
             yield name, Unknown(why)
         else:
             components = tuple(zip(indices, values, strict=True))
-            yield name, Edited(name, components, "quaternion", line, why)
+            yield name, Edited(name, components, QUATERNION, line, why)
 
     def trimmed(self, start: int, end: int) -> tuple[int, int]:
         """The span without blanks at its ends."""

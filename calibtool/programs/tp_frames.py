@@ -8,6 +8,7 @@ from functools import lru_cache
 from calibtool.programs.frames import pose
 from calibtool.programs.motions import FRAME, TOOL, Assign, Frame, Unknown, Value, frame_of
 from calibtool.programs.numbers import NUMBER, LineNumbers, Remark, number_at
+from calibtool.robot.orientation import FIXED_ANGLES
 from calibtool.robot.se3 import Array
 
 _VARIABLE = re.compile(r"^\[\*?\w+\*?\]\$?\w+[ \t]+Storage:", re.MULTILINE)
@@ -53,7 +54,12 @@ class Listed:
                 if len(values) == 6:
                     name = f"$MNU{table[1]}[1,{entry[1]}]"
                     self._add(
-                        kind, entry[1], pose(values, "wpr"), name, lines(entry.start(2)), source
+                        kind,
+                        entry[1],
+                        pose(values, FIXED_ANGLES),
+                        name,
+                        lines(entry.start(2)),
+                        source,
                     )
         axes = _TURN_AXIS.search(text)
         if axes:

@@ -10,6 +10,7 @@ from calibtool.programs.configurations import Digit, Fanuc
 from calibtool.programs.external_axes import arm_units, beside_pose, joints
 from calibtool.programs.motions import JOINT, POSE, Literal
 from calibtool.programs.numbers import LineNumbers, Number, Remark, is_not_finite, number_at
+from calibtool.robot.orientation import FIXED_ANGLES
 from calibtool.robot.robot import Robot
 
 HELD = "the robot holds the work piece and not the tool"
@@ -175,7 +176,7 @@ class Positions:
         first = next((value for value in axes.values() if value is not None), None)
         line = self.lines(first.start) if first and not group.bad else group.line
         return Literal(
-            kind, () if group.bad else numbers, line, name, "wpr" if kind == POSE else "",
+            kind, () if group.bad else numbers, line, name, FIXED_ANGLES if kind == POSE else "",
             configuration, self.source, group.why or not_corrected, group.bad,
             blank=kind == POSE and not any(number.value for number in numbers), external=external,
         )  # fmt: skip

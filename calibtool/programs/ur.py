@@ -46,6 +46,7 @@ from calibtool.programs.urscript import (
     arguments,
     statements,
 )
+from calibtool.robot.orientation import ROTATION_VECTOR
 from calibtool.robot.robot import Robot
 
 NAME = "ur-script"
@@ -239,7 +240,7 @@ class _Script(Positions):
             why = f"a component of it is assigned (line {line})"
             elements = self.names.elements.get(key)
             if not elements:
-                yield Assign(line, key, Edited(key, (), "rotation vector", line, why))
+                yield Assign(line, key, Edited(key, (), ROTATION_VECTOR, line, why))
             value = self.value(start, end, f"{name}[{statement.index}]")
             for number, element in enumerate(elements or ()):
                 if statement.index == f"{number}":

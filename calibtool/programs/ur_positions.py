@@ -26,6 +26,7 @@ from calibtool.programs.numbers import (
 )
 from calibtool.programs.ur_names import Function, Names
 from calibtool.programs.urscript import CALL, MOTION_CALL, MOVED_TO, constant
+from calibtool.robot.orientation import ROTATION_VECTOR
 from calibtool.robot.robot import Robot
 from calibtool.units import LARGEST
 
@@ -62,7 +63,7 @@ class Positions:
             numbers = self._numbers(start + 1, end, _UNITS)
             if isinstance(numbers, str):
                 return Unknown(f"an expression ({numbers[:30]})")
-            T = pose([number.value for number in numbers], "rotation vector")
+            T = pose([number.value for number in numbers], ROTATION_VECTOR)
             return frame_of(TOOL, None, T, self.lines(start))
         value = self.value(start, end, "tool")
         return value if isinstance(value, Unknown) else Product(TOOL, (value,))
@@ -122,7 +123,7 @@ class Positions:
                 not_corrected, bad = f"'{read}'; expected a number", True
         numbers = () if isinstance(read, str) else tuple(read)
         line = self.lines(start)
-        turn = "rotation vector" if kind == POSE else ""
+        turn = ROTATION_VECTOR if kind == POSE else ""
         found = Literal(
             kind,
             numbers,

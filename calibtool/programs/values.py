@@ -22,6 +22,7 @@ from calibtool.programs.motions import (
     Value,
     frame_of,
 )
+from calibtool.robot.orientation import QUATERNION
 
 _DIFFERENT = 8  # computed values of one place: more are as good as unknown
 
@@ -159,7 +160,7 @@ class ValueAnalysis:
         if not isinstance(base, Frame) or base.values is None or not value.components:
             known = base if isinstance(base, Unknown) else Unknown("")
             return replace(known, why=value.why)
-        turn = 4 if value.orientation == "quaternion" else 3
+        turn = 4 if value.orientation == QUATERNION else 3
         numbers = pose_values(base.T, value.orientation, [0.0] * (3 + turn))
         for index, number in value.components:
             numbers[index] = number

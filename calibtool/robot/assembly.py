@@ -6,7 +6,7 @@ from calibtool.errors import InputError
 from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.closure import Closure
 from calibtool.robot.loops import Tree
-from calibtool.robot.reduction import Sample, check_freedom
+from calibtool.robot.reduction import RANK, Sample, check_freedom
 from calibtool.robot.se3 import Array
 
 _SAMPLES = 6
@@ -14,6 +14,11 @@ _APART = 0.05  # rad, or lengths: how far samples are from the closed configurat
 # A closed_at that is farther from a closed configuration (rad, or lengths) is a mistake.
 _OPEN = 0.05
 _STEPS = 60
+# Largest |r| (rad, or lengths) of a closed configuration: equations that say the same twice
+# contradict each other by the rounding of a CAD program's numbers.
+_CLOSED = 1e-5
+_STARTS = 100  # of the search for a closed configuration
+_HELD = 0.02  # smallest singular value of C_p, of the largest, at a configuration that is chosen
 
 
 def closed_configuration(
@@ -29,9 +34,9 @@ def closed_configuration(
     free = np.arange(tree.joints) >= tree.n
     theta, left = _nearest_closed(mechanism, tree, start, free)
     scale = tree.joint_scale
-    if not left < 1e-10:
+    if not left < _CLOSED:
         anywhere, still = _nearest_closed(mechanism, tree, start, np.ones(tree.joints, dtype=bool))
-        if still < 1e-10:
+        if still < _CLOSED:
             check_freedom(tree, closed_samples(mechanism, tree, anywhere), names, place)
         raise InputError(
             f"{place}: {_worst_loop(mechanism, tree, start)} at kinematics.closed_at, and does not "
@@ -50,6 +55,37 @@ def closed_configuration(
             f"closed configuration from there is {values}: write it there if that is the one"
         )
     return theta
+
+
+def first_closed(mechanism: ClosedMechanism, tree: Tree) -> Array | None:
+    """A closed configuration (J,) where nobody chose one; None where none is found.
+
+    The one next to `closed_at` with the actuated joints there; else with all joints free, from
+    there and from random starts ever farther away, inside of the limits of the actuated joints.
+    One at which these hold the passive joints is taken before any other.
+    """
+    rng, n, found = np.random.default_rng(0), tree.n, None
+    low, high = (
+        np.nan_to_num(end, nan=0.0, posinf=np.pi, neginf=-np.pi) for end in (tree.lower, tree.upper)
+    )
+    for k in range(_STARTS):
+        spread = max(0, k - 1) / _STARTS  # ever farther away
+        start = tree.closed_at + spread * (rng.uniform(low, high) - tree.closed_at)
+        free = np.arange(tree.joints) >= (0 if k else n)
+        theta, left = _nearest_closed(mechanism, tree, start, free)
+        turned = (theta + np.pi) % (2 * np.pi) - np.pi
+        theta = np.where(tree.slides | (np.abs(theta) <= np.pi), theta, turned)
+        if left < _CLOSED and ((low <= theta) & (theta <= high))[:n].all():
+            C = _equations(mechanism, theta).columns[0] * tree.row_scale[:, None]
+            sizes, held = (
+                np.linalg.svd(part, compute_uv=False)
+                for part in (C * tree.joint_scale, (C * tree.joint_scale)[:, n:])
+            )
+            rank = int((sizes > RANK * sizes.max(initial=1e-300)).sum())
+            found = theta if found is None else found
+            if len(held) >= rank and held[rank - 1] > _HELD * held[0]:
+                return theta
+    return found
 
 
 def _nearest_closed(
@@ -108,17 +144,22 @@ def closed_samples(mechanism: ClosedMechanism, tree: Tree, theta: Array) -> list
         if k:
             C = _equations(mechanism, theta).columns[0] * tree.row_scale[:, None] * scale
             sizes, vt = np.linalg.svd(C)[1:]
-            rank = int((sizes > 1e-7 * sizes.max(initial=1e-300)).sum())
+            rank = int((sizes > RANK * sizes.max(initial=1e-300)).sum())
             null = vt[rank:]
             move = rng.uniform(-1.0, 1.0, len(null)) @ null
             move *= _APART / max(float(np.abs(move).max(initial=0.0)), 1e-300)
             at, left = _nearest_closed(mechanism, tree, theta + move * scale, everything)
-            if not left < 1e-9:
+            if not left < _CLOSED:
                 continue
         passive = at[None, tree.passive]
         ends, jacobian, equations = mechanism.equations(at[None], row)(row, passive)
         at_tool = (jacobian[0] * tree.tool_support[:, None] * scale[:, None]).T
         at_tool[:3] -= np.cross(ends[0, -1, 3], at_tool[3:].T).T
         at_tool[:3] /= tree.length
-        samples.append(Sample(equations.columns[0] * tree.row_scale[:, None] * scale, at_tool))
+        columns = equations.columns[0].copy()
+        for loop, rows, axes in zip(tree.loops, tree.row_blocks, ends[0, :-1:2, :3], strict=True):
+            if loop.rows[:3] == (0, 1, 2):  # `closure` has them in K_0, rows that are kept are in A
+                first = slice(rows.start, rows.start + 3)
+                columns[first] = axes @ columns[first]
+        samples.append(Sample(columns * tree.row_scale[:, None] * scale, at_tool))
     return samples

@@ -14,11 +14,12 @@ def robot_names() -> list[str]:
     return sorted(path.parent.name for path in shipped("robots").glob("*/robot.toml"))
 
 
-def load_robot(name: str, tool: str | None = None) -> Robot:
+def load_robot(name: str, tool: str | None = None, allowed: tuple[Path, ...] = ()) -> Robot:
     """A robot by its name in the catalogue, or by the path of a folder or of a description.
 
-    tool: the tool frame of a description that does not name it. Raises UsageError for an unknown
-    name or path, InputError for a description that is wrong.
+    tool: the tool frame of a description that does not name it. allowed: folders, besides that of
+    the description, whose files it may name. Raises UsageError for an unknown name or path,
+    InputError for a description that is wrong.
     """
     names = robot_names()
     if name in names:
@@ -32,7 +33,7 @@ def load_robot(name: str, tool: str | None = None) -> Robot:
         )
     if not Path(name).exists():
         raise UsageError(f"{name}: no such file or folder")
-    return Robot.from_source(read_source(Path(name), tool))
+    return Robot.from_source(read_source(Path(name), tool, allowed))
 
 
 @lru_cache

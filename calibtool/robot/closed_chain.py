@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from calibtool.robot.assembly import closed_configuration, closed_samples
+from calibtool.robot.assembly import closed_configuration, closed_samples, first_closed
 from calibtool.robot.chain import LimitSource, SerialChain, build_chain, opened
 from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.continuation import Starts
@@ -102,9 +102,9 @@ def chain_of(source: Source) -> SerialChain | ClosedChain:
     """The chain of a description: a closed one where it has loops, or mimic joints between base and
     tool. A bare URDF with such joints is refused: it does not say whether a motor follows.
     """
-    description = source.description
-    follows = description.assumed is None and _mimics_before_tool(source)
-    if description.kinematics.loops or follows:
+    description, kinematics = source.description, source.description.kinematics
+    said = description.assumed is None or kinematics.actuated is not None
+    if kinematics.loops or (said and _mimics_before_tool(source)):
         return build_closed_chain(source)
     return build_chain(source)
 
@@ -173,6 +173,22 @@ def build_closed_chain(source: Source) -> ClosedChain:
         tree=tree,
         mobility=mobility(samples, tree.joints) - len(kept.idle),
     )
+
+
+def configuration_found(source: Source) -> dict[str, float]:
+    """Where a description without `closed_at` closes, rad or m by joint, see `first_closed`.
+
+    Nothing where it does so at 0, and where no such configuration is found.
+    """
+    read = read_tree(source)
+    tree = read.tree
+    mechanism = ClosedMechanism.closing(
+        read.bodies, read.placements, read.twists, None, tree, _no_starts
+    )
+    theta = first_closed(mechanism, tree)
+    if theta is None or not np.abs(theta - tree.closed_at).max() > 1e-9:
+        return {}
+    return dict(zip(read.bodies.joints, (round(float(v), 9) + 0.0 for v in theta), strict=True))
 
 
 def _no_starts() -> Starts:

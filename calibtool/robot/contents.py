@@ -15,20 +15,31 @@ from calibtool.robot.kuka_machine import (
     read_machine_data,
 )
 from calibtool.robot.markup import decoded_xml, is_xml, parse_xml
+from calibtool.robot.mjcf import read_mjcf
+from calibtool.robot.parallel_yaml import is_parallel, read_parallel
+from calibtool.robot.sdf import read_sdf
 from calibtool.robot.ur_frames import FRAMES, ur_frames
+from calibtool.robot.urdf_text import Converted
+from calibtool.robot.xacro_expansion import expanded_xacro
 
-Kind = Literal["toml", "urdf", "xacro", "dh", "ur-yaml", "kuka-machine"]
+Kind = Literal[
+    "toml", "urdf", "xacro", "mjcf", "sdf", "parallel", "dh", "ur-yaml", "ur-conf", "kuka-machine"
+]
 # What nobody wrote a robot.toml for, in the line of what was assumed.
 WHAT: dict[Kind, str] = {
     "urdf": "a bare URDF",
     "xacro": "a bare xacro file",
+    "mjcf": "a bare MJCF of MuJoCo",
+    "sdf": "a bare SDF of Gazebo",
+    "parallel": "a bare robot.yaml with closed loops",
     "dh": "a bare table of DH parameters",
     "ur-yaml": "a bare calibration of a UR arm, without limits",
+    "ur-conf": "changes of a UR arm",
     "kuka-machine": "bare machine data of a KUKA arm",
 }
 ACCEPTED = (
-    "a robot is a robot.toml, a URDF, a xacro file, a table of DH parameters, the "
-    "calibration.yaml of a UR arm or the $machine.dat of a KUKA arm"
+    "a robot is a robot.toml, a URDF, a xacro file, an MJCF, an SDF, a table of DH parameters, the "
+    "calibration.yaml of a UR arm, the $machine.dat of a KUKA arm or a robot.yaml with closed loops"
 )
 _BYTES = (
     (b"\x89HDF\r\n", "an HDF5 file, such as measurements or a calibration"),
@@ -46,8 +57,7 @@ _BYTES = (
     (b"ply\n", "a PLY mesh"),
 )
 _XML = {
-    "mujoco": "an MJCF of MuJoCo; convert it to a URDF",
-    "sdf": "an SDF of Gazebo; convert it to a URDF (sdf2urdf, or gz sdf)",
+    "mujocoinclude": "a part of an MJCF; give the file that includes it",
     "COLLADA": "a COLLADA mesh",
     "html": "an HTML page",
     "svg": "an SVG image",
@@ -83,17 +93,15 @@ def told(data: bytes, path: Path) -> tuple[Kind, str]:
     if "\0" in text:
         raise InputError(f"{place}: a binary file; {ACCEPTED}")
     if not text.strip():
-        raise InputError(f"{place}: the file is empty, nothing of it can be read; {ACCEPTED}")
+        raise InputError(f"{place}: cannot be read, the file is empty; {ACCEPTED}")
     if is_dh(text):
         return "dh", text
     if _CONF.search(text):
-        raise InputError(
-            f"{place}: a UR controller's calibration.conf, changes of the DH parameters of an arm "
-            "that it does not name; give it with compensate --controller, or the "
-            "calibration.yaml of the driver here"
-        )
+        return "ur-conf", text
     if is_machine_data(text):
         return "kuka-machine", text
+    if is_parallel(text):
+        return "parallel", text
     if _YAML.search(text):
         return "ur-yaml", text
     if _TOML.search(text):
@@ -104,6 +112,10 @@ def told(data: bytes, path: Path) -> tuple[Kind, str]:
 
 def _told_xml(text: str, place: str) -> tuple[Kind, str]:
     root = parse_xml(text, place, "URDF")
+    if root.tag == "mujoco":
+        return "mjcf", text
+    if root.tag == "sdf":
+        return "sdf", text
     if root.tag.rpartition(":")[2] != "robot":
         what = _XML.get(root.tag, f"an XML file with the root <{root.tag}>")
         raise InputError(f"{place}: {what}; {ACCEPTED}")
@@ -116,11 +128,30 @@ def _told_xml(text: str, place: str) -> tuple[Kind, str]:
     return ("xacro" if macros else "urdf"), text
 
 
-def as_urdf_text(kind: Kind, text: str, path: Path) -> str:
-    """The URDF of a description that is no robot.toml, called by its path in messages."""
+def converted(kind: Kind, text: str, path: Path, allowed: tuple[Path, ...] = ()) -> Converted:
+    """A description that is no robot.toml as a URDF with loops, called by its path in messages.
+
+    allowed: see `named_files.inside`.
+    """
+    if kind == "mjcf":
+        return read_mjcf(text, path, allowed)
+    if kind == "sdf":
+        return read_sdf(text, str(path))
+    if kind == "parallel":
+        return read_parallel(text, path, allowed)
+    return Converted(_as_urdf(kind, text, path, allowed))
+
+
+def _as_urdf(kind: Kind, text: str, path: Path, allowed: tuple[Path, ...]) -> str:
     place = path.stem if kind == "urdf" else str(path)
+    if kind == "ur-conf":
+        raise InputError(
+            f"{place}: a UR controller's calibration.conf, changes of an arm that it does not "
+            'name; write a robot.toml with [kinematics] nominal = "ur5e", calibration = '
+            f'"{path.name}", or give it with compensate --controller'
+        )
     if kind == "xacro":
-        return _expanded(path)
+        return expanded_xacro(path, allowed)
     if kind == "dh":
         table = read_dh(dh_text(text, place))
         if table.convention is None:
@@ -139,21 +170,3 @@ def as_urdf_text(kind: Kind, text: str, path: Path) -> str:
     if kind == "ur-yaml":
         return chain_urdf(ur_frames(text, place), [False] * len(FRAMES), "ur")
     return text
-
-
-def _expanded(path: Path) -> str:
-    """The URDF that a xacro file makes, by xacrodoc (extra `xacro`)."""
-    try:
-        from xacrodoc import XacroDoc
-    except ImportError:
-        raise InputError(
-            f"{path}: a xacro file, from which a URDF is made; run: xacro {path.name} > robot.urdf "
-            "(in ROS), or pip install 'calibtool[xacro]'"
-        ) from None
-    try:
-        return str(XacroDoc.from_file(str(path)).to_urdf_string())
-    except Exception as error:  # whatever the expressions of a file do
-        said = str(error).strip().splitlines()
-        raise InputError(
-            f"{path}: xacro cannot expand it: {said[0] if said else type(error).__name__}"
-        ) from None

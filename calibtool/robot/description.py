@@ -1,7 +1,7 @@
 """robot.toml: name of a robot, source of its kinematics, targets, workspaces and limits."""
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -9,9 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.denavit_hartenberg import DhConvention
-from calibtool.robot.markup import decoded_xml
-from calibtool.robot.tool import chosen, quoted
+from calibtool.robot.named_files import contents, inside
+from calibtool.robot.tool import Choice, chosen, quoted
 from calibtool.robot.tree import urdf_tree
+from calibtool.robot.urdf_text import Converted
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]  # mm, a kilometre
 Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
@@ -20,6 +21,7 @@ VirtualJoint = Literal["x", "y", "z", "rx", "ry", "rz"]
 ExternalName = Annotated[str, Field(pattern=r"^e[1-6]$")]
 JointName = Annotated[str, Field(pattern=r"^j[1-9]\d{0,5}$")]
 
+_IN_FOLDERS = ("robot.toml", "robot.yaml")
 _MOST_DOTS = 2000  # of one line: numbers and dotted keys
 
 
@@ -47,16 +49,21 @@ class Placement(_Strict):
 
 
 class Kinematics(_Strict):
-    """Source of the kinematics: one of `urdf` (a path beside robot.toml), `example_robot_data` (a
-    path inside it), and numbers: `chain`, or `dh`, rows of a table in a convention."""
+    """Source of the kinematics: one of `urdf` (a path beside robot.toml, of any description that
+    `contents.told` knows), `example_robot_data` (a path inside it), numbers (`chain`, or `dh`, rows
+    of a table in a convention), and `nominal`, a UR arm of the catalogue, with the `calibration` of
+    one arm: the calibration.conf of its controller, or the calibration.yaml of the driver.
+    """
 
     urdf: str | None = None
     example_robot_data: str | None = None
     chain: list[Placement] | None = None
     dh: list[dict[str, float | str]] | None = None
     dh_convention: DhConvention | None = None
+    nominal: str | None = None
+    calibration: str | None = None
     base_frame: str | None = None  # K_0; the URDF's root link unless named
-    tool_frame: str  # of numbers: tool0 unless named
+    tool_frame: str  # of numbers and calibrations: tool0 unless named
     locked_joints: dict[str, float] = {}  # rad or m
     loops: list[LoopTable] = []
     actuated: list[str] | None = (
@@ -68,16 +75,21 @@ class Kinematics(_Strict):
     @model_validator(mode="before")
     @classmethod
     def _tool_of_numbers(cls, data: object) -> object:
-        if isinstance(data, dict) and ("chain" in data or "dh" in data):
+        if isinstance(data, dict) and not {"chain", "dh", "nominal"}.isdisjoint(data):
             return {"tool_frame": "tool0", **data}
         return data
 
     @model_validator(mode="after")
     def _one_source(self) -> "Kinematics":
-        sources = ("urdf", "example_robot_data", "chain", "dh")
+        sources = ("urdf", "example_robot_data", "chain", "dh", "nominal")
         if sum(getattr(self, source) is not None for source in sources) != 1:
             raise ValueError(
-                "give exactly one of 'urdf' and 'example_robot_data', or numbers, 'chain' or 'dh'"
+                "give exactly one of 'urdf' and 'example_robot_data', or numbers, 'chain' or 'dh', "
+                "or 'nominal' with a 'calibration'"
+            )
+        if (self.nominal is None) != (self.calibration is None):
+            raise ValueError(
+                "'nominal' (a UR arm of the catalogue) and 'calibration' (its file) belong together"
             )
         if (self.dh is None) != (self.dh_convention is None):
             raise ValueError("'dh' and 'dh_convention' (standard or modified) belong together")
@@ -226,58 +238,99 @@ def parse_source(toml_text: str, urdf_text: str, place: str) -> Source:
     return Source(_parse_description(toml_text, place), toml_text, urdf_text, place)
 
 
-def read_source(path: Path, tool: str | None = None) -> Source:
+def read_source(path: Path, tool: str | None = None, allowed: tuple[Path, ...] = ()) -> Source:
     """Read `path`: a folder with a robot.toml, a robot.toml, a URDF, or what `contents.told` knows.
 
     tool: the tool frame of a description that does not name it; UsageError for one that does.
+    allowed: folders, besides that of the description, whose files it may name.
     """
-    from calibtool.robot.contents import WHAT, as_urdf_text, told
+    from calibtool.robot.contents import WHAT, converted, told
     from calibtool.robot.numeric_kinematics import numbers_as_urdf
 
     if path.is_dir():
-        path = path / "robot.toml"
-    kind, text = told(_read_bytes(path), path)
+        path = next(
+            (path / name for name in _IN_FOLDERS if (path / name).exists()), path / "robot.toml"
+        )
+    kind, text = told(contents(path), path)
     if kind != "toml":
-        return source_from_urdf(as_urdf_text(kind, text, path), path.stem, tool, WHAT[kind])
+        return bare_source(converted(kind, text, path, allowed), path.stem, tool, WHAT[kind])
     description = _parse_description(text, str(path))
     kinematics = description.kinematics
     if tool is not None:
         raise UsageError(f"--tool: {path} names its tool_frame, '{kinematics.tool_frame}'")
     if kinematics.chain is not None or kinematics.dh is not None:
         return Source(description, text, numbers_as_urdf(description, str(path)), str(path))
+    if kinematics.calibration is not None:
+        return Source(description, text, _calibrated(path, kinematics, allowed), str(path))
     if kinematics.urdf is not None:
-        urdf_path = inside(path.parent, kinematics.urdf, f"{path}: kinematics.urdf")
+        urdf_path = inside(path.parent, kinematics.urdf, f"{path}: kinematics.urdf", allowed)
     else:
         name = str(kinematics.example_robot_data)
         urdf_path = inside(example_robot_data(), name, f"{path}: kinematics.example_robot_data")
-    urdf_text = decoded_xml(_read_bytes(urdf_path), str(urdf_path))
+    kind, urdf_text = told(contents(urdf_path), urdf_path)
+    if kind == "toml":
+        raise InputError(f"{path}: kinematics.urdf: {urdf_path} is a robot.toml itself")
+    urdf_text = converted(kind, urdf_text, urdf_path, allowed).urdf
     return Source(description, text, urdf_text, str(path))
 
 
-def source_from_urdf(
-    urdf_text: str, name: str, tool: str | None = None, what: str = "a bare URDF"
+def _calibrated(path: Path, kinematics: Kinematics, allowed: tuple[Path, ...]) -> str:
+    """The URDF of `nominal` with its `calibration`."""
+    from calibtool.robot.catalogue import load_robot, robot_names
+    from calibtool.robot.contents import told
+    from calibtool.robot.universal_robots import calibrated_urdf
+
+    place = f"{path}: kinematics.calibration"
+    arms = [name for name in robot_names() if name.startswith("ur")]
+    if kinematics.nominal not in arms:
+        known = near_names(str(kinematics.nominal), arms)
+        raise InputError(f"{path}: kinematics.nominal: no UR arm of the catalogue; {known}")
+    file = inside(path.parent, str(kinematics.calibration), place, allowed)
+    kind, text = told(contents(file), file)
+    if kind not in ("ur-conf", "ur-yaml"):
+        raise InputError(f"{place}: {file} is no calibration.conf or calibration.yaml of a UR arm")
+    return calibrated_urdf(kind, text, str(file), load_robot(str(kinematics.nominal)))
+
+
+def source_from_urdf(urdf_text: str, name: str, tool: str | None = None) -> Source:
+    """A description for a bare URDF: see `bare_source`."""
+    return bare_source(Converted(urdf_text), name, tool)
+
+
+def bare_source(
+    said: Converted, name: str, tool: str | None = None, what: str = "a bare URDF"
 ) -> Source:
-    """A description for a bare URDF: see `tool.chosen`; three targets on a circle of 0.1 m.
+    """What a robot.toml would say: see `tool.chosen`; three targets on a circle of 0.1 m.
 
-    what: what it was made from, in the line of what was assumed.
-
-    UsageError where several links could be the tool and `tool` does not say which.
+    what: what the description is, in the line of what was assumed. UsageError where several links
+    could be the tool and `tool` does not say which.
     """
-    from calibtool.robot.urdf import parse_urdf  # Pinocchio is only needed here
+    from calibtool.robot.closed_chain import configuration_found  # Pinocchio is only needed here
+    from calibtool.robot.urdf import parse_urdf
 
-    parse_urdf(urdf_text, name)
-    found = chosen(urdf_tree(urdf_text, name), name, tool)
+    parse_urdf(said.urdf, name)
+    found = chosen(urdf_tree(said.urdf, name), name, tool, said)
+    source = _assumed(found, said, name, what)
+    if found.loops and found.actuated is not None and not found.closed_at:
+        closed_at = configuration_found(source)
+        source = _assumed(replace(found, closed_at=closed_at), said, name, what)
+    return source
+
+
+def _assumed(found: Choice, said: Converted, name: str, what: str) -> Source:
     allowed = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in name)
     safe = allowed.lstrip("._-") or "robot"
     keys = found.toml.replace("\n", ", ")
+    mounting = f"\n[mounting]\ngravity = {list(said.gravity)}\n" if said.gravity else ""
     assumed = f"{what}, taken as [kinematics] {keys}; the targets are assumed"
     toml_text = (
         f'name = "{safe}"\ntitle = "{safe}, from {what}"\n'
         f"assumed = {quoted(assumed)}\n\n"
         f'[kinematics]\nurdf = "robot.urdf"\n{found.toml}\n\n'
         "[targets]\npoints_mm = [[100.0, 0.0, 0.0], [-50.0, 86.6, 0.0], [-50.0, -86.6, 0.0]]\n"
+        f"{mounting}"
     )
-    return parse_source(toml_text, urdf_text, name)
+    return parse_source(toml_text, said.urdf, name)
 
 
 def example_robot_data() -> Path:
@@ -357,23 +410,3 @@ def _models_in(annotation: object) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for argument in get_args(annotation) for model in _models_in(argument)]
-
-
-def inside(folder: Path, name: str, place: str) -> Path:
-    """A file of a folder or below it, links followed: a description from elsewhere reads nothing
-    else (InputError).
-    """
-    try:
-        path = (folder / name).resolve()
-        if not path.is_relative_to(folder.resolve()):
-            raise InputError(f"{place}: {name!r} is outside of {folder}; copy the file there")
-    except (OSError, ValueError, RuntimeError) as error:  # a zero byte, links in a circle
-        raise InputError(f"{place}: {name!r}: {error}") from None
-    return path
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None

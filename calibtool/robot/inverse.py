@@ -202,7 +202,7 @@ def follow_path(
     """
     q = np.empty((len(target), robot.n))
     reached = np.zeros(len(target), dtype=bool)
-    q_seed = robot.home(robot.workspace(None)[1]) if q_seed is None else q_seed
+    q_seed = robot.workspace().home if q_seed is None else q_seed
     for k in range(len(target)):
         solved = inverse_kinematics(robot, target[k : k + 1], q_seed)
         q[k], reached[k] = solved.q[0], solved.reached[0]

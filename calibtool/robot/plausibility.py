@@ -8,13 +8,15 @@ from calibtool.robot.tree import SINGLE, Joint, urdf_tree
 
 _MOST_TURN = 20.0  # rad: three turns and more are degrees
 _LONGEST = 50.0  # m, of one link or slide: longer ones are millimetres
+_FARTHEST_REACH = 20.0  # m, of all links together without slides
+_FULL_TURN = 6.4  # rad, of an angle of a frame: larger ones are degrees
 _SHORTEST = 1e-3  # m, of all links together
 _FARTHEST = 1e3  # m, of the base: 1e-13 of a micrometre is lost with every one beyond
 
 
 def implausible(robot: Robot) -> list[str]:
     """One line per finding, with joint and remedy; nothing for a robot as they are built."""
-    return [*_limits(robot), *_lengths(robot), *_locked(robot)]
+    return [*_limits(robot), *_lengths(robot), *_angles(robot), *_locked(robot)]
 
 
 def _limits(robot: Robot) -> list[str]:
@@ -51,6 +53,11 @@ def _lengths(robot: Robot) -> list[str]:
         found.append(
             f"the lengths look like mm: a link or slide of {longest:.6g} m; a URDF has them in m"
         )
+    elif sum(links) > _FARTHEST_REACH:
+        found.append(
+            f"the lengths look like mm, cm or inches: the links are {sum(links):.4g} m long "
+            "together; a URDF has them in m"
+        )
     elif base > _FARTHEST:
         found.append(
             f"joint 1 stands {base:.6g} m from the base frame: digits of every pose are lost; "
@@ -62,6 +69,18 @@ def _lengths(robot: Robot) -> list[str]:
             "unit of the lengths, m in a URDF"
         )
     return found
+
+
+def _angles(robot: Robot) -> list[str]:
+    joints = urdf_tree(robot.source.urdf_text, robot.source.place).joints
+    turned = [joint.name for joint in joints if any(abs(a) > _FULL_TURN for a in joint.rpy)]
+    if not turned:
+        return []
+    more = f" and {len(turned) - 3} more" if len(turned) > 3 else ""
+    return [
+        f"the rpy of {', '.join(turned[:3])}{more} looks like degrees: more than a full turn; "
+        "a URDF has it in rad"
+    ]
 
 
 def _locked(robot: Robot) -> list[str]:

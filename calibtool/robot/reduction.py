@@ -15,7 +15,7 @@ from calibtool.errors import InputError
 from calibtool.robot.loops import Loop, Tree
 from calibtool.robot.se3 import Array
 
-_RANK = 1e-7  # of the largest singular value or pivot
+RANK = 1e-5  # of the largest singular value or pivot; CAD programs round numbers to 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def _rank(matrix: Array) -> int:
     if not matrix.size:
         return 0
     sizes = np.linalg.svd(matrix, compute_uv=False)
-    return int((sizes > _RANK * max(sizes[0], 1e-300)).sum())
+    return int((sizes > RANK * max(sizes[0], 1e-300)).sum())
 
 
 def _independent(columns: Array, rank: int) -> set[int]:

@@ -17,10 +17,11 @@ from calibtool.robot.damped_least_squares import (
     at_point,
     singularity_distance,
 )
-from calibtool.robot.description import Source, Workspace
+from calibtool.robot.description import Source
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, readonly
 from calibtool.robot.tree import UNBOUNDED
+from calibtool.robot.workspace import Workspace
 from calibtool.units import joint_and_factor, joint_values
 
 # Times the usual gain of closed loops: a tool that moves farther is near a singularity of type 2,
@@ -230,28 +231,33 @@ class Robot:
         """Named workspaces, the default first."""
         return [*self.source.description.workspaces, "full"]
 
-    def workspace(self, name: str | None) -> tuple[str, Workspace | None]:
-        """The workspace called `name`, or the default one; None stands for `full`.
+    def workspace(self, name: str | Workspace | None = None) -> Workspace:
+        """The workspace called `name`, or the default one (None); `full` is the joint range.
 
-        Raises UsageError if unknown.
+        Its home is, for `full`, the middle of the joint range or, with closed loops, where the
+        description closes them. A Workspace is returned as it is. Raises UsageError if unknown.
         """
+        if isinstance(name, Workspace):
+            return name
         names = self.workspace_names
         chosen = names[0] if name is None else name
         if chosen not in names:
             raise UsageError(
                 f"{self.name} has no workspace '{chosen}'; {near_names(chosen, names)}"
             )
-        return chosen, self.source.description.workspaces.get(chosen)
-
-    def home(self, workspace: Workspace | None) -> Array:
-        """Joint positions (n,) at the middle of a workspace; for `full` the middle of the joint
-        range or, with closed loops, where the description closes them.
-        """
-        if workspace is None and self.chain.tree is not None:
-            return self.chain.tree.closed_at[: self.n]
-        if workspace is None:
-            return (self.lower + self.upper) / 2
-        return np.array(joint_values(workspace.home, self.prismatic, self.name))
+        described = self.source.description.workspaces.get(chosen)
+        if described is None:
+            tree = self.chain.tree
+            middle = (self.lower + self.upper) / 2
+            return Workspace(chosen, middle if tree is None else tree.closed_at[: self.n])
+        roll = described.cone_deg if described.roll_deg is None else described.roll_deg
+        return Workspace(
+            name=chosen,
+            home=np.array(joint_values(described.home, self.prismatic, self.name)),
+            box=np.array(described.box_m),
+            cone=float(np.deg2rad(described.cone_deg)),
+            roll=float(np.deg2rad(roll)),
+        )
 
     def display_unit(self, joint: int) -> tuple[float, str]:
         """Factor and unit, mm or deg, that show the position of a joint (from 0) to people."""

@@ -1,5 +1,6 @@
 """The motion exp(ξ q) of one joint as a Pinocchio joint, exact for any twist ξ."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
@@ -48,6 +49,9 @@ class Screw:
             return cls(pin.JointModelFreeFlyer(), here, twist, twist)
         pitch = float(angular @ linear) / turn**2
         return cls(_turning(angular / turn, pitch), readonly(across), readonly([turn]), twist)
+
+    def __reduce__(self) -> tuple[Callable[[Array], "Screw"], tuple[Array]]:
+        return Screw.of, (self.twist,)  # Pinocchio's joint cannot be pickled
 
     def coordinates(self, q: Array) -> Array:
         """The model's coordinates for joint positions q (N,), rad or m: (N, 1), or position and

@@ -3,11 +3,12 @@
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 
 from calibtool.errors import InputError, UsageError, near_names
 from calibtool.robot.tree import SINGLE, Joint, Tree
+from calibtool.robot.urdf_text import Converted, Cut
 
 # What tools are called, the surest first. Names are compared by words: `link_TCP` is `link tcp`.
 _TOOLS = tuple(
@@ -15,22 +16,23 @@ _TOOLS = tuple(
     for words in (
         r"tool 0",
         r"tcp|tool cent(?:er|re)(?: point)?",
-        r"flange",
+        r"flange|flansch",
         r"ee|eef|eff|endeff|endeffector|end effector",
-        r"tool",
-        r"grasp|grasping|tool mount|mount|attachment",
+        r"tool|werkzeug|outil|herramienta|utensile",
+        r"grasp|grasping|pinch|tool mount|mount|attachment",
     )
 )
 # Links that are no tool: what grips, sees, or stands for a shape.
 _NO_TOOL = re.compile(
     r"\b(?:fingers?|fingertips?|thumb|knuckles?|jaws?|claws?|pads?|"
-    r"camera|cam|realsense|kinect|sensors?|depth|optical|rgb|color|infra|ir|laser|lidar|imu|"
+    r"camera|kamera|caméra|cámara|telecamera|cam|realsense|kinect|sensors?|depth|optical|rgb|color|infra|ir|laser|lidar|imu|"
     r"ft|force|torque|collision|visual|inertial?|com|cog|cable|hose|led|light|button|"
     r"display|screw|aruco|marker|contact|sc)\b"
 )
 _GRIPS = re.compile(
-    r"\b(?:gripper|grip|fingers?|fingertips?|thumb|index|middle|ring|little|pinky|"
-    r"phalanx|distal|proximal|knuckles?|jaws?|claws?|pincers?|tongs?|suction)\b"
+    r"\b(?:gripper|greifer|grip|fingers?|fingertips?|thumb|index|middle|ring|little|pinky|"
+    r"phalanx|distal|proximal|knuckles?|jaws?|claws?|pincers?|tongs?|suction|"
+    r"driver|coupler|follower|spring link)\b"
 )
 _PISTON = re.compile(r"\b(?:piston|cylinder|rod)\b")
 _TURNS = re.compile(r"\b(?:rotation|rotate|rot|roll|pitch|yaw|wrist)\b")
@@ -42,18 +44,40 @@ _MANY = 2  # arm joints behind a link: it is no tool
 
 @dataclass(frozen=True)
 class Choice:
-    """tool_frame and locked_joints (rad or m) of a URDF that nobody described."""
+    """tool_frame and locked_joints (rad or m) of a description that nobody wrote a robot.toml for.
+
+    With closed loops those that the tool depends on, the joints with a motor, and a closed
+    configuration, rad or m.
+    """
 
     tool: str
     locked: dict[str, float]
+    loops: tuple[Cut, ...] = ()
+    actuated: tuple[str, ...] | None = None
+    closed_at: dict[str, float] = field(default_factory=dict)
 
     @property
     def toml(self) -> str:
         """The lines of [kinematics] that say the same."""
-        joints = ", ".join(f"{quoted(joint)} = {value!r}" for joint, value in self.locked.items())
-        return f"tool_frame = {quoted(self.tool)}" + (
-            f"\nlocked_joints = {{ {joints} }}" if joints else ""
-        )
+        lines = [f"tool_frame = {quoted(self.tool)}"]
+        if self.locked:
+            lines.append(f"locked_joints = {_table(self.locked)}")
+        if self.loops:
+            loops = (
+                f"{{ name = {quoted(name)}, frames = [{quoted(a)}, {quoted(b)}], "
+                f"joint = {quoted(kind)} }}"
+                for name, a, b, kind in self.loops
+            )
+            lines.append(f"loops = [{', '.join(loops)}]")
+        if self.actuated is not None:
+            lines.append(f"actuated = [{', '.join(map(quoted, self.actuated))}]")
+        if self.closed_at:
+            lines.append(f"closed_at = {_table(self.closed_at)}")
+        return "\n".join(lines)
+
+
+def _table(values: dict[str, float]) -> str:
+    return f"{{ {', '.join(f'{quoted(key)} = {value!r}' for key, value in values.items())} }}"
 
 
 def quoted(text: str) -> str:
@@ -61,21 +85,58 @@ def quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def chosen(tree: Tree, name: str, tool: str | None = None) -> Choice:
+def chosen(tree: Tree, name: str, tool: str | None = None, said: Converted | None = None) -> Choice:
     """The tool of a URDF, `tool` or the one that its names and joints tell, and the joints to lock.
+
+    said: the closed loops of the description; those that do not move the tool are left out.
 
     A tool is found by its name, and by the number of joints before it where no link has one; a
     finger, a camera or a collision shape is none. Locked are joints that are not on the way to it,
     and those of a base that moves freely: floating, planar, slides without limits. UsageError,
     listing them, where several links could be the tool.
     """
+    loops = said.loops if said else ()
     if tool is None:
-        tool = _tool(tree, name)
+        tool = _tool(tree, name, {frame for _, a, b, _ in loops for frame in (a, b)})
     elif tool not in tree.links:
         raise UsageError(f"--tool: '{tool}' is no link of {name}; {near_names(tool, tree.links)}")
-    arm = _arm(tree.ways[tool])
-    beside = [joint for joint in tree.joints if joint.moves and joint not in arm]
-    return Choice(tool, _locked(beside))
+    closing, moving = _closing(tree, tool, loops)
+    motors = said.actuated if said else None
+    closes = closing or (motors is not None and any(joint.follows for joint in moving))
+    way = tree.ways[tool]
+    in_loops = {joint for loop in closing for joint in _round(tree, loop)}
+    base = {joint for joint in way if joint not in _arm(way)} - in_loops
+    arm = moving - base if closes else set(_arm(way))
+    locked = _locked([joint for joint in tree.joints if joint.moves and joint not in arm])
+    if said is None or not closes:
+        return Choice(tool, locked)
+    names = {joint.name for joint in arm}
+    actuated = None if motors is None else tuple(each for each in motors if each in names)
+    closed_at = {joint: value for joint, value in said.closed_at.items() if joint in names}
+    return Choice(tool, locked, closing, actuated, closed_at)
+
+
+def _closing(tree: Tree, tool: str, loops: Sequence[Cut]) -> tuple[tuple[Cut, ...], set[Joint]]:
+    """The loops that the tool depends on, and the joints that move it, followed ones too."""
+    moving = {joint for joint in tree.ways[tool] if joint.moves}
+    held: list[Cut] = []
+    while True:
+        leaders = {
+            tree.named[j.follows[0]] for j in moving if j.follows and j.follows[0] in tree.named
+        }
+        moving |= {joint for leader in leaders for joint in (*tree.ways[leader.parent], leader)}
+        moving = {joint for joint in moving if joint.moves}
+        more = [loop for loop in loops if loop not in held and _round(tree, loop) & moving]
+        if not more:
+            return tuple(loop for loop in loops if loop in held), moving
+        held += more
+        moving |= {joint for loop in more for joint in _round(tree, loop)}
+
+
+def _round(tree: Tree, loop: Cut) -> set[Joint]:
+    """The joints of a loop: those that move one of its frames alone."""
+    a, b = (set(tree.ways.get(frame, ())) for frame in loop[1:3])
+    return {joint for joint in a ^ b if joint.moves}
 
 
 def _arm(way: Sequence[Joint]) -> Sequence[Joint]:
@@ -94,7 +155,7 @@ def _arm(way: Sequence[Joint]) -> Sequence[Joint]:
     return moving[start:]
 
 
-def _tool(tree: Tree, name: str) -> str:
+def _tool(tree: Tree, name: str, cut: set[str]) -> str:
     ways = {
         link: [joint for joint in way if joint.kind in SINGLE] for link, way in tree.ways.items()
     }
@@ -111,7 +172,8 @@ def _tool(tree: Tree, name: str) -> str:
     could = [
         link
         for link in arm
-        if not _NO_TOOL.search(_words(link))
+        if link not in cut
+        and not _NO_TOOL.search(_words(link))
         and not (tree.ways[link][-1].parent in palms and _GRIPS.search(_words(link)))
     ]
     for tools in _TOOLS:
@@ -143,7 +205,7 @@ def _words(name: str) -> str:
 
 
 def _gripping(tree: Tree) -> set[str]:
-    """Joints of a gripper or a rod: by names, or as they follow a joint not before them."""
+    """Joints of a gripper or a rod: by names, or as they follow a joint beside them."""
     found = set()
     for joint in (each for each in tree.joints if each.moves):
         words = f"{_words(joint.name)} / {_words(joint.child)}"
@@ -154,7 +216,8 @@ def _gripping(tree: Tree) -> set[str]:
         if joint.follows is None:
             continue
         leader = tree.named.get(joint.follows[0])
-        if leader is not None and leader not in tree.ways[joint.parent]:
+        beside = leader is not None and joint not in tree.ways[leader.child]
+        if leader is not None and beside and leader not in tree.ways[joint.parent]:
             found.add(joint.name)
             if leader.parent == joint.parent and not _moves_more(tree, leader):
                 found.add(leader.name)

@@ -9,13 +9,15 @@ from calibtool.errors import InputError
 from calibtool.robot.markup import parse_xml
 
 SINGLE = ("revolute", "continuous", "prismatic")  # kinds of one degree of freedom
+MOST_LINKS, DEEPEST = 2000, 500  # Pinocchio goes down the tree call by call: 10,000 crash it
 UNBOUNDED = 1e3  # rad or m: larger limits are written where there are none
 _OF_JOINTS = ("parent", "child", "origin", "axis", "limit", "mimic")
 
 
 @dataclass(frozen=True)
 class Joint:
-    """One <joint>. lower, upper: rad or m, NaN where the URDF says nothing readable.
+    """One <joint>. lower, upper: rad or m, NaN where the URDF says nothing readable; of one limit
+    alone the other is 0, as the format has it. rpy: of its origin, rad, as it is written.
 
     follows: the joint that it mimics, with multiplier and offset.
     """
@@ -26,6 +28,7 @@ class Joint:
     child: str
     lower: float = nan
     upper: float = nan
+    rpy: tuple[float, ...] = ()
     follows: tuple[str, float, float] | None = None
 
     @property
@@ -86,9 +89,11 @@ def urdf_root(text: str, name: str, *, comments: bool = False) -> Element:
             element.tag = element.tag.removeprefix(f"{prefix}:")
     for joint in root.iterfind("joint"):
         for part in joint:
-            if isinstance(part.tag, str) and part.tag.rpartition(":")[2] in _OF_JOINTS:
-                part.tag = part.tag.rpartition(":")[2]
+            tag = part.tag.rpartition(":")[2].lower() if isinstance(part.tag, str) else ""
+            if tag in _OF_JOINTS:  # <Mimic> is meant as one, too
+                part.tag = tag
     _check_parents(root, name)
+    _check_size(root, name)
     return root
 
 
@@ -112,19 +117,44 @@ def _check_parents(root: Element, name: str) -> None:
         carried[joint.child] = joint.name
 
 
+def _check_size(root: Element, name: str) -> None:
+    """InputError for more links, or more of them in a row, than any robot has; and for a circle."""
+    above = {joint.child: joint.parent for joint in map(_joint, root.iterfind("joint"))}
+    if max(len(root.findall("link")), len(above)) > MOST_LINKS:
+        raise InputError(f"{name}: the URDF has more than {MOST_LINKS} links")
+    depth: dict[str, int] = {}
+    for link in above:
+        way: list[str] = []
+        while link in above and link not in depth and len(way) <= DEEPEST:
+            way.append(link)
+            link = above[link]
+        for step, passed in enumerate(reversed(way), start=depth.get(link, 0) + 1):
+            depth[passed] = step
+        if link in way:
+            circle = ", ".join(way[way.index(link) : way.index(link) + 8])
+            raise InputError(
+                f"{name}: links stand on each other in a circle ({circle}); a URDF is a tree"
+            )
+        if way and depth[way[0]] > DEEPEST:
+            raise InputError(f"{name}: the URDF has more than {DEEPEST} joints in a row")
+
+
 def _joint(element: Element) -> Joint:
     def attribute(part: str, key: str) -> str:
         found = element.find(part)
         return "" if found is None else found.get(key, "")
 
-    followed = element.find("mimic")
+    limit, followed = element.find("limit"), element.find("mimic")
+    given = limit is not None and ("lower" in limit.attrib or "upper" in limit.attrib)
+    lower, upper = (attribute("limit", key) or ("0" if given else "") for key in ("lower", "upper"))
     return Joint(
         name=element.get("name", ""),
         kind=element.get("type", ""),
         parent=attribute("parent", "link"),
         child=attribute("child", "link"),
-        lower=_number(attribute("limit", "lower")),
-        upper=_number(attribute("limit", "upper")),
+        lower=_number(lower),
+        upper=_number(upper),
+        rpy=tuple(map(_number, attribute("origin", "rpy").split())),
         follows=None
         if followed is None
         else (

@@ -5,8 +5,7 @@ import os
 import re
 import tempfile
 from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import TypeVar
+from typing import IO, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -32,7 +31,7 @@ def parse_urdf(urdf_text: str, name: str) -> pin.Model:
     InputError for what is no arm.
     """
     moving = ElementTree.tostring(_moving_parts(urdf_root(urdf_text, name)), "unicode")
-    model = read_urdf(moving, name, pin.buildModelFromUrdf)
+    model = read_urdf(moving, name, pin.buildModelFromXML)
     if model.njoints < 2:
         raise InputError(f"{name}: the URDF has no movable joint")
     _tell_joints_from_links(model)
@@ -63,16 +62,18 @@ def _moving_parts(root: ElementTree.Element) -> ElementTree.Element:
 
 
 def read_urdf(urdf_text: str, name: str, read: Callable[[str], T]) -> T:
-    """What `read` makes of a file with this text: urdfdom refuses some encodings in a string."""
+    """What `read` makes of a text that declares no encoding; InputError where it refuses it.
+
+    What urdfdom prints is kept in a file without a name, of which nothing can stay behind.
+    """
     try:
-        with tempfile.TemporaryDirectory(prefix="calibtool-") as folder:
-            path, output = Path(folder) / "robot.urdf", Path(folder) / "said"
-            path.write_text(urdf_text, encoding="utf-8")
+        with tempfile.TemporaryFile() as output:
             try:
                 with _redirected_stderr(output):
-                    return read(str(path))
+                    return read(urdf_text)
             except (ValueError, RuntimeError):
-                reason = _reason(output.read_text(errors="replace"))
+                output.seek(0)
+                reason = _reason(output.read().decode(errors="replace"))
                 raise InputError(
                     f"{name}: the URDF cannot be read{reason}; check it with a URDF checker"
                 ) from None
@@ -95,20 +96,19 @@ def _tell_joints_from_links(model: pin.Model) -> None:
 
 
 @contextlib.contextmanager
-def _redirected_stderr(path: Path) -> Iterator[None]:
+def _redirected_stderr(stream: IO[bytes]) -> Iterator[None]:
     """urdfdom writes to the process's stderr by itself: keep its output in a file."""
-    with path.open("wb") as stream:
-        try:
-            kept = os.dup(2)
-        except OSError:  # no stderr at all
-            yield
-            return
-        os.dup2(stream.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+    try:
+        kept = os.dup(2)
+    except OSError:  # no stderr at all
+        yield
+        return
+    os.dup2(stream.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def _reason(output: str) -> str:

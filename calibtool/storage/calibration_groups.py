@@ -1,33 +1,28 @@
 """A calibration as HDF5 groups."""
 
 from dataclasses import replace
-from typing import cast
+from typing import cast, get_args
 
 import h5py
 import numpy as np
 
 from calibtool.calibration.calibration import Calibration, CrossValidation
+from calibtool.calibration.fit import BASE_MODELS
 from calibtool.calibration.frame import FRAMES, ChosenFrame
 from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot
-from calibtool.equivalent.optimisers import History
+from calibtool.equivalent.optimisers import History, Optimiser
 from calibtool.equivalent.regressor import Regressor
 from calibtool.equivalent.regressors import REGRESSORS
-from calibtool.equivalent.training import TrainingReport
+from calibtool.equivalent.training import LossName, Regularisation, TrainingReport
 from calibtool.errormodel.families import FAMILIES
 from calibtool.identification.identification import Flagged, Identification, Posterior
 from calibtool.identification.parameters import Parameters, Part
-from calibtool.measurement.measurements import Setup
+from calibtool.measurement.measurements import SMALLEST_NOISE, Setup
 from calibtool.robot.description import VirtualJoint
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import check_poses
 from calibtool.storage.shared_groups import (
-    get,
-    get_indices,
-    get_with_gaps,
-    put,
     read_conditions,
     read_errors,
-    read_number,
     read_provenance,
     read_robot,
     read_setup,
@@ -35,7 +30,20 @@ from calibtool.storage.shared_groups import (
     write_errors,
     write_setup,
 )
-from calibtool.storage.texts import put_string, put_text, string, texts
+from calibtool.storage.stored_numbers import (
+    get,
+    get_covariance,
+    get_frames,
+    get_indices,
+    get_positive,
+    get_with_gaps,
+    put,
+    read_count,
+    read_number,
+)
+from calibtool.storage.texts import choice, put_string, put_text, string, texts
+
+_SCALES = ("input_scale", "output_scale")  # inputs are divided by them, outputs made of them
 
 _HELD_OUT = "held_out_rms_"  # and the name of a model
 
@@ -235,24 +243,29 @@ def build_calibration(file: h5py.File) -> Calibration:
     robot = read_robot(file)
     model = file["model"]
     setup = read_setup(file["registration"])
-    orientation = model.attrs.get("residual_rms_orientation_rad")
+    q = get(model, "joint_positions", -1, robot.n)
+    conditions = read_conditions(model["conditions"], robot.n)
+    conditions.check(q.shape, "model/conditions")
+    if not len(q):
+        raise ValueError("model/joint_positions holds no configuration")
+    orientation = "residual_rms_orientation_rad"
     base = Identification(
-        model=string(model, "name"),
+        model=choice(model, "name", BASE_MODELS),
         errors=read_errors(model["errors"], robot),
         setup=setup,
-        singular_values=get(model, "singular_values", -1),
-        rank=int(model.attrs["rank"]),
-        observable_rank=int(model.attrs["observable_rank"]),
+        singular_values=get(model, "singular_values", -1, below=np.inf),
+        rank=read_count(model, "rank"),
+        observable_rank=read_count(model, "observable_rank"),
         unobservable=texts(model, "unobservable"),
         residual_rms=(
-            read_number(model, "residual_rms_position_m"),
-            None if orientation is None else float(orientation),
+            read_number(model, "residual_rms_position_m", 0.0),
+            read_number(model, orientation, 0.0) if orientation in model.attrs else None,
         ),
-        iterations=int(model.attrs["iterations"]),
+        iterations=read_count(model, "iterations"),
         posterior=_posterior(model["posterior"], robot, setup) if "posterior" in model else None,
-        flagged=_flagged(model["flagged"]) if "flagged" in model else None,
+        flagged=_flagged(model["flagged"], len(q)) if "flagged" in model else None,
         held_out={
-            name.removeprefix(_HELD_OUT): read_number(model, name)
+            name.removeprefix(_HELD_OUT): read_number(model, name, 0.0, np.inf)
             for name in model.attrs
             if name.startswith(_HELD_OUT)
         },
@@ -263,7 +276,6 @@ def build_calibration(file: h5py.File) -> Calibration:
     names = cast(tuple[VirtualJoint, ...], virtual)
     equivalent = EquivalentRobot(robot.n, names, robot.chain.tree is not None)
     networks = file.get("networks", {})
-    validation = file["cross_validation"].attrs if "cross_validation" in file else None
     return Calibration(
         robot=robot,
         base=base,
@@ -271,17 +283,13 @@ def build_calibration(file: h5py.File) -> Calibration:
         networks=tuple(
             _network(networks[str(i)], robot.n, equivalent.p) for i in range(len(networks))
         ),
-        training=_training(file["training"]) if "training" in file else None,
-        validation=None
-        if validation is None
-        else CrossValidation(
-            int(validation["folds"]), float(validation["gain"]), float(validation["standard_error"])
-        ),
+        training=_training(file["training"], len(q)) if "training" in file else None,
+        validation=_validation(file["cross_validation"]) if "cross_validation" in file else None,
         nominal_setup=read_setup(file["registration_nominal"]),
-        noise_position=read_number(model, "noise_position_m"),
-        noise_orientation=read_number(model, "noise_orientation_rad"),
-        q=get(model, "joint_positions", -1, robot.n),
-        conditions=read_conditions(model["conditions"], robot.n),
+        noise_position=read_number(model, "noise_position_m", SMALLEST_NOISE),
+        noise_orientation=read_number(model, "noise_orientation_rad", SMALLEST_NOISE),
+        q=q,
+        conditions=conditions,
         provenance=read_provenance(file),
         simulated=bool(model.attrs.get("simulated", False)),
         frame=_frame(file["frame"]) if "frame" in file else None,
@@ -289,11 +297,8 @@ def build_calibration(file: h5py.File) -> Calibration:
 
 
 def _frame(group: h5py.Group) -> ChosenFrame:
-    name = string(group, "name")
-    if name not in FRAMES:
-        raise ValueError(f"frame/name '{name}' is none of {', '.join(FRAMES)}")
-    base, tool = (get(group, pose, 4, 4) for pose in ("T_taught_fitted", "T_tool_taught"))
-    check_poses(np.stack([base, tool]), "frame")
+    name = choice(group, "name", FRAMES)
+    base, tool = (get_frames(group, pose, 4, 4) for pose in ("T_taught_fitted", "T_tool_taught"))
     return ChosenFrame(name, base, tool)  # type: ignore[arg-type]
 
 
@@ -314,18 +319,24 @@ def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
     p = parameters.count
     return Posterior(
         parameters=parameters,
-        prior_std=get(group, "prior_std", p),
-        covariance=get(group, "covariance", p, p),
-        noise_factor=read_number(group, "noise_factor"),
+        prior_std=get_positive(group, "prior_std", p),
+        covariance=get_covariance(group, "covariance", p),
+        noise_factor=read_number(group, "noise_factor", 0.0),
         effective=read_number(group, "effective"),
         log_evidence=read_number(group, "log_evidence"),
         left=get(group, "left", 2) if "left" in group else np.ones(2),
     )
 
 
-def _flagged(group: h5py.Group) -> Flagged:
+def _validation(group: h5py.Group) -> CrossValidation:
+    return CrossValidation(
+        read_count(group, "folds"), read_number(group, "gain"), read_number(group, "standard_error")
+    )
+
+
+def _flagged(group: h5py.Group, count: int) -> Flagged:
     return Flagged(
-        rows=get_indices(group, "rows"),
+        rows=get_indices(group, "rows", count),
         deviation=get(group, "size", -1),
         position=get(group, "position", -1),
         cluster=string(group, "cluster") or None,
@@ -334,31 +345,36 @@ def _flagged(group: h5py.Group) -> Flagged:
 
 
 def _network(group: h5py.Group, n: int, p: int) -> Regressor:
-    kind = REGRESSORS[string(group, "kind")]
+    kind = REGRESSORS[choice(group, "kind", REGRESSORS)]
     sizes = {"joint": n, "motion": p, "hidden": group["output_weights"].shape[1]}
     shapes = {
         name: [sizes[dimension] for dimension in dimensions]
         for name, (_, _, dimensions) in kind.fields.items()
     }
-    return kind(**{name: get(group, name, *shape) for name, shape in shapes.items()})
+    return kind(
+        **{
+            name: (get_positive if name in _SCALES else get)(group, name, *shape)
+            for name, shape in shapes.items()
+        }
+    )
 
 
-def _training(group: h5py.Group) -> TrainingReport:
+def _training(group: h5py.Group, count: int) -> TrainingReport:
     history = History(
         training=get(group, "training_loss", -1),
         validation=get_with_gaps(group, "validation_loss", -1),  # NaN without validation rows
-        chosen=int(group.attrs["chosen"]),
+        chosen=read_count(group, "chosen"),
         reason=string(group, "reason"),
     )
     return TrainingReport(
         history=history,
-        training_rows=get_indices(group, "training_rows"),
-        validation_rows=get_indices(group, "validation_rows"),
+        training_rows=get_indices(group, "training_rows", count),
+        validation_rows=get_indices(group, "validation_rows", count),
         restart_losses=get(group, "restart_losses", -1),
         loss_without=read_number(group, "loss_without"),
-        loss=string(group, "loss"),  # type: ignore[arg-type]
-        optimiser=string(group, "optimiser"),  # type: ignore[arg-type]
-        regularisation=string(group, "regularisation"),  # type: ignore[arg-type]
+        loss=choice(group, "loss", get_args(LossName)),  # type: ignore[arg-type]
+        optimiser=choice(group, "optimiser", get_args(Optimiser)),  # type: ignore[arg-type]
+        regularisation=choice(group, "regularisation", get_args(Regularisation)),  # type: ignore[arg-type]
         effective=read_number(group, "effective"),
-        hidden=int(group.attrs["hidden"]),
+        hidden=read_count(group, "hidden"),
     )

@@ -1,8 +1,8 @@
 """Checks of an HDF5 file before it is read: its digest, its text heaps, its links and its sizes.
 
-An HDF5 call cannot be interrupted, and damaged bytes can send it into an endless loop. calibtool
-therefore appends one line with the SHA-256 of all bytes before it, where no reader of HDF5 looks.
-Files without that line, made or edited by other tools, are accepted if their heaps of texts end.
+The digest, one line behind the file where no reader of HDF5 looks, finds what happened to a file by
+accident, and says nothing about who wrote it: all other checks run with it and without it. An HDF5
+call cannot be interrupted, and damaged bytes can send it into an endless loop.
 """
 
 import hashlib
@@ -12,14 +12,17 @@ import struct
 from typing import Any
 
 import h5py
+import numpy as np
 
 _MARK = b"calibtool/sha256 "
 _DIGEST_LINE = re.compile(_MARK + rb"[0-9a-f]{64}\n\Z")
 _LENGTH = len(_MARK) + 65
-_HEAP = re.compile(rb"GCOL\x01\0\0\0", re.DOTALL)  # a global heap: signature, version 1
+_HEAP = re.compile(rb"GCOL\x01")  # a global heap: signature, version 1
 _ROOM = 16 << 20  # bytes that any file may hold …
 _PACKED = 20  # … and this many times its length: compressed numbers are not smaller
-_TEXTS = 32  # texts of one attribute
+_TEXTS = 8  # texts of one attribute
+_CHARACTERS = 1 << 24  # bytes of all texts of variable length: a file may refer to one many times
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def with_digest(data: bytes) -> bytes:
@@ -32,7 +35,9 @@ def _digest(data: memoryview) -> bytes:
 
 
 def check_bytes(data: bytes) -> None:
-    """ValueError for bytes that do not match the digest, or an endless global heap."""
+    """ValueError for bytes that do not match the digest, or an endless global heap; OSError for
+    what is no HDF5.
+    """
     if _DIGEST_LINE.search(data, max(0, len(data) - _LENGTH)):
         if data[-_LENGTH:] != _digest(memoryview(data)[:-_LENGTH]):
             raise ValueError(
@@ -40,7 +45,11 @@ def check_bytes(data: bytes) -> None:
                 f"(if it was edited on purpose: head -c -{_LENGTH} FILE is the same "
                 "without the digest)"
             )
-        return
+        data = data[:-_LENGTH]
+    if not data.startswith(_SIGNATURE):
+        raise OSError("no signature of HDF5")
+    if _sizes(data) != b"\x08\x08":  # of other numbers, the heaps below would be misread
+        raise ValueError("its addresses or lengths are not of 8 bytes")
     behind = data[_end_of_file(data) :]
     if behind and (behind.startswith(_MARK) or _MARK.startswith(behind)):
         raise ValueError(
@@ -48,6 +57,12 @@ def check_bytes(data: bytes) -> None:
         )
     for heap in _HEAP.finditer(data):
         _check_heap(data, heap.start())
+
+
+def _sizes(data: bytes) -> bytes:
+    """Bytes of an address and of a length, from the superblock."""
+    at = 13 if data[8:9] in (b"\0", b"\1") else 9
+    return data[at : at + 2]
 
 
 def _end_of_file(data: bytes) -> int:
@@ -78,7 +93,7 @@ def check_contents(file: h5py.File, length: int) -> None:
     length: bytes of the file. Soft and external links, virtual datasets and external storage would
     read other files; what claims much more than the file's length would fill the memory.
     """
-    room = _ROOM + _PACKED * length
+    room, characters = _ROOM + _PACKED * length, _CHARACTERS
     seen: set[int] = set()
     waiting: list[tuple[str, Any]] = [("", file)]
     while waiting:
@@ -87,7 +102,7 @@ def check_contents(file: h5py.File, length: int) -> None:
         if address in seen:
             raise ValueError(f"{path} is another object under a second name")
         seen.add(address)
-        _check_attributes(path, item)
+        characters -= _check_attributes(path, item)
         if isinstance(item, h5py.Group):
             for name in item:
                 below = f"{path}/{name}"
@@ -96,10 +111,13 @@ def check_contents(file: h5py.File, length: int) -> None:
                 waiting.append((below, item[name]))
         elif isinstance(item, h5py.Dataset):
             room -= _check_dataset(path, item)
+            characters -= _long_texts(item, characters)
             if room < 0:
                 raise ValueError(f"{path}: claims more data than a file of {length} bytes can hold")
         else:
             raise ValueError(f"{path} is neither a group nor a dataset")
+        if characters < 0:
+            raise ValueError(f"{path}: its texts are longer than {_CHARACTERS} characters together")
 
 
 def _check_dataset(path: str, dataset: h5py.Dataset) -> int:
@@ -111,9 +129,29 @@ def _check_dataset(path: str, dataset: h5py.Dataset) -> int:
     return int(math.prod(dataset.shape or ()) * dataset.dtype.itemsize)
 
 
-def _check_attributes(path: str, item: Any) -> None:
-    """Many references to one long text would fill the memory."""
+def _long_texts(dataset: h5py.Dataset, room: int) -> int:
+    """Bytes of its texts of variable length, read one at a time until there is no room."""
+    total = 0
+    if dataset.dtype.kind == "O":
+        for index in np.ndindex(dataset.shape):
+            total += len(dataset[index]) + 1
+            if total > room:
+                break
+    return total
+
+
+def _check_attributes(path: str, item: Any) -> int:
+    """Bytes of its attributes' texts of variable length. Many references to one long text would
+    fill the memory.
+    """
+    total = 0
     for name in item.attrs:
         attribute = item.attrs.get_id(name)
-        if attribute.dtype.kind == "O" and math.prod(attribute.shape) > _TEXTS:
+        if attribute.dtype.kind != "O":
+            continue
+        if math.prod(attribute.shape) > _TEXTS:
             raise ValueError(f"{path}: attribute {name} holds {math.prod(attribute.shape)} texts")
+        total += sum(len(text) + 1 for text in np.ravel(item.attrs[name]))
+        if total > _CHARACTERS:
+            break
+    return total

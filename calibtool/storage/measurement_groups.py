@@ -5,19 +5,22 @@ import h5py
 from calibtool.errormodel.actual import ActualRobot
 from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.storage.shared_groups import (
-    get,
-    get_indices,
-    get_with_gaps,
-    put,
     read_conditions,
     read_errors,
-    read_number,
     read_provenance,
     read_robot,
     read_setup,
     write_conditions,
     write_errors,
     write_setup,
+)
+from calibtool.storage.stored_numbers import (
+    get,
+    get_frames,
+    get_indices,
+    get_with_gaps,
+    put,
+    read_number,
 )
 from calibtool.storage.texts import put_string, put_text, texts
 
@@ -75,11 +78,11 @@ def write_measurements(file: h5py.File, measurements: Measurements) -> None:
             group,
             "values",
             measurements.values,
-            "m",
-            "measured lengths",
+            measurements.setup.kind.unit,
+            "measured values",
             "instrument",
             "configuration",
-            "length",
+            "value",
         )
     if measurements.place is not None:
         words = "labelled place of each row, from 0"
@@ -99,12 +102,13 @@ def build_measurements(file: h5py.File) -> Measurements:
     """The measurements of an open file. KeyError or ValueError for a damaged one."""
     robot = read_robot(file)
     group = file["measurements"]
-    rotations = get(group, "rotations", -1, 3, 3) if "rotations" in group else None
+    rotations = get_frames(group, "rotations", -1, 3, 3) if "rotations" in group else None
     truth = None
     if "truth" in file:
         stored = file["truth"]
         actual = ActualRobot(
-            read_errors(stored["errors"], robot), read_number(stored, "temperature_c")
+            read_errors(stored["errors"], robot),
+            read_number(stored, "temperature_c", -273.15),
         )
         truth = Truth(actual, read_setup(stored["registration"]))
     return Measurements(

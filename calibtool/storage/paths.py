@@ -1,10 +1,8 @@
 """Measurements and calibrations read from and written to paths, for scripts."""
 
 import os
-import tempfile
-from contextlib import suppress
-from pathlib import Path
 
+from calibtool.atomic_output import staged, written_at
 from calibtool.calibration.calibration import Calibration
 from calibtool.errors import InputError, UsageError
 from calibtool.measurement.measurements import Measurements
@@ -30,25 +28,19 @@ def write(
 ) -> None:
     """Write an HDF5 file, whole or not at all; an existing one is replaced only with `force`.
 
+    A file system without fsync, locks or hard links gives a weaker guarantee (docs/reliability.md).
     Raises UsageError if the file exists or cannot be written.
     """
-    target = Path(path)
-    if target.exists() and not force:
+    target = written_at(path)
+    try:
+        if target.exists() and not force:
+            raise FileExistsError
+        with staged(target) as part:
+            part.stream.write(to_bytes(contents))
+            part.publish(force)
+    except FileExistsError:
         raise UsageError(
             f"{path}: exists already; choose another name, or overwrite it with force=True"
-        )
-    data = to_bytes(contents)
-    temporary: str | None = None
-    try:
-        descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(data)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
-        os.replace(temporary, target)
+        ) from None
     except OSError as error:
-        if temporary is not None:
-            with suppress(OSError):
-                os.unlink(temporary)
         raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from None

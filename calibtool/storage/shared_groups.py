@@ -1,7 +1,5 @@
 """Groups that both kinds of HDF5 file have: robot, errors, conditions, set-up."""
 
-from typing import Any
-
 import h5py
 import numpy as np
 
@@ -12,58 +10,13 @@ from calibtool.measurement.kinds import KINDS
 from calibtool.measurement.measurements import Setup
 from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
-from calibtool.robot.se3 import Array, readonly
-from calibtool.storage.texts import put_string, put_text, string, text, texts
-
-
-def put(
-    group: h5py.Group, name: str, values: Any, units: str, long_name: str, frame: str, *dims: str
-) -> None:
-    """A dataset that describes itself."""
-    dataset = group.create_dataset(name, data=np.asarray(values))
-    put_string(dataset, "units", units)
-    put_string(dataset, "long_name", long_name)
-    put_string(dataset, "frame", frame)
-    for axis, label in enumerate(dims):
-        dataset.dims[axis].label = label
-
-
-def read_number(group: h5py.Group, name: str) -> float:
-    """A finite attribute. KeyError or ValueError otherwise."""
-    value = float(group.attrs[name])
-    if not np.isfinite(value):
-        raise ValueError(f"{group.name}: {name} is not finite")
-    return value
-
-
-def get(group: h5py.Group, name: str, *shape: int) -> Array:
-    """A finite dataset (…,) of the given shape, -1 for any length.
-
-    KeyError or ValueError otherwise.
-    """
-    array = get_with_gaps(group, name, *shape)
-    if not np.isfinite(array).all():
-        raise ValueError(f"{group.name}/{name} holds a value that is not finite")
-    return array
-
-
-def get_with_gaps(group: h5py.Group, name: str, *shape: int) -> Array:
-    """A dataset (…,) of the given shape, -1 for any length, where NaN has a meaning.
-
-    KeyError or ValueError otherwise.
-    """
-    dataset = group[name]
-    if dataset.dtype.kind not in "iuf":  # numpy would read numbers from text
-        raise ValueError(f"{dataset.name} holds {dataset.dtype}; expected numbers")
-    return readonly(dataset[()], shape)
-
-
-def get_indices(group: h5py.Group, name: str) -> np.ndarray:
-    """Row numbers from 0, (N,)."""
-    values = get(group, name, -1)
-    if (np.abs(values) >= 2**53).any():
-        raise ValueError(f"{group.name}/{name} holds a value that is no row number")
-    return values.astype(int)
+from calibtool.storage.stored_numbers import (
+    LARGEST_ERROR,
+    get,
+    get_frames,
+    put,
+)
+from calibtool.storage.texts import choice, put_string, put_text, string, text, texts
 
 
 def write_robot(file: h5py.File, robot: Robot) -> None:
@@ -110,14 +63,14 @@ def write_setup(group: h5py.Group, setup: Setup) -> None:
 def read_setup(group: h5py.Group) -> Setup:
     """The same back."""
     return Setup(
-        T_instrument_base=get(group, "T_instrument_base", 4, 4),
+        T_instrument_base=get_frames(group, "T_instrument_base", 4, 4),
         targets=get(group, "targets", -1, 3),
         **{
-            name: get(group, name, *shape)
-            for name, (shape, _, _) in KINDS[string(group, "kind")].arrays.items()
+            name: (get_frames if shape[-2:] in ((3, 3), (4, 4)) else get)(group, name, *shape)
+            for name, (shape, _, _) in KINDS[choice(group, "kind", KINDS)].arrays.items()
         },
         places=texts(group, "places") if "places" in group else (),
-        further_frames=get(group, "further_frames", -1, 4, 4)
+        further_frames=get_frames(group, "further_frames", -1, 4, 4)
         if "further_frames" in group
         else None,
         frame_known=bool(group.attrs["frame_known"]),
@@ -145,7 +98,8 @@ def read_errors(group: h5py.Group, robot: Robot) -> RobotErrors:
     """The same back. KeyError or ValueError for a damaged file."""
     shapes = {f.id: [-1] * len(f.shape(f.joints(robot))) for f in FAMILIES}
     return RobotErrors.of(
-        robot, **{name: get(group, name, *shape) for name, shape in shapes.items()}
+        robot,
+        **{name: get(group, name, *shape, below=LARGEST_ERROR) for name, shape in shapes.items()},
     )
 
 

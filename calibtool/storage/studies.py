@@ -19,8 +19,8 @@ from calibtool.evaluation.study.study_table import (
 )
 from calibtool.storage import STUDY
 from calibtool.storage.file_checks import with_digest
-from calibtool.storage.shared_groups import get_with_gaps, put
-from calibtool.storage.texts import put_string, put_text, string, text
+from calibtool.storage.stored_numbers import get_with_gaps, put
+from calibtool.storage.texts import put_string, put_text, string, text, texts
 
 SCHEMA_VERSION = 1
 
@@ -82,10 +82,8 @@ def build_study(file: h5py.File) -> StudyFile:
 
 def _column(group: h5py.Group, name: str) -> list[Cell]:
     if name in TEXTS:
-        return list(group[name].asstr()[()])
-    values = get_with_gaps(group, name, -1)
-    if np.isinf(values).any():
-        raise ValueError(f"{group.name}/{name} holds a value that is not finite")
+        return list(texts(group, name))
+    values = get_with_gaps(group, name, -1, below=np.inf)
     if name in COUNTS:
         if group[name].dtype.kind not in "iu":
             raise ValueError(

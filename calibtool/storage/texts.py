@@ -6,17 +6,17 @@ never passes. Text of fixed length lies in object headers, with checksums, or in
 own. Both kinds are read.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import h5py
 import numpy as np
 
-LONGEST_TEXTS = 1 << 20  # characters of a list of texts
+from calibtool.atomic_output import encoded
 
 
 def put_string(item: h5py.Group | h5py.Dataset, name: str, text: str) -> None:
     """A text attribute of a group or dataset."""
-    data = _encoded(text)
+    data = encoded(text)
     item.attrs[name] = np.array(data, _kind(data))
 
 
@@ -33,9 +33,17 @@ def string(item: h5py.Group | h5py.Dataset, name: str, default: str | None = Non
     return value
 
 
+def choice(item: h5py.Group, name: str, allowed: Iterable[str]) -> str:
+    """A text attribute that is one of a list. ValueError for any other."""
+    found = string(item, name)
+    if found not in (names := tuple(allowed)):
+        raise ValueError(f"{item.name}: {name} '{found[:100]}' is none of {', '.join(names)}")
+    return found
+
+
 def put_text(group: h5py.Group, name: str, text: str | Sequence[str], long_name: str) -> None:
     """Text, or a list of texts, that describes itself."""
-    data = _encoded(text) if isinstance(text, str) else [_encoded(item) for item in text]
+    data = encoded(text) if isinstance(text, str) else [encoded(item) for item in text]
     kind = _kind(data) if isinstance(data, bytes) else _kind(*data)
     dataset = group.create_dataset(name, data=np.array(data, kind), dtype=kind)
     put_string(dataset, "units", "")
@@ -51,27 +59,10 @@ def text(group: h5py.Group, name: str) -> str:
 
 
 def texts(group: h5py.Group, name: str) -> tuple[str, ...]:
-    """A list of texts, one read at a time: a small file may refer to one long text many times.
-
-    ValueError if too long.
-    """
-    dataset = group[name].asstr()
-    found: list[str] = []
-    room = LONGEST_TEXTS
-    for index in range(len(group[name])):
-        found.append(str(dataset[index]))
-        room -= len(found[-1]) + 1
-        if room < 0:
-            raise ValueError(f"{group.name}/{name} holds more than {LONGEST_TEXTS} characters")
-    return tuple(found)
-
-
-def _encoded(text: str) -> bytes:
-    """UTF-8.
-
-    File names that are none, which Python keeps as surrogates, become the replacement character.
-    """
-    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace").encode("utf-8")
+    """A list of texts; how long they may be together is checked before (`file_checks`)."""
+    if group[name].ndim != 1:
+        raise ValueError(f"{group.name}/{name} is no list of texts")
+    return tuple(map(str, group[name].asstr()[()]))
 
 
 def _kind(*data: bytes) -> np.dtype:

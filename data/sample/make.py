@@ -1,13 +1,11 @@
-"""The sample of docs/tutorial.md: what a tracker would have written of a simulated FANUC M-1000iA.
+"""The sample of docs/get-started.md: what a tracker would write of a simulated FANUC M-1000iA.
 
     python data/sample/make.py data/sample
 
 The robot, with the errors of KINDS, is that of `calibtool simulate fanuc-m1000ia --seed 5
---unregistered`:
-the tracker stands anywhere, and the three targets are not where the description has them.
-driven.csv is no output but an
-input: the corrected joints of before.csv, as step 6 of the tutorial gave them, to which the arm
-was driven for after.csv.
+--unregistered`: the tracker stands anywhere, and the three targets are not where the description
+has them. driven.csv is no output but an input: the corrected joints of before.csv, as step 2 of
+docs/how-to/prove-it.md gave them, to which the arm was driven for after.csv.
 """
 
 import csv
@@ -54,7 +52,6 @@ def files() -> dict[str, str]:
     simulation = Simulation(
         seed=SEED,
         configurations=60,
-        workspace=robot.workspace(None)[1],
         scales=ErrorScales(kinds=KINDS),
         unregistered=True,
     )
@@ -72,7 +69,7 @@ def files() -> dict[str, str]:
 
 def _cycles(robot: Robot, tracker: Measurements) -> Measurements:
     """The five poses of ISO 9283 in cycles, P5 to P1, measured before any correction."""
-    cube = plan_test(robot, robot.workspace(None)[1], Constraints(), robot.targets, CUBE)
+    cube = plan_test(robot, robot.workspace(), Constraints(), robot.targets, CUBE)
     q = np.tile(cube.q[::-1], (CYCLES, 1))
     return simulate(robot, Simulation(seed=SEED + 1, at=q, same_robot=tracker.truth))
 
@@ -98,11 +95,10 @@ def _table(measurements: Measurements, joints: bool = True) -> str:
 
 
 def _poses(robot: Robot, shifts: list[tuple[float, float, float]]) -> np.ndarray:
-    """The pose at the workspace's home, moved by metres along the axes of the base frame: (N, 4,
-    4)."""
-    T = np.repeat(
-        robot.mechanism.forward(robot.home(robot.workspace(None)[1])[None]), len(shifts), axis=0
-    )
+    """The pose at the workspace's home, moved by metres along the axes of the base
+    frame: (N, 4, 4).
+    """
+    T = np.repeat(robot.mechanism.forward(robot.workspace().home[None]), len(shifts), axis=0)
     T[:, :3, 3] += shifts
     return T
 
@@ -120,7 +116,7 @@ def _targets(robot: Robot) -> str:
 
 def _program(robot: Robot) -> str:
     """Home and an approach as joints, a seam of two poses."""
-    home = np.rad2deg(robot.to_controller(robot.home(robot.workspace(None)[1])[None])[0])
+    home = np.rad2deg(robot.to_controller(robot.workspace().home[None])[0])
     texts = [_joints('1:"home"', home)]
     for k, T in enumerate(_poses(robot, [(0.1, -0.3, -0.2), (0.1, 0.3, -0.2)])):
         x, y, z = T[:3, 3] * 1e3

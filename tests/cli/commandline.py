@@ -84,11 +84,18 @@ def refused(code: int, *arguments: object, stdin: bytes | str = b"") -> str:
     return line
 
 
+def remarks(result: Result) -> str:
+    """What a command said on stderr but for the lines that name what it wrote."""
+    lines = result.stderr.splitlines(keepends=True)
+    return "".join(line for line in lines if not line.startswith("wrote "))
+
+
 def only_line(stderr: str) -> str:
-    """The one line of stderr that is not a warning; neither a traceback nor a request
-    for a bug report.
+    """The one line of stderr that is neither a warning nor names an output: no traceback, and no
+    request for a bug report.
     """
-    lines = [line for line in stderr.splitlines() if not line.startswith("warning: ")]
+    known = ("warning: ", "wrote ")  # of outputs that are written before a limit is judged
+    lines = [line for line in stderr.splitlines() if not line.startswith(known)]
     assert len(lines) == 1, stderr
     assert "Traceback" not in stderr
     assert not lines[0].startswith("unexpected "), lines[0]

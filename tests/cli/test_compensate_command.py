@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import Files, refused, rows_of, run, stored, write_table
+from commandline import Files, refused, remarks, rows_of, run, stored, write_table
 from scipy.spatial.transform import Rotation
 
 from calibtool.robot.catalogue import load_robot
@@ -234,7 +234,7 @@ def test_an_unreachable_pose(files: Files) -> None:
     np.testing.assert_allclose(
         joints_of(Path("corrected.csv").read_text(), SIX)[[0, 2]], expected[[0, 2]], atol=1e-5
     )
-    lines = result.stderr.splitlines()
+    lines = remarks(result).splitlines()
     assert len(lines) == 3
     assert lines[0].startswith("poses.csv:3: ")
     assert lines[1].startswith("limit of the change of a joint: ")
@@ -245,7 +245,7 @@ def test_an_unreachable_pose(files: Files) -> None:
 def test_many_remarks_are_counted(files: Files) -> None:
     write_table("t.csv", PLANAR, [[175, 20, 30]] * 25)
     result = run("compensate", files.network, "t.csv")
-    lines = result.stderr.splitlines()
+    lines = remarks(result).splitlines()
     assert [line.split(": ")[0] for line in lines[:-2]] == [f"t.csv:{k}" for k in range(2, 12)]
     assert "15 more rows" in lines[-2]
     assert len(rows_of(result.stdout)) == 25

@@ -2,6 +2,7 @@
 carries data only.
 """
 
+import re
 from pathlib import Path
 from shutil import copy
 
@@ -175,18 +176,20 @@ def test_the_table_for_people_goes_to_stderr(files: Files) -> None:
     value = answer("evaluate", files.network, files.paper, "--on", files.fresh)
     for method in value["methods"]:
         row = next(line.split() for line in lines if line.split()[:1] == [method["name"]])
-        assert row[1] == f"{method['position_mm']['mean']:.3f}"
-        assert row[4] == f"{method['position_mm']['max']:.3f}"
-        assert row[9] == f"{method['orientation_mrad']['max']:.3f}"
+        turned = [line.split() for line in lines if line.split()[:1] == [method["name"]]][1]
+        assert float(row[1]) == pytest.approx(method["position_mm"]["mean"], rel=5e-3)
+        assert float(row[4]) == pytest.approx(method["position_mm"]["max"], rel=5e-3)
+        assert float(turned[4]) == pytest.approx(method["orientation_mrad"]["max"], rel=5e-3)
+        lowered = method["reduction_percent"]["position_max"]
+        if method["name"] != "nominal":
+            assert row[5] == f"{'−' if lowered > 0 else '+'}{abs(lowered):.1f}"
 
 
 def test_what_no_joint_can_correct_is_reported(files: Files) -> None:
     stderr = run("evaluate", files.network, "--on", files.fresh).stderr
     beyond = answer("evaluate", files.network, "--on", files.fresh)["uncorrectable"]
-    assert (
-        f"30 poses are out of the joints' reach: at best {beyond['position_mm']['mean']:.3f} mm"
-        in stderr
-    )
+    found = re.search(r"30 poses are out of the joints' reach: at best ([0-9.]+) mm", stderr)
+    assert float(found[1]) == pytest.approx(beyond["position_mm"]["mean"], rel=5e-3)
 
 
 def test_json_leaves_stderr_empty(files: Files) -> None:
@@ -427,9 +430,11 @@ def test_rows_unlike_the_training_are_counted(files: Files) -> None:
         "-o",
         "far.h5",
     )
-    warning = "network: {} of 40 configurations are unlike the training's"
+    warning = "network: {} of 40 configurations {} unlike the training's"
     shown = run("evaluate", files.network, "--on", "far.h5").stderr
-    assert any(warning.format(count) in shown for count in range(1, 41))
+    assert any(
+        warning.format(count, "is" if count == 1 else "are") in shown for count in range(1, 41)
+    )
     message = refused(4, "evaluate", files.network, "--on", "far.h5", "--outside", "refuse")
     assert message.startswith("network: ")
 
@@ -447,6 +452,7 @@ def test_positions_alone_are_shown_without_orientation(files: Files) -> None:
     run("import", "t.csv", "--robot", "ur10", "-o", "m.h5")
     run("identify", "m.h5", "--model", "local-poe", "-o", "c.h5")
     lines = [line.strip() for line in run("evaluate", "c.h5", "--on", "m.h5").stderr.splitlines()]
-    assert next(line for line in lines if line.startswith("nominal")).split()[-5:] == ["-"] * 5
-    assert any("measured minus predicted, mm," in line for line in lines)
-    assert next(line for line in lines if line.startswith("RP")).split()[1:] == ["0.000"] * 8
+    assert len([line for line in lines if line.startswith("nominal")]) == 1
+    assert not any("mrad" in line for line in lines)
+    stacked = [line.split()[1:] for line in lines if line.startswith("RP")]
+    assert [value for row in stacked for value in row] == ["0"] * 8

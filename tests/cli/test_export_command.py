@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import Files, answer, refused, rows_of, run, write_table
+from commandline import Files, answer, refused, remarks, rows_of, run, write_table
 from exported import STATUS
 
 
 def test_json_on_stdout_and_in_a_file(files: Files) -> None:
     result = run("export", files.network, "--format", "json")
-    assert result.stderr == ""
+    assert remarks(result) == ""
     run("export", files.network, "--format", "json", "-o", "c.json")
     assert Path("c.json").read_text(encoding="utf-8") == result.stdout
     assert (
@@ -45,7 +45,7 @@ def test_c_is_a_source_and_a_header_beside_it(files: Files) -> None:
     Path("src").mkdir()
     result = run("export", files.network, "--format", "c", "-o", "src/robot_a.c")
     assert result.stdout_bytes == b""
-    assert result.stderr == ""
+    assert remarks(result) == ""
     assert sorted(path.name for path in Path("src").iterdir()) == ["robot_a.c", "robot_a.h"]
     source, header = Path("src/robot_a.c").read_text(), Path("src/robot_a.h").read_text()
     assert '#include "robot_a.h"' in source
@@ -210,7 +210,7 @@ def test_a_prefix_names_the_symbols(files: Files) -> None:
 
 def test_geometries_are_robots_again_and_list_what_they_leave_out(files: Files) -> None:
     for format in ("dh", "mdh"):
-        said = run("export", files.local_poe, "--format", format, "-o", f"{format}.csv").stderr
+        said = remarks(run("export", files.local_poe, "--format", format, "-o", f"{format}.csv"))
         assert all(line.startswith(f"not in the {format}: ") for line in said.splitlines())
         assert answer("robots", f"{format}.csv")["joints"] == "RRR"
     run("export", files.local_poe, "--format", "offsets", "-o", "offsets.csv")
@@ -227,7 +227,7 @@ def test_backlash_that_is_left_out_is_said(files: Files) -> None:
     run("simulate", "planar-3r", *simulated, "-o", "m.h5")
     run("identify", "m.h5", "--backlash", "-o", "c.h5")
     for name in ("c.json", "c.c", "c.st"):
-        said = run("export", "c.h5", "-o", name).stderr
+        said = remarks(run("export", "c.h5", "-o", name))
         assert said.startswith("warning: left out: backlash (")
         assert said.count("\n") == 1
         held = Path(name).with_suffix(".h") if name == "c.c" else Path(name)

@@ -2,6 +2,7 @@
 quick (no heavy import).
 """
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,9 +11,19 @@ from shutil import copy
 from typing import Any
 
 import pytest
-from commandline import COMMANDS, ENVIRONMENT, Files, example_of, measured_table, run, write_table
+from commandline import (
+    COMMANDS,
+    ENVIRONMENT,
+    Files,
+    example_of,
+    measured_table,
+    refused,
+    run,
+    write_table,
+)
 
 import calibtool
+from calibtool.cli.command_help import GROUPS, completions
 
 # What scripts rely on (docs/commands.md); a name may be added, none may go.
 CONTRACT = {
@@ -70,6 +81,73 @@ def test_every_command_states_what_it_does(command: str) -> None:
     assert first.endswith(".")
     assert len(first) > 15
     assert f" {command} " in run("--help").stdout
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_first_line_is_whole_in_the_list_of_commands(command: str) -> None:
+    first = COMMANDS[command].help.strip().splitlines()[0]
+    assert first in run("--help").stdout
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_uses_no_words_of_the_paper_or_of_python(command: str) -> None:
+    text = run(command, "--help").stdout
+    assert not re.search(r"\bEq\.|\bthe paper\b|<(int|str|float|list|bool)|x>=", text)
+
+
+def test_options_are_in_groups_and_every_group_is_used() -> None:
+    text = run("evaluate", "--help").stdout
+    places = [text.index(f"\n{head}:\n") for head in ("Arguments", "Data", "Method", "Output")]
+    assert places == sorted(places)
+    assert text.index("--on ") < text.index("\nMethod:") < text.index("--outside ")
+    known = {p.name for command in COMMANDS.values() for p in command.params}
+    for names in GROUPS.values():
+        assert set(names.split()) <= known
+
+
+@pytest.mark.parametrize(
+    ("metavar", "begun", "found"),
+    [
+        ("ROBOT", "ur1", ["ur10", "ur10e", "ur16e"]),
+        ("FIGURE", "o", ["observability"]),
+        ("KINDS", "g", ["geometric", "gear", "gravity"]),
+        ("json|c|st", "", ["json", "c", "st"]),
+        ("nominal|FILE", "", ["nominal", "a.h5", "b.csv", "sub/"]),
+        ("CALIBRATION...", "", ["a.h5", "sub/"]),
+        ("MEASUREMENTS", "sub/", ["sub/c.h5"]),
+        ("FILE.csv", "", ["b.csv", "sub/"]),
+        ("N", "", []),
+    ],
+)
+def test_values_are_completed(metavar: str, begun: str, found: list[str]) -> None:
+    Path("sub").mkdir()
+    for name in ("a.h5", "b.csv", "sub/c.h5", ".hidden.h5"):
+        Path(name).touch()
+    assert sorted(completions(metavar, begun)) == sorted(found)
+
+
+def test_the_shell_gets_the_values() -> None:
+    words = {"COMP_WORDS": "calibtool simulate planar", "COMP_CWORD": "2"}
+    asked = {**ENVIRONMENT, **words, "_CALIBTOOL_COMPLETE": "complete_bash"}
+    done = subprocess.run(
+        [sys.executable, "-m", "calibtool"], env=asked, capture_output=True, timeout=60
+    )
+    assert done.stdout.decode().split() == ["planar-3r"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["evaluat"], "did you mean evaluate? (see calibtool --help)"),
+        (["xyzzy"], "known: guide, robots, "),
+        (["train", "m.h5", "--fold", "3"], "did you mean --folds"),
+        (["train", "m.h5", "--xyzzy"], "known: --output, --base, "),
+        (["train"], "(see calibtool train --help)"),
+        (["evaluate", "a", "--on", "b", "--method", "x"], "(see calibtool evaluate --help)"),
+    ],
+)
+def test_wrong_use_leads_to_the_right_page(words: list[str], says: str) -> None:
+    assert says in refused(2, *words)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -181,6 +259,12 @@ def _nothing(files: Files) -> None:
     del files
 
 
+def _complete(files: Files) -> None:
+    """A complete model, and fresh rows of the same robot."""
+    run("identify", files.measurements, "-q", "-o", "complete.h5")
+    copy(files.fresh, "fresh.h5")
+
+
 PREPARED: dict[
     str, tuple[Callable[[Files], None], list[str]]
 ] = {  # what must be there, what must come out
@@ -197,11 +281,14 @@ PREPARED: dict[
     "report": (_calibrations, ["report.html"]),
     "view": (_measurements, ["view.html"]),
     "study": (_nothing, ["study.csv"]),
+    "monitor": (_complete, ["drift.ndjson"]),
     "info": (_calibration, []),
 }
 
 
-@pytest.mark.parametrize("command", [name for name in COMMANDS if name not in ("demo", "serve")])
+@pytest.mark.parametrize(
+    "command", [name for name in COMMANDS if name not in ("demo", "serve", "guide")]
+)
 def test_example_runs(command: str, files: Files) -> None:
     prepare, outputs = PREPARED[command]
     prepare(files)

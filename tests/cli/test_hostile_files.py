@@ -37,6 +37,21 @@ def test_a_robot_that_points_outside_of_its_folder() -> None:
         assert "is outside of arm; copy the file there" in refused(3, *command)
 
 
+def test_a_folder_that_is_allowed() -> None:
+    Path("arm").mkdir()
+    Path("urdf/deep").mkdir(parents=True)
+    Path("urdf/deep/robot.urdf").write_text(load_robot("planar-3r").source.urdf_text)
+    named = load_robot("planar-3r").source.toml_text.replace(
+        "robot.urdf", "../urdf/deep/robot.urdf"
+    )
+    Path("arm/robot.toml").write_text(named)
+    run("robots", "arm", "--allow", "urdf")
+    run("simulate", "arm", "--allow", "urdf", "-n", "5", "-o", "out.h5")
+    assert "is outside of arm" in refused(3, "robots", "arm", "--allow", "arm")
+    assert "--allow: gone: no such folder" in refused(2, "robots", "arm", "--allow", "gone")
+    Path("out.h5").unlink()
+
+
 @pytest.mark.parametrize(
     "text", ["a = " + "[" * 5000, "a = " + "9" * 5000, "a." * 30_000 + "b = 1"]
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import answer, refused, run, stored
+from commandline import answer, refused, remarks, run, stored
 
 CASES = Path(__file__).parents[1] / "imports"
 
@@ -23,7 +23,7 @@ def imported(name: str, *options: object) -> str:
     """What stderr says about a file; m.h5 is written."""
     result = run("import", f"{name}.csv", "--robot", "ur10", *options, "-o", "m.h5")
     assert result.stdout_bytes == b""
-    return result.stderr
+    return remarks(result)
 
 
 def warnings(stderr: str) -> list[str]:
@@ -86,6 +86,16 @@ def test_two_clocks_are_told_by_their_offset() -> None:
     said = imported("moving_points", *options, "--clock-offset", "-0.05", "--force")
     assert warnings(said) == []
     assert "the clocks agree to" in said
+    said = imported("moving_points", *options, "--clock-offset", "auto", "--force")
+    estimate = re.search(r"note: clock offset (\S+) s, ± (\S+) ms", said)
+    assert estimate is not None
+    assert float(estimate[1]) == pytest.approx(-0.05, abs=0.2e-3)
+    assert float(estimate[2]) < 0.2
+    assert warnings(said) == []
+    refusal = refused(
+        2, "import", "moving_points.csv", "--robot", "ur10", *options, "--clock-offset", "x"
+    )
+    assert refusal == "--clock-offset: 'x' is no number of seconds, nor auto"
 
 
 def test_interpolation_is_linear_between_the_rows_of_the_stream() -> None:
@@ -187,7 +197,7 @@ def test_another_robot_is_refused_without_consent() -> None:
     assert "the nominal robot explains the points to" in message
     assert "--accept-misfit" in message
     options = ("--joint-values", "serial", "--accept-misfit", "-o", "m.h5")
-    said = run("import", table, "--robot", "fanuc-m1000ia", *options).stderr
+    said = remarks(run("import", table, "--robot", "fanuc-m1000ia", *options))
     assert "explains the points to" in warnings(said)[-1]
 
 

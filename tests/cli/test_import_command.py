@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import Files, answer, measured_table, refused, run, stored, write_table
+from commandline import Files, answer, measured_table, refused, remarks, run, stored, write_table
 from scipy.spatial.transform import Rotation
 
 from calibtool.robot.catalogue import load_robot
@@ -29,7 +29,7 @@ def map_text(joints: list[str], targets: str, unit: str = "deg", more: str = "")
 def test_by_the_names_of_the_header(files: Files, table: str) -> None:
     result = run("import", table, "--robot", "planar-3r", "-o", "m.h5")
     assert result.stdout_bytes == b""
-    assert result.stderr == ""
+    assert remarks(result) == ""
     np.testing.assert_allclose(
         stored("m.h5", JOINTS), stored(files.measurements, JOINTS), atol=1e-14
     )
@@ -385,7 +385,7 @@ def test_rows_outside_the_limits_are_kept_with_a_warning(files: Files) -> None:
     ]
     write_table("t.csv", header, np.hstack([np.rad2deg(q), points.reshape(len(q), -1)]).tolist())
     result = run("import", "t.csv", "--robot", "planar-3r", "-o", "m.h5")
-    assert result.stderr.count("\n") == 1
+    assert remarks(result).count("\n") == 1
     assert result.stderr.startswith("warning: t.csv:6: 2 of 40 rows")
     np.testing.assert_allclose(stored("m.h5", JOINTS), q, atol=1e-14)
 
@@ -405,7 +405,7 @@ def test_findings_are_on_stderr_and_in_info(table: str) -> None:
     lines = [line.split(",") for line in Path(table).read_text().splitlines()]
     rows = [[repr(float(row[0]) * np.pi / 180), *row[1:]] for row in lines[1:]]
     write_table("t.csv", lines[0], rows)
-    stderr = run("import", "t.csv", "--robot", "planar-3r", "-o", "m.h5").stderr
+    stderr = remarks(run("import", "t.csv", "--robot", "planar-3r", "-o", "m.h5"))
     assert stderr.startswith("warning: the nominal robot explains the points to ")
     assert "joint 1 is in rad, given as degrees" in stderr
     finding = answer("info", "m.h5")["findings"][0]
@@ -416,7 +416,7 @@ def test_findings_are_on_stderr_and_in_info(table: str) -> None:
 
 
 def test_a_clean_file_has_no_findings(table: str) -> None:
-    assert run("import", table, "--robot", "planar-3r", "-o", "m.h5").stderr == ""
+    assert remarks(run("import", table, "--robot", "planar-3r", "-o", "m.h5")) == ""
     assert answer("info", "m.h5")["findings"] == []
 
 
@@ -432,7 +432,7 @@ def test_joint_values_of_a_controller(files: Files) -> None:
     result = run(
         "import", table, "--robot", "fanuc-m1000ia", "--joint-values", "serial", "-o", "s.h5"
     )
-    assert result.stderr == ""
+    assert remarks(result) == ""
     assert "--joint-values" in refused(
         2, "import", table, "--robot", "fanuc-m1000ia", "--joint-values", "arm"
     )

@@ -143,7 +143,7 @@ def test_a_failure_while_writing_leaves_everything_as_it_was(
 
     arguments, output = WRITERS[writer]
     Path(output).write_text("mine")
-    monkeypatch.setattr(f"calibtool.cli.atomic_output.os.{broken}", fail)
+    monkeypatch.setattr(f"calibtool.atomic_output.os.{broken}", fail)
     before = contents(Path.cwd())
     result = run(*arguments, "-o", output, "--force", code=2)
     assert contents(Path.cwd()) == before
@@ -166,7 +166,7 @@ def test_c_code_is_written_whole_or_not_at_all(
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         replace(source, str(target))
 
-    monkeypatch.setattr("calibtool.cli.atomic_output.os.replace", fail)
+    monkeypatch.setattr("calibtool.atomic_output.os.replace", fail)
     refused(2, "export", "c.h5", "--format", "c", "-o", "out.c", "--force")
 
 
@@ -181,8 +181,8 @@ def test_measurements_and_the_rest_are_written_whole_or_not_at_all(
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         link(source, str(target))
 
-    monkeypatch.setattr("calibtool.cli.atomic_output.os.link", fail)
-    monkeypatch.setattr("calibtool.cli.atomic_output.os.replace", fail)
+    monkeypatch.setattr("calibtool.atomic_output.os.link", fail)
+    monkeypatch.setattr("calibtool.atomic_output.os.replace", fail)
     message = refused(
         2,
         "import",

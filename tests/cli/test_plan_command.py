@@ -30,7 +30,7 @@ def test_stdout_is_the_table_and_stderr_the_report() -> None:
     rows = rows_of(result.stdout)
     assert list(rows[0]) == ["j1_deg", "j2_deg", "j3_mm", "j4_deg"]
     assert len(rows) == 6
-    for word in ("scara, bench", "before", "random", "selected", "O1", "O5"):
+    for word in ("scara, bench", "before", "random", "selected", "parameters known", "--json"):
         assert word in result.stderr
 
 
@@ -109,7 +109,7 @@ def test_poses_of_an_acceptance_test_and_their_figures(files: Files) -> None:
     assert [entry["name"] for entry in value["methods"]] == ["nominal", "six-network"]
     assert len(value["rp_mm"]) == len(value["methods"][1]["ap_mrad"]) == 5
     shown = run("evaluate", files.six_network, "--on", "m.h5").stderr
-    for word in ("ISO 9283, 5 repeats", "AP nominal", "AP six-network", "RP", "P5"):
+    for word in ("ISO 9283, 5 poses measured 5 times", "AP nominal", "AP six-network", "RP", "P5"):
         assert word in shown
 
 
@@ -172,3 +172,28 @@ def test_calibrations_that_are_no_start(files: Files) -> None:
         2, "plan", "planar-3r", "--from", files.local_poe, "--unregistered"
     )
     assert "MEASUREMENTS" not in refused(3, "plan", "planar-3r", "--from", files.measurements)
+
+
+def test_a_plan_for_a_probe_its_program_and_the_next_one() -> None:
+    """Planes are proposed; where they really stand is known after a few rows."""
+    observe = ("--observe", "plane", "--places", 3, "--candidates", 150)
+    made = run("plan", "ur5", "-n", 12, *observe, "-o", "p.csv", "--program", "rows.script")
+    assert made.stderr.count("note: plane ") == 3
+    header, *rows = Path("p.csv").read_text().splitlines()
+    assert header.endswith(",plane")
+    assert len(rows) == 12
+    program = Path("rows.script").read_text()
+    assert program.count("movej(") == 12
+    assert "# plane 3" in program
+    message = refused(2, "plan", "ur5", *observe, "--program", "rows.txt")
+    assert message.startswith("rows.txt: a program of rows is .ls (FANUC)")
+    run("simulate", "ur5", "--observe", "plane", "--places", 2, "-n", 60, "-o", "m.h5")
+    run("identify", "m.h5", "-o", "c.h5")
+    message = refused(2, "plan", "ur5", "--from", "c.h5")
+    assert message.startswith("c.h5: it was identified from another instrument (heights above")
+    next_rows = ("--set-up", "m.h5", "--candidates", 150, "-n", 6)
+    value = answer("plan", "ur5", "--from", "c.h5", *next_rows, "-o", "n.csv")
+    after, before = (value[k]["target_std_mean_mm"] for k in ("selected", "before"))
+    assert after < before
+    assert {row["plane"] for row in value["plan"]} <= {"plane 1", "plane 2"}
+    assert refused(2, "plan", "ur5", *observe, "--set-up", "m.h5").startswith("--observe and")

@@ -4,7 +4,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from commandline import Files, refused, run
+from commandline import Files, refused, remarks, run
 
 
 def looks_like(path: str) -> str:
@@ -22,7 +22,7 @@ def test_formats_of_the_training_curve(files: Files, name: str) -> None:
     result = run("plot", "training", files.network, "-o", name)
     assert looks_like(name) == name.lower().split(".")[1]
     assert result.stdout_bytes == b""
-    assert result.stderr == ""
+    assert remarks(result) == ""
 
 
 def test_errors_name_every_method(files: Files) -> None:

@@ -60,7 +60,7 @@ def test_before_and_after_are_measured_and_state_so(there: Path) -> None:
     assert "commanded against measured" in said
     for words in (
         "before, measured",
-        "after, measured (c)",
+        "corrected by c",
         "expected, without noise",
         "AP after, measured",
         "RP before",
@@ -80,7 +80,7 @@ def test_without_before_it_is_expected(there: Path) -> None:
 
 def test_predictions_are_not_called_after(there: Path) -> None:
     run("import", "s/verification.csv", *FANUC, "-o", "v.h5")
-    said = run("evaluate", "c.h5", "--on", "v.h5").stderr
+    said = " ".join(run("evaluate", "c.h5", "--on", "v.h5").stderr.split())
     assert "measured minus predicted: what to expect after correction" in said
     run("report", "c.h5", "--on", "v.h5", "-o", "v.html")
     run("report", "c.h5", "--on", "after.h5", "--before", "before.h5", "-o", "p.html")

@@ -8,11 +8,12 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
-from commandline import Files, answer, only_line, refused, run
+from commandline import Files, answer, only_line, refused, rows_of, run
 
 LIMIT = "position_max_mm=0.001"
 Open = Callable[..., dict[str, Any]]
@@ -36,7 +37,8 @@ _LOOK = """<script>addEventListener("load", () => setTimeout(() => {
     paper: getComputedStyle(document.body).backgroundColor,
     ink: getComputedStyle(document.body).color,
     axes: getComputedStyle(document.querySelector(".drawing svg text")).fill,
-    printed: [...document.querySelectorAll("details")].filter((d) => d.open).length,
+    scene: document.querySelector("#scene").getContext("2d")
+      .getImageData(0, 0, 4000, 4000).data.some((v) => v),
   });
 }, 100));</script></body>"""
 
@@ -146,7 +148,38 @@ def test_the_page_in_a_browser(look: Open, width: int, dark: bool) -> None:
     assert seen["wide"] == []
     assert len(seen["sections"]) == 13
     assert seen["drawings"] >= 6
-    assert seen["printed"] > 0
+    assert seen["scene"]
     assert (_lightness(seen["paper"]) < 60) == dark
     assert (_lightness(seen["ink"]) > 180) == dark
     assert (_lightness(seen["axes"]) > 180) == dark
+
+
+@pytest.mark.parametrize("paper", ["a4", "letter"])
+def test_the_printed_document_has_six_pages_at_most(files: Files, paper: str) -> None:
+    if shutil.which("chromium") is None and find_spec("weasyprint") is None:
+        pytest.skip("there is neither Chromium nor WeasyPrint")
+    judged = ["report", files.six_network, "--on", files.six_fresh, "--pdf", "r.pdf"]
+    said = run(*judged, "--paper", paper, "--serial", "7").stderr
+    assert "wrote r.pdf: " in said
+    pdf = Path("r.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF-")
+    assert 2 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 6
+
+
+def test_a_pdf_needs_something_that_prints(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("calibtool.evaluation.report.pdf.shutil.which", lambda name: None)
+    monkeypatch.setattr("calibtool.evaluation.report.pdf.find_spec", lambda name: None)
+    message = refused(2, "report", files.network, "--on", files.fresh, "--pdf", "r.pdf")
+    assert message.startswith("--pdf needs Chromium or WeasyPrint")
+
+
+def test_every_parameter_is_in_its_table(files: Files) -> None:
+    run("identify", files.measurements, "-o", "c.h5")
+    run("report", "c.h5", "--on", files.fresh, "--parameters", "p.csv")
+    rows = rows_of(Path("p.csv").read_text())
+    known = answer("info", "c.h5")["base"]["parameter_table"]
+    assert [row["parameter"] for row in rows] == [entry["id"] for entry in known]
+    assert all(
+        float(row["value"]) == pytest.approx(entry["value"], rel=1e-6)
+        for row, entry in zip(rows, known, strict=True)
+    )

@@ -437,3 +437,10 @@ def test_a_payload_is_refused_without_its_errors() -> None:
     )
     for bad in ("1,2,3", "-1", "x"):
         assert "--payload-kg" in refused(2, "simulate", "ur5", f"--payload-kg={bad}", "-o", "n.h5")
+
+
+def test_the_same_robot_by_another_instrument_needs_its_name() -> None:
+    run("simulate", "ur10", "--observe", "distance", "-n", 20, "-o", "wires.h5")
+    message = refused(2, "simulate", "ur10", "--same-robot", "wires.h5", "-o", "m.h5")
+    assert "give --observe" in message
+    run("simulate", "ur10", "--same-robot", "wires.h5", "--observe", "distance", "-o", "m.h5")

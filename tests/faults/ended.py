@@ -23,14 +23,15 @@ import calibtool.demo
 
 # All that the commands need is imported once, before the forks.
 import calibtool.planning.plan  # noqa: F401
+from calibtool.atomic_output import SUFFIX, PartialFile, staged
 from calibtool.cli import files, main
-from calibtool.cli.atomic_output import SUFFIX, PartialFile, staged
 
 SAMPLES = Path(__file__).resolve().parent.parent / "programs"
 WATCHED = (
     "files.py",
     "atomic_output.py",
     "interrupts.py",
+    "unfinished_files.py",
 )  # modules of the command line in which an output comes to be
 
 

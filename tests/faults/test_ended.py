@@ -20,7 +20,7 @@ import pytest
 from ended import WRITERS, Writer, broken, everything, finished, parts, snapshot, start
 from surroundings import SURROUNDINGS, german_locale, placed, run
 
-from calibtool.cli.atomic_output import SUFFIX
+from calibtool.atomic_output import SUFFIX
 
 QUICK = [
     "simulate",

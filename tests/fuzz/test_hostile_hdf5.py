@@ -5,16 +5,19 @@ memory, nothing loops.
 import hashlib
 import io
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from readers import calibrations, measurements, studied, without_digest
+from readers import calibrations, measurements, six, studied, without_digest
 
+from calibtool.calibration import Calibration, identify
 from calibtool.errors import InputError
+from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.storage import read_any, read_study, to_bytes
-from calibtool.storage.file_checks import check_contents
+from calibtool.storage.file_checks import check_contents, with_digest
 from calibtool.storage.studies import study_to_bytes
 
 
@@ -87,13 +90,28 @@ def test_a_file_edited_by_an_hdf5_tool_loses_its_digest_and_is_read() -> None:
     assert read_any(io.BytesIO(buffer.getvalue()), "x.h5").noise_position == 2e-5
 
 
-def test_a_broken_heap_of_texts_without_a_digest() -> None:
-    # As older files have it: the HDF5 library would go through the zeros for ever.
-    data = without_digest(to_bytes(measurements()))
+@pytest.mark.parametrize("sealed", [False, True])
+@pytest.mark.parametrize("reserved", [bytes(3), b"abc"])
+def test_a_broken_heap_of_texts(sealed: bool, reserved: bytes) -> None:
+    # As other tools write texts. The HDF5 library would go through the zeros for ever, and skips
+    # the reserved bytes.
+    buffer = io.BytesIO(without_digest(to_bytes(measurements())))
+    with h5py.File(buffer, "r+") as file:
+        file["measurements"].attrs["note"] = "x" * 2000
+    data = bytearray(buffer.getvalue())
     heap = data.find(b"GCOL\x01\0\0\0")
-    if heap < 0:
-        pytest.skip("this version writes no texts of variable length")
-    refused(data[: heap + 512] + bytes(512) + data[heap + 1024 :], "heap of texts is broken")
+    assert heap > 0
+    data[heap + 5 : heap + 8] = reserved
+    data[heap + 16 : heap + 1024] = bytes(1008)
+    broken = bytes(data)
+    refused(with_digest(broken) if sealed else broken, "heap of texts is broken")
+
+
+def test_lengths_of_another_size_would_hide_a_heap() -> None:
+    data = bytearray(without_digest(to_bytes(measurements())))
+    place = 13 if data[8] in (0, 1) else 9
+    data[place + 1] = 4
+    refused(with_digest(bytes(data)), "not of 8 bytes")
 
 
 # --- other files ----------------------------------------------------------------------------------
@@ -184,14 +202,38 @@ def test_many_names_of_one_long_text() -> None:
     refused(changed(change), "1000 texts")
 
 
-def test_a_long_list_of_texts() -> None:
-    buffer = io.BytesIO(without_digest(to_bytes(calibrations()[0])))
+def many_references(data: bytes, path: str, count: int, text: bytes) -> bytes:
+    """A file with a column of texts of variable length, all of them the one in its heap."""
+    buffer = io.BytesIO(data)
     with h5py.File(buffer, "r+") as file:
-        del file["model/unobservable"]
-        file.create_dataset(
-            "model/unobservable", data=["x" * 50_000] * 30, dtype=h5py.string_dtype()
-        )
-    refused(buffer.getvalue(), "characters")
+        if path in file:
+            del file[path]
+        column = file.create_dataset(path, (count,), dtype=h5py.string_dtype())
+        column[0] = text
+        file.flush()
+        offset = column.id.get_offset()
+    changed = bytearray(buffer.getvalue())
+    changed[offset : offset + 16 * count] = changed[offset : offset + 16] * count
+    return bytes(changed)
+
+
+@pytest.mark.parametrize("sealed", [False, True])
+@pytest.mark.parametrize("path", ["model/unobservable", "registration/places"])
+def test_many_references_to_one_long_text(path: str, sealed: bool) -> None:
+    plain = without_digest(to_bytes(calibrations()[0]))
+    data = many_references(plain, path, 20_000, b"x" * 200_000)
+    assert len(data) < 1 << 20
+    refused(with_digest(data) if sealed else data, "longer than")
+    few = many_references(plain, "model/unobservable", 3, b"x" * 200_000)
+    assert read_any(io.BytesIO(few), "x.h5").base.unobservable == ("x" * 200_000,) * 3
+
+
+@pytest.mark.parametrize("sealed", [False, True])
+def test_many_references_in_the_table_of_a_study(sealed: bool) -> None:
+    plain = without_digest(study_to_bytes(studied(), "{}"))
+    data = many_references(plain, "table/status", 20_000, b"x" * 200_000)
+    with pytest.raises(InputError, match="longer than"):
+        read_study(io.BytesIO(with_digest(data) if sealed else data), "s.h5")
 
 
 # --- types ----------------------------------------------------------------------------------------
@@ -219,6 +261,76 @@ def test_row_numbers_that_no_table_has() -> None:
     with h5py.File(buffer, "r+") as file:
         move(file, "training/training_rows", np.array([1e300, 0.0]))
     refused(buffer.getvalue(), "no row number")
+
+
+def whole() -> Calibration:
+    """A calibration with a network and a posterior."""
+    complete = identify(measurements(), "complete").base
+    return replace(
+        calibrations()[2], base=replace(calibrations()[2].base, posterior=complete.posterior)
+    )
+
+
+def set_first(data: bytes, path: str, value: float) -> bytes:
+    buffer = io.BytesIO(data)
+    with h5py.File(buffer, "r+") as file:
+        values = file[path][()].astype(float)
+        values.flat[0] = value
+        move(file, path, values)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "why"),
+    [
+        *(
+            (f"networks/0/{name}", value, why)
+            for name in ("input_scale", "output_scale")
+            for value, why in ((0.0, "above zero"), (-1.0, "above zero"), (1e308, "or more"))
+        ),
+        ("networks/0/hidden_weights", 1e200, "or more"),
+        ("model/errors/twists", 1e200, "1000 or more"),
+        ("model/errors/placements", -1e4, "1000 or more"),
+        ("model/joint_positions", 1e16, "or more"),
+        ("registration/T_instrument_base", 2.0, "rigid"),
+        ("registration/T_instrument_base", -1.0, "rigid"),
+        ("registration_nominal/targets", 1e300, "or more"),
+        ("model/posterior/covariance", -1e-6, "covariance"),
+        ("model/posterior/prior_std", 0.0, "above zero"),
+        ("training/training_rows", 1e6, "row number"),
+        ("training/training_rows", 0.5, "row number"),
+    ],
+)
+def test_numbers_beyond_their_ranges(path: str, value: float, why: str) -> None:
+    data = set_first(without_digest(to_bytes(whole())), path, value)
+    refused(data, why)
+    refused(with_digest(data), why)
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "value"),
+    [
+        *(("model", name, -1) for name in ("rank", "observable_rank", "iterations")),
+        *(("model", "noise_position_m", value) for value in (0.0, -1e-5, 1e308, np.nan)),
+        ("model", "residual_rms_position_m", -1e-6),
+        ("model", "residual_rms_orientation_rad", np.inf),
+        ("model/posterior", "noise_factor", -1.0),
+        ("training", "chosen", 1e300),
+    ],
+)
+def test_attributes_beyond_their_ranges(group: str, name: str, value: float) -> None:
+    buffer = io.BytesIO(without_digest(to_bytes(whole())))
+    with h5py.File(buffer, "r+") as file:
+        file[group].attrs[name] = value
+    refused(buffer.getvalue(), name)
+
+
+@pytest.mark.parametrize("value", [0.5, -1.0, 1.001, 1e200])
+def test_measured_rotations_that_are_none(value: float) -> None:
+    simulated = simulate(six(), Simulation(seed=1, configurations=8, instrument="board"))
+    for path in ("measurements/rotations", "registration/T_tool_camera"):
+        data = set_first(without_digest(to_bytes(simulated)), path, value)
+        refused(data, "rigid|or more")
 
 
 def test_every_file_of_calibtool_passes() -> None:

@@ -23,6 +23,7 @@ from calibtool.programs.frames import read_frames
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.description import parse_source, read_source, source_from_urdf
 from calibtool.robot.robot import Robot
+from calibtool.robot.tree import urdf_tree
 
 URDF, TOML = arm().source.urdf_text, arm().source.toml_text
 
@@ -357,3 +358,55 @@ def test_lines_of_a_journal_that_are_no_run(tmp_path: Path, line: str) -> None:
     path.write_text(journals()[0].decode().splitlines()[0] + "\n" + line + "\n", encoding="utf-8")
     with pytest.raises(UsageError, match=r"journal:2: damaged"):
         Journal(path, study())
+
+
+# --- trees that no robot is -----------------------------------------------------------------------
+
+
+def chain_of(count: int, start: str = "l0") -> str:
+    """A URDF of `count` joints in a row."""
+    parts = ["<link name='l0'/>"]
+    for k in range(1, count + 1):
+        parts.append(
+            f"<link name='l{k}'/><joint name='j{k}' type='continuous'><parent link='l{k - 1}'/>"
+            f"<child link='l{k}'/><axis xyz='0 0 1'/></joint>"
+        )
+    return f"<robot name='r'>{''.join(parts)}</robot>"
+
+
+def star_of(count: int) -> str:
+    links = "".join(f"<link name='l{k}'/>" for k in range(count + 1))
+    joints = "".join(
+        f"<joint name='j{k}' type='fixed'><parent link='l0'/><child link='l{k}'/></joint>"
+        for k in range(1, count + 1)
+    )
+    return f"<robot name='r'>{links}{joints}</robot>"
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (chain_of(501), "500 joints in a row"),
+        (chain_of(10_000), "2000 links"),
+        (star_of(2000), "2000 links"),
+        ("<robot name='r'>" + "<link name='a'/>" * 2001 + "</robot>", "2000 links"),
+    ],
+)
+def test_urdfs_with_more_links_than_any_robot(text: str, why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        source_from_urdf(text, "robot.urdf")
+
+
+def test_a_long_urdf_that_a_robot_may_be() -> None:
+    assert Robot.from_source(source_from_urdf(chain_of(500), "r")).n == 500
+    assert len(urdf_tree(star_of(1999), "r").links) == 2000
+
+
+def test_links_in_a_circle() -> None:
+    joints = "".join(
+        f"<joint name='j{a}' type='fixed'><parent link='{a}'/><child link='{b}'/></joint>"
+        for a, b in ("ab", "bc", "ca")
+    )
+    links = "".join(f"<link name='{name}'/>" for name in "abcd")
+    with pytest.raises(InputError):
+        source_from_urdf(f"<robot name='r'>{links}{joints}</robot>", "r")

@@ -58,7 +58,8 @@ def _note(event: str, arguments: tuple[object, ...]) -> None:
         event in ("os.remove", "os.rmdir") and arguments[-1] != -1
     )  # inside a folder that is open
     opened = where.isdigit()  # already, as a descriptor
-    if not (imported or emptied or opened or where.startswith(_OWN)):
+    nameless = event == "open" and where == tempfile.gettempdir()  # O_TMPFILE: nothing stays
+    if not (imported or emptied or opened or nameless or where.startswith(_OWN)):
         _seen.append(f"{event} {where}")
 
 

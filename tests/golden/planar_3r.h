@@ -21,7 +21,7 @@
 
 /* What planar_3r_correct returns. Usual: 0.0128 rad of all components, 9.97e-05 of those that joints can correct */
 #define PLANAR_3R_OK 0            /* corrected */
-#define PLANAR_3R_NEAR_SINGULAR 1 /* nearer to a singularity than 0.02: damped, a part of the error may stay */
+#define PLANAR_3R_NEAR_SINGULAR 1 /* nearer to a singularity than 0.02: a part of the error may stay */
 #define PLANAR_3R_NOT_FINITE 2    /* an element of q is no number or beyond 1e+06: q_m = q */
 #define PLANAR_3R_PARTIAL 3       /* corrected, but more than usual stays */
 #define PLANAR_3R_LIMITED 4       /* the same, and a joint moved by the largest change */

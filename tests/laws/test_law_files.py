@@ -125,10 +125,11 @@ def test_calibrations_are_read_as_they_were_written(
             robot, base.setup, twists=int(known), harmonics=members, gravity=int(not known)
         )
         p = parameters.count
+        root = rng.normal(size=(p, p))
         base = replace(
             base,
             errors=base.errors.having(harmonics=rng.normal(size=(robot.n, 2 * members))),
-            posterior=Posterior(parameters, rng.random(p), rng.normal(size=(p, p)), 1.1, 3.3, -1e3),
+            posterior=Posterior(parameters, rng.random(p), root @ root.T, 1.1, 3.3, -1e3),
             unobservable=tuple(parameters.names[:members]),
         )
     if flagged:
@@ -172,7 +173,7 @@ def cells(column: str) -> st.SearchStrategy:
     digits, nothing.
     """
     if column in TEXTS:
-        return words
+        return words.filter(lambda text: text.strip()[:1] not in "=@+-")  # see test_tables
     filled = (
         st.integers(0, 2**63 - 1) if column in COUNTS else st.floats(-1e300, 1e300).map(rounded)
     )

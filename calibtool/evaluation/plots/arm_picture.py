@@ -50,8 +50,8 @@ def draw_arm(robot: Robot, image: ImageFormat) -> bytes:
 
 def arm_figure(robot: Robot) -> Figure:
     """The nominal arm in orthogonal views of K_0, mm: x–z, y–z and x–y."""
-    workspace_name, workspace = robot.workspace(None)
-    q = robot.home(workspace)
+    workspace = robot.workspace()
+    q = workspace.home
     arm = _arm(robot, q)
     figure = Figure(figsize=(13.0, 5.6), layout="constrained")
     panels = figure.subplots(1, 3)
@@ -59,7 +59,7 @@ def arm_figure(robot: Robot) -> Figure:
     home = ", ".join(
         f"{column} {value:.4g}" for column, value in zip(robot.joint_columns, shown, strict=True)
     )
-    figure.suptitle(f"{robot.name} at the home of {workspace_name}: {home}", fontsize="medium")
+    figure.suptitle(f"{robot.name} at the home of {workspace.name}: {home}", fontsize="medium")
     for panel, (name, across, up) in zip(panels, _VIEWS, strict=True):
         _draw(panel, arm, [across, up])
         panel.set(title=name, xlabel=f"{'xyz'[across]}, mm", ylabel=f"{'xyz'[up]}, mm")

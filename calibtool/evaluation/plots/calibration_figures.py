@@ -38,7 +38,11 @@ def training(calibrations: Named, width_mm: float) -> Figure:
 
     InputError where nothing was trained.
     """
-    trained = [(name, c.training) for name, c in calibrations if c.training is not None]
+    trained = [
+        (f"{label(name)}{'' if c.networks else ' (not used)'}", c.training)
+        for name, c in calibrations
+        if c.training is not None
+    ]
     if not trained:
         raise InputError("no network was trained, so there is no training to draw")
     figure, axes = panels(width_mm, len(trained), (80.0, 62.0), 2.0)
@@ -61,7 +65,7 @@ def training(calibrations: Named, width_mm: float) -> Figure:
         )
         log_scale(panel, "y", [*curves, np.array([report.loss_without])])
         weighted = "weighted squared error" if report.loss == "task" else "squared joint error"
-        panel.set_title(f"{label(name)}: {report.loss} loss, {report.optimiser}")
+        panel.set_title(f"{name}: {report.loss} loss, {report.optimiser}")
         panel.set(xlabel="iteration", ylabel=f"mean {weighted}")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.grid()

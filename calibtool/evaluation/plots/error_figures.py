@@ -1,5 +1,7 @@
 """Figures of errors: per configuration (Fig. 5), distribution, in the workspace, ISO 9283."""
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -8,6 +10,7 @@ from calibtool.errors import InputError
 from calibtool.evaluation.acceptance import Limit
 from calibtool.evaluation.compare import Evaluation
 from calibtool.evaluation.plots.style import (
+    COLOURS,
     INK,
     MANY,
     colour,
@@ -23,10 +26,13 @@ from calibtool.measurement.sampling import spread_rows
 from calibtool.robot.se3 import Array
 
 _ARROWS = 150  # in a panel
+_LONG = 0.08  # of the box, the median arrow at most; a step less is 5 %
+_STEPS = (1, 1.5, 2, 3, 4, 5, 6, 8)
 _WIDE_MM = 120.0
 _BOTTOM_MM = 10.0
 
 Errors = list[tuple[str, Array]]
+Floors = Mapping[str, float | None]
 
 
 def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Errors]]:
@@ -46,8 +52,11 @@ def _quantities(evaluation: Evaluation) -> list[tuple[str, str, Errors]]:
     return [*result, ("orientation", "orientation error, mrad", turns)] if turns else result
 
 
-def errors(evaluation: Evaluation, width_mm: float) -> Figure:
-    """Position and orientation errors of every configuration and their spread."""
+def errors(evaluation: Evaluation, width_mm: float, floors: Floors) -> Figure:
+    """Position and orientation errors of every configuration and their spread.
+
+    floors: what the noise alone gives, in mm and mrad, None where it is not in the errors.
+    """
     quantities = _quantities(evaluation)
     wide = width_mm >= _WIDE_MM
     rows = len(quantities) if wide else 2 * len(quantities)
@@ -55,9 +64,10 @@ def errors(evaluation: Evaluation, width_mm: float) -> Figure:
     grid = figure.subplots(
         rows, 2 if wide else 1, squeeze=False, width_ratios=(3, 1) if wide else None
     )
-    for k, (_, axis, errors) in enumerate(quantities):
+    for k, (quantity, axis, errors) in enumerate(quantities):
         points, boxes = grid[k] if wide else grid[2 * k : 2 * k + 2, 0]
         _points_and_boxes(points, boxes, errors, axis)
+        _floor((points.axhline, boxes.axhline), floors.get(quantity))
         if not wide or k == len(quantities) - 1:
             points.set_xlabel("configuration")
     legend(figure, grid[0][0], 5 if wide else 2)
@@ -92,8 +102,16 @@ def _points_and_boxes(points: Axes, boxes: Axes, errors: Errors, axis: str) -> N
     points.set_ylabel(axis)
 
 
-def distribution(evaluation: Evaluation, limits: tuple[Limit, ...], width_mm: float) -> Figure:
-    """Which part of the configurations has at most which error, with the limits."""
+def _floor(draw: tuple[Callable[..., object], ...], value: float | None) -> None:
+    """Mark what the noise alone gives, by axhline or axvline of panels."""
+    for each in draw if value is not None else ():
+        each(value, color=COLOURS[0], linestyle="--", linewidth=0.8, zorder=0)
+
+
+def distribution(
+    evaluation: Evaluation, limits: tuple[Limit, ...], width_mm: float, floors: Floors
+) -> Figure:
+    """Which part of the configurations has at most which error, with the limits and floors."""
     quantities = _quantities(evaluation)
     figure, axes = panels(width_mm, len(quantities), (80.0, 58.0), _BOTTOM_MM)
     for panel, (quantity, axis, errors) in zip(axes, quantities, strict=True):
@@ -101,6 +119,7 @@ def distribution(evaluation: Evaluation, limits: tuple[Limit, ...], width_mm: fl
         for i, (name, values) in enumerate(errors):
             part = np.arange(1, len(values) + 1) / len(values) * 100
             panel.step(np.sort(values), part, where="post", **line(i), label=label(name))
+        _floor((panel.axvline,), floors.get(quantity))
         for limit in own:
             panel.axvline(limit.value, color=INK, linestyle=":")
             text = f"{limit.statistic} ≤ {limit.value:g} {limit.unit}"
@@ -153,20 +172,20 @@ def vectors(evaluation: Evaluation, position: Array, width_mm: float) -> Figure:
             if i == len(methods) - 1:
                 panel.set_xlabel(f"{'xyz'[a]}, m")
             panel.set_ylabel(f"{'xyz'[b]}, m")
-        grid[i][1].set_title(f"{label(method.name)}: errors × {factor:,.0f}")
+        grid[i][1].set_title(f"{label(method.name)}: errors × {factor:,g}")
     return figure
 
 
 def magnification(extent: float, error: Array) -> float:
-    """1, 2 or 5 times a power of ten by which the 95th percentile of errors (N, 3) is about a
-    tenth of the extent.
+    """A round factor, at least 1, by which the median of errors (N, 3) is 5 to 8 % of the
+    extent.
     """
-    large = float(np.percentile(np.linalg.norm(error, axis=-1), 95))
-    if not large > 0:
+    median = float(np.median(np.linalg.norm(error, axis=-1)))
+    if not median > 0:
         return 1.0
-    wanted = max(extent / 10 / large, 1.0)
+    wanted = max(_LONG * extent / median, 1.0)
     power = 10.0 ** np.floor(np.log10(wanted))
-    return float(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)))
+    return float(power * max(step for step in _STEPS if step * power <= wanted * (1 + 1e-9)))
 
 
 def pose_test(evaluation: Evaluation, width_mm: float) -> Figure:

@@ -9,6 +9,7 @@ from calibtool.calibration import Calibration
 from calibtool.errors import UsageError, near_names
 from calibtool.evaluation.acceptance import Limit
 from calibtool.evaluation.compare import Evaluation, judged_rows
+from calibtool.evaluation.observed import noise_of_errors
 from calibtool.evaluation.plots import calibration_figures, error_figures
 from calibtool.evaluation.plots.style import WIDTH_MM, ImageFormat, styled, to_bytes
 from calibtool.measurement.measurements import Measurements
@@ -57,16 +58,27 @@ def _coverage(subject: Subject, width_mm: float) -> Figure:
     return calibration_figures.coverage(subject.calibrations, judged.robot, judged.q, width_mm)
 
 
+def _floors(subject: Subject) -> dict[str, float | None]:
+    """What the noise of the measurement alone gives, in mm and mrad."""
+    measurements, evaluation = subject.measurements, subject.evaluation
+    if measurements is None or evaluation is None or evaluation.kind == "compensated":
+        return {}
+    return {
+        key: None if value is None else value * 1e3
+        for key, value in noise_of_errors(measurements).items()
+    }
+
+
 FIGURES: dict[str, FigureKind] = {
     "errors": FigureKind(
         "Errors of every configuration, and their spread",
         True,
-        lambda s, w: error_figures.errors(_with_evaluation(s)[1], w),
+        lambda s, w: error_figures.errors(_with_evaluation(s)[1], w, _floors(s)),
     ),
     "distribution": FigureKind(
         "Cumulative distribution of the errors",
         True,
-        lambda s, w: error_figures.distribution(_with_evaluation(s)[1], s.limits, w),
+        lambda s, w: error_figures.distribution(_with_evaluation(s)[1], s.limits, w, _floors(s)),
     ),
     "vectors": FigureKind("Error vectors in the workspace, three projections", True, _vectors),
     "training": FigureKind(

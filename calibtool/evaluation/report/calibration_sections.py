@@ -7,10 +7,12 @@ from calibtool.calibration.frame_report import frame_report
 from calibtool.errormodel.family import COMPONENTS
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Drawing, PageSection, PageTable, number
-from calibtool.identification.report import parameter_rows, strongest_correlations
+from calibtool.identification.report import ParameterRow, parameter_rows, strongest_correlations
 from calibtool.measurement.measurements import Measurements
+from calibtool.units import three_digits
 
 _OPEN_ROWS = 20  # a longer table is folded
+_DETERMINED = 0.5  # listed from there
 _NAMED = 12  # unobservable parameters named
 
 
@@ -35,7 +37,8 @@ def training_section(subject: Subject) -> PageSection:
         lines.append(f"{text}.")
     caption = "Loss over the iterations of the best restart."
     alt = "Training and validation loss, the loss without network, and the iteration that was kept."
-    return PageSection("training", "Training", lines, [Drawing("training", caption, alt)])
+    drawings = [Drawing("training", caption, alt)]
+    return PageSection("training", "Training", lines, drawings, printed=False)
 
 
 def motions_section(subject: Subject) -> PageSection:
@@ -55,11 +58,13 @@ def motions_section(subject: Subject) -> PageSection:
         [
             Drawing(
                 "motions",
-                "δρ of each joint at the configurations of the training: joint-motion functions "
-                "(harmonics: line; wind-up under gravity) and network, without constant offsets.",
+                "δρ is how much more a joint moves than commanded, here at the configurations of "
+                "the training. Line: periodic errors (harmonics). Dots: these with the wind-up "
+                "under gravity and the network. Constant offsets are left out.",
                 "Joint motion error against joint position, one panel per joint.",
             )
         ],
+        printed=False,
     )
 
 
@@ -80,40 +85,45 @@ def parameters_section(subject: Subject) -> PageSection:
                 )
                 + "."
             )
-            cells = [
-                [
-                    r.name,
-                    f"{r.value:.4f}",
-                    f"{r.std:.4f}",
-                    f"{r.tolerance:.4f}",
-                    r.unit,
-                    f"{100 * r.determined:.1f} %",
-                ]
-                for r in rows
-            ]
-            header = [
-                "parameter",
-                "value",
-                "± standard deviation",
-                "tolerance",
-                "unit",
-                "determined",
-            ]
-            tables.append(
-                PageTable(f"Parameters of {name}", header, cells, folded=len(cells) > _OPEN_ROWS)
+            known = [row for row in rows if row.family and row.determined >= _DETERMINED]
+            lines.append(
+                f"{name}: the table lists the {len(known)} of {len(rows)} parameters that the "
+                "measurements determine to at least half (calibtool report --parameters FILE.csv "
+                "writes all)."
             )
+            known.sort(key=lambda row: -abs(row.value) / row.std)
+            header = ["parameter", "value ±", "determined"]
+            cells = _side_by_side([_parameter(row) for row in known])
+            heads = [*header, *header][: len(cells[0]) if cells else len(header)]
+            title = f"Parameters of {name} that are determined; ± is one standard deviation"
+            tables.append(PageTable(title, heads, cells))
         elif base.model != "nominal":
             tables.append(_placements(name, calibration))
     if not tables:
         return PageSection("parameters", "Parameters", ["None: no base model was identified."])
     caption = (
-        "Values ± 2 standard deviations. A bar as long as the tolerance was not "
-        "determined by the data."
+        "Values ± 2 standard deviations. ζ: where a joint stands in the link before it; ξ: error "
+        "of its axis, which grows with its position; q: offset of its zero; numbers count the "
+        "joints from the base. A bar as long as the tolerance was not determined by the data."
     )
     alt = "Identified parameters with error bars, one panel per family."
     return PageSection(
         "parameters", "Parameters", lines, [Drawing("parameters", caption, alt)], tables
     )
+
+
+def _parameter(row: ParameterRow) -> list[str]:
+    value = f"{three_digits(row.value)} ± {three_digits(row.std)} {row.unit}"
+    return [row.name, value, f"{100 * row.determined:.0f} %"]
+
+
+def _side_by_side(rows: list[list[str]]) -> list[list[str]]:
+    """Rows in two columns, where there are more than a few."""
+    half = (len(rows) + 1) // 2
+    if len(rows) < _OPEN_ROWS:
+        return rows
+    right = [*rows[half:], *([[""] * len(rows[0])] * (2 * half - len(rows)))]
+    return [[*a, *b] for a, b in zip(rows[:half], right, strict=True)]
 
 
 def _placements(name: str, calibration: Calibration) -> PageTable:
@@ -205,9 +215,8 @@ def observability_section(subject: Subject) -> PageSection:
         "Singular values in falling order, with the limit below which a direction is "
         "not determined."
     )
-    return PageSection(
-        "observability", "Observability", lines, [Drawing("observability", caption, alt)], tables
-    )
+    drawings = [Drawing("observability", caption, alt)]
+    return PageSection("observability", "Observability", lines, drawings, tables, printed=False)
 
 
 def noise_section(subject: Subject) -> PageSection:

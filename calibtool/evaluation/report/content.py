@@ -25,24 +25,31 @@ class Drawing:
 
 @dataclass(frozen=True)
 class PageSection:
-    """A heading with lines, drawings and tables; a line where there is nothing to show."""
+    """A heading with lines, drawings and tables; a line where there is nothing to show.
+
+    printed: on paper, too.
+    """
 
     id: str
     title: str
     lines: Sequence[str] = ()
     drawings: Sequence[Drawing] = ()
     tables: Sequence[PageTable] = ()
+    printed: bool = True
 
 
 @dataclass(frozen=True)
 class Change:
-    """One error before and after, in `unit`, and its reduction as text."""
+    """One error before and after, in `unit`; its reduction, and the noise of the measurement
+    behind it, as text.
+    """
 
     what: str
     before_value: float
     after_value: float
     unit: str
     reduction: str
+    noise: str = "–"
 
     @property
     def before(self) -> str:
@@ -71,11 +78,22 @@ class Verdict:
     name: str
     changes: Sequence[Change]
     judgements: Sequence[Judgement]
+    proven: bool = True
 
     @property
     def met(self) -> bool:
         """Every limit is met."""
         return all(judgement.met for judgement in self.judgements)
+
+    @property
+    def badge(self) -> tuple[str, str]:
+        """The verdict in a word, and whether it is `good`, `bad` or a matter of `doubt`.
+
+        On rows of the training nothing is proven.
+        """
+        if not self.met:
+            return "not met", "bad"
+        return ("met", "good") if self.proven else ("met on training rows only", "doubt")
 
 
 def number(value: float | None, unit: str = "") -> str:

@@ -46,7 +46,6 @@ def errors_section(subject: Subject, judged: Measurements) -> PageSection:
         f"{number(e['position_mm']['max'])}"
         for e in entries
     )
-    limits = "; black, dotted: limits" if subject.limits else ""
     return PageSection(
         "errors",
         "Errors",
@@ -54,17 +53,26 @@ def errors_section(subject: Subject, judged: Measurements) -> PageSection:
         [
             Drawing(
                 "errors",
-                "Error of every configuration, and its spread (quartiles and extremes).",
+                "Error of every configuration, and its spread (quartiles and extremes)."
+                + _floor(subject),
                 f"Position error in mm. {spread}.",
-            ),
-            Drawing(
-                "distribution",
-                f"Which part of the configurations has at most which error{limits}.",
-                f"Cumulative distribution of the errors. {spread}.",
             ),
         ],
         [*tables, _worst(evaluation.methods[1:], judged)],
     )
+
+
+def distribution_caption(subject: Subject) -> str:
+    """Caption of the distribution of the errors, with the lines in it."""
+    limits = " Dotted: limits." if subject.limits else ""
+    return f"Which part of the configurations has at most which error.{limits}{_floor(subject)}"
+
+
+def _floor(subject: Subject) -> str:
+    assert subject.evaluation is not None
+    if subject.evaluation.kind == "compensated":
+        return ""
+    return " Dashed: what the noise of the measurement alone gives (rms)."
 
 
 def _with_expected(table: PageTable, expected: MethodErrors) -> PageTable:
@@ -96,7 +104,7 @@ def vectors_section(subject: Subject) -> PageSection:
         "Error vectors in the workspace",
         [
             "Arrows start at the commanded tool position, in the robot's base frame; their "
-            "length is magnified. calibtool view shows them in three dimensions."
+            "length is magnified, so that the median arrow is 5 to 8 % of the box."
         ],
         [
             Drawing(
@@ -227,4 +235,5 @@ def coverage_section(subject: Subject, judged: Measurements) -> PageSection:
             )
         ],
         [table],
+        printed=False,
     )

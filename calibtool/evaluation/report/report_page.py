@@ -1,17 +1,20 @@
 """The page: sections and drawings in one HTML file that needs nothing else."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from calibtool.errors import InputError
 from calibtool.evaluation.compare import judged_rows
+from calibtool.evaluation.metrics import MethodErrors
 from calibtool.evaluation.plots import Subject, draw
 from calibtool.evaluation.plots.style import COLOURS, GRID, INK, SHADE, WIDTH_MM
 from calibtool.evaluation.report import calibration_sections, error_sections
 from calibtool.evaluation.report.content import Drawing, PageSection, PageTable
+from calibtool.evaluation.report.error_scene import error_scene
+from calibtool.evaluation.report.occasion import Occasion
 from calibtool.evaluation.report.verdict import cautions, headline, remarks, verdicts
 from calibtool.evaluation.wording import words
 
@@ -36,17 +39,24 @@ class Shown:
     tables: list[PageTable]
 
 
-def html_report(subject: Subject, provenance: dict[str, str]) -> str:
+def html_report(
+    subject: Subject, provenance: dict[str, str], occasion: Occasion | None = None
+) -> str:
     """A self-contained HTML page about calibrations and their errors on measurements, which
     `subject` must hold.
 
-    provenance: of the page itself. Nothing is loaded from anywhere; the same subject gives the same
-    text. Names from files are escaped. The whole `evaluate --json` is in the element `#evaluation`.
+    provenance: of the page itself. occasion: who measured what and for whom; the calibrations are
+    called by its titles. The first page stands alone, the rest is its annex. Nothing is loaded from
+    anywhere; the same subject gives the same text. Names from files are escaped. The whole
+    `evaluate --json` is in the element `#evaluation`.
     """
     measurements, evaluation = subject.measurements, subject.evaluation
     assert measurements is not None
     assert evaluation is not None
     rows = judged_rows(measurements)
+    occasion = occasion or Occasion()
+    figures = evaluation.as_json()
+    subject = _titled(subject, occasion.calibrations)
     sections = [
         error_sections.errors_section(subject, rows),
         error_sections.vectors_section(subject),
@@ -62,8 +72,11 @@ def html_report(subject: Subject, provenance: dict[str, str]) -> str:
         calibration_sections.provenance_section(subject, provenance, rows),
     ]
     found = verdicts(subject)
+    described = rows.robot.source.description.title or evaluation.robot
     environment = Environment(
-        loader=PackageLoader("calibtool.evaluation.report"),
+        loader=ChoiceLoader(
+            [PackageLoader(f"calibtool.evaluation.{part}") for part in ("report", "view")]
+        ),
         undefined=StrictUndefined,
         autoescape=True,
         trim_blocks=True,
@@ -71,8 +84,13 @@ def html_report(subject: Subject, provenance: dict[str, str]) -> str:
         keep_trailing_newline=True,
     )
     return environment.get_template("page.html.j2").render(
-        evaluation=evaluation.as_json(),
-        title=rows.robot.source.description.title or evaluation.robot,
+        evaluation=figures,
+        title=occasion.title or f"Calibration of {described}",
+        described=described,
+        occasion=occasion,
+        scene=error_scene(subject),
+        compact=_compact(subject),
+        caption=error_sections.distribution_caption(subject),
         headline=headline(subject, found),
         verdicts=found,
         cautions=cautions(subject, rows.q),
@@ -82,6 +100,36 @@ def html_report(subject: Subject, provenance: dict[str, str]) -> str:
         sections=[_shown(section, subject) for section in sections],
         colours=[f"var(--m{1 + k % (len(COLOURS) - 1)})" for k in range(len(found))],
     )
+
+
+def _titled(subject: Subject, titles: dict[str, str]) -> Subject:
+    """The subject with its calibrations called by their titles."""
+    if not titles:
+        return subject
+    evaluation = subject.evaluation
+    assert evaluation is not None
+
+    def called(errors: MethodErrors) -> MethodErrors:
+        return replace(errors, name=titles.get(errors.name, errors.name))
+
+    results = tuple(
+        replace(result, errors=called(result.errors), correctable=called(result.correctable))
+        for result in evaluation.results
+    )
+    test = evaluation.pose_test
+    if test is not None:
+        test = replace(test, methods=[titles.get(name, name) for name in test.methods])
+    return replace(
+        subject,
+        calibrations=[(titles.get(name, name), each) for name, each in subject.calibrations],
+        evaluation=replace(evaluation, results=results, pose_test=test),
+    )
+
+
+def _compact(subject: Subject) -> Markup:
+    """The figure of the first page."""
+    svg = draw("distribution", subject, "svg", WIDTH_MM, letters=True)
+    return _inline(svg.decode("utf-8"), "first")
 
 
 def _shown(section: PageSection, subject: Subject) -> Shown:

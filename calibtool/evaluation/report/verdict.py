@@ -7,10 +7,14 @@ import numpy as np
 
 from calibtool.calibration import Calibration
 from calibtool.evaluation.acceptance import broken_limits
+from calibtool.evaluation.compare import judged_rows
 from calibtool.evaluation.metrics import pose_statistics
+from calibtool.evaluation.observed import noise_of_errors
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Change, Judgement, Verdict, number
 from calibtool.evaluation.wording import brought, words
+from calibtool.identification.sufficiency import few_rows
+from calibtool.measurement.checks import design_findings
 from calibtool.robot.se3 import Array
 
 _WORDS = {
@@ -35,34 +39,53 @@ def verdicts(subject: Subject) -> list[Verdict]:
     assert subject.evaluation is not None
     entries = cast("list[dict[str, Any]]", subject.evaluation.as_json()["methods"])
     nominal, *others = entries
+    noise = _noise(subject)
+    judged = None if subject.measurements is None else judged_rows(subject.measurements).q
     return [
-        Verdict(entry["name"], _changes(nominal, entry), _judgements(subject, k))
+        Verdict(
+            entry["name"],
+            _changes(nominal, entry, noise),
+            _judgements(subject, k),
+            judged is None or not also_in_training(subject.calibrations[k - 1][1], judged),
+        )
         for k, entry in enumerate(others, 1)
     ]
 
 
 def headline(subject: Subject, found: list[Verdict]) -> Headline:
     """The outcome in one sentence: the limits where there are any, otherwise the calibration with
-    the least mean error.
+    the least mean error. A single calibration without a title is called "the calibration".
     """
     best = min(found, key=lambda verdict: verdict.changes[0].after_value)
     change = best.changes[0]
     lowered = change.after_value < change.before_value
     assert subject.evaluation is not None
-    outcome = brought(subject.evaluation, best.name, change.before, change.after)
+    alone = len(found) == 1
+    called = "the calibration" if alone else best.name
+    outcome = brought(subject.evaluation, called, change.before, change.after)
+    outcome = outcome[0].upper() + outcome[1:] if alone else outcome
     if not lowered:
         outcome = (
             f"No calibration lowers the mean position error: {change.before} without, "
-            f"{change.after} with {best.name}."
+            f"{change.after} with {called}."
         )
     if not subject.limits:
         return Headline(outcome, None if lowered else False)
-    passed = [verdict.name for verdict in found if verdict.met]
-    failed = [verdict.name for verdict in found if not verdict.met]
-    limits = "the limit" if len(subject.limits) == 1 else f"the {len(subject.limits)} limits"
+    names = {verdict.name: called if alone else verdict.name for verdict in found}
+    passed = [names[verdict.name] for verdict in found if verdict.met]
+    failed = [names[verdict.name] for verdict in found if not verdict.met]
+    count = len(subject.limits)
+    limits = "the limit" if count == 1 else "both limits" if count == 2 else f"all {count} limits"
     if not passed:
+        missed = "the limit" if count == 1 else "the limits"
         return Headline(
-            f"Not met: {_listed(failed)} {_verb(failed, 'miss')} {limits}. {outcome}", False
+            f"Not met: {_listed(failed)} {_verb(failed, 'miss')} {missed}. {outcome}", False
+        )
+    if not any(verdict.met and verdict.proven for verdict in found):
+        return Headline(
+            f"Not proven: {_listed(passed)} {_verb(passed, 'keep')} {limits}, but on rows that "
+            f"were used for the fit. Judge on others. {outcome}",
+            None,
         )
     but = f"; {_listed(failed)} {_verb(failed, 'do')} not" if failed else ""
     return Headline(
@@ -75,8 +98,16 @@ def cautions(subject: Subject, judged: Array) -> list[str]:
     evaluation = subject.evaluation
     assert evaluation is not None
     result = []
+    if subject.measurements is not None:
+        result += [f"On import of the judged rows: {f}." for f in subject.measurements.findings]
     for k, (name, calibration) in enumerate(subject.calibrations, 1):
-        seen = _also_in_training(calibration, judged)
+        few = few_rows(calibration.base, calibration.configurations)
+        result += [] if few is None else [f"{name}: {few}."]
+        result += [
+            f"{name}, rows of the training: {finding.message}."
+            for finding in design_findings(calibration.robot, calibration.q)
+        ]
+        seen = also_in_training(calibration, judged)
         if seen:
             result.append(
                 f"{seen} of the {len(judged)} judged configurations were used to make {name}: a "
@@ -120,7 +151,9 @@ def remarks(subject: Subject) -> list[str]:
     return result
 
 
-def _changes(nominal: dict[str, Any], entry: dict[str, Any]) -> list[Change]:
+def _changes(
+    nominal: dict[str, Any], entry: dict[str, Any], noise: dict[str, float | None]
+) -> list[Change]:
     changes = []
     for quantity, unit in (("position", "mm"), ("orientation", "mrad")):
         before, after = nominal[f"{quantity}_{unit}"], entry[f"{quantity}_{unit}"]
@@ -137,9 +170,18 @@ def _changes(nominal: dict[str, Any], entry: dict[str, Any]) -> list[Change]:
                     reduction="–"
                     if reduction is None
                     else f"{-reduction:+.1f} %".replace("-", "−"),
+                    noise="–" if (own := noise[quantity]) is None else number(own * 1e3, unit),
                 )
             )
     return changes
+
+
+def _noise(subject: Subject) -> dict[str, float | None]:
+    """What the noise alone gives, m and rad; None where it is not in the errors."""
+    assert subject.evaluation is not None
+    if subject.measurements is None or subject.evaluation.kind == "compensated":
+        return {"position": None, "orientation": None}
+    return noise_of_errors(subject.measurements)
 
 
 def _judgements(subject: Subject, k: int) -> list[Judgement]:
@@ -165,7 +207,8 @@ def _judgements(subject: Subject, k: int) -> list[Judgement]:
     return result
 
 
-def _also_in_training(calibration: Calibration, q: Array) -> int:
+def also_in_training(calibration: Calibration, q: Array) -> int:
+    """How many of the rows q (N, n), rad or m, were used to make the calibration."""
     known = {row.tobytes() for row in np.round(calibration.q, 9) + 0.0}
     return sum(row.tobytes() in known for row in np.round(q, 9) + 0.0)
 

@@ -3,10 +3,12 @@
 import asyncio
 import contextlib
 import logging
-from collections.abc import Generator, Sequence
+import threading
+from collections.abc import Callable, Generator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from calibtool.errors import CalibtoolError, UsageError
+from calibtool.evaluation.study.cluster_security import ClusterSecurity
 from calibtool.evaluation.study.definition import Study
 from calibtool.evaluation.study.runs import lost, perform
 from calibtool.evaluation.study.study_table import Row
@@ -15,21 +17,31 @@ if TYPE_CHECKING:
     from distributed import Client
 
 REACH_SECONDS = 4  # a scheduler answers at once or not at all
+WORKER_SECONDS = 5  # without a worker, until it is said
 
 
 def on_cluster(
-    study: Study, indices: Sequence[int], address: str
+    study: Study,
+    indices: Sequence[int],
+    address: str,
+    security: ClusterSecurity | None = None,
+    told: Callable[[str], None] = lambda text: None,
 ) -> Generator[tuple[int, list[Row]], None, None]:
     """(index, rows) of every run, in the order in which they finish, from the workers of
     a Dask scheduler.
 
     Workers need calibtool of this version. A run whose worker dies again and again gets rows that
-    say so. UsageError without dask[distributed], or when no scheduler answers at `address`;
+    say so. security: TLS files, for an address tls://HOST:PORT; scheduler, workers and this process
+    trust each other wholly (docs/study.md). told: gets a line when there are no workers; the study
+    waits for them. UsageError without dask[distributed], or when no scheduler answers at `address`;
     CalibtoolError when the cluster goes away, or a worker cannot perform runs.
     """
-    client = _connect(address)
+    client = _connect(address, security)
     from distributed import KilledWorker, as_completed
 
+    stop = threading.Event()
+    watching = threading.Thread(target=_watch, args=(client, address, told, stop), daemon=True)
+    watching.start()
     try:
         shared = client.submit(_given, study, key=f"calibtool-study-{study.key}")
         futures = {client.submit(perform, shared, index, pure=False): index for index in indices}
@@ -49,8 +61,24 @@ def on_cluster(
             f"{address}: the cluster is lost: {' '.join(str(error).split())}"
         ) from None
     finally:
+        stop.set()
         with contextlib.suppress(Exception):
             client.close(timeout=2)
+
+
+def _watch(
+    client: "Client", address: str, told: Callable[[str], None], stop: threading.Event
+) -> None:
+    """Tell when there have been no workers for a while, once for every time that they go."""
+    silent = False
+    while not stop.wait(WORKER_SECONDS):
+        try:
+            workers = len(client.scheduler_info(n_workers=1)["workers"])
+        except Exception:  # the scheduler is gone: whoever waits for runs hears it
+            return
+        if not workers and not silent:
+            told(f"{address}: no workers yet; waiting for some: dask worker {address}")
+        silent = not workers
 
 
 def _given(study: Study) -> Study:
@@ -60,17 +88,18 @@ def _given(study: Study) -> Study:
     return study
 
 
-def _connect(address: str) -> "Client":
+def _connect(address: str, security: ClusterSecurity | None) -> "Client":
     try:
-        from distributed import Client
+        from distributed import Client, Security
     except ImportError:
         raise UsageError("--cluster needs Dask; run: pip install 'calibtool[cluster]'") from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said by the error
+    _silence()
+    options = Security() if security is None else Security(**security.options)
     try:
         asyncio.run(
-            asyncio.wait_for(_reach(address), REACH_SECONDS)
+            asyncio.wait_for(_reach(address, options), REACH_SECONDS)
         )  # a Client that fails to connect fails noisily
-        return Client(address, timeout=REACH_SECONDS, set_as_default=False)
+        return Client(address, timeout=REACH_SECONDS, set_as_default=False, security=options)
     except (
         Exception
     ) as error:  # also what comes of a server that speaks another language, such as MemoryError
@@ -79,13 +108,19 @@ def _connect(address: str) -> "Client":
         raise UsageError(f"--cluster {address}: no Dask scheduler: {text}") from None
 
 
-async def _reach(address: str) -> None:
+def _silence() -> None:
+    """What matters is said by the error; each module of Dask has a level of its own."""
+    for name in ["distributed", *logging.root.manager.loggerDict]:
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+
+
+async def _reach(address: str, security: Any) -> None:
     """Shake hands with the scheduler."""
-    from distributed import Security
     from distributed.comm import connect
 
     comm = await connect(
-        address, timeout=REACH_SECONDS - 1, **Security().get_connection_args("client")
+        address, timeout=REACH_SECONDS - 1, **security.get_connection_args("client")
     )
     comm.abort()
 

@@ -182,7 +182,7 @@ class Study:
         texts = []
         for name in definition.robots:
             robot = load_robot(name)
-            workspace, _ = robot.workspace(definition.workspace)
+            workspace = robot.workspace(definition.workspace).name
             texts.append(RobotText(robot.source.toml_text, robot.source.urdf_text, name, workspace))
         study = cls(definition, tuple(texts))
         if study.count > LARGEST:

@@ -2,10 +2,13 @@
 
 import json
 import os
+import stat
 import sys
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 
+from calibtool.atomic_output import attempt
 from calibtool.errors import UsageError
 from calibtool.evaluation.study.definition import Study
 from calibtool.evaluation.study.study_table import Row, checked_row
@@ -22,14 +25,16 @@ class Journal:
     """An append-only file of finished runs; without a path they are kept in memory alone.
 
     finished   rows by the index of their run
+    lacking    what its file system cannot do (`atomic_output.weaker`)
 
     Opening reads what is there. Raises UsageError when the file belongs to another study (unless it
-    may be discarded), is in use, or cannot be written.
+    may be discarded), is in use, cannot be written, or is a link, a pipe or a device.
     """
 
     def __init__(self, path: Path | None, study: Study, *, discard: bool = False) -> None:
         self.path, self.study = path, study
         self.finished: dict[int, list[Row]] = {}
+        self.lacking: list[str] = []
         self._file: int | None = None
         if path is not None:
             try:
@@ -71,14 +76,17 @@ class Journal:
             self._file = None
 
     def _open(self, path: Path, discard: bool) -> int:
-        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+        if path.is_symlink():  # whose target would be cut off
+            raise UsageError(f"{path}: is a link; {_REMEDY.partition(',')[0]}")
+        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND
+        flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+        file = os.open(path, flags, 0o666)
         try:
+            if not stat.S_ISREG(os.fstat(file).st_mode):
+                raise UsageError(f"{path}: is no regular file; {_REMEDY.partition(',')[0]}")
             if sys.platform != "win32":  # no such locks there: two studies are told apart by hand
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(file)
-            raise UsageError(f"{path}: another calibtool is working on this study") from None
-        try:
+                lock = partial(fcntl.flock, file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                attempt("locks", self.lacking, lock)
             with open(file, "rb", closefd=False) as stream:
                 data = stream.read()
             whole = data[
@@ -96,6 +104,9 @@ class Journal:
             self._file = file
             if not whole:
                 self._write(json.dumps({"schema": SCHEMA, "study": self.study.key}))
+        except BlockingIOError:
+            os.close(file)
+            raise UsageError(f"{path}: another calibtool is working on this study") from None
         except BaseException:
             os.close(file)
             raise
@@ -127,7 +138,7 @@ class Journal:
         data = memoryview((line + "\n").encode())
         while data:
             data = data[os.write(self._file, data) :]
-        os.fsync(self._file)
+        attempt("fsync", self.lacking, partial(os.fsync, self._file))
 
     def _unwritable(self, error: OSError) -> UsageError:
         return UsageError(f"{self.path}: cannot be written: {error.strerror or error}")

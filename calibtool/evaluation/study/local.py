@@ -1,28 +1,17 @@
 """Runs in processes of this machine: a killed process is replaced, its run repeated once."""
 
-import contextlib
-import multiprocessing
-import os
-import signal
 from collections import deque
-from collections.abc import Generator, Iterator, Sequence
-from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
+from collections.abc import Generator, Sequence
+from functools import partial
+from multiprocessing.connection import wait
 
 from calibtool.errors import CalibtoolError
 from calibtool.evaluation.study.definition import Study
 from calibtool.evaluation.study.runs import lost, perform
 from calibtool.evaluation.study.study_table import Row, StudyTable, table_of
+from calibtool.processes import Worker
 
 _TRIES = 2
-_BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-def processors() -> int:
-    """How many processors this process may use; where the system does not tell, all there are."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def run_study(study: Study, workers: int = 1) -> StudyTable:
@@ -83,7 +72,7 @@ def in_processes(
                 if waiting:
                     following = waiting.popleft()
                     tries[following] += 1
-                    worker.give(following)
+                    worker.start(following)
                 if index is not None:
                     yield index, answer
     finally:
@@ -91,59 +80,17 @@ def in_processes(
             worker.end()
 
 
-class _Worker:
+class _Worker(Worker):
     """A process that performs one run at a time."""
 
     def __init__(self, study: Study) -> None:
-        context = multiprocessing.get_context(
-            "spawn"
-        )  # no copy of this process: nothing is shared by accident
-        self.connection, theirs = context.Pipe()
-        self.process: SpawnProcess = context.Process(
-            target=_serve, args=(theirs, study), daemon=True
-        )
-        with _one_blas_thread():
-            self.process.start()
-        theirs.close()
-        self.ready = False
+        super().__init__(partial(perform, study))
         self.index: int | None = None
 
     @property
     def busy(self) -> bool:
         return not self.ready or self.index is not None
 
-    def give(self, index: int) -> None:
+    def start(self, index: int) -> None:
         self.index = index
-        with contextlib.suppress(OSError):  # killed a moment ago: the next reading tells
-            self.connection.send(index)
-
-    def end(self) -> None:
-        self.connection.close()
-        self.process.terminate()
-        self.process.join()
-
-
-@contextlib.contextmanager
-def _one_blas_thread() -> Iterator[None]:
-    """What is started inside gets one BLAS thread: workers that have several each wait
-    for one another.
-    """
-    before = {name: os.environ.get(name) for name in _BLAS_THREADS}
-    os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def _serve(connection: Connection, study: Study) -> None:
-    """The life of a worker process: until the other end is closed, or gone with its process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this one
-    with contextlib.suppress(EOFError, OSError):
-        connection.send(None)
-        while True:
-            connection.send(perform(study, connection.recv()))
+        self.give(index)

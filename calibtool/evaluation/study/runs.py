@@ -84,7 +84,7 @@ def _measure(study: Study, index: int) -> tuple[Measurements, Measurements]:
     run, definition = study.run(index), study.definition
     text = study.robots[run.robot]
     robot = _robot(text)
-    common: dict[str, Any] = {"seed": run.seed, "workspace": robot.workspace(text.workspace)[1]}
+    common: dict[str, Any] = {"seed": run.seed, "workspace": text.workspace}
     measurements = simulate(
         robot,
         Simulation(

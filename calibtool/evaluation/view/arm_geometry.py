@@ -10,14 +10,15 @@ import pinocchio as pin
 from pinocchio import coal
 
 from calibtool.errors import InputError
+from calibtool.evaluation.view.mesh_files import ALONE
 from calibtool.robot.chain import joints_to
-from calibtool.robot.description import Source, example_robot_data, inside
+from calibtool.robot.description import Source, example_robot_data
+from calibtool.robot.named_files import inside
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.robot.tree import urdf_root
 from calibtool.robot.urdf import base_placement, frame_id, locked_joints, parse_urdf, read_urdf
 
-MESHES = (".stl", ".dae", ".obj", ".ply")  # what Pinocchio and trimesh both read
 _LINK, _JOINT = np.array([0.62, 0.64, 0.67, 1.0]), np.array([0.35, 0.37, 0.4, 1.0])
 _THIN = 1e-9  # m: shorter links have no length
 
@@ -30,16 +31,21 @@ def mesh_folders(robot: Robot, given: Sequence[Path]) -> list[Path]:
     return [*given, *([example_robot_data().parent] if from_library else [])]
 
 
-def described_shape(robot: Robot, folders: Sequence[Path]) -> pin.GeometryModel:
+def described_shape(robot: Robot, folders: Sequence[Path], copies: Path) -> pin.GeometryModel:
     """The visual geometry of the robot's URDF, on the joints of its chain; empty where the
     URDF shows nothing.
 
-    Meshes are read from `folders` and below them alone, whatever the URDF says; InputError names
-    one that is not there or cannot be read.
+    Meshes are read from `folders` and below them alone, whatever the URDF and they themselves say;
+    the libraries see copies in `copies`, which must stay while the shape is shown. InputError names
+    a mesh that is not there or cannot be read.
     """
     root = urdf_root(robot.source.urdf_text, robot.name)
+    copied: dict[Path, Path] = {}
     for mesh in root.iterfind("link/visual/geometry/mesh"):
-        mesh.set("filename", str(_mesh(mesh.get("filename", ""), folders, robot.name)))
+        found = _mesh(mesh.get("filename", ""), folders, robot.name)
+        if found not in copied:
+            copied[found] = _copied(found, copies / f"{len(copied)}{found.suffix.lower()}")
+        mesh.set("filename", str(copied[found]))
     for part in root.iter():  # only visual geometry is wanted, and no image is read
         for other in [child for child in part if child.tag in ("collision", "texture")]:
             part.remove(other)
@@ -56,7 +62,9 @@ def _visual_geometry(source: Source, urdf_text: str) -> pin.GeometryModel:
     name, kinematics = source.place, source.description.kinematics
     full = parse_urdf(urdf_text, name)
     every = read_urdf(
-        urdf_text, name, lambda path: pin.buildGeomFromUrdf(full, path, pin.GeometryType.VISUAL)
+        urdf_text,
+        name,
+        lambda text: pin.buildGeomFromUrdfString(full, text, pin.GeometryType.VISUAL),
     )
     reduced, geometry = pin.buildReducedModel(
         full, every, *locked_joints(full, kinematics.locked_joints, name)
@@ -78,8 +86,8 @@ def _mesh(name: str, folders: Sequence[Path], robot: str) -> Path:
     other names beside.
     """
     place = f"{robot}: mesh '{name}'"
-    if Path(name).suffix.lower() not in MESHES:
-        raise InputError(f"{place} is none of {' '.join(MESHES)}")
+    if Path(name).suffix.lower() not in ALONE:
+        raise InputError(f"{place} is none of {' '.join(ALONE)}")
     if Path(name).suffix.lower() == ".dae" and find_spec("collada") is None:
         raise InputError(f"{place} needs pycollada; run: pip install 'calibtool[view]'")
     path = name.removeprefix("file://").removeprefix("package://")
@@ -90,6 +98,25 @@ def _mesh(name: str, folders: Sequence[Path], robot: str) -> Path:
         if found.is_file():
             return found
     raise InputError(f"{place} is not found; name its folder by --meshes")
+
+
+def _copied(mesh: Path, copy: Path) -> Path:
+    """A copy that refers to no other file, and that both libraries can read: Pinocchio's, and
+    trimesh, by which viser shows it.
+    """
+    try:
+        copy.write_bytes(ALONE[copy.suffix](mesh.read_bytes(), str(mesh)))
+    except OSError as error:
+        raise InputError(f"{mesh}: {error.strerror or error}") from None
+    try:
+        coal.MeshLoader().load(str(copy), np.ones(3))
+        if find_spec("trimesh") is not None:
+            import trimesh
+
+            trimesh.load_scene(copy)
+    except Exception as error:  # of many kinds: the file is from anywhere
+        raise InputError(f"{mesh}: the mesh cannot be read ({type(error).__name__})") from None
+    return copy
 
 
 def simple_shape(robot: Robot) -> pin.GeometryModel:

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from calibtool.errors import UsageError
+from calibtool.evaluation.view.local_server import local_server
 from calibtool.evaluation.view.scene import Scene
 from calibtool.robot.se3 import Array
 
@@ -29,6 +30,7 @@ def serving(
     the magnification.
 
     shape: what the arm looks like, on the joints of the robot's chain. Its `viewer` is the server.
+    It answers this machine's browsers alone (`local_server`), under `host` and localhost.
     UsageError without viser or a Pinocchio that knows it, or when the port is taken.
     """
     visualizer = _visualizer(scene, shape)
@@ -37,7 +39,7 @@ def serving(
     with contextlib.redirect_stdout(
         io.StringIO()
     ):  # viser greets and says goodbye where data belong
-        server = _server(host, port, f"calibtool: {scene.robot.name}")
+        server = local_server(host, port, f"calibtool: {scene.robot.name}")
         visualizer.initViewer(viewer=server)
         visualizer.loadViewerModel("arm", frame_axis_length=size / 20, frame_axis_radius=size / 600)
     server.scene.set_up_direction("+z")
@@ -85,12 +87,6 @@ def _visualizer(scene: Scene, shape: pin.GeometryModel) -> "ViserVisualizer":
             "view needs viser; run: pip install 'calibtool[view]' (or write a page with --html)"
         ) from None
     return ViserVisualizer(scene.robot.chain.model, pin.GeometryModel(), shape)
-
-
-def _server(host: str, port: int, label: str) -> "ViserServer":
-    import viser
-
-    return viser.ViserServer(host=host, port=port, label=label, verbose=False)
 
 
 def _look_at(server: "ViserServer", scene: Scene) -> None:

@@ -5,6 +5,7 @@ from calibtool.measurement.checks.clocks import clock_finding
 from calibtool.measurement.checks.design import design_findings
 from calibtool.measurement.checks.finding import Finding
 from calibtool.measurement.checks.kind_checks import kind_findings
+from calibtool.measurement.checks.lonely_places import lonely_places
 from calibtool.measurement.checks.measuring_process import condition_findings
 from calibtool.measurement.checks.nominal_findings import nominal_findings, orientation_finding
 from calibtool.measurement.checks.nominal_fit import nominal_fit
@@ -33,7 +34,7 @@ def check_measurements(
         return kind_findings(measurements)
     fit = nominal_fit(measurements, free=False)
     mistakes, wrong_rows = nominal_findings(measurements, fit)
-    found = [*mistakes, *shape_findings(measurements, wrong_rows)]
+    found = [*lonely_places(measurements), *mistakes, *shape_findings(measurements, wrong_rows)]
     if not mistakes and (orientation := orientation_finding(measurements, fit)) is not None:
         found.append(orientation)
     found += condition_findings(measurements, fit, auxiliary or AuxiliaryReadings())

@@ -3,14 +3,17 @@
 import numpy as np
 
 from calibtool.errors import NoSolutionError
+from calibtool.measurement.checks.camera_checks import camera_findings
 from calibtool.measurement.checks.design import design_findings
 from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.checks.lonely_places import lonely_places
 from calibtool.measurement.kinds.kind import of_place
 from calibtool.measurement.measurements import Measurements, Setup
 from calibtool.measurement.observation import residuals
 from calibtool.measurement.registration import register
 from calibtool.robot.se3 import Array, transform_points
 
+_SUSPICIOUS = 5e-3  # of the length of the arm: more, and mistakes are looked for
 _GROSS = 3e-2  # of the length of the arm
 _LINE = 0.02  # extent across a line over that along it
 
@@ -28,6 +31,8 @@ def kind_findings(measurements: Measurements) -> list[Finding]:
     except NoSolutionError:
         rms = np.inf
     found = _lines(measurements, setup, poses) if measurements.kind == "plane" else []
+    if rms > _SUSPICIOUS * robot.length:
+        found += camera_findings(measurements)
     if rms > _GROSS * robot.length and not found:
         message = (
             f"the nominal robot explains the readings to {rms * 1e3:.3g} mm rms only; check the "
@@ -35,7 +40,7 @@ def kind_findings(measurements: Measurements) -> list[Finding]:
             "rows of joints and of readings belong together"
         )
         found.append(Finding("nominal_robot", "warning", message, {"rms_mm": rms * 1e3}))
-    found += design_findings(robot, measurements.q)
+    found += [*lonely_places(measurements), *design_findings(robot, measurements.q)]
     return sorted(found, key=lambda finding: finding.severity != "warning")
 
 

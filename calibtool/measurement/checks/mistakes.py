@@ -58,7 +58,8 @@ def mistakes(every: Measurements, rows: np.ndarray) -> Iterator[Mistake]:
     if measurements.rotations is not None:
         yield Mistake(
             "inverse_poses",
-            "the poses are inverted: those of a fixed board in a camera on the flange (--board)",
+            "the poses are inverted: those of a fixed board in a camera on the flange "
+            "(--poses-of board)",
             _inverse_poses(measurements),
         )
     for by in (1, -1, 2, -2):

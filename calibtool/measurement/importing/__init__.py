@@ -8,6 +8,7 @@ from calibtool.measurement.importing.commanded_targets import CommandedFile
 from calibtool.measurement.importing.imported import Imported, JointFile, Understood
 from calibtool.measurement.importing.preview import preview
 from calibtool.measurement.importing.row_selection import choose_rows, select_rows
+from calibtool.measurement.importing.second_arm_columns import SecondArm
 from calibtool.measurement.importing.stated import Stated
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "CommandedFile",
     "Imported",
     "JointFile",
+    "SecondArm",
     "Stated",
     "Understood",
     "choose_rows",

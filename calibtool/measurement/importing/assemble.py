@@ -32,6 +32,7 @@ from calibtool.measurement.importing.readings import (
     read_rotations,
 )
 from calibtool.measurement.importing.row_selection import line_ranges
+from calibtool.measurement.importing.second_arm_columns import SecondArm, is_second, seen_from
 from calibtool.measurement.importing.sources import SourceTable, read_source
 from calibtool.measurement.importing.stated import Stated
 from calibtool.measurement.importing.template import map_template
@@ -86,6 +87,7 @@ def read_table(
     joint_values: JointValues | None = None,
     commanded: CommandedFile | None = None,
     board: bool = False,
+    second_arm: SecondArm | None = None,
 ) -> Imported:
     """Measurements and auxiliary from the contents of a file; nothing of the set-up is estimated
     yet.
@@ -98,7 +100,7 @@ def read_table(
     own file. joint_values:
     whose they are where the header does not say it (`Robot.joint_values`); overrides the map's.
     commanded: targets
-    whose corrected joints the arm was driven to.
+    whose corrected joints the arm was driven to. second_arm: whose sensor sees the points.
     Raises InputError for a bad cell, column or target set, UsageError for options that do not fit
     the file, and for joint values of which nothing says whose they are, where it matters.
     """
@@ -141,7 +143,7 @@ def read_table(
         pose = complete.pose.model_copy(update={"of": "board"})
         complete = complete.model_copy(update={"pose": pose})
     elif board:
-        raise UsageError("--board: the table holds no poses")
+        raise UsageError("--poses-of board: the table holds no poses")
     assert complete.joints is not None
     stated_values = complete.joints.values
     if mapped and joint_values is not None:
@@ -201,6 +203,8 @@ def read_table(
         ),
         commanded=None if targets is None else commanded_poses(targets, robot, joint_values),
     )
+    if second_arm is not None:
+        measurements = seen_from(measurements, table, second_arm)
     stream = None
     if joints is not None and joints.join == "time":
         wanted, known = stamps(table, log, by)
@@ -219,7 +223,7 @@ def read_table(
         ),
         joints_name=joint_table.name,
         noise_stated=columns is not None and "noise" in columns.model_fields_set,
-        ignored=_ignored(source, joint_table, complete, joints),
+        ignored=_ignored(source, joint_table, complete, joints, second_arm is not None),
         lines=np.array(table.lines),
         notes=notes,
     )
@@ -305,7 +309,11 @@ def _outside(table: Table, robot: Robot, measurements: Measurements) -> list[str
 
 
 def _ignored(
-    source: SourceTable, joints: Table, columns: ColumnMap, joined: JointFile | None
+    source: SourceTable,
+    joints: Table,
+    columns: ColumnMap,
+    joined: JointFile | None,
+    two_arms: bool,
 ) -> dict[str, list[str]]:
     """Columns of each file that nothing is read from, not even to find a row by."""
     beside = set(COMPENSATED)
@@ -323,6 +331,8 @@ def _ignored(
     used = {source.table.name: of_table}
     used[joints.name] = used.get(joints.name, set()) | of_joints
     headers = {source.table.name: source.table.header, joints.name: joints.header}
+    if two_arms:
+        beside |= {column for column in source.table.header if is_second(column)}
     return {
         name: [c for c in header if c and c not in used[name] | beside]
         for name, header in headers.items()

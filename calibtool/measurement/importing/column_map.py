@@ -2,7 +2,6 @@
 (`--columns MAP.toml`).
 """
 
-import re
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
@@ -11,6 +10,7 @@ from calibtool.errors import InputError
 from calibtool.measurement.simulate import ORIENTATION_NOISE
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.description import Point, parse_toml, validation_message
+from calibtool.robot.orientation import numbers_in
 
 POSITION_NOISE = 0.05e-3  # m, stated for an instrument that does not tell its own
 
@@ -95,16 +95,16 @@ class PoseColumns(_Strict):
 
 class LengthColumns(_Strict):
     """Lengths instead of points: distances to fixed points (wires, a ball-bar), one column each, or
-    the height of the probe's tip above a plane.
+    the height of the probe's tip above a plane or a sphere; `centre`: from a sphere's centre.
     """
 
     columns: Annotated[list[str], Field(min_length=1)]
     unit: LengthUnit
-    of: Literal["distance", "plane"] = "distance"
+    of: Literal["distance", "plane", "sphere", "centre"] = "distance"
 
 
 class PlaceColumn(_Strict):
-    """Labels of the places that rows belong to: stations, placements, boards, planes."""
+    """Labels of the places that rows belong to: stations, placements, boards, planes, spheres."""
 
     column: str
 
@@ -228,8 +228,5 @@ def check_convention(value: str) -> None:
     """ValueError unless `value` names an orientation: Euler angles say whether the axes turn
     along (`intrinsic`).
     """
-    if value in ("zyx", "rotation-vector", "quaternion-wxyz", "quaternion-xyzw"):
-        return
-    match = re.fullmatch(r"(intrinsic|extrinsic|fixed)-([xyz])([xyz])([xyz])", value)
-    if match is None or match[2] == match[3] or match[3] == match[4]:
+    if value != "zyx" and not numbers_in(value):
         raise ValueError(f"unknown convention '{value}'; known: {CONVENTIONS}")

@@ -15,7 +15,6 @@ from calibtool.joint_and_pose_columns import (
 from calibtool.measurement.importing.column_map import (
     ColumnMap,
     JointColumns,
-    LengthUnit,
     PayloadColumn,
     PlaceColumn,
     ReferenceColumns,
@@ -34,19 +33,6 @@ from calibtool.measurement.importing.sources import SourceTable
 from calibtool.measurement.importing.stated import Stated
 from calibtool.robot.robot import Robot
 from calibtool.tables import Table
-
-_LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")
-_TARGET = re.compile(r"t(\d{1,9})_(?:nominal_|error_)?[xyz](?:_(mm|m|in))?")
-_REFERENCE = re.compile(r"ref(\d{1,9})_[xyz](?:_(mm|m|in))?")
-_DISTANCE = re.compile(r"(?:distance|wire|length)_?(\d{1,3})?(?:_(mm|m|in))?")
-_ANGLES = (  # three angles, and whose convention it may be
-    (("rx", "ry", "rz"), ""),
-    (("roll", "pitch", "yaw"), ""),
-    (("a", "b", "c"), " (KUKA's A B C: zyx)"),
-    (("w", "p", "r"), " (FANUC's W P R: extrinsic-xyz)"),
-    (("o", "a", "t"), " (Kawasaki's O A T: intrinsic-zyz)"),
-    (("a", "e", "r"), " (Comau's A E R: intrinsic-zyz)"),
-)
 
 
 class Found(NamedTuple):

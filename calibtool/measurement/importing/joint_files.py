@@ -54,6 +54,7 @@ def join_rows(
         else _by_time(measured, joints, columns, tolerance_s)
     )
     kept = np.flatnonzero(partner >= 0)
+    clocks = _backwards(measured, joints, columns) if how == "time" else []
     reason = "of that name" if how == "name" else f"within {tolerance_s:g} s"
     if not len(kept):
         raise InputError(f"{measured.name}: no row has a partner {reason} in {joints.name}")
@@ -67,7 +68,7 @@ def join_rows(
         )
         if len(rows) and not (how == "time" and table is joints and len(joints) > len(measured))
     ]
-    return measured.take(kept), joints.take(partner[kept]), warnings
+    return measured.take(kept), joints.take(partner[kept]), [*clocks, *warnings]
 
 
 def _which(table: Table, rows: np.ndarray) -> str:
@@ -148,6 +149,21 @@ def stamps(measured: Table, joints: Table, columns: JoinColumns | None) -> tuple
             )
         found.append(times(table, column))
     return found[0], found[1]
+
+
+def _backwards(measured: Table, joints: Table, columns: JoinColumns | None) -> list[str]:
+    """A warning for each file in which later rows have earlier stamps."""
+    found = []
+    for table, instants in zip((measured, joints), stamps(measured, joints, columns), strict=True):
+        filled = np.flatnonzero(np.isfinite(instants))
+        back = filled[1:][np.diff(instants[filled]) < 0]
+        if len(back):
+            found.append(
+                f"{table.name}: the clock runs backwards in {len(back)} of {len(instants)} rows: "
+                f"first in line {table.lines[int(back[0])]}; rows are taken in the order of their "
+                "stamps"
+            )
+    return found
 
 
 def _by_time(

@@ -19,6 +19,7 @@ _ASKED = {
     "setpoint",
     "nominal",
 }
+_MOST_WORDS = 20  # in the name of a joint
 _AROUND = {
     *_READ,
     *_ASKED,
@@ -33,7 +34,8 @@ _AROUND = {
     "value",
 }
 _NUMBERED = re.compile(
-    r"(?:joint|jnt|jt|j|axis|axe|achse|gelenk|eje|asse|ax|a|q|theta|th|θ|rax|robax|position|pos)"
+    r"(?:joint|jnt|jt|j|axis|axe|achse|gelenk|eje|asse|eixo|akse|axel|osa|oś|ось|关节|關節|関節|轴|軸"
+    r"|ax|a|q|theta|th|θ|rax|robax|position|pos)"
     r" ?[\[(]? ?(\d{1,3})[\])]?"
 )
 _OWN = re.compile(r"j\d+(?:_(?:read|serial|controller))?_(?:deg|rad|mm|m)")
@@ -85,6 +87,8 @@ def _number(column: str, joints: Sequence[str]) -> tuple[int, bool] | None:
         if rest and set(f"{rest[1]} {rest[2]}".split()) <= _AROUND:
             return i + 1, bool(set(rest[0].split()) & _READ)
     words = name.split(" ")
+    if len(words) > _MOST_WORDS:  # the search takes the square of their number
+        return None
     for start in range(len(words)):
         for length in (2, 1):
             middle = " ".join(words[start : start + length])

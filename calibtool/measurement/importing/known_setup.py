@@ -60,12 +60,15 @@ def known_setup(
 
 
 def _of_other_kinds(columns: ColumnMap, setup: Setup, places: int) -> Setup:
-    """The set-up of distances, heights above planes or boards, with nothing known."""
+    """The set-up of distances, heights above planes and spheres, or boards, with nothing known."""
     if columns.lengths is None:
         boards = np.broadcast_to(np.eye(4), (places, 4, 4))
         return replace(
             setup, T_tool_camera=readonly(np.eye(4)), T_base_boards=readonly(boards.copy())
         )
+    if columns.lengths.of in ("sphere", "centre"):
+        radius = 1.0 if columns.lengths.of == "sphere" else 0.0
+        return replace(setup, spheres=readonly(np.tile([0.0, 0.0, 0.0, radius], (places, 1))))
     if columns.lengths.of == "plane":
         return replace(setup, planes=readonly(np.tile([0.0, 0.0, 1.0, 0.0], (places, 1))))
     return replace(setup, anchors=readonly(np.zeros((len(columns.lengths.columns), 3))))

@@ -23,6 +23,7 @@ _LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")
 _TARGET = re.compile(r"t(\d{1,9})_(?:nominal_|error_)?[xyz](?:_(mm|m|in))?")
 _REFERENCE = re.compile(r"ref(\d{1,9})_[xyz](?:_(mm|m|in))?")
 _DISTANCE = re.compile(r"(?:distance|wire|length)_?(\d{1,3})?(?:_(mm|m|in))?")
+_ALONE = re.compile(r"(?:[xyz]|height|gap|radius)(?:_(?:mm|m|in))?")
 _ANGLES = (  # three angles, and whose convention it may be
     (("rx", "ry", "rz"), ""),
     (("roll", "pitch", "yaw"), ""),
@@ -68,17 +69,23 @@ def measured_columns(names: Named, source: SourceTable, stated: Stated) -> dict[
 
 def _lengths(names: Named, stated: Stated) -> LengthColumns | None:
     """`distance_mm`, `distance1_mm distance2_mm …`, or one coordinate alone: the height above a
-    plane.
+    plane, or a sphere where a column names it. On spheres `radius_mm` and `distance_mm` are from
+    the centre.
     """
     found: dict[int, tuple[str, str | None]] = {}
     for name in names.original:
         if match := _DISTANCE.fullmatch(name.lower()):
             found[int(match[1] or 1)] = (name, match[2])
-    what = "distance"
-    alone = [n for n in names.original if re.fullmatch(r"(?:[xyz]|height)(?:_(?:mm|m|in))?", n)]
+    on_sphere = "sphere" in names.original
+    what = "centre" if on_sphere else "distance"
+    alone = [n for n in names.original if _ALONE.fullmatch(n)]
     if not found and len(alone) == 1:
-        what, unit = "plane", alone[0].partition("_")[2]
+        unit = alone[0].partition("_")[2]
         found[1] = (alone[0], unit or None)
+        if not alone[0].startswith("radius"):
+            what = "sphere" if on_sphere else "plane"
+    if found and on_sphere and len(found) > 1:
+        raise InputError(f"{names.table.name}: on spheres one length is measured per row")
     if not found:
         return None
     units = {_length(unit or stated.unit, name, names) for name, unit in found.values()}
@@ -89,8 +96,8 @@ def _lengths(names: Named, stated: Stated) -> LengthColumns | None:
 
 
 def place_column(names: Named) -> PlaceColumn | None:
-    """The column that labels stations, placements, boards or planes."""
-    for word in ("station", "placement", "board", "plane"):
+    """The column that labels stations, placements, boards, planes or spheres."""
+    for word in ("station", "placement", "board", "plane", "sphere"):
         if word in names.original:
             return PlaceColumn(column=names.original[word])
     return None

@@ -2,6 +2,7 @@
 capitals do not matter.
 """
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -31,11 +32,15 @@ _WORDS = {
         "placement": "placement,aufnahme,gauge",
         "board": "board,tafel",
         "plane": "plane,ebene",
+        "sphere": "sphere,kugel,ball",
+        "gap": "gap,spalt,clearance",
+        "radius": "radius,r to centre",
         "status": "status",
         **{name: name for name in ("roll", "pitch", "yaw", *"abcwproet")},
     }.items()
     for spelling in spellings.split(",")
 }
+_QUATERNION = re.compile(r"(.*\b(?:orientation|rotation|rot|quaternion|quat|q)) ?([wxyz])")
 _NEED_UNIT = ("temperature", "payload")
 
 
@@ -65,6 +70,7 @@ def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -
     place = f"{table.name}:{table.header_line}"
     meant = joint_names(free, joints)
     meant |= point_names([column for column in free if column not in meant], place)
+    meant |= _quaternion([column for column in free if column not in meant])
     for column in free:
         word = _WORDS.get(spelt(column))
         unit = split_unit(column)[1]
@@ -84,3 +90,13 @@ def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -
         meant.get(column, column) if column in original.values() else "" for column in table.header
     ]
     return Named(replace(table, header=header), original)
+
+
+def _quaternion(columns: Sequence[str]) -> dict[str, str]:
+    """`pose.orientation.x` … `w`, `Rotation X` … `W`: `qx` … `qw`, where one set is complete."""
+    found: dict[str, dict[str, str]] = {}
+    for column in columns:
+        if match := _QUATERNION.fullmatch(spelt(column)):
+            found.setdefault(match[1], {})[f"q{match[2]}"] = column
+    whole = [axes for axes in found.values() if len(axes) == 4]
+    return {column: name for name, column in whole[0].items()} if len(whole) == 1 else {}

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from calibtool.errors import InputError
-from calibtool.measurement.importing.spelling import split_unit, with_unit
+from calibtool.measurement.importing.spelling import split_unit, unread_length, with_unit
 
 _OWN = re.compile(r"(?:t\d+_(?:nominal_|error_)?|ref\d+_)?[xyz](?:_(?:mm|m|in))?")
 _AXIS_LAST = re.compile(r"(?P<who>.*?)(?:(?<![a-z])|(?<=\b[tp]))(?P<axis>[xyz])")
@@ -15,7 +15,7 @@ _NUMBERED = re.compile(r"[a-z]* ?0*(\d{1,9})")
 _WORDS = """
     t p pos position point coord coordinate coordinates koordinate meas measured measurement actual
     act ist mess messwert value translation tracker laser target smr prism reflector probe sensor
-    punkt
+    punkt pose transform field data
 """
 _PLAIN = set(_WORDS.split())
 _ROBOT = {"robot", "tcp", "flange", "tool", "cart", "cartesian", "base", "world"}
@@ -38,6 +38,11 @@ def point_names(columns: Sequence[str], place: str) -> dict[str, str]:
     groups: dict[tuple[str, str | None], dict[str, str]] = {}
     for column in columns:
         name, unit = split_unit(column)
+        if unit is None and (other := unread_length(column)) and _who_axis(other[0]):
+            raise InputError(
+                f"{place}: column '{column}' is in {other[1]}; lengths are read in mm, m or in: "
+                "convert them"
+            )
         who_axis = None if column in meant and column[0] in "tTrR" else _who_axis(name)
         if who_axis is None:
             continue

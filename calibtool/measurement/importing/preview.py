@@ -1,5 +1,7 @@
 """Description of how a table was understood, as `import --dry-run` prints it."""
 
+from textwrap import wrap
+
 import numpy as np
 
 from calibtool.errors import NoSolutionError
@@ -51,7 +53,12 @@ def preview(imported: Imported) -> str:
         facts.append((f"target {i + 1}", f"{', '.join(names)} [{target.unit}], {where}"))
     if columns.lengths is not None:
         lengths = columns.lengths
-        of = {"distance": "distances", "plane": "heights above a plane"}[lengths.of]
+        of = {
+            "distance": "distances",
+            "plane": "heights above a plane",
+            "sphere": "distances from a sphere",
+            "centre": "distances from the centre of a sphere",
+        }[lengths.of]
         facts.append((of, f"{', '.join(lengths.columns)} [{lengths.unit}]"))
     if columns.place is not None:
         labels = ", ".join(measurements.setup.places) or "one alone, not used"
@@ -79,8 +86,21 @@ def preview(imported: Imported) -> str:
         for name, names in understood.ignored.items()
         if names
     ]
-    lines = [f"{key:<15} {value}" for key, value in facts]
+    lines = [line for key, value in facts for line in _fact(key, value)]
     return "\n".join([*lines, "", *_first_rows(imported), "", _fit(imported)]) + "\n"
+
+
+def _fact(key: str, value: str) -> list[str]:
+    """A fact in lines of 80 columns, its value beside its name."""
+    beside = " " * 16
+    return wrap(
+        f"{key:<15} {value}",
+        80,
+        subsequent_indent=beside,
+        drop_whitespace=True,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _spelling(imported: Imported) -> str:
@@ -136,26 +156,36 @@ def _beside(imported: Imported) -> list[str]:
 
 
 def _first_rows(imported: Imported) -> list[str]:
-    """A small table of the first rows: line, joints in deg or mm, points in mm."""
+    """Small tables of the first rows: line and joints in deg or mm, then the points in mm."""
     measurements = imported.measurements
     robot = measurements.robot
     scale = np.array([1 / TO_SI["mm" if prismatic else "deg"] for prismatic in robot.prismatic])
+    lines = [str(line) for line in imported.understood.lines[:_FIRST_ROWS]]
+    count = len(lines)
     many = measurements.points.shape[1] > 1
-    header = ["line", *robot.joint_columns]
-    header += [
-        f"t{i + 1}_{a}_mm" if many else f"{a}_mm"
-        for i in range(measurements.points.shape[1])
-        for a in "xyz"
+    joints = [
+        [line, *(_number(v) for v in row)]
+        for line, row in zip(lines, measurements.q[:count] * scale, strict=True)
     ]
-    rows = []
-    for row in range(min(_FIRST_ROWS, len(measurements))):
-        points = [_number(v * 1e3) for v in measurements.points[row].ravel()]
-        joints = [_number(v) for v in measurements.q[row] * scale]
-        rows.append([str(imported.understood.lines[row]), *joints, *points])
-    widths = [max(len(cells[i]) for cells in [header, *rows]) for i in range(len(header))]
+    points = [
+        [line, *([f"{i + 1}"] if many else []), *(_number(v * 1e3) for v in point)]
+        for line, row in zip(lines, measurements.points[:count], strict=True)
+        for i, point in enumerate(row)
+    ]
+    target = ["target"] if many else []
+    return [
+        *_aligned([["line", *robot.joint_columns], *joints]),
+        "",
+        *_aligned([["line", *target, "x_mm", "y_mm", "z_mm"], *points]),
+    ]
+
+
+def _aligned(rows: list[list[str]]) -> list[str]:
+    """Rows of cells, flush right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))
-        for cells in [header, *rows]
+        for cells in rows
     ]
 
 

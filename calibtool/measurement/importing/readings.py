@@ -3,10 +3,9 @@ auxiliary readings.
 """
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from calibtool.errors import InputError
-from calibtool.joint_and_pose_columns import joint_positions
+from calibtool.joint_and_pose_columns import check_quaternions, joint_positions
 from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.importing.column_map import (
     ColumnMap,
@@ -17,6 +16,7 @@ from calibtool.measurement.importing.column_map import (
     TargetColumns,
 )
 from calibtool.measurement.importing.joint_files import times
+from calibtool.robot.orientation import numbers_in, rotation_matrices
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
 from calibtool.tables import Table
@@ -63,7 +63,7 @@ def read_lengths(table: Table, lengths: LengthColumns) -> Array:
         [table.optional_numbers([column]) * TO_SI[lengths.unit] for column in lengths.columns],
         axis=-1,
     )
-    if lengths.of == "distance" and (values <= 0).any():
+    if lengths.of in ("distance", "centre") and (values <= 0).any():
         row, column = (int(i) for i in np.argwhere(values <= 0)[0])
         raise InputError(
             f"{table.place(row)}: column '{lengths.columns[column]}' holds a distance that is not "
@@ -87,43 +87,29 @@ def read_places(table: Table, column: str) -> tuple[np.ndarray | None, tuple[str
 
 
 def read_rotations(table: Table, pose: PoseColumns) -> Array:
-    """R_instrument_sensor (N, 3, 3) by the convention of the map.
+    """R_instrument_sensor (N, 3, 3) by the convention of the map, see `rotation_matrices`; zyx is
+    intrinsic-zyx.
 
-    intrinsic-abc: R = R_a(α) R_b(β) R_c(γ), axes turn along; extrinsic-abc (fixed-abc): R = R_c(γ)
-    R_b(β) R_a(α); zyx is intrinsic-zyx. Raises InputError for another number of columns or a
-    quaternion that is not of length 1.
+    Raises InputError for another number of columns or a quaternion that is not of length 1.
     """
     values = table.numbers(pose.orientation)
-    expected = 4 if pose.convention.startswith("quaternion") else 3
+    convention = "intrinsic-zyx" if pose.convention == "zyx" else pose.convention
+    expected = numbers_in(convention)
     if values.shape[1] != expected:
         raise InputError(
             f"{table.name}: {pose.convention} takes {expected} columns, "
             f"{values.shape[1]} are mapped"
         )
     if expected == 4:
-        lengths = np.linalg.norm(values, axis=-1)
-        if (np.abs(lengths - 1) > 1e-3).any():
-            row = int(np.argmax(np.abs(lengths - 1) > 1e-3))
-            raise InputError(
-                f"{table.place(row)}: quaternion of length {lengths[row]:.4g}; expected 1"
-            )
-        return _matrices(Rotation.from_quat(values, scalar_first=pose.convention.endswith("wxyz")))
+        check_quaternions(table, values)
+        return rotation_matrices(values, convention)
     if pose.orientation_unit == "rad" and np.abs(values).max() > 4 * np.pi:
         row, column = (int(i) for i in np.argwhere(np.abs(values) > 4 * np.pi)[0])
         raise InputError(
             f"{table.place(row)}: column '{pose.orientation[column]}' holds "
             f"{values[row, column]:g} rad, which looks like degrees; state the unit deg"
         )
-    values = values * TO_SI[pose.orientation_unit or "rad"]
-    if pose.convention == "rotation-vector":
-        return _matrices(Rotation.from_rotvec(values))
-    kind, axes = ("intrinsic", "zyx") if pose.convention == "zyx" else pose.convention.split("-")
-    return _matrices(Rotation.from_euler(axes.upper() if kind == "intrinsic" else axes, values))
-
-
-def _matrices(rotations: Rotation) -> Array:
-    matrices: Array = rotations.as_matrix()
-    return matrices
+    return rotation_matrices(values * TO_SI[pose.orientation_unit or "rad"], convention)
 
 
 def read_payload(table: Table, payload: PayloadColumn) -> Array:

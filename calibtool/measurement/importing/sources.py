@@ -2,10 +2,11 @@
 sheet.
 """
 
+import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from calibtool.errors import UsageError
+from calibtool.errors import InputError, UsageError
 from calibtool.measurement.importing.encoding import decoded
 from calibtool.measurement.importing.excel import ZIP, parse_workbook
 from calibtool.measurement.importing.preamble import without_preamble
@@ -17,6 +18,11 @@ from calibtool.measurement.importing.spatial_analyzer import (
 from calibtool.tables import Table, read_tables, text_lines
 
 Format = Literal["table", "spatial-analyzer", "excel"]
+_OTHERS = {
+    "a JSON file": re.compile(r"\s*(?:\{\s*\"|\[\s*[\[{])"),
+    "an XML or HTML file": re.compile(r"\s*<[?!A-Za-z]"),
+}
+_MINUS = re.compile(r"\u2212(?=[\d.,])")  # what spreadsheets of some languages write
 FORMATS: tuple[str, ...] = get_args(Format)
 
 
@@ -61,6 +67,9 @@ def read_source(
             raise UsageError(f"{name}: a workbook is bytes, not text")
         return SourceTable(parse_workbook(data, name, sheet, decimal), format)
     text, found = (data, None) if isinstance(data, str) else decoded(data, name, encoding)
+    if other := next((kind for kind, begins in _OTHERS.items() if begins.match(text)), None):
+        raise InputError(f"{name}: {other}; expected a table (CSV, Excel) or a list of points")
+    text = _MINUS.sub("-", text)
     notes: tuple[str, ...] = ()
     if found:
         notes = (f"{name}: not UTF-8, read as {found}; --encoding says otherwise",)

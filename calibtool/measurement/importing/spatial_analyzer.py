@@ -138,6 +138,9 @@ def _cells(line: str) -> list[str]:
     line = line.partition("//")[0].strip()
     if len(line) > LONG_LINE:  # more than csv takes
         return line.split(",")
+    if ";" in line:  # an export where the comma is the decimal sign
+        cells = next(split_lines([line], ";"))
+        return cells[:3] + [cell.replace(",", ".") for cell in cells[3:]]
     return next(split_lines([line], "," if "," in line else " ")) if line else []
 
 

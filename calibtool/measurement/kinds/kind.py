@@ -21,7 +21,8 @@ class Readings(NamedTuple):
 
     points     (N, m, 3) m; NaN for a point that was not seen
     rotations  (N, 3, 3) or None
-    values     (N, w) lengths, m; NaN for one that was not read; None for kinds without
+    values     (N, w) lengths, m, or image coordinates, px; NaN for one that was not read; None for
+               kinds without
     place      (N,) number of the labelled place that the row belongs to; None: all to the first
     """
 
@@ -48,12 +49,18 @@ class Kind(ABC):
     words   description; `{m}` stands for the number of points
     arrays  of the set-up beside frame and targets, by name: (shape, unit, description), -1 for any
             length
+    given   names of those that are known beforehand, if only roughly
+    unit    of the readings' values
+    sees_all  whether the instrument sees the tool wherever it is
     """
 
     id: ClassVar[str]
     words: ClassVar[str]
     arrays: ClassVar[dict[str, tuple[tuple[int, ...], str, str]]] = {}
     of_points: ClassVar[bool] = True
+    given: ClassVar[tuple[str, ...]] = ()
+    unit: ClassVar[str] = "m"
+    sees_all: ClassVar[bool] = True
 
     @abstractmethod
     def coordinates(self, setup: Setup) -> int:
@@ -78,6 +85,20 @@ class Kind(ABC):
     @abstractmethod
     def moved(self, setup: Setup, step: Array) -> Setup:
         """The set-up after a step (k,) of its free elements."""
+
+    def blank(self, name: str, array: Array) -> Array:
+        """An array of the set-up as it is before anything is known: no place, no turn."""
+        if array.shape[-2:] in ((3, 3), (4, 4)):
+            return np.broadcast_to(np.eye(array.shape[-1]), array.shape).copy()
+        return np.zeros_like(array)
+
+    def registered(self, setup: Setup) -> np.ndarray:
+        """Which free elements (k,) bool a registration alone fits; the complete model fits all."""
+        return np.ones(len(self.names(setup)), dtype=bool)
+
+    def sees(self, setup: Setup, T_base_tool: Array, place: np.ndarray | None = None) -> np.ndarray:
+        """Whether the instrument sees anything at these poses: (N,) bool."""
+        return np.ones(len(T_base_tool), dtype=bool)
 
     @abstractmethod
     def weights(self, readings: Readings, noise_position: float, noise_orientation: float) -> Array:

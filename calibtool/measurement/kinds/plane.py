@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from calibtool.measurement.measurements import Setup
 
 _TARGETS = 0.1 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])  # m: starts
+_STEP = 5e-3  # m between readings: they tell where the normal points
 
 
 class PlaneProbe(Kind):
@@ -76,7 +77,9 @@ class PlaneProbe(Kind):
         return found
 
     def starts(self, readings: Readings, setup: Setup, poses: Array) -> list[Setup]:
-        """With the tool's point given, a plane is that of the smallest extent of its points."""
+        """With the tool's point given, a plane is that of the smallest extent of its points, or
+        across that in which the readings rise.
+        """
         assert readings.values is not None
         found = []
         own = np.zeros(len(poses), dtype=int) if readings.place is None else readings.place
@@ -87,6 +90,9 @@ class PlaneProbe(Kind):
                 part, heights = points[own == g], readings.values[own == g, 0]
                 centre = part.mean(axis=0)
                 normal = np.linalg.svd(part - centre)[2][2]
+                if np.ptp(heights) > _STEP:
+                    steepest = np.linalg.lstsq(part - centre, heights - heights.mean())[0]
+                    normal = steepest / max(np.linalg.norm(steepest), 1e-12)
                 planes.append([*normal, float(normal @ centre - heights.mean())])
             found.append(
                 replace(setup, targets=readonly(target[None]), planes=readonly(np.array(planes)))

@@ -5,15 +5,17 @@ by a process that was killed; the next output of the same name removes it.
 """
 
 import contextlib
+import errno
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
-from calibtool.cli.interrupts import held, unfinished
+from calibtool.unfinished_files import held, unfinished
 
 if sys.platform != "win32":
     import fcntl
@@ -24,13 +26,36 @@ _NAME_BYTES = (
 )
 
 
+# What FAT sticks and network shares answer to calls that they do not know.
+_UNKNOWN = {
+    errno.EPERM,
+    errno.EACCES,
+    errno.EINVAL,
+    errno.ENOSYS,
+    errno.ENOTSUP,
+    errno.ENOLCK,
+    errno.ENOTTY,
+}
+# What is lost with each of them.
+_LOSS = {
+    "locks": "nobody tells what a killed process left behind",
+    "permissions": "the file has those that the system gives it",
+    "fsync": "a power cut may lose it",
+    "hard links": "a file made under the same name in the same moment would be replaced",
+}
+
+
 @dataclass(frozen=True)
 class PartialFile:
-    """A temporary file, open for writing, and its target."""
+    """A temporary file, open for writing, and its target.
+
+    lacking  what the file system cannot do, of `_LOSS`: the guarantee is weaker then
+    """
 
     stream: BinaryIO
     temporary: str
     target: Path
+    lacking: list[str] = field(default_factory=list)
 
     def publish(self, force: bool) -> None:
         """Rename the complete file to its target.
@@ -38,8 +63,9 @@ class PartialFile:
         FileExistsError without `force` if the target exists by now.
         """
         self.stream.flush()
-        _adopt_permissions(self.stream.fileno(), self.target)
-        os.fsync(self.stream.fileno())
+        descriptor = self.stream.fileno()
+        attempt("permissions", self.lacking, lambda: _adopt_permissions(descriptor, self.target))
+        attempt("fsync", self.lacking, lambda: os.fsync(descriptor))
         if force:
             os.replace(self.temporary, self.target)
             return
@@ -47,10 +73,43 @@ class PartialFile:
             os.link(self.temporary, self.target)  # unlike a rename, never over another file
         except FileExistsError:
             raise
-        except OSError:  # a file system without hard links
+        except OSError:
             if os.path.lexists(self.target):
                 raise FileExistsError(self.target) from None
             os.replace(self.temporary, self.target)
+            self.lacking.append("hard links")
+
+
+def attempt(what: str, lacking: list[str], call: Callable[[], object]) -> None:
+    """Call what some file systems do not know; then `what` is noted in `lacking`, once."""
+    try:
+        call()
+    except OSError as error:
+        if error.errno not in _UNKNOWN:
+            raise
+        if what not in lacking:
+            lacking.append(what)
+
+
+def weaker(lacking: list[str]) -> str:
+    """A line about a file that was written all the same."""
+    parts = ", ".join(f"no {what} ({_LOSS[what]})" for what in lacking)
+    return f"written with a weaker guarantee: the file system knows {parts}"
+
+
+def written_at(path: str | os.PathLike[str]) -> Path:
+    """The file that is written: the target of a symbolic link."""
+    return Path(os.path.realpath(path)) if os.path.islink(path) else Path(path)
+
+
+def encoded(contents: bytes | str) -> bytes:
+    """The bytes to write: text as UTF-8.
+
+    File names that are none, which Python keeps as surrogates, become the replacement character.
+    """
+    if isinstance(contents, bytes):
+        return contents
+    return contents.encode("utf-8", "surrogateescape").decode("utf-8", "replace").encode("utf-8")
 
 
 @contextlib.contextmanager
@@ -71,16 +130,14 @@ def staged(target: Path) -> Iterator[PartialFile]:
                 stack.enter_context(unfinished(temporary))
             stream = os.fdopen(descriptor, "wb")
             stack.callback(_close, stream)
-            with contextlib.suppress(
-                OSError
-            ):  # no locks on this file system: nobody removes anything either
-                if sys.platform != "win32":
-                    fcntl.flock(descriptor, fcntl.LOCK_EX)
+            lacking: list[str] = []  # without locks nobody removes anything either
+            if sys.platform != "win32":
+                attempt("locks", lacking, partial(fcntl.flock, descriptor, fcntl.LOCK_EX))
             if os.path.exists(
                 temporary
             ):  # else taken for abandoned by another process, just before it was locked
                 break
-        yield PartialFile(stream, temporary, target)
+        yield PartialFile(stream, temporary, target, lacking)
 
 
 def _close(stream: BinaryIO) -> None:

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calibtool.controller.standard_form import standard_rows
 from calibtool.errors import InputError
-from calibtool.robot.constant_placements import chain_of
+from calibtool.robot.constant_placements import Step, chain_of, chain_urdf, near_frames
 from calibtool.robot.denavit_hartenberg import DhRow, DhTable, steps_of
 from calibtool.robot.robot import Robot
+from calibtool.robot.standard_form import standard_rows
 from calibtool.robot.ur_frames import FRAMES, number, ur_frames
 
 SECTION = "mounting"
@@ -29,7 +29,20 @@ def frames_model(text: str, name: str, robot: Robot) -> Robot:
 
 
 def changes_model(text: str, name: str, robot: Robot) -> Robot:
-    """The arm of a UR controller's `calibration.conf`: changes of DH parameters, m and rad.
+    """The arm of a UR controller's `calibration.conf`, see `changed_steps`."""
+    return chain_of(changed_steps(text, name, robot), [False] * _JOINTS, name)
+
+
+def calibrated_urdf(kind: str, text: str, name: str, nominal: Robot) -> str:
+    """The URDF of an arm by its calibration ("ur-conf" or "ur-yaml"), with the nominal limits."""
+    _check_joints(nominal, name)
+    steps = changed_steps(text, name, nominal) if kind == "ur-conf" else ur_frames(text, name)
+    pairs = zip(nominal.lower.tolist(), nominal.upper.tolist(), strict=True)
+    return chain_urdf(near_frames(steps), [False] * _JOINTS, "ur", dict(enumerate(pairs)))
+
+
+def changed_steps(text: str, name: str, robot: Robot) -> list[list[Step]]:
+    """The products of placements of `chain_of` that changes of DH parameters make, m and rad.
 
     T = Π_j Rz(q_j + δθ_j) Tz(d_j + δd_j) Tx(a_j + δa_j) Rx(α_j + δα_j), a, α, d those of the
     nominal robot. The δd of parallel axes may be metres, they cancel out. Raises InputError for a
@@ -57,18 +70,19 @@ def changes_model(text: str, name: str, robot: Robot) -> Robot:
         )
     nominal = standard_rows(robot.mechanism, _JOINTS)
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (20, _JOINTS))
-    difference = _chain(nominal, name).mechanism.forward(q) - robot.mechanism.forward(q)
+    rebuilt = chain_of(_steps(nominal), [False] * _JOINTS, name)
+    difference = rebuilt.mechanism.forward(q) - robot.mechanism.forward(q)
     if not np.abs(difference).max() < _SAME:
         raise InputError(
             f"{name}: changes of DH parameters are for a UR arm, whose K_0 is the controller's "
             f"Base and whose tool is the flange; {robot.name} is not in that form (base_frame, "
             "tool_frame in its robot.toml)"
         )
-    return _chain([DhRow(*row) for row in (np.array(nominal) + changes.T).tolist()], name)
+    return _steps([DhRow(*row) for row in (np.array(nominal) + changes.T).tolist()])
 
 
-def _chain(rows: list[DhRow], name: str) -> Robot:
-    return chain_of(steps_of(DhTable(rows, [], []), "standard"), [False] * _JOINTS, name)
+def _steps(rows: list[DhRow]) -> list[list[Step]]:
+    return steps_of(DhTable(rows, [], []), "standard")
 
 
 def _check_joints(robot: Robot, name: str) -> None:

@@ -1,0 +1,141 @@
+"""calibtool guide: a guided session that prints the commands that do the same."""
+
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calibtool.cli.files import message
+from calibtool.errors import UsageError
+
+_SAMPLE = "sample"
+_PROGRAMS = (".ls", ".src", ".mod", ".script", ".json", ".csv")
+
+
+def guide(
+    folder: Annotated[
+        str,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder for the files of the session."),
+    ] = "guided",
+) -> None:
+    """Be guided from measurements to a corrected program.
+
+    Asks for robot, file and limits, with a default for everything (press Enter), and runs the
+    commands one after another: import, train, evaluate, report, compensate. Every command is
+    printed before it runs, so that the session can be repeated without questions. Needs a terminal;
+    nothing moves the arm.
+
+    Example: calibtool guide -o cell-4
+    """
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        raise UsageError(
+            "guide asks questions and needs a terminal; scripts use the commands that it prints, "
+            "see docs/get-started.md"
+        )
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    session(Path(folder), asked, performed)
+
+
+def session(
+    folder: Path, ask: Callable[[str, str], str], perform: Callable[[list[str]], int]
+) -> None:
+    """The session; ask(question, default) returns the answer, perform runs `calibtool ARGUMENTS`
+    and returns its exit code.
+    """
+    measured, rest = str(folder / "measurements.h5"), str(folder / "rest.h5")
+    calibration = str(folder / "calibration.h5")
+    message("Enter takes the answer in brackets. Ctrl-C ends the session; what is written stays.")
+    table = ask("table of measurements, or 'sample' for a file to try", _SAMPLE)
+    joint_values: list[str] = []
+    robot_default, program = "ur10", ""
+    if table == _SAMPLE:
+        where = folder / _SAMPLE
+        if not where.is_dir():
+            perform(["demo", "--sample", "-o", str(where)])
+        table, robot_default = str(where / "tracker.csv"), "fanuc-m1000ia"
+        program = str(where / "seam.ls")
+    elif not Path(table).is_file():
+        raise UsageError(f"{table}: no such file")
+    robot = ask("robot: a built-in name (calibtool robots lists them), or a file", robot_default)
+    if _counts_its_own(robot):
+        whose = ask("joint values of the table: serial or controller", "controller")
+        joint_values = ["--joint-values", whose]
+    message("How the table is understood:")
+    read = ["import", table, "--robot", robot, *joint_values]
+    if perform([*read, "--dry-run"]) != 0:
+        return message(
+            "Correct the header or give a column map (docs/file-formats.md), then again."
+        )
+    if ask("is that what you measured? yes or no", "yes").lower().startswith("n"):
+        return message(
+            "Correct the header or give a column map (docs/file-formats.md), then again."
+        )
+    part = ask("rows for the fit; the others judge it", "75%")
+    count = _rows(part, _count(table))
+    split = ["--sample", str(count), "--rest", rest, "-o", measured, "--force"]
+    if perform([*read, *split]) != 0:
+        return message("The measurements are not usable yet: the line above says why.")
+    message("Finding the errors of the robot:")
+    if perform(["train", measured, "-o", calibration, "--force"]) != 0:
+        return message("No calibration was found: the line above says why.")
+    limit = ask("largest position error that is allowed, mm", "0.5")
+    judged = [calibration, "--on", rest, "--require", f"position_max_mm={limit}"]
+    met = perform(["evaluate", *judged]) == 0
+    perform(["report", *judged, "-o", str(folder / "report.html"), "--force"])
+    message(
+        "The limit is met on rows that the fit has not seen."
+        if met
+        else "The limit is not met: measure more rows, or look at the report."
+    )
+    program = ask("program or targets to correct (empty: none)", program)
+    if program:
+        if not Path(program).is_file():
+            raise UsageError(f"{program}: no such file")
+        corrected = str(folder / f"corrected{Path(program).suffix}")
+        perform(["compensate", calibration, program, "-o", corrected, "--force"])
+    message(f"Everything is in {folder}. Next: prove it on the arm (docs/how-to/prove-it.md).")
+    return None
+
+
+def asked(question: str, default: str) -> str:
+    """The answer of the person at the terminal."""
+    print(f"{question} [{default}]: ", end="", file=sys.stderr, flush=True)  # noqa: T201
+    answer = sys.stdin.readline()
+    if not answer:
+        raise KeyboardInterrupt
+    return answer.strip() or default
+
+
+def performed(arguments: list[str]) -> int:
+    """Print a command and run it, as a process of its own."""
+    message(f"\n$ {shlex.join(['calibtool', *arguments])}".strip())
+    return subprocess.run([sys.executable, "-m", "calibtool", *arguments], check=False).returncode
+
+
+def _counts_its_own(robot: str) -> bool:
+    from calibtool.robot.catalogue import load_robot
+
+    return load_robot(robot).coupled
+
+
+def _count(table: str) -> int:
+    """About how many rows a table has."""
+    with open(table, "rb") as stream:
+        return max(sum(1 for line in stream if line.strip()) - 1, 2)
+
+
+def _rows(part: str, count: int) -> int:
+    """Rows of an answer such as 75% or 45, at least one and not all. UsageError otherwise."""
+    text = part.strip()
+    try:
+        value = float(text.rstrip("%"))
+    except ValueError:
+        raise UsageError(f"'{part}' is no number of rows; expected 45 or 75%") from None
+    rows = round(count * value / 100) if text.endswith("%") else round(value)
+    if not 1 <= rows < count:
+        raise UsageError(f"{part} of {count} rows; expected at least 1, and fewer than all")
+    return rows

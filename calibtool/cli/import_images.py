@@ -1,0 +1,134 @@
+"""The part of calibtool import that reads a folder of images."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from calibtool.cli.files import (
+    check_output,
+    message,
+    read_bytes,
+    read_text,
+    same_file,
+    shown,
+    write_outputs,
+    wrote,
+)
+from calibtool.cli.input_files import measurements_words
+from calibtool.cli.options import choice
+from calibtool.cli.progress import counted, working
+from calibtool.cli.provenance import provenance
+from calibtool.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from calibtool.measurement.importing import Stated
+    from calibtool.robot.coupling import JointValues
+    from calibtool.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class ImageOptions:
+    """The options of images alone; None where they were not given."""
+
+    board: str | None
+    camera: str | None
+    intrinsics: str | None
+    picture: str | None
+
+    def refuse(self, table: str) -> None:
+        """UsageError where one of them was given with a table."""
+        for option, value in vars(self).items():
+            if value is not None:
+                raise UsageError(
+                    f"--{option} belongs to a folder of images, {shown(table)} is none; poses of a "
+                    "board in a camera: --poses-of board"
+                )
+
+
+def import_folder(
+    folder: str,
+    robot: "Robot",
+    output: str,
+    options: ImageOptions,
+    joints: str | None,
+    *,
+    stated: "Stated",
+    joint_values: "JointValues | None",
+    encoding: str | None,
+    others: Mapping[str, Any],
+    accept_misfit: bool,
+    force: bool,
+) -> None:
+    """Import the images of a folder, see `import_images`.
+
+    others: options of tables by name, which images have not; UsageError where one is given.
+    """
+    for option, value in others.items():
+        if value:
+            raise UsageError(f"{option} belongs to tables; {folder} is a folder of images")
+    if joints is None or options.board is None:
+        missing = "--joints FILE" if joints is None else "--board BOARD.toml"
+        raise UsageError(f"{folder}: a folder of images needs {missing}")
+    check_output(output, force, binary=True)
+    if options.picture is not None:
+        check_output(options.picture, force, binary=True)
+        if same_file(options.picture, output):
+            raise UsageError(f"--picture and -o are the same, {output}")
+    from calibtool.measurement.checks import check_measurements
+    from calibtool.measurement.images.board_description import parse_board
+    from calibtool.measurement.images.board_picture import picture
+    from calibtool.measurement.images.image_import import Camera, images_in, import_images
+    from calibtool.measurement.images.intrinsics_file import parse_intrinsics
+    from calibtool.measurement.registration import register
+    from calibtool.storage import to_bytes
+
+    camera = choice(options.camera or "tool", ("tool", "beside"), "--camera")
+    board_text = read_text(options.board)
+    inputs = {"joints": read_bytes(joints), "board": board_text.encode()}
+    lens = None
+    if options.intrinsics is not None:
+        lens_text = read_text(options.intrinsics)
+        inputs["intrinsics"] = lens_text.encode()
+        lens = parse_intrinsics(lens_text, shown(options.intrinsics))
+    paths = images_in(Path(folder))
+    imported = import_images(
+        paths,
+        inputs["joints"],
+        shown(joints),
+        robot,
+        parse_board(board_text, shown(options.board)),
+        camera=cast(Camera, camera),
+        intrinsics=lens,
+        stated=stated,
+        joint_values=joint_values,
+        encoding=encoding,
+        progress=counted,
+    )
+    for note in imported.notes:
+        message(f"note: {note}")
+    with working(f"registering and checking {len(imported.measurements)} images"):
+        measurements = imported.measurements
+        measurements = replace(measurements, setup=register(measurements))
+        findings = [*imported.findings, *check_measurements(measurements)]
+    for finding in findings:
+        if finding.name == "nominal_robot" and not accept_misfit:
+            raise InputError(
+                f"{folder}: {finding.message}; --accept-misfit takes the images in all the same"
+            )
+        message(str(finding))
+    inputs["images"] = "\n".join(f"{path.name} {_digest(path)}" for path in paths).encode()
+    said = tuple(finding.message for finding in findings if finding.severity == "warning")
+    measurements = replace(measurements, provenance=provenance(None, **inputs), findings=said)
+    outputs: dict[str, bytes | str] = {output: to_bytes(measurements)}
+    if options.picture is not None:
+        lost = [path for path in paths if path not in imported.paths]
+        outputs[options.picture] = picture(imported.paths, imported.pixels, imported.lens, lost)
+    write_outputs(outputs, force)
+    wrote(output, measurements_words(measurements))
+
+
+def _digest(path: Path) -> str:
+    from hashlib import sha256
+
+    return sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,64 @@
+"""What options of calibtool import mean."""
+
+from typing import TYPE_CHECKING, Any
+
+from calibtool.cli.files import message
+from calibtool.cli.input_files import load_calibration, load_described
+from calibtool.cli.options import choice
+from calibtool.errors import NoSolutionError, UsageError
+
+if TYPE_CHECKING:
+    from calibtool.measurement.importing import Imported, SecondArm, Stated
+
+
+def chosen(value: str | None, allowed: tuple[str, ...], option: str) -> Any:
+    """An allowed value, or None where the option was not given; UsageError otherwise."""
+    return None if value is None else choice(value, allowed, option)
+
+
+def stated_of(unit: str | None, angle_unit: str | None, convention: str | None) -> "Stated":
+    """What the options state where a header does not."""
+    from calibtool.measurement.importing import Stated
+
+    return Stated(
+        chosen(unit, ("mm", "m", "in"), "--unit"),
+        chosen(angle_unit, ("deg", "rad"), "--angle-unit"),
+        convention,
+    )
+
+
+def second_arm_of(name: str) -> "SecondArm":
+    """A second arm: a robot that is taken as it is drawn, or a calibrated one."""
+    from calibtool.measurement.importing import SecondArm
+
+    if name.endswith(".h5"):
+        calibration, _ = load_calibration(name)
+        return SecondArm(calibration.robot, calibration.forward)
+    robot = load_described(name, None, [])
+    return SecondArm(robot, robot.mechanism.forward)
+
+
+def offset_of(imported: "Imported", text: str) -> float:
+    """The offset of --clock-offset, s; with `auto` what the moving arm tells, and a line of it."""
+    from math import isfinite
+
+    from calibtool.measurement.checks.clocks import clock_offset
+
+    if text == "auto":
+        stream = imported.with_clock_offset(0.0).stream
+        assert stream is not None
+        found = clock_offset(imported.measurements.points_alone(), stream)
+        if found is None:
+            raise NoSolutionError(
+                "--clock-offset auto: nothing tells it: the arm stands still, or the points do not "
+                "fit the robot; state it in seconds"
+            )
+        message(f"note: clock offset {found.offset:+.5f} s, ± {found.error * 1e3:.2g} ms")
+        return found.offset
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = float("nan")
+    if not isfinite(seconds):
+        raise UsageError(f"--clock-offset: '{text}' is no number of seconds, nor auto")
+    return seconds

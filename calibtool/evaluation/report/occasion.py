@@ -1,0 +1,63 @@
+"""What an acceptance document says beside its figures: who measured what, where and for whom."""
+
+import tomllib
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from calibtool.errors import InputError
+
+FIELDS = {
+    "serial": "serial number",
+    "customer": "customer",
+    "operator": "operator",
+    "instrument": "instrument",
+    "date": "date",
+    "temperature": "temperature",
+}
+
+
+class Occasion(BaseModel):
+    """The occasion of a report, as text; an empty entry is left for the pen.
+
+    title        heading of the document; empty: that of the robot
+    serial, customer, operator, instrument, date, temperature   see `FIELDS`
+    calibrations names for people, by the name of the calibration
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", coerce_numbers_to_str=True)
+
+    title: str = ""
+    serial: str = ""
+    customer: str = ""
+    operator: str = ""
+    instrument: str = ""
+    date: str = ""
+    temperature: str = ""
+    calibrations: dict[str, str] = {}
+
+    @property
+    def entries(self) -> list[tuple[str, str]]:
+        """Name and value of every entry but the title, in the order of the document."""
+        return [(name, getattr(self, key)) for key, name in FIELDS.items()]
+
+    def changed(self, given: dict[str, str | None]) -> "Occasion":
+        """The same with what is given, by field; None changes nothing."""
+        return self.model_copy(update={k: v for k, v in given.items() if v is not None})
+
+
+def parse_occasion(text: str, name: str) -> Occasion:
+    """The occasion from a TOML text called `name`. InputError for what is none."""
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{name}: {error}") from None
+    for key, value in values.items():
+        if not isinstance(value, dict | list):
+            values[key] = str(value)  # a date, a number of degrees
+    try:
+        return Occasion(**values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        known = ", ".join(Occasion.model_fields)
+        place = ".".join(map(str, first["loc"]))
+        raise InputError(f"{name}: {place}: {first['msg']}; known are {known}") from None

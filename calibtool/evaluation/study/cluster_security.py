@@ -1,0 +1,42 @@
+"""The TLS files of a Dask cluster, from a small TOML file."""
+
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from calibtool.errors import InputError
+from calibtool.robot.description import parse_toml, validation_message
+
+
+class ClusterSecurity(BaseModel):
+    """Paths of PEM files: the authority that signed the certificates of scheduler and workers, and
+    certificate and key of this client. Connections without TLS are refused.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    tls_ca_file: Path
+    tls_client_cert: Path
+    tls_client_key: Path
+
+    @property
+    def options(self) -> dict[str, object]:
+        """Arguments of `distributed.Security`."""
+        files = {name: str(path) for name, path in self}
+        return {"require_encryption": True, **files}
+
+
+def parse_security(text: str, place: str, folder: Path) -> ClusterSecurity:
+    """The files that a TOML text names, relative to a folder.
+
+    InputError, with `place`, for other keys and for files that are not there.
+    """
+    try:
+        named = ClusterSecurity.model_validate(parse_toml(text, place))
+    except ValidationError as error:
+        raise InputError(f"{place}: {validation_message(error, ClusterSecurity)}") from None
+    found = {name: folder / path for name, path in named}
+    for name, path in found.items():
+        if not path.is_file():
+            raise InputError(f"{place}: {name}: {path}: no such file")
+    return ClusterSecurity(**found)

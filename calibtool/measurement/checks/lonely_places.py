@@ -1,0 +1,45 @@
+"""Labelled places of which too few rows tell where they are: nothing ties them to the others."""
+
+import re
+
+import numpy as np
+
+from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.kinds.instrument import InstrumentKind
+from calibtool.measurement.measurements import Measurements
+
+_OWN = "(?:base|board|plane|sphere|camera)"  # names of what there is once for each place
+
+
+def lonely_places(measurements: Measurements) -> list[Finding]:
+    """A finding for every place whose readings are no more than the unknowns of its set-up."""
+    setup, place = measurements.setup, measurements.place
+    if place is None or not (isinstance(setup.kind, InstrumentKind) or not setup.kind.given):
+        return []
+    read = (setup.kind.weights(measurements.readings, 1.0, 1.0) > 0).sum(axis=-1)
+    found = []
+    for g, label in enumerate(measurements.places):
+        own = [name for name in setup.free_names if re.match(rf"{_OWN}{g + 1}\.", name)]
+        unknowns = 6 if isinstance(setup.kind, InstrumentKind) else len(own)
+        rows = np.flatnonzero(place == g)
+        equations = int(read[rows].sum())
+        if not unknowns or equations > unknowns:
+            continue
+        message = (
+            f"{label}: {len(rows)} rows read {equations} numbers, and {unknowns} are needed to "
+            "tell where it is: nothing ties it to the other places, and its rows tell nothing of "
+            f"the arm; measure at least {_enough(unknowns, equations, len(rows))} rows there"
+        )
+        numbers: dict[str, float | int | list[float]] = {
+            "place": g + 1,
+            "equations": equations,
+            "unknowns": unknowns,
+        }
+        found.append(Finding("lonely_place", "warning", message, numbers))
+    return found
+
+
+def _enough(unknowns: int, equations: int, rows: int) -> int:
+    """Rows that read twice as many numbers as there are unknowns."""
+    each = max(equations / max(rows, 1), 1.0)
+    return int(np.ceil(2 * unknowns / each))

@@ -1,0 +1,90 @@
+"""The lens from images of a board, and how far corners are from where it would show them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibtool.errors import NoSolutionError
+from calibtool.measurement.images.opencv import opencv
+from calibtool.measurement.kinds.projection import project
+from calibtool.robot.se3 import Array, transform_points
+
+FEWEST = 5  # images from which a lens is calibrated
+_TILT = np.deg2rad(5.0)  # between boards: less, and focal length and distance are one
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """Intrinsics (9,), see `kinds.projection`; of every image the pose of the board in the camera
+    (N, 4, 4), m, and the found minus the shown corners (N, m, 2), px, NaN where not found.
+    """
+
+    intrinsics: Array
+    T_camera_board: Array
+    left: Array
+
+    @property
+    def image_rms(self) -> Array:
+        """Reprojection error of each image: (N,) px, rms of the distance."""
+        found: Array = np.sqrt(np.nanmean((self.left**2).sum(axis=-1), axis=-1))
+        return found
+
+    @property
+    def pixel_noise(self) -> float:
+        """Standard deviation of a coordinate, px, six unknowns of every image taken off."""
+        count = np.isfinite(self.left).sum()
+        freedom = max(count - 6 * len(self.left), 1)
+        return float(np.sqrt(np.nansum(self.left**2) / freedom))
+
+
+def calibrated(pixels: Array, corners: Array, size: tuple[int, int]) -> Lens:
+    """A lens from corners (N, m, 2) in images of a size (px) of a flat board, corners (m, 3), m.
+
+    Raises NoSolutionError for fewer than five images, or boards that all look one way.
+    """
+    if len(pixels) < FEWEST:
+        raise NoSolutionError(
+            f"{len(pixels)} images show the board; a lens needs {FEWEST}: take more, or give its "
+            "--intrinsics"
+        )
+    cv2 = opencv()
+    seen = [np.isfinite(image[:, 0]) for image in pixels]
+    board = [corners[own].astype(np.float32) for own in seen]
+    image = [row[own].astype(np.float32) for row, own in zip(pixels, seen, strict=True)]
+    try:
+        _, K, distortion, _, _ = cv2.calibrateCamera(board, image, size, None, None)
+    except cv2.error:
+        raise NoSolutionError("the lens cannot be calibrated from these images") from None
+    found = np.asarray(distortion).ravel()
+    intrinsics = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *found[:5]])
+    lens = applied(pixels, corners, intrinsics)
+    normals = lens.T_camera_board[:, :3, 2]
+    if np.arccos(np.clip(normals @ normals.T, -1, 1)).max() < _TILT:
+        raise NoSolutionError(
+            "all boards look the same way: focal length and distance cannot be told apart; tilt "
+            "the camera by 20° and more, or give its --intrinsics"
+        )
+    return lens
+
+
+def applied(pixels: Array, corners: Array, intrinsics: Array) -> Lens:
+    """A given lens (9,), with the poses of the board that it tells from corners (N, m, 2), px, of a
+    flat board (m, 3), m; see `calibrated`.
+    """
+    cv2 = opencv()
+    K = np.array([[intrinsics[0], 0, intrinsics[2]], [0, intrinsics[1], intrinsics[3]], [0, 0, 1]])
+    poses, left = np.tile(np.eye(4), (len(pixels), 1, 1)), np.full_like(pixels, np.nan)
+    for k, image in enumerate(pixels):
+        seen = np.isfinite(image[:, 0])
+        found, turn, shift = cv2.solvePnP(
+            corners[seen], image[seen], K, intrinsics[4:], flags=cv2.SOLVEPNP_IPPE
+        )
+        if not found:
+            continue
+        turn, shift = cv2.solvePnPRefineLM(
+            corners[seen], image[seen], K, intrinsics[4:], turn, shift
+        )
+        poses[k, :3, :3] = cv2.Rodrigues(turn)[0]
+        poses[k, :3, 3] = np.asarray(shift).ravel()
+        left[k] = image - project(transform_points(poses[k], corners), intrinsics)
+    return Lens(intrinsics, poses, left)

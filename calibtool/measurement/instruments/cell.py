@@ -1,0 +1,153 @@
+"""The cell of a simulated instrument: the robot in it, driven to where the instrument sees it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibtool.errormodel.actual import ActualRobot
+from calibtool.errors import NoSolutionError
+from calibtool.measurement.kinds import Readings
+from calibtool.measurement.measurements import Setup
+from calibtool.measurement.sampling import sample_configurations
+from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
+from calibtool.robot.inverse import solve_poses
+from calibtool.robot.robot import Robot
+from calibtool.robot.se3 import Array, exp6, transform_points
+from calibtool.robot.workspace import Workspace
+
+TIP = np.array([0.03, -0.02, 0.15])  # m: the probe's tip on the tool
+_TILT = np.deg2rad(90.0)  # of the tool, from how it reached the place first
+_TRIES = 60
+_CANDIDATES = 40  # among which places far from each other are chosen
+_ROUNDS = 5  # of the iteration for errors of joint motions
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What a simulated instrument read at q (N, n), where, and how well.
+
+    deviations  (N, d) standard deviations, None: the stated noise holds
+    noise       standard deviation of a coordinate where it is the instrument's own, m
+    """
+
+    q: Array
+    setup: Setup
+    readings: Readings
+    places: tuple[str, ...] = ()
+    deviations: Array | None = None
+    noise: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """The robot that an instrument observes: nominal and actual, where it works, noise in m.
+
+    gauge  length that the instrument has with it, m: between the sockets of a gauge, or the height
+           of a block on a plane; None: its own
+    """
+
+    robot: Robot
+    actual: ActualRobot
+    workspace: Workspace
+    noise: float
+    gauge: float | None = None
+
+    def sampled(self, count: int, rng: np.random.Generator) -> Array:
+        """Joint positions (count, n) all over the workspace."""
+        return sample_configurations(self.robot, self.workspace, count, rng)
+
+    def apart(self, places: int, rng: np.random.Generator) -> Array:
+        """Joint positions (places, n) well inside the reach, with tools far from each other."""
+        q = self.sampled(_CANDIDATES, rng)
+        points = self.robot.mechanism.forward(q)[:, :3, 3]
+        inside = np.linalg.norm(points - points.mean(axis=0), axis=-1)
+        q, points = (part[inside <= np.quantile(inside, 0.7)] for part in (q, points))
+        chosen = [0]
+        while len(chosen) < places:
+            gaps = np.linalg.norm(points[:, None] - points[chosen], axis=-1).min(axis=-1)
+            chosen.append(int(np.argmax(gaps)))
+        found: Array = q[chosen]
+        return found
+
+    def driven(
+        self, count: int, rng: np.random.Generator, start: Array, drawn: Callable[[int], Array]
+    ) -> Array:
+        """Joint positions (count, n) that bring the actual tool to drawn poses (k, 4, 4)."""
+        robot, found = self.robot, [np.zeros((0, self.robot.n))]
+        for _ in range(_TRIES):
+            poses = drawn(4 * count)
+            solved = solve_poses(
+                self.actual.mechanism.forward_and_jacobian,
+                poses,
+                self._from(start, len(poses), rng),
+                length=robot.length,
+                lower=robot.lower,
+                upper=robot.upper,
+                tolerance=1e-10,
+            )
+            q = self._commanded(solved.q[solved.reached])
+            q = q[robot.within_limits(q)]
+            q = q[robot.singularity_distance(q) >= MIN_SINGULARITY_DISTANCE]
+            found.append(q)
+            if sum(map(len, found)) >= count:
+                return np.concatenate(found)[:count]
+        raise NoSolutionError(
+            f"{robot.name}: the instrument's place cannot be reached; take another seed"
+        )
+
+    def _from(self, start: Array, count: int, rng: np.random.Generator) -> Array:
+        """Joint positions (count, n) to start from: one of them, and for the other half any, so
+        that the arm comes to a place in all of its branches.
+        """
+        low, high = np.maximum(self.robot.lower, -np.pi), np.minimum(self.robot.upper, np.pi)
+        anywhere = low + (high - low) * rng.random((count, len(start)))
+        anywhere[::2] = start
+        return anywhere
+
+    def _commanded(self, reached: Array) -> Array:
+        """Joint positions to ask for so that the joints really are at `reached` (N, n)."""
+        q = reached
+        for _ in range(_ROUNDS):
+            q = reached - (self.actual.errors.at(q)[1] - q)
+        return q
+
+
+def shares(count: int, places: int) -> list[int]:
+    """Numbers of rows of each of several places: as even as can be."""
+    return [len(part) for part in np.array_split(np.arange(count), places)]
+
+
+def labels(word: str, places: int) -> tuple[str, ...]:
+    """Labels of several places; none for one."""
+    return tuple(f"{word} {g + 1}" for g in range(places)) if places > 1 else ()
+
+
+def tip(cell: Cell, q: Array) -> Array:
+    """Where the tip is at joint positions (n,): (3,), m."""
+    tip: Array = transform_points(cell.robot.mechanism.forward(q[None]), TIP[None])[0, 0]
+    return tip
+
+
+def touching(
+    cell: Cell, start: Array, at: Array, rng: np.random.Generator
+) -> Callable[[int], Array]:
+    """Tool poses in all orientations that have the tip at one point (3,)."""
+
+    def drawn(k: int) -> Array:
+        return tilted(cell, start, at + rng.normal(size=(k, 3)) * cell.noise, rng)
+
+    return drawn
+
+
+def tilted(cell: Cell, start: Array, at: Array, rng: np.random.Generator) -> Array:
+    """Tool poses (k, 4, 4) with the tip at points (k, 3), tilted and turned from that at start."""
+    turn = rng.normal(size=(len(at), 3))
+    turn *= (_TILT * rng.random((len(at), 1))) / np.linalg.norm(turn, axis=-1, keepdims=True)
+    roll = np.zeros((len(at), 6))
+    roll[:, 5] = rng.uniform(-np.pi, np.pi, len(at))
+    first = cell.robot.mechanism.forward(start[None])[0]
+    poses = first @ exp6(np.concatenate([np.zeros_like(turn), turn], axis=-1)) @ exp6(roll)
+    poses[:, :3, 3] = at - poses[:, :3, :3] @ TIP
+    found: Array = poses
+    return found

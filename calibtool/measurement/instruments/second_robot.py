@@ -1,0 +1,62 @@
+"""A second arm of the same make, without errors, whose sensor sees a ball on the tool."""
+
+import numpy as np
+
+from calibtool.errors import NoSolutionError
+from calibtool.measurement.instruments.cell import TIP, Cell, Observed
+from calibtool.measurement.kinds import Readings
+from calibtool.measurement.measurements import Setup
+from calibtool.robot.inverse import solve_poses
+from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
+
+_SENSOR = np.array([0.02, -0.03, 0.12, 0.2, -0.1, 0.5])  # on the second flange
+_SEEN = 0.05  # m: the ball is this near to the middle of the sensor
+_APART = 0.9  # of the arm's length, between the bases
+_TRIES = 100
+
+
+def second_arm(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
+    """The second arm stands anew for every row; both see each other all over the workspace."""
+    robot = cell.robot
+    T_base_base2 = exp6(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.5]))
+    T_base_base2[:2, 3] = _APART * robot.length * np.array([0.8, 0.6])
+    T_flange2_sensor = exp6(_SENSOR)
+    found: list[tuple[Array, Array]] = []
+    for _ in range(_TRIES):
+        q = cell.sampled(count, rng)
+        ball = transform_points(cell.actual.forward(q), TIP[None])[:, 0]
+        sensor = exp6(np.concatenate([np.zeros((count, 3)), rng.normal(size=(count, 3))], -1))
+        beside = rng.uniform(-_SEEN, _SEEN, (count, 3, 1))
+        sensor[:, :3, 3] = ball - (sensor[:, :3, :3] @ beside)[..., 0]
+        flange = inverse(T_base_base2) @ sensor @ inverse(T_flange2_sensor)
+        start = robot.lower + (robot.upper - robot.lower) * rng.random((count, robot.n))
+        solved = solve_poses(
+            robot.mechanism.forward_and_jacobian,
+            flange,
+            np.clip(start, -np.pi, np.pi),
+            length=robot.length,
+            lower=robot.lower,
+            upper=robot.upper,
+            tolerance=1e-10,
+        )
+        found.append((q[solved.reached], robot.mechanism.forward(solved.q[solved.reached])))
+        if sum(len(q) for q, _ in found) >= count:
+            break
+    else:
+        raise NoSolutionError(f"{robot.name}: the second arm hardly reaches the first one's tool")
+    q = np.concatenate([part for part, _ in found])[:count]
+    flange = np.concatenate([part for _, part in found])[:count]
+    seen = inverse(T_base_base2 @ flange @ T_flange2_sensor) @ cell.actual.forward(q)
+    points = transform_points(seen, TIP[None])
+    points = points + rng.normal(size=points.shape) * cell.noise
+    setup = Setup(
+        readonly(np.eye(4)),
+        readonly(TIP[None]),
+        frame_known=False,
+        targets_known=False,
+        T_base2_flange2=readonly(flange),
+        T_flange2_sensor=readonly(T_flange2_sensor),
+        T_base_base2=readonly(T_base_base2),
+    )
+    names = tuple(str(k + 1) for k in range(count))
+    return Observed(q, setup, Readings(points, place=np.arange(count)), names)

@@ -1,0 +1,28 @@
+"""Draw-wire encoders that pull at one point of the tool."""
+
+import numpy as np
+
+from calibtool.measurement.instruments.cell import TIP, Cell, Observed
+from calibtool.measurement.kinds import Readings
+from calibtool.measurement.measurements import Setup
+from calibtool.robot.se3 import readonly, transform_points
+
+
+def wires(cell: Cell, count: int, places: int, rng: np.random.Generator) -> Observed:
+    """Draw-wire encoders, as many as places, that pull at one point of the tool."""
+    q = cell.sampled(count, rng)
+    centre = cell.robot.mechanism.forward(q)[:, :3, 3].mean(axis=0)
+    away = rng.normal(size=(places, 3))
+    away *= cell.robot.length / np.linalg.norm(away, axis=-1, keepdims=True)
+    anchors = centre + away
+    points = transform_points(cell.actual.forward(q), TIP[None])
+    lengths = np.linalg.norm(points - anchors, axis=-1)
+    lengths = lengths + rng.normal(size=lengths.shape) * cell.noise
+    setup = Setup(
+        readonly(np.eye(4)),
+        readonly(TIP[None]),
+        frame_known=False,
+        targets_known=False,
+        anchors=readonly(anchors),
+    )
+    return Observed(q, setup, Readings(np.full((count, 1, 3), np.nan), None, lengths))
