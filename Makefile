@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUTPUT ?= demo
 
-.PHONY: demo test coverage audit docs lint clean
+.PHONY: demo test coverage audit docs site lint clean
 
 demo: $(VENV)/.installed
 	$(BIN)/calibtool demo -o $(OUTPUT) --force
@@ -22,6 +22,10 @@ audit: $(VENV)/.tests-installed
 docs: $(VENV)/.installed
 	$(BIN)/python docs/generate.py
 
+site: $(VENV)/.docs-installed
+	$(BIN)/python docs/generate.py
+	$(BIN)/python -m mkdocs build --strict
+
 lint: $(VENV)/.tests-installed
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -35,5 +39,9 @@ $(VENV)/.tests-installed: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --editable '.[test]'
 	touch $@
 
+$(VENV)/.docs-installed: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	touch $@
+
 clean:
-	rm -rf $(VENV) demo build dist
+	rm -rf $(VENV) demo build dist site

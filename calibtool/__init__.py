@@ -34,6 +34,7 @@ _PLACES = {
     "programs.program_summary": ("CompensatedProgram",),
     "programs.compensate": ("ProgramOptions", "compensate_program"),
     "evaluation.compare": ("Evaluation", "evaluate"),
+    "evaluation.drift": ("DriftCheck", "check_drift"),
     "export.as_json": ("calibration_as_json",),
     "export.c_code": ("calibration_as_c",),
     "storage.paths": ("read", "write"),

@@ -17,6 +17,8 @@ from calibtool.errors import NoSolutionError as NoSolutionError
 from calibtool.errors import UsageError as UsageError
 from calibtool.evaluation.compare import Evaluation as Evaluation
 from calibtool.evaluation.compare import evaluate as evaluate
+from calibtool.evaluation.drift import DriftCheck as DriftCheck
+from calibtool.evaluation.drift import check_drift as check_drift
 from calibtool.evaluation.metrics import MethodResult as MethodResult
 from calibtool.evaluation.metrics import Statistics as Statistics
 from calibtool.evaluation.plots.figures import Subject as Subject

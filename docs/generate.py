@@ -1,5 +1,5 @@
-"""Writes docs/commands.md from the help of the commands: `python
-docs/generate.py`, or `make docs`.
+"""Writes docs/commands.md from the help of the commands, and docs/python.md from the public names:
+`python docs/generate.py`, or `make docs`.
 """
 
 from pathlib import Path
@@ -7,9 +7,11 @@ from typing import Any, get_type_hints
 
 from typer.main import get_command
 
+import calibtool
 from calibtool.cli import app
 
 PAGE = Path(__file__).with_name("commands.md")
+NAMES_PAGE = Path(__file__).with_name("python.md")
 
 _INTRODUCTION = """# Commands
 
@@ -37,6 +39,18 @@ def page() -> str:
         _section(name, command, command.help, functions[name])
         for name, command in group.commands.items()
     ]
+    return "".join(parts)
+
+
+def names_page() -> str:
+    """Directives of mkdocstrings for every public name, by the module that holds it."""
+    parts = [
+        "# Python, name by name\n\nMade from the docstrings by `make site`. [By example]"
+        "(library.md) shows how the names work together. All can be imported from `calibtool`.\n"
+    ]
+    for place, names in calibtool._PLACES.items():
+        parts.append(f"\n## {place}\n")
+        parts += [f"\n::: calibtool.{place}.{name}\n" for name in names]
     return "".join(parts)
 
 
@@ -85,3 +99,4 @@ def _takes(hint: object) -> str:
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8", newline="\n")
+    NAMES_PAGE.write_text(names_page(), encoding="utf-8", newline="\n")

@@ -99,6 +99,27 @@ def test_the_command_reference_is_fresh() -> None:
     assert generate.PAGE.read_text("utf-8") == generate.page(), (
         "docs/commands.md is stale: make docs"
     )
+    assert generate.NAMES_PAGE.read_text("utf-8") == generate.names_page(), (
+        "docs/python.md is stale: make docs"
+    )
+
+
+def test_every_page_is_in_the_site() -> None:
+    """In its navigation, by a path that is there."""
+    text = (ROOT / "mkdocs.yml").read_text("utf-8")
+    listed = re.findall(r": (\S+\.md)$", text, re.MULTILINE)
+    assert all((ROOT / "docs" / page).is_file() for page in listed)
+    every = {page for page in PAGES if page.is_relative_to(ROOT / "docs")}
+    assert {ROOT / "docs" / page for page in listed} == every
+
+
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocstrings_handlers")
+    pytest.importorskip("material")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "check_drift" in (tmp_path / "python.html").read_text("utf-8")
 
 
 def library_blocks() -> list[str]:

@@ -17,6 +17,7 @@ from calibtool.evaluation.view.arm_geometry import simple_shape
 from calibtool.evaluation.view.live import serving
 from calibtool.evaluation.view.scene import scene_of
 from calibtool.evaluation.view.scene_page import page_of
+from calibtool.evaluation.view.solids import _simplified, solids
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.robot import Robot
 
@@ -86,6 +87,45 @@ def test_the_page_holds_the_scene_and_needs_nothing_else(fanuc_measurements: Mea
     )
     assert np.allclose(data["size_mm"], scene.error_rms * 1e3, atol=1e-4)
     assert np.isfinite(data["size_mm"]).all()
+
+
+def test_the_solids_stand_where_the_joints_are(
+    fanuc: Robot, fanuc_measurements: Measurements
+) -> None:
+    """A joint's solid turns about its axis: its centre is the joint's origin in every
+    configuration; links reach from joint to joint.
+    """
+    scene = scene_of(fanuc_measurements)
+    shape = simple_shape(fanuc)
+    pieces = dict(zip([g.name for g in shape.geometryObjects], solids(scene, shape), strict=True))
+    frames = fanuc.mechanism.frames(scene.q)
+    for j in range(fanuc.n):
+        piece = pieces[f"joint{j + 1}"]
+        assert np.allclose(piece.placements[:, :, 3], frames.after[:, j, :3, 3], atol=1e-9)
+        assert np.allclose(piece.vertices.mean(axis=0), 0.0, atol=1e-9)
+        assert piece.faces.max() < len(piece.vertices)
+    assert len(
+        json.loads(
+            re.search(
+                r'id="data">(.*?)</script>', page_of(scene, 1.0, list(pieces.values())), re.S
+            )[1]
+        )["solids"]
+    ) == len(pieces)
+
+
+def test_a_simplified_mesh_keeps_its_shape() -> None:
+    """A sphere of many triangles: fewer, and still on the sphere to the size of a cell."""
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 120), np.linspace(0, np.pi, 80), indexing="ij")
+    points = np.stack([np.sin(v) * np.cos(u), np.sin(v) * np.sin(u), np.cos(v)], -1).reshape(-1, 3)
+    k = np.arange(119 * 80).reshape(119, 80)[:, :-1].ravel()
+    faces = np.concatenate([np.stack([k, k + 1, k + 80], 1), np.stack([k + 1, k + 81, k + 80], 1)])
+    vertices, kept = _simplified(points, faces, 24)
+    assert len(kept) < len(faces) / 4
+    radii = np.linalg.norm(vertices[np.unique(kept)], axis=-1)
+    assert abs(radii - 1).max() < 2 / 24
+    a, b, c = vertices[kept].swapaxes(0, 1)
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=-1).sum()
+    assert area == pytest.approx(4 * np.pi, rel=0.05)
 
 
 def test_a_name_cannot_break_the_page(fanuc: Robot, fanuc_measurements: Measurements) -> None:

@@ -13,7 +13,7 @@ from calibtool.cli.files import message
 from calibtool.errors import UsageError
 
 _SAMPLE = "sample"
-_PROGRAMS = (".ls", ".src", ".mod", ".script", ".json", ".csv")
+_CORRECT = "Correct the header or give a column map (docs/file-formats.md), then begin again."
 
 
 def guide(
@@ -67,13 +67,9 @@ def session(
     message("How the table is understood:")
     read = ["import", table, "--robot", robot, *joint_values]
     if perform([*read, "--dry-run"]) != 0:
-        return message(
-            "Correct the header or give a column map (docs/file-formats.md), then again."
-        )
+        return message(_CORRECT)
     if ask("is that what you measured? yes or no", "yes").lower().startswith("n"):
-        return message(
-            "Correct the header or give a column map (docs/file-formats.md), then again."
-        )
+        return message(_CORRECT)
     part = ask("rows for the fit; the others judge it", "75%")
     count = _rows(part, _count(table))
     split = ["--sample", str(count), "--rest", rest, "-o", measured, "--force"]

@@ -205,7 +205,9 @@ def _perform(
             results = in_processes(study, rest, workers or processors())
         try:
             with interruptible():
-                for index, rows in counted(results, "runs", total=len(rest)):
+                for index, rows in counted(
+                    results, "runs simulated, calibrated and judged", total=len(rest)
+                ):
                     with held():
                         journal.add(index, rows)
                 table = StudyTable(study.key, journal.rows())

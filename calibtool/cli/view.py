@@ -38,8 +38,7 @@ def view(
         list[str] | None,
         typer.Option(
             metavar="FOLDER",
-            help="Where meshes of the robot's URDF lie (live view); nothing outside is "
-            "read. Repeatable.",
+            help="Where meshes of the robot's URDF lie; nothing outside is read. Repeatable.",
         ),
     ] = None,
     frame: FrameOption = None,
@@ -53,8 +52,8 @@ def view(
     Measurements: targets of the nominal robot and the measured ones. A calibration: those of the
     nominal robot and where the calibration says they are. The live view needs the extra 'view' and
     ends on Ctrl-C; it answers browsers of this machine alone. A page of --html needs nothing. The
-    live arm has the meshes of its URDF where they are found (those of example-robot-data are),
-    simple solids otherwise.
+    arm has the meshes of its URDF where they are found (those of example-robot-data are), simple
+    solids otherwise.
 
     Example: calibtool view measurements.h5 --html view.html
     """
@@ -68,9 +67,8 @@ def view(
     from calibtool.evaluation.view.scene import scene_of
     from calibtool.evaluation.view.scene_page import page_of
     from calibtool.storage import read_any
+    from calibtool.unfinished_files import temporary_folder
 
-    if folders and html is not None:
-        raise UsageError("--meshes is for the live view; a page of --html shows links as lines")
     for folder in folders:
         if not folder.is_dir():
             raise UsageError(f"--meshes: {folder}: no such folder")
@@ -82,14 +80,17 @@ def view(
     scene = scene_of(contents)
     factor = scene.fitting_factor if magnify is None else magnify
     if html is not None:
-        write_output(html, page_of(scene, factor), force)
+        from calibtool.evaluation.view.solids import solids
+
+        with temporary_folder() as copies:
+            pieces = solids(scene, _shape(scene.robot, folders, copies))
+        write_output(html, page_of(scene, factor, pieces), force)
         wrote(html, f"{count_of(len(scene), 'configuration')}, errors × {factor:g}")
         return
     from contextlib import suppress
     from threading import Event
 
     from calibtool.evaluation.view.live import serving
-    from calibtool.unfinished_files import temporary_folder
 
     with (
         suppress(KeyboardInterrupt),
@@ -97,7 +98,10 @@ def view(
         temporary_folder() as copies,
         serving(scene, _shape(scene.robot, folders, copies), factor, port),
     ):
-        message(f"http://127.0.0.1:{port} shows {shown(file)}, errors × {factor:g}; Ctrl-C ends it")
+        message(
+            f"http://127.0.0.1:{port} shows {shown(file)}, errors × {factor:g}, to this machine "
+            "alone; Ctrl-C ends it"
+        )
         Event().wait()
 
 

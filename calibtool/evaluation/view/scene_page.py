@@ -1,19 +1,22 @@
 """The scene as one HTML file that needs nothing else: no server, no network, no library."""
 
 import json
+from collections.abc import Sequence
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from calibtool.evaluation.view.scene import Scene
+from calibtool.evaluation.view.solids import Solid
 from calibtool.robot.se3 import Array
 
 
-def page_of(scene: Scene, magnify: float) -> str:
+def page_of(scene: Scene, magnify: float, pieces: Sequence[Solid] = ()) -> str:
     """A page with the scene on a canvas: drag to turn, wheel to zoom, sliders for configuration
     and magnification.
 
-    magnify is where the slider starts. Coordinates are rounded to 1 µm, errors are kept to 0.1 µm;
+    magnify is where the slider starts. pieces: what the arm looks like (`solids`); lines without
+    them. Coordinates are rounded to 1 µm, errors are kept to 0.1 µm;
     the same scene gives the same text.
     """
     environment = Environment(
@@ -26,6 +29,15 @@ def page_of(scene: Scene, magnify: float) -> str:
         "nominal": _numbers(scene.nominal, 6),
         "error": _numbers(scene.found - scene.nominal, 7),
         "size_mm": _numbers(scene.error_rms * 1e3, 4),
+        "solids": [
+            {
+                "vertices": _numbers(piece.vertices, 4),
+                "faces": piece.faces.tolist(),
+                "colour": _numbers(piece.colour, 2),
+                "placements": _numbers(piece.placements.reshape(len(scene), 12), 4),
+            }
+            for piece in pieces
+        ],
     }
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return environment.get_template("scene.html.j2").render(
