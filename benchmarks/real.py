@@ -20,8 +20,10 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from calibtool.calibration import Calibration, identify, train
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.evaluation.compare import evaluate
+from calibtool.identification.equations import linearised_rows
 from calibtool.measurement.importing import import_table, parse_column_map
 from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.observation import weights
 from calibtool.robot.catalogue import load_robot
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -88,8 +90,22 @@ def judged(fitted: list[tuple[str, Calibration]], rows: Measurements) -> dict[st
     return {e["name"]: [e["position_mm"][s] for s in ("mean", "rms", "max")] for e in entries}
 
 
+def coverage(calibration: Calibration, rows: Measurements) -> float:
+    """Percent of the held-out coordinates within 1.96 deviations of parameters and what is left."""
+    base = calibration.base
+    if base.posterior is None or calibration.networks:
+        return np.nan
+    columns, off = linearised_rows(rows, base.posterior.parameters, base.state)
+    variance = ((columns @ base.posterior.covariance) * columns).sum(axis=-1)
+    lengths = rows.setup.kind.lengths(rows.setup)
+    variance += np.where(lengths, *base.posterior.left**2)
+    seen = weights(rows) > 0
+    return 100.0 * float((np.abs(off) < 1.96 * np.sqrt(variance))[seen].mean())
+
+
 def report(title: str, rows: dict[str, list[list[float]]]) -> None:
-    print(f"\n{title}\n\n| method | mean mm | rms mm | max mm | s |\n|---|---|---|---|---|")
+    print(f"\n{title}\n\n| method | mean mm | rms mm | max mm | s | held % |")
+    print("|---|---|---|---|---|---|")
     for name, values in rows.items():
         median, worst = np.median(values, axis=0), np.max(values, axis=0)
         cells = [f"{m:.3f} ({w:.3f})" for m, w in zip(median, worst, strict=True)]
@@ -111,14 +127,15 @@ def main() -> None:
         tables, found = load(options.folder, name), dict[str, dict[str, list[list[float]]]]()
         for seed in range(options.first, options.first + (1 if name == "wam" else options.draws)):
             for title, fit_on, judge_on in cases(name, tables, seed):
-                fitted, seconds = [], {"nominal": 0.0}
+                fitted, seconds, held = [], {"nominal": 0.0}, {"nominal": np.nan}
                 for method in options.methods.split(","):
                     start = perf_counter()
                     fitted.append((method, METHODS[method](fit_on, seed)))
                     seconds[method] = perf_counter() - start
+                    held[method] = coverage(fitted[-1][1], judge_on)
                 for method, errors in judged(fitted, judge_on).items():
                     rows = found.setdefault(title, {}).setdefault(method, [])
-                    rows.append([*errors, seconds[method]])
+                    rows.append([*errors, seconds[method], held[method]])
         for title, methods in found.items():
             report(title, methods)
 

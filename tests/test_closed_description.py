@@ -126,6 +126,16 @@ def test_a_mimic_joint_of_a_locked_one_is_refused() -> None:
         robot_of(urdf, "locked_joints = { a = 0.0 }")
 
 
+def test_a_joint_that_mimics_itself_is_refused() -> None:
+    urdf = (
+        joint("a", "base", "one")
+        + joint("b", "one", "two", "0.4 0 0", more='<mimic joint="b"/>')
+        + joint("f", "two", "tool", "0.3 0 0", "fixed")
+    )
+    with pytest.raises(InputError, match="joint 'b' mimics itself"):
+        robot_of(urdf, "")
+
+
 # --- what is wrong ---
 
 BAD = [

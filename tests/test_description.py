@@ -18,6 +18,7 @@ from calibtool.robot.description import (
     read_source,
     source_from_urdf,
 )
+from calibtool.robot.plausibility import implausible
 from calibtool.robot.robot import Robot
 
 LINKS = """
@@ -335,6 +336,14 @@ def test_a_joint_that_mimics_another_follows_it_on_the_way_and_may_be_locked_bes
         load_robot(str(crane(tmp_path, locked, URDF.replace("</robot>", finger + "</robot>")))).n
         == 2
     )
+
+
+def test_targets_in_metres_under_millimetres_are_said(tmp_path: Path) -> None:
+    metres = TOML.replace("100", "0.1")
+    assert "points_mm looks like m" in " ".join(
+        implausible(load_robot(str(crane(tmp_path, metres))))
+    )
+    assert implausible(load_robot(str(crane(tmp_path)))) == []
 
 
 def test_a_floating_joint_is_locked_at_0_only(tmp_path: Path) -> None:

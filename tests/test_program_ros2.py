@@ -120,3 +120,44 @@ def test_points_take_the_names_above_them() -> None:
         [1, 2, 3, 4, 5, 6],
         [6, 5, 4, 3, 2, 1],
     ]
+
+
+NAMES = "[" + ", ".join(robot().chain.model.names[1:]) + "]"
+
+
+def test_an_alias_is_the_point_that_it_repeats() -> None:
+    text = (
+        f"a:\n joint_names: &n {NAMES}\n points:\n - positions: &first {EXPECTED[0]}\n"
+        f" - positions: {EXPECTED[1]}\n - positions: *first\nb:\n joint_names: *n\n points:\n"
+        f" - positions: &b\n" + "".join(f"   - {value}\n" for value in EXPECTED[1])
+    )
+    program = read(text)
+    assert [list(t.values) for t in program.literals] == [EXPECTED[0], EXPECTED[1], EXPECTED[1]]
+    moves = [move.aims[0].value for move in program.routines[0].body]
+    assert moves == [0, 1, 0, 2]
+
+
+@pytest.mark.parametrize("value", ["*home", "1.0", "high"])
+def test_positions_that_are_no_list_are_not_passed_over(value: str) -> None:
+    text = f"home: &home {EXPECTED[0]}\njoint_names: {NAMES}\npoints:\n"
+    program = read(f"{text}- positions: {EXPECTED[1]}\n- positions: {value}\n")
+    good, bad = program.literals
+    assert list(good.values) == EXPECTED[1]
+    assert (bad.line, bad.bad) == (5, True)
+    assert f"'{value.lstrip('*')}' is no list of positions" in bad.not_corrected
+
+
+@pytest.mark.parametrize("word", ["actual", "feedback", "error"])
+def test_what_a_controller_measured_is_left(word: str) -> None:
+    points = f'"positions": {EXPECTED[0]}'
+    for text in (
+        f"joint_names: {NAMES}\nreference:\n  {points}\n{word}:\n  {points}\n",
+        f"{{joint_names: {NAMES}, reference: {{{points}}}, {word}: {{{points}}}}}",
+    ):
+        program = read(text)
+        asked, measured = program.literals[1], program.literals[0]
+        if asked.not_corrected:
+            asked, measured = measured, asked
+        assert (list(asked.values), asked.not_corrected) == (EXPECTED[0], "")
+        assert measured.not_corrected == f"was measured ({word}), not asked for"
+        assert len(program.routines[0].body) == 1

@@ -36,6 +36,19 @@ class PoseUncertainty:
         return np.sqrt(variance)
 
 
+def with_discrepancy(calibration: Calibration, of: PoseUncertainty) -> PoseUncertainty:
+    """The same with what the model does not describe, `Posterior.discrepancy`, on every axis.
+
+    It is known of what was measured: orientations have none where only points were.
+    """
+    posterior = calibration.base.posterior
+    if posterior is None:
+        return of
+    stated = np.array([calibration.noise_position, calibration.noise_orientation])
+    variance = np.repeat((posterior.discrepancy * stated) ** 2, 3)
+    return PoseUncertainty(of.covariance + np.diag(variance))
+
+
 def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty:
     """Covariance of the calibrated pose at q (N, n): C Σ Cᵀ of the parameters plus that of the
     networks.

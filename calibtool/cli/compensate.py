@@ -57,7 +57,7 @@ from calibtool.cli.programs import (
     recognised,
 )
 from calibtool.cli.progress import counted
-from calibtool.errors import UsageError
+from calibtool.errors import InputError, UsageError
 from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
@@ -216,6 +216,8 @@ def compensate(
                 bounds,
             )
             return
+        if kind == "auto":
+            check_rows(shown(targets), stream.peek())
         for_programs = on_error != "stop" or frames is not None or with_ or report is not None
         if for_programs or partial or controller is not None or dh is not None:
             raise UsageError(
@@ -264,6 +266,14 @@ def _bounds(
     most = default_bounds(calibration, largest_change, weights).largest_change
     slides = f", of a slide {most * robot.length * 1e3:.3g} mm" if any(robot.prismatic) else ""
     return f"limit of the change of a joint: {degrees(most):.3g} deg{slides} (--largest-change-deg)"
+
+
+def check_rows(name: str, head: bytes) -> None:
+    """InputError where what would be read as rows is a program in another language."""
+    from calibtool.programs.unread import unread_program
+
+    if what := unread_program(head):
+        raise InputError(f"{name}: {what}")
 
 
 def check_for_rows(what: str, uncertainty: bool, verify: bool, line_buffered: bool) -> None:

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from calibtool.calibration import Calibration
-from calibtool.calibration.uncertainty import predicted_uncertainty
+from calibtool.calibration.uncertainty import predicted_uncertainty, with_discrepancy
 from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.bounds import Bounds
 from calibtool.compensation.jumps import CorrectionJump, CorrectionPath
@@ -299,7 +299,8 @@ class _Corrector:
         if self.options.uncertainty:
             known = np.flatnonzero(~np.isnan(result.q).any(axis=-1))
             sure = np.full((2, len(result.q)), np.nan)
-            spread = predicted_uncertainty(self.calibration, result.q[known])
+            parameters = predicted_uncertainty(self.calibration, result.q[known])
+            spread = with_discrepancy(self.calibration, parameters)
             sure[:, known] = spread.position, spread.orientation
             for column, values in zip(("sd_mm", "sd_mrad"), sure, strict=True):
                 added[column] = [

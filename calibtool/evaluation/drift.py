@@ -60,6 +60,8 @@ class Cause:
 class DriftCheck:
     """Outcome of a check.
 
+    robot               name of the robot
+    configurations      how many were measured
     residual, expected  root mean square of the residuals per coordinate, m (of positions), and what
                         noise and the calibration's uncertainty explain
     p_value             probability of so clear a cause where nothing has changed

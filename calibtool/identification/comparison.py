@@ -22,7 +22,7 @@ from calibtool.measurement.registration import refine
 from calibtool.robot.se3 import Array
 
 _CLEARLY = 0.8  # of the others' squares: less needs no second fit
-_FEW = 5.0  # coordinates per determined parameter: the formula is too hopeful
+_FEW = 3.0  # coordinates per determined parameter: the formula is too hopeful
 _MANY = 20.0  # per parameter: the formula is exact enough
 _FOLDS = 5
 _JUDGED = 300  # rows that show what the simple models leave
@@ -69,7 +69,8 @@ def best_model(
         best = "local-poe"
     if "nominal" in squares and not _better(squares[best], squares["nominal"]):
         best = "nominal"
-    held_out = {name: float(np.sqrt(values.mean())) for name, values in squares.items()}
+    told = {name: values for name, values in squares.items() if np.isfinite(values).all()}
+    held_out = {name: float(np.sqrt(values.mean())) for name, values in told.items()}
     shipped = complete if best == "complete" else rivals[best](rows)
     return replace(shipped, held_out=held_out, flagged=complete.flagged)
 

@@ -18,6 +18,7 @@ from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import InputError, check_choice, check_number
 from calibtool.identification.comparison import best_model
 from calibtool.identification.equations import normal_equations
+from calibtool.identification.evidence import inverse, widened
 from calibtool.identification.fitting import CONVERGED, Fit, fit
 from calibtool.identification.identification import Flagged, Identification, Posterior, split_rms
 from calibtool.identification.model_choice import chosen_fit
@@ -25,7 +26,7 @@ from calibtool.identification.parameters import Parameters, State
 from calibtool.identification.robust import LossFunction, find_flagged
 from calibtool.identification.sufficiency import check_rows
 from calibtool.measurement.measurements import Measurements
-from calibtool.measurement.observation import residuals, weights
+from calibtool.measurement.observation import residuals, weighted_residuals, weights
 from calibtool.robot.inverse_starts import drawn
 from calibtool.robot.se3 import Array, readonly
 
@@ -108,7 +109,7 @@ def _identify(measurements: Measurements, options: CompleteOptions) -> tuple[Ide
         squared = replace(options, loss_function="squared")
         fitted = _fit(measurements, squared, fitted.parameters, fitted.state, fitted, CONVERGED)
         flagged = _flagged(measurements, fitted)
-    return _identification(measurements, fitted, flagged), fitted
+    return _identification(measurements, options, fitted, flagged), fitted
 
 
 def _fit(
@@ -141,9 +142,15 @@ def _rows(measurements: Measurements) -> Rows:
     return Rows(measurements.robot, measurements.q, measurements.conditions)
 
 
-def _identification(measurements: Measurements, fitted: Fit, flagged: Flagged) -> Identification:
+def _identification(
+    measurements: Measurements, options: CompleteOptions, fitted: Fit, flagged: Flagged
+) -> Identification:
     parameters = fitted.parameters
-    covariance = fitted.covariance
+    covariance, prior_std = fitted.covariance, fitted.prior_std
+    if options.estimate_priors:
+        stated = parameters.prior_std(options.tolerances)
+        prior_std = widened(parameters, fitted.theta, covariance, prior_std, stated)
+        covariance = inverse(fitted.information / fitted.noise_factor**2 + np.diag(prior_std**-2.0))
     prior_scaled = (
         fitted.prior_std[:, None] * fitted.information * fitted.prior_std / fitted.noise_factor**2
     )
@@ -158,7 +165,7 @@ def _identification(measurements: Measurements, fitted: Fit, flagged: Flagged) -
     )
     tool = fitted.state.frames(measurements.q, measurements.conditions).tool
     left = residuals(measurements, fitted.state.setup, tool)
-    at_prior = np.sqrt(np.diag(covariance)) > 0.99 * fitted.prior_std
+    at_prior = np.sqrt(np.diag(covariance)) > 0.99 * prior_std
     names = np.array(parameters.names)
     return Identification(
         model="complete",
@@ -172,14 +179,31 @@ def _identification(measurements: Measurements, fitted: Fit, flagged: Flagged) -
         iterations=fitted.iterations,
         posterior=Posterior(
             parameters=parameters,
-            prior_std=readonly(fitted.prior_std),
+            prior_std=readonly(prior_std),
             covariance=readonly(covariance),
             noise_factor=fitted.noise_factor,
             effective=fitted.effective,
             log_evidence=float(log_evidence),
+            left=readonly(_left(measurements, fitted)),
         ),
         flagged=flagged,
     )
+
+
+def _left(measurements: Measurements, fitted: Fit) -> Array:
+    """Standard deviation of the coordinates over the stated noise (2,), lengths and angles, freed
+    of what was fitted; rows that do not fit count with their weight."""
+    tool = fitted.state.frames(measurements.q, measurements.conditions).tool
+    squares = weighted_residuals(measurements, fitted.state.setup, tool) ** 2
+    weight = fitted.row_weight[:, None] * (weights(measurements) > 0)
+    freedom = max(1.0 - fitted.effective / float(weight.sum()), 1.0 / float(weight.sum()))
+    lengths = measurements.setup.kind.lengths(measurements.setup)
+    found = np.ones(2)
+    for k, which in enumerate((lengths, ~lengths)):
+        if weight[:, which].sum() > 0:
+            mean = (weight * squares)[:, which].sum() / weight[:, which].sum()
+            found[k] = np.sqrt(mean / freedom)
+    return found
 
 
 def _observable_rank(measurements: Measurements, fitted: Fit) -> int:

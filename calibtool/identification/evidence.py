@@ -150,6 +150,28 @@ def log_density_ratio(theta: Array, covariance: Array, prior_std: Array) -> floa
     )
 
 
+def widened(
+    parameters: Parameters, theta: Array, covariance: Array, prior_std: Array, stated: Array
+) -> Array:
+    """Tolerances (p,) for ± of the parameters, where `prior_std` was estimated from them.
+
+    An estimated scale is uncertain itself, and a family of which little is determined may have
+    come out far too small: the stated tolerance counts as one more parameter that was determined,
+    s² ← (Σ θ² + stated²) / (γ + 1), which only enlarges. Fine structure has no stated size.
+    """
+    result = prior_std.copy()
+    determined = 1.0 - np.diag(covariance) / prior_std**2
+    fine = parameters.fine_structure
+    for chosen in parameters.groups:
+        if fine[chosen].any():
+            continue
+        squares = float(((theta[chosen] / prior_std[chosen]) ** 2).sum())
+        squares += float((stated[chosen[0]] / prior_std[chosen[0]]) ** 2)
+        scale = np.sqrt(squares / (float(determined[chosen].sum()) + 1.0))
+        result[chosen] *= max(float(scale), 1.0)
+    return np.minimum(result, np.maximum(prior_std, stated))
+
+
 def _re_estimated(
     parameters: Parameters, theta: Array, covariance: Array, prior_std: Array
 ) -> Array:

@@ -18,12 +18,15 @@ class Posterior:
     """Gaussian posterior of the parameters of the complete model.
 
     parameters    the parameters in their order
-    prior_std     (p,) tolerances as used (SI)
-    covariance    (p, p) of the estimate
+    prior_std     (p,) tolerances (SI); estimated ones widened by how uncertain they are (`widened`)
+    covariance    (p, p) of the estimate with these tolerances
     noise_factor  estimated noise over the stated one
     effective     effective number of parameters γ that the data determined
     log_evidence  of the data, up to a constant that is the same for every model of the same
                   measurements
+    left          (2,) standard deviation of what the model leaves in a coordinate over the stated
+                  noise, lengths and angles apart: the real noise and what the model does not
+                  describe; 1 for a kind of coordinate that was not measured
     """
 
     parameters: Parameters
@@ -32,6 +35,12 @@ class Posterior:
     noise_factor: float
     effective: float
     log_evidence: float
+    left: Array = field(default_factory=lambda: np.ones(2))
+
+    @property
+    def discrepancy(self) -> Array:
+        """(2,) what is left beyond the stated noise, over it: 0 where the noise explains all."""
+        return np.sqrt(np.maximum(self.left**2 - 1.0, 0.0))
 
     @property
     def std(self) -> Array:

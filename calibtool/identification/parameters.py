@@ -10,6 +10,7 @@ import numpy as np
 
 from calibtool.errormodel.families import BY_ID, FAMILIES
 from calibtool.errormodel.family import COMPONENTS, Context, Family, JointFunctions
+from calibtool.errormodel.harmonics import LOW_ORDERS
 from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
@@ -106,6 +107,16 @@ class Parameters:
             start = self.blocks[part.family.id].start
             result += [start + np.flatnonzero(numbers == number) for number in np.unique(numbers)]
         return result
+
+    @cached_property
+    def fine_structure(self) -> np.ndarray:
+        """Which parameters (p,) are harmonics beyond the low orders, bool."""
+        fine = np.zeros(self.count, dtype=bool)
+        for part in self.parts:
+            if part.family.id == "harmonics":
+                order = part.elements % part.shape[1] // 2 + 1
+                fine[self.blocks[part.family.id]] = order > LOW_ORDERS
+        return fine
 
     @property
     def count(self) -> int:

@@ -1,9 +1,9 @@
 """Frame and tool on which all uses of a position agree, or the reason why it is not corrected."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from calibtool.programs.motion_flow import Flow, Use
+from calibtool.programs.motion_flow import Circle, Flow, Use
 from calibtool.programs.motions import FRAME, JOINT, Frame, Program, Unknown
 
 SEED = "only a start of the controller's inverse kinematics"
@@ -48,6 +48,25 @@ def positions(program: Program, flow: Flow) -> tuple[list[Position], dict[int, s
             else:
                 left[number] = next(why for why in (frame, tool) if isinstance(why, str))
     return found, left
+
+
+def half_circles(circles: Sequence[Circle], corrected: Iterable[int]) -> dict[int, str]:
+    """Corrected literals that are to be left, because the other point of their circle is: a circle
+    through one of them alone has another radius.
+    """
+    rest, left = set(corrected), dict[int, str]()
+    while True:
+        more = {
+            literal: f"the other point of its circle is not corrected (line {line})"
+            for line, *points in circles
+            for here, there in (points, points[::-1])
+            if not there & rest
+            for literal in here & rest
+        }
+        if not more:
+            return left
+        left |= more
+        rest -= more.keys()
 
 
 def agreed(which: str, uses: Iterable[Use]) -> Frame | str:

@@ -18,12 +18,12 @@ from calibtool.compensation.status import MEANING, OK, OUTSIDE, UNCORRECTED
 from calibtool.compensation.targets import OutsidePolicy, guarded
 from calibtool.compensation.weighted_error import Weights
 from calibtool.errors import CalibtoolError, InputError, NoSolutionError
-from calibtool.programs.agreement import AS_FRAME, SEED, Position, positions
+from calibtool.programs.agreement import AS_FRAME, SEED, Position, half_circles, positions
 from calibtool.programs.branches import Controller
 from calibtool.programs.controller_poses import check_controller_known, poses_to_write
 from calibtool.programs.formats import coupling_of, read_program
 from calibtool.programs.frames import NamedFrames
-from calibtool.programs.motion_flow import follow
+from calibtool.programs.motion_flow import Circle, follow
 from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, ProgramText
 from calibtool.programs.nominal_joints import Stands, stands
 from calibtool.programs.numbers import Remark
@@ -164,6 +164,7 @@ class _Correction:
             self._leave(number, why, InputError if program.literals[number].bad else None)
         self._stop()
         answers = stands(self.controller, program, flow, found)
+        circles = flow.circles
         del flow
         rows, q = self._rows(found, answers)
         self._stop()
@@ -185,7 +186,7 @@ class _Correction:
                     "the backlash is not taken up: a program does not state in which order its "
                     "targets are reached",
                 )
-        new = self._agreed(found, answers, rows, q, corrected)
+        new = self._agreed(found, answers, rows, q, corrected, circles)
         self._stop()
         del answers, rows, q, corrected
         writing = Writing(program, self.controller, new)
@@ -269,8 +270,9 @@ class _Correction:
         rows: np.ndarray,
         q: Array,
         corrected: Compensation,
+        circles: Sequence[Circle],
     ) -> NewPositions:
-        """Positions whose rows all have an answer and need the same numbers."""
+        """Positions whose rows all have an answer and need the same numbers, both of a circle."""
         robot = self.controller.robot
         finite = np.nan_to_num(corrected.q)
         poses = [self.program.literals[found[k].literal].kind == POSE for k in rows.tolist()]
@@ -296,6 +298,10 @@ class _Correction:
                 self._leave(literal, why)
             else:
                 good.append(start)
+        half = half_circles(circles, (found[rows[start]].literal for start in good))
+        for literal in half:
+            self._leave(literal, half[literal])
+        good = [start for start in good if found[rows[start]].literal not in half]
         nominal = robot.mechanism.forward(q[good])
         return NewPositions(
             [found[rows[k]] for k in good],

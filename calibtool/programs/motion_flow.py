@@ -42,6 +42,9 @@ class Use:
     relative: bool
 
 
+Circle = tuple[int, frozenset[int], frozenset[int]]
+
+
 @dataclass(frozen=True, eq=False)
 class Flow:
     """What `follow` found.
@@ -52,6 +55,7 @@ class Flow:
     seeds    literals that choose the branch of others
     frames   literals that are frames or tools
     remarks  motions that go to nothing written
+    circles  line of each motion through two points, and the literals that either of them can be
     """
 
     uses: tuple[Use, ...]
@@ -60,6 +64,7 @@ class Flow:
     seeds: frozenset[int]
     frames: frozenset[int]
     remarks: tuple[Remark, ...]
+    circles: tuple[Circle, ...] = ()
 
 
 def follow(program: Program, given: NamedFrames) -> Flow:
@@ -101,11 +106,17 @@ class _Uses:
         found_at: list[list[int]] = []
         result: list[Use] = []
         came: list[Atoms] = []
+        circles: dict[int, tuple[int, set[int], set[int]]] = {}
         for node in self.routines.nodes:
             at_entry = self._entered(entries[node.routine.name])
             found_at.append([])
+            points: set[int] = set()
+            if len(node.move.aims) == 2:
+                circle = circles.setdefault(id(node.move), (node.move.line, set(), set()))
+                points = circle[1] if node.aim is node.move.aims[0] else circle[2]
             for atom in self.variables.evaluation.entered(frozenset([node.atom]), at_entry):
                 if isinstance(atom, int):
+                    points.add(atom)
                     found_at[-1].append(len(result))
                     result.append(self._use(node, atom, at_entry))
                     came.append(self.variables.evaluation.entered(node.before, at_entry))
@@ -127,6 +138,7 @@ class _Uses:
             seeds,
             frames,
             tuple(self.routines.remarks.values()),
+            tuple((line, frozenset(a), frozenset(b)) for line, a, b in circles.values()),
         )
 
     def _entered(self, entry: State) -> Callable[[str], Atoms]:

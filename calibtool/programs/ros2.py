@@ -13,6 +13,11 @@ NAME = "ros2-trajectory"
 SUFFIXES = (".yaml", ".yml", ".json")
 _COMMENT = re.compile(r"(?:^|(?<=\s))#[^\r\n]*", re.MULTILINE)
 _LIST = re.compile(r"""(?:^|(?<=[\s{,\-]))(["']?)(joint_names|positions)\1\s*:""", re.MULTILINE)
+_NODE = re.compile(r"(?:[ \t]*(?:&(?P<anchor>[^\s,\[\]{}]+)|![^\s,\[\]{}]*))*")  # anchors and tags
+_ALIAS = re.compile(r"[ \t]*\*([^\s,\[\]{}]+)")
+_NOTHING = re.compile(r"\s*(?:\[\s*\]|null\b|~|$|[^\S\r\n]*[\r\n])")
+_MEASURED = re.compile(r"\b(actual|feedback|error)[\"']?\s*:\s*\{?\s*\Z")
+_LOOK_BACK = 80  # characters before a point in which such a word is looked for
 _BULLET = re.compile(r"(?:[ \t]*[\r\n])*+[ \t]*-[ \t]+(\S[^\r\n]*)")
 
 
@@ -57,28 +62,51 @@ class _Reader:
         code = _COMMENT.sub(lambda match: " " * len(match[0]), text)
         lines = LineNumbers(text)
         names: list[tuple[int, list[str]]] = []
-        points: list[tuple[int, list[tuple[int, int]]]] = []
+        points: list[tuple[int, list[tuple[int, int]], str, str]] = []
+        named: dict[str, list[str]] = {}
         for match in _LIST.finditer(code):
+            node = _NODE.match(code, match.end())
+            alias = _ALIAS.match(code, match.end())
+            assert node is not None
             try:
-                spans = _elements(code, match.end())
+                spans = [] if alias else _elements(code, node.end())
             except InputError as error:
                 line = lines(match.start(2))
                 self.remarks.append(Remark(line, match[2], str(error), True, number))
                 return
-            if match[2] == "positions":
-                points.append((match.start(2), spans))
-            else:
+            if match[2] == "joint_names":
                 found = [code[a:b].strip(" \t\r\n\"'") for a, b in spans]
+                if alias:
+                    found = named.get(alias[1], [])
+                named[node["anchor"] or ""] = found
                 names.append((match.start(2), found))
+            elif measured := _measured(code, match.start()):
+                why = f"was measured ({measured}), not asked for"
+                self._left(lines(match.start(2)), measured, why, number)
+            elif spans or alias:
+                points.append(
+                    (match.start(2), spans, node["anchor"] or "", alias[1] if alias else "")
+                )
+            elif not _NOTHING.match(code, node.end()):
+                other = code[node.end() : node.end() + _LOOK_BACK].split("\n")[0].strip()
+                points.append((match.start(2), [], "", other))
         at = 0
-        for count, (position, spans) in enumerate(points, start=1):
+        anchored: dict[str, int] = {}
+        for count, (position, spans, anchor, alias_name) in enumerate(points, start=1):
             while at + 1 < len(names) and names[at + 1][0] < position:
                 at += 1
-            if spans:
-                joints = names[at][1] if names else []
-                found_here = self._point(code, spans, joints)
-                line = lines(spans[0][0])
-                self._add(found_here, line, f"point {count}", number)
+            line = lines(spans[0][0] if spans else position)
+            if not spans and alias_name in anchored:
+                self.order.append(anchored[alias_name])
+                continue
+            joints = names[at][1] if names else []
+            found_here = (
+                self._point(code, spans, joints)
+                if spans
+                else f"'{alias_name[:30]}' is no list of positions, and no anchor of one above"
+            )
+            if self._add(found_here, line, f"point {count}", number) and anchor:
+                anchored[anchor] = self.order[-1]
         if re.search(r"\b(?:velocities|accelerations)[\"']?\s*:\s*\[?\s*-?\s*[\d.]", code):
             self.notes.append("velocities and accelerations are left as they are")
         extra = sorted({joint for _, found in names for joint in found} - set(self.wanted))
@@ -86,7 +114,12 @@ class _Reader:
             why = "external axes: not joints of the calibration"
             self.remarks.append(Remark(lines(names[0][0]), ", ".join(extra), why, source=number))
 
-    def _add(self, found: list[Number] | str, line: int, name: str, source: int) -> None:
+    def _left(self, line: int, name: str, why: str, source: int) -> None:
+        literal = Literal(JOINT, (), line, name, source=source, not_corrected=why)
+        self.literals.append(literal)
+
+    def _add(self, found: list[Number] | str, line: int, name: str, source: int) -> bool:
+        """Take in a point; whether it can be read."""
         if isinstance(found, str):
             self.literals.append(
                 Literal(JOINT, (), line, name, source=source, not_corrected=found, bad=True)
@@ -94,6 +127,7 @@ class _Reader:
         else:
             self.order.append(len(self.literals))
             self.literals.append(Literal(JOINT, tuple(found), line, name, source=source))
+        return not isinstance(found, str)
 
     def _point(
         self, code: str, spans: list[tuple[int, int]], joints: list[str]
@@ -115,6 +149,12 @@ class _Reader:
                 return f"{joint} holds '{word[:30]}', which {kind}"
             numbers.append(number)
         return numbers
+
+
+def _measured(code: str, position: int) -> str:
+    """The word of a controller's state that a point stands behind, where it was measured."""
+    found = _MEASURED.search(code, max(0, position - _LOOK_BACK), position)
+    return found[1] if found else ""
 
 
 def _elements(code: str, start: int) -> list[tuple[int, int]]:

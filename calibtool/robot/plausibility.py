@@ -9,6 +9,7 @@ from calibtool.robot.tree import SINGLE, Joint, urdf_tree
 _MOST_TURN = 20.0  # rad: three turns and more are degrees
 _LONGEST = 50.0  # m, of one link or slide: longer ones are millimetres
 _FARTHEST_REACH = 20.0  # m, of all links together without slides
+_NEAREST = 1e-3  # m, of the farthest target: nearer ones are written in m
 _FULL_TURN = 6.4  # rad, of an angle of a frame: larger ones are degrees
 _SHORTEST = 1e-3  # m, of all links together
 _FARTHEST = 1e3  # m, of the base: 1e-13 of a micrometre is lost with every one beyond
@@ -16,7 +17,7 @@ _FARTHEST = 1e3  # m, of the base: 1e-13 of a micrometre is lost with every one 
 
 def implausible(robot: Robot) -> list[str]:
     """One line per finding, with joint and remedy; nothing for a robot as they are built."""
-    return [*_limits(robot), *_lengths(robot), *_angles(robot), *_locked(robot)]
+    return [*_limits(robot), *_lengths(robot), *_angles(robot), *_locked(robot), *_targets(robot)]
 
 
 def _limits(robot: Robot) -> list[str]:
@@ -99,3 +100,12 @@ def _beyond(joint: Joint, value: float) -> bool:
     if joint.kind not in SINGLE or joint.kind == "continuous" or not joint.lower < joint.upper:
         return False
     return not joint.lower - 1e-9 <= value <= joint.upper + 1e-9
+
+
+def _targets(robot: Robot) -> list[str]:
+    farthest = float(np.linalg.norm(robot.targets, axis=-1).max(initial=0.0))
+    if not 0.0 < farthest < _NEAREST:
+        return []
+    return [
+        f"the targets are within {farthest * 1e3:.3g} mm of the tool frame: points_mm looks like m"
+    ]

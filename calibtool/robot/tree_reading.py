@@ -132,6 +132,8 @@ def _leader(names: list[str], joint: str, leader: str, place: str) -> int:
             f"{place}: joint '{joint}' mimics '{leader}', which is locked or not in the URDF; lock "
             f"'{joint}' too"
         )
+    if leader == joint:
+        raise InputError(f"{place}: joint '{joint}' mimics itself")
     return names.index(leader, 1)
 
 

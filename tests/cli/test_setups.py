@@ -110,7 +110,7 @@ def test_a_board_in_a_camera_on_the_flange() -> None:
     value = answer("identify", "m.h5", "-o", "c.h5")
     assert value["base"]["residual_rms_mm"] < 0.15  # its noise is 0.1 mm
     message = refused(2, "import", "stations.csv", *UR10, "--poses-of", "board", "-o", "n.h5")
-    assert message == "--poses-of board: the table holds no poses"
+    assert message.startswith("--poses-of board: the table holds no poses")
 
 
 @pytest.mark.parametrize("kind", ["contact", "distance", "plane", "board", "camera"])

@@ -410,3 +410,12 @@ def test_links_in_a_circle() -> None:
     links = "".join(f"<link name='{name}'/>" for name in "abcd")
     with pytest.raises(InputError):
         source_from_urdf(f"<robot name='r'>{links}{joints}</robot>", "r")
+
+
+@pytest.mark.parametrize("word", ["a", "actual", "j1", "joint 1", "1"])
+@pytest.mark.parametrize("sign", [".", " ", "_"])
+def test_a_column_of_endless_words(word: str, sign: str) -> None:
+    """Found by the fuzzer: the time grew with the square of their number."""
+    name = sign.join([word] * (60_000 // len(word)))
+    with pytest.raises(CalibtoolError):
+        READERS["import"].read(f"j1_rad,j2_rad,{name}\n1,2,3\n".encode())

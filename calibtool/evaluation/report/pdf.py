@@ -3,11 +3,10 @@
 import os
 import shutil
 import subprocess
-import tempfile
 from importlib.util import find_spec
-from pathlib import Path
 
 from calibtool.errors import UsageError
+from calibtool.unfinished_files import temporary_folder
 
 PAPERS = {"a4": "A4", "letter": "letter"}
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -36,8 +35,8 @@ def to_pdf(page: str, paper: str = "a4") -> bytes:
 
 
 def _by_browser(browser: str, page: str) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        source, target = Path(folder) / "page.html", Path(folder) / "page.pdf"
+    with temporary_folder() as folder:
+        source, target = folder / "page.html", folder / "page.pdf"
         source.write_text(page, encoding="utf-8")
         options = ["--headless", "--disable-gpu", "--no-pdf-header-footer"]
         options += [f"--user-data-dir={folder}/profile", f"--print-to-pdf={target}"]

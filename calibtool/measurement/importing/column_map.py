@@ -98,9 +98,15 @@ class LengthColumns(_Strict):
     the height of the probe's tip above a plane or a sphere; `centre`: from a sphere's centre.
     """
 
-    columns: Annotated[list[str], Field(min_length=1)]
+    columns: list[str]  # none: contacts with planes or spheres, heights of zero
     unit: LengthUnit
     of: Literal["distance", "plane", "sphere", "centre"] = "distance"
+
+    @model_validator(mode="after")
+    def _measured(self) -> "LengthColumns":
+        if not self.columns and self.of not in ("plane", "sphere"):
+            raise ValueError("columns: at least one, unless planes or spheres are touched")
+        return self
 
 
 class PlaceColumn(_Strict):

@@ -7,7 +7,6 @@ from calibtool.errors import InputError
 from calibtool.joint_and_pose_columns import pose_columns_of
 from calibtool.measurement.importing.column_map import (
     CONVENTIONS,
-    LengthColumns,
     LengthUnit,
     PlaceColumn,
     PoseColumns,
@@ -15,15 +14,16 @@ from calibtool.measurement.importing.column_map import (
     TargetColumns,
     check_convention,
 )
+from calibtool.measurement.importing.measured_lengths import measured_lengths
 from calibtool.measurement.importing.names import Named
 from calibtool.measurement.importing.sources import SourceTable
+from calibtool.measurement.importing.spelling import spelt
 from calibtool.measurement.importing.stated import Stated
 
 _LENGTHS: tuple[LengthUnit, ...] = ("mm", "m", "in")
 _TARGET = re.compile(r"t(\d{1,9})_(?:nominal_|error_)?[xyz](?:_(mm|m|in))?")
 _REFERENCE = re.compile(r"ref(\d{1,9})_[xyz](?:_(mm|m|in))?")
-_DISTANCE = re.compile(r"(?:distance|wire|length)_?(\d{1,3})?(?:_(mm|m|in))?")
-_ALONE = re.compile(r"(?:[xyz]|height|gap|radius)(?:_(?:mm|m|in))?")
+_VECTORS = ("rvec", "rotv", "rodr")  # how names of rotation vectors begin
 _ANGLES = (  # three angles, and whose convention it may be
     (("rx", "ry", "rz"), ""),
     (("roll", "pitch", "yaw"), ""),
@@ -57,7 +57,7 @@ def measured_columns(names: Named, source: SourceTable, stated: Stated) -> dict[
     if position is not None:
         own = _originals(names, position[0])
         return {"targets": [TargetColumns(measured=own, unit=position[1])]}
-    lengths = _lengths(names, stated)
+    lengths = measured_lengths(names, lambda unit, name: _length(unit or stated.unit, name, names))
     if lengths is not None:
         return {"lengths": lengths}
     raise InputError(
@@ -65,34 +65,6 @@ def measured_columns(names: Named, source: SourceTable, stated: Stated) -> dict[
         "a pose, "
         "or map the columns with --columns MAP.toml"
     )
-
-
-def _lengths(names: Named, stated: Stated) -> LengthColumns | None:
-    """`distance_mm`, `distance1_mm distance2_mm …`, or one coordinate alone: the height above a
-    plane, or a sphere where a column names it. On spheres `radius_mm` and `distance_mm` are from
-    the centre.
-    """
-    found: dict[int, tuple[str, str | None]] = {}
-    for name in names.original:
-        if match := _DISTANCE.fullmatch(name.lower()):
-            found[int(match[1] or 1)] = (name, match[2])
-    on_sphere = "sphere" in names.original
-    what = "centre" if on_sphere else "distance"
-    alone = [n for n in names.original if _ALONE.fullmatch(n)]
-    if not found and len(alone) == 1:
-        unit = alone[0].partition("_")[2]
-        found[1] = (alone[0], unit or None)
-        if not alone[0].startswith("radius"):
-            what = "sphere" if on_sphere else "plane"
-    if found and on_sphere and len(found) > 1:
-        raise InputError(f"{names.table.name}: on spheres one length is measured per row")
-    if not found:
-        return None
-    units = {_length(unit or stated.unit, name, names) for name, unit in found.values()}
-    if len(units) > 1:
-        raise InputError(f"{names.table.name}: the measured lengths have different units")
-    columns = [names.original[found[k][0]] for k in sorted(found)]
-    return LengthColumns.model_validate({"columns": columns, "unit": units.pop(), "of": what})
 
 
 def place_column(names: Named) -> PlaceColumn | None:
@@ -211,6 +183,8 @@ def _pose(names: Named, stated: Stated) -> PoseColumns | None:
                 continue
             columns = _originals(names, [f"{angle}{suffix}" for angle in angles])
             stated_unit = suffix[1:] or stated.angle_unit
+            if asked is None and all(spelt(column)[:4] in _VECTORS for column in columns):
+                asked, stated_unit = "rotation-vector", suffix[1:] or "rad"
             if asked is None or stated_unit is None:
                 what, option, known = (
                     ("convention", "--convention", CONVENTIONS + hint)

@@ -17,9 +17,9 @@ _WORDS = {
     for word, spellings in {
         "temperature": "temp,temperature,temperatur,arm temp,arm temperature",
         "payload": "payload,load,mass,nutzlast",
-        "rx": "rx,rot x,rotx,rotation x",
-        "ry": "ry,rot y,roty,rotation y",
-        "rz": "rz,rot z,rotz,rotation z",
+        "rx": "rx,rot x,rotx,rotation x,rvec x,rvecx,rotvec x,rodrigues x",
+        "ry": "ry,rot y,roty,rotation y,rvec y,rvecy,rotvec y,rodrigues y",
+        "rz": "rz,rot z,rotz,rotation z,rvec z,rvecz,rotvec z,rodrigues z",
         "qw": "qw,q w,quat w,quatw,orientation w,quaternion w",
         "qx": "qx,q x,quat x,quatx,orientation x,quaternion x",
         "qy": "qy,q y,quat y,quaty,orientation y,quaternion y",
@@ -31,10 +31,8 @@ _WORDS = {
         "station": "station,standpunkt,aufstellung,stand",
         "placement": "placement,aufnahme,gauge",
         "board": "board,tafel",
-        "plane": "plane,ebene",
-        "sphere": "sphere,kugel,ball",
-        "gap": "gap,spalt,clearance",
-        "radius": "radius,r to centre",
+        "plane": "plane,ebene,plane id,plane no,face,surface,fläche,flaeche,plate,platte",
+        "sphere": "sphere,kugel,ball,sphere id,sphere no,ball id",
         "status": "status",
         **{name: name for name in ("roll", "pitch", "yaw", *"abcwproet")},
     }.items()
@@ -79,6 +77,10 @@ def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -
     original: dict[str, str] = {}
     for column in free:
         name = meant.get(column, column)
+        if name == "time" and name in original:  # a date and a time of day: neither is a stamp
+            for each in (original.pop("time"), column):
+                meant[each] = original[each] = each
+            continue
         if name in original:
             raise InputError(
                 f"{place}: columns '{original[name]}' and '{column}' both mean {name}; rename one, "

@@ -14,15 +14,16 @@ _AXIS_FIRST = re.compile(r"(?P<axis>[xyz])(?![a-z])(?P<who>.*)")
 _NUMBERED = re.compile(r"[a-z]* ?0*(\d{1,9})")
 _WORDS = """
     t p pos position point coord coordinate coordinates koordinate meas measured measurement actual
-    act ist mess messwert value translation tracker laser target smr prism reflector probe sensor
-    punkt pose transform field data
+    act ist mess messwert value translation trans tvec tracker laser target smr prism reflector
+    probe sensor punkt pose transform field data
 """
 _PLAIN = set(_WORDS.split())
 _ROBOT = {"robot", "tcp", "flange", "tool", "cart", "cartesian", "base", "world"}
 _OTHERS = """
     nominal nom soll theoretical theo design cmd command commanded d delta dev deviation error err
     diff abweichung sigma std stdev rms unc uncertainty u v vel velocity speed acc acceleration f
-    force torque moment n normal q r rot quat rotation euler orientation ref reference
+    force torque moment n normal q r rot rvec rotvec rodrigues quat rotation euler orientation ref
+    reference
 """
 _OTHER = set(_OTHERS.split())  # values that are no measured point
 
@@ -73,7 +74,7 @@ def point_names(columns: Sequence[str], place: str) -> dict[str, str]:
 
 def _who_axis(name: str) -> tuple[str, str] | None:
     """Whose coordinate a name without unit is, in small letters, and the axis."""
-    name = re.sub(r"(?<=[a-z])(?=[XYZ]$)", " ", name)  # posX
+    name = re.sub(r"(?<=[a-z])(?=[XYZ]$)|(?<=^[XYZ])(?=[A-Z][a-z])", " ", name)  # posX, XCoord
     lower = re.sub(r"[\s_.\-/:]+", " ", name.lower()).strip()
     match = _AXIS_LAST.fullmatch(lower) or _AXIS_FIRST.fullmatch(lower)
     if match is None or re.search(r"[\[\](){}<>]", lower):  # a unit that nobody knows

@@ -59,7 +59,7 @@ def preview(imported: Imported) -> str:
             "sphere": "distances from a sphere",
             "centre": "distances from the centre of a sphere",
         }[lengths.of]
-        facts.append((of, f"{', '.join(lengths.columns)} [{lengths.unit}]"))
+        facts.append((of, f"{', '.join(lengths.columns) or 'contacts, 0'} [{lengths.unit}]"))
     if columns.place is not None:
         labels = ", ".join(measurements.setup.places) or "one alone, not used"
         facts.append(("set-ups", f"{columns.place.column}: {labels}"))

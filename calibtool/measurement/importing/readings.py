@@ -59,6 +59,8 @@ def read_points(table: Table, columns: ColumnMap) -> Array:
 
 def read_lengths(table: Table, lengths: LengthColumns) -> Array:
     """Measured lengths (N, w), m; NaN for an empty cell. InputError for a distance below zero."""
+    if not lengths.columns:
+        return np.zeros((len(table), 1))
     values = np.concatenate(
         [table.optional_numbers([column]) * TO_SI[lengths.unit] for column in lengths.columns],
         axis=-1,
