@@ -89,7 +89,7 @@ def test_predictions_are_not_called_after(there: Path) -> None:
     assert "is to be expected" in predicted
     assert "before, measured after, measured change" in proof
     assert re.search(
-        r"alibration brought the mean position error from 1\.\d+ mm to 0\.\d+ mm, measured on the arm",
+        r"The calibration brought the mean position error from 1\.\d+ mm to 0\.\d+ mm, measured on",
         proof,
     )
     assert "RP before the correction" in proof
