@@ -10,7 +10,7 @@ from calibtool.programs.unread import unread_program
 @pytest.mark.parametrize(
     ("head", "what"),
     [
-        (gzip.compress(b"<URProgram/>"), "give the .script"),
+        (gzip.compress(b"<URProgram/>", mtime=0), "give the .script"),
         (b'<?xml version="1.0"?>\n<URProgram name="x"/>', "give the .script"),
         (b" Program\n   Robot Program\n     MoveJ\n", "give the .script"),
         (b"/JOB\r\n//NAME WELD\r\n//POS\r\n", "Yaskawa"),
