@@ -44,7 +44,7 @@ def shifted(measurements: Measurements, first: Measurements, shift: Array) -> Me
 def one_seed(robot: Robot, seed: int, checks: int) -> dict[str, list[DriftCheck]]:
     """Checks of one calibrated robot by what was changed."""
     rng = np.random.default_rng(1000 + seed)
-    workspace = robot.workspace(None)[1]
+    workspace = robot.workspace(None)
     setup = Simulation(seed=seed, configurations=50, workspace=workspace, unregistered=True)
     first = simulate(robot, setup)
     calibration: Calibration = identify(first)

@@ -37,7 +37,7 @@ class Worker:
         self.process: SpawnProcess = context.Process(
             target=_serve, args=(theirs, function), daemon=True
         )
-        with _one_blas_thread():
+        with _one_blas_thread(), _interrupts_held():
             self.process.start()
         theirs.close()
         self.ready = False
@@ -102,6 +102,19 @@ def in_order(
     finally:
         for worker in [*idle, *(worker for worker, _ in given)]:
             worker.end()
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Ctrl-C waits; processes that are started meanwhile never see it, not even while they load."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextlib.contextmanager

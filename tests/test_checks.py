@@ -315,6 +315,19 @@ def test_a_row_with_another_rows_joints(fanuc: Robot) -> None:
     assert named(found, "rows_out_of_place").numbers["rows"] == [9, 10]
 
 
+@pytest.mark.parametrize(("row", "joint", "degrees"), [(7, 3, 10.0), (20, 4, -15.0)])
+def test_a_row_with_one_joint_a_little_off(
+    fanuc: Robot, row: int, joint: int, degrees: float
+) -> None:
+    """Too little for the whole fit to look wrong, enough to spoil an identification."""
+    clean = only_targets(measured(fanuc), 1)
+    assert "rows_out_of_place" not in names(check_measurements(clean))
+    q = clean.q.copy()
+    q[row, joint] += np.deg2rad(degrees)
+    found = named(check_measurements(damaged(clean, q=q)), "rows_out_of_place")
+    assert found.numbers["rows"] == [row + 1]
+
+
 def six_dimensional(robot: Robot) -> Measurements:
     q = measured(robot).q
     T = robot.mechanism.forward(q)

@@ -30,7 +30,7 @@ def arm() -> Robot:
 
 @pytest.fixture(scope="module")
 def first(arm: Robot) -> Measurements:
-    space = arm.workspace(None)[1]
+    space = arm.workspace(None)
     return simulate(arm, Simulation(seed=3, configurations=50, workspace=space, unregistered=True))
 
 
@@ -42,7 +42,7 @@ def calibration(first: Measurements) -> Calibration:
 def later(first: Measurements, seed: int, rows: int = 5, off: Array | float = 0.0) -> Measurements:
     """Rows of the same arm and tracker; joints moved by `off`, which nobody knows."""
     robot, rng = first.robot, np.random.default_rng(seed)
-    q = sample_configurations(robot, robot.workspace(None)[1], rows, rng)
+    q = sample_configurations(robot, robot.workspace(None), rows, rng)
     again = Simulation(seed=seed, same_robot=first.truth, at=q + off, unregistered=True)
     return replace(simulate(robot, again), q=readonly(q), setup=first.setup, truth=None)
 

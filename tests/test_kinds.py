@@ -8,8 +8,12 @@ import pytest
 from derivatives import assert_derivative
 
 from calibtool.calibration import identify
+from calibtool.calibration.fit import BaseOptions
+from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.errors import InputError
 from calibtool.evaluation.compare import evaluate
+from calibtool.identification.complete import CompleteOptions
+from calibtool.identification.partial import of_families
 from calibtool.measurement.checks import check_measurements
 from calibtool.measurement.instruments import unknown
 from calibtool.measurement.instruments.gauge import GAUGE
@@ -165,6 +169,24 @@ def _apart(actual: Array, poses: Array) -> float:
     setup = register(Measurements(ARM, q, points, None, blank, 1e-4, 1e-4), poses)
     predicted = transform_points(setup.T_instrument_base @ poses, setup.targets)
     return float(np.linalg.norm(points - predicted, axis=-1).mean())
+
+
+@pytest.mark.parametrize("name", SEEN)
+def test_errors_are_within_1_3_of_the_bound(name: str) -> None:
+    """The error of unseen poses over that of the posterior (the Cramér–Rao bound with the
+    tolerances), rms over three robots.
+    """
+    geometry = of_families(CompleteOptions(), only="placements,twists,q")
+    ratios = []
+    for seed in range(3):
+        simulation = Simulation(seed, 60, "full", instrument=name, places=SEEN[name][0])
+        seen = simulate(ARM, simulation)
+        assert seen.truth is not None
+        calibration = identify(seen, BaseOptions("complete", geometry))
+        q = np.random.default_rng(100 + seed).uniform(-2, 2, (200, 6))
+        error = _apart(seen.truth.actual.forward(q), calibration.forward(q))
+        ratios.append(error / predicted_uncertainty(calibration, q).position.mean())
+    assert np.sqrt(np.mean(np.square(ratios))) < 1.3
 
 
 @pytest.mark.parametrize("name", SEEN)

@@ -7,7 +7,7 @@ from multiprocessing import active_children
 
 import pytest
 
-from calibtool.processes import in_order
+from calibtool.processes import Worker, in_order
 
 
 def squared(value: int) -> int:
@@ -57,3 +57,15 @@ def test_items_are_taken_no_farther_ahead_than_there_are_workers() -> None:
         assert len(taken) <= k + 1 + 2
     results.close()
     assert not active_children()
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="Windows has no signal masks")
+def test_ctrl_c_while_a_worker_loads_does_not_end_it() -> None:
+    worker = Worker(abs)
+    try:
+        assert worker.process.pid is not None
+        os.kill(worker.process.pid, signal.SIGINT)
+        worker.give(-3)
+        assert worker.result() == 3
+    finally:
+        worker.end()

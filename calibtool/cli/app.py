@@ -31,7 +31,7 @@ from calibtool.cli import (
 from calibtool.cli.command_help import Command
 from calibtool.cli.files import message
 from calibtool.cli.provenance import remember_command
-from calibtool.cli.verbosity import detail, take_switches
+from calibtool.cli.verbosity import SWITCHES, detail, take_switches
 from calibtool.errors import CalibtoolError, near_names
 
 
@@ -51,8 +51,10 @@ class _Group(TyperGroup):
             code = super().main(take_switches(arguments), prog_name or "calibtool", **extra)
             detail("done")
         except CalibtoolError as error:
-            text, command = str(error), next(iter(take_switches(arguments)), "")
-            if error.exit_code == 2 and text.startswith("--") and command in self.commands:
+            words = (word for word in arguments if not word.startswith("-"))
+            text, command = str(error), next(words, "")
+            of_command = text.startswith("--") and text.split()[0] not in SWITCHES
+            if error.exit_code == 2 and of_command and command in self.commands:
                 text = f"{text} (see calibtool {command} --help)"
             self._give_up(text, error.exit_code)
         except MemoryError:

@@ -77,6 +77,8 @@ def read_bytes(path: str) -> bytes:
         return data
     except FileNotFoundError:
         raise UsageError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder; expected a file") from None
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
 
@@ -104,6 +106,8 @@ def input_stream(path: str) -> Iterator[io.BufferedReader]:
         file: Any = open(path, "rb", buffering=65536)  # noqa: SIM115
     except FileNotFoundError:
         raise UsageError(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder; expected a file") from None
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     with file:

@@ -248,9 +248,13 @@ def read_source(path: Path, tool: str | None = None, allowed: tuple[Path, ...] =
     from calibtool.robot.numeric_kinematics import numbers_as_urdf
 
     if path.is_dir():
-        path = next(
-            (path / name for name in _IN_FOLDERS if (path / name).exists()), path / "robot.toml"
-        )
+        inside_it = [path / name for name in _IN_FOLDERS if (path / name).exists()]
+        if not inside_it:
+            raise InputError(
+                f"{path / _IN_FOLDERS[0]}: No such file; give a folder with one, or the file of a "
+                "description"
+            )
+        path = inside_it[0]
     kind, text = told(contents(path), path)
     if kind != "toml":
         return bare_source(converted(kind, text, path, allowed), path.stem, tool, WHAT[kind])

@@ -149,7 +149,7 @@ def test_quiet_and_verbose_contradict_each_other() -> None:
 
 
 def test_a_first_line_for_every_command_that_may_take_longer() -> None:
-    assert set(COMMANDS) - {"robots", "info"} <= set(DOING)
+    assert set(COMMANDS) - {"robots", "info", "guide"} <= set(DOING)
     assert first_line(["train", "m.h5", "--base", "nominal"]) == "training on m.h5 …"
     assert first_line(["-v", "train", "-"]) == "training on stdin …"
     assert first_line(["train", "--base", "nominal", "m.h5"]) == "training …"

@@ -88,9 +88,8 @@ def test_predictions_are_not_called_after(there: Path) -> None:
     assert "nominal robot expected after correction change" in predicted
     assert "is to be expected" in predicted
     assert "before, measured after, measured change" in proof
-    assert re.search(
-        r"c brought the mean position error from 1\.\d+ mm to 0\.\d+ mm, measured on the arm", proof
-    )
+    brought = r"brought the mean position error from 1\.\d+ mm to 0\.\d+ mm, measured on the arm"
+    assert re.search(rf"The calibration {brought}", proof)
     assert "RP before the correction" in proof
     assert "after, measured" not in predicted
 

@@ -96,7 +96,7 @@ def test_what_is_no_bag_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     assert refused(2, "import", "y.mcap", *UR10, "-o", "m.h5") == "y.mcap: no such file"
     Path("t.csv").write_text("j1_deg\n")
     message = refused(2, "import", "t.csv", *UR10, "--topics", "a,b", "-o", "m.h5")
-    assert message == "--topics: t.csv is no ROS bag"
+    assert message.startswith("--topics: t.csv is no ROS bag")
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     message = refused(2, "import", "x.mcap", *UR10, "-o", "m.h5")
     assert "pip install 'calibtool[ros]'" in message

@@ -17,6 +17,7 @@ from calibtool.robot.se3 import Array, inverse, readonly
 _BETTER = 3.0  # how much better the readings must be explained before a mistake is named
 _OTHER = 0.01  # change of a scale that is named
 _SCALES = np.geomspace(0.03, 30.0, 11)  # tried first: inches for mm, mm for cm
+_OF_SPREAD = 0.15  # of how the board moves in the camera: more is no error of an arm
 _MOST_ROWS = 25
 _MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
@@ -52,6 +53,14 @@ def camera_findings(measurements: Measurements) -> list[Finding]:
         )
         numbers = {"rms_mm": before * 1e3, "repaired_rms_mm": after * 1e3}
         found.append(Finding("mirrored_images", "warning", message, numbers))
+    elif before > _OF_SPREAD * (spread := float(np.std(poses[:, :3, 3], axis=0).max())):
+        message = (
+            f"the nominal robot explains the board to {before * 1e3:.3g} mm rms, which moves by "
+            f"{spread * 1e3:.3g} mm only: check where camera and board are (on the tool, or beside "
+            "the arm), the zeros of the joints, and that rows and images belong together"
+        )
+        numbers = {"rms_mm": before * 1e3, "spread_mm": spread * 1e3}
+        found.append(Finding("camera_misfit", "warning", message, numbers))
     return found
 
 

@@ -44,7 +44,9 @@ def nominal_findings(measurements: Measurements, stated: Fit) -> tuple[list[Find
     limit = max(_SUSPICIOUS * measurements.robot.length, _AT_LEAST)
     if stated.rms < limit:
         order = _other_order(measurements, stated.setup)
-        return [*_small_zero(measurements), *([] if order is None else [order])], none
+        zero = _small_zero(measurements)
+        row = None if zero else _rows_off(measurements)
+        return [*zero, *(each for each in (row, order) if each is not None)], none
     given = measurements.setup.frame_known or measurements.setup.targets_known
     free = nominal_fit(measurements, free=True) if given else stated
     if free.rms >= limit:
