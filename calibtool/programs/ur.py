@@ -248,7 +248,7 @@ class _Script(Positions):
                 elif not statement.index.isdecimal():
                     yield Assign(line, element, Either((element, value)))
             return
-        if self.code[start] == "[" and closing(self.code, start) == end - 1:
+        if self.code[start : start + 1] == "[" and closing(self.code, start) == end - 1:
             parts = elements_of(self.code, start, end)
             if parts and all(re.match(r"p?\[", self.code[slice(*part)]) for part in parts):
                 self.names.elements[key] = [f"{key}[{k}]" for k in range(len(parts))]

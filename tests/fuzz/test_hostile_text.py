@@ -419,3 +419,9 @@ def test_a_column_of_endless_words(word: str, sign: str) -> None:
     name = sign.join([word] * (60_000 // len(word)))
     with pytest.raises(CalibtoolError):
         READERS["import"].read(f"j1_rad,j2_rad,{name}\n1,2,3\n".encode())
+
+
+@pytest.mark.parametrize("text", ["a=", "a = ", "def p():\n a =", "global a=\n", "a = [", "a[0]="])
+def test_a_program_that_ends_in_an_assignment(text: str) -> None:
+    """Found by the fuzzer: URScript that was cut off behind `=`."""
+    assert reader("ur-script")(text, six()).literals == ()
