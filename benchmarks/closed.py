@@ -1,12 +1,12 @@
 """Robots with closed loops: what a calibration takes away, how fast it is, whether an assembly mode
 is ever wrong.
 
-Run: python benchmarks/closed.py [--seeds 7] [--first-seed 0] [--fresh 1000]
-[--robots delta,hexapod] [--poses 10000] [--only reductions]. 0.5 mm and 0.5 mrad at every joint and
-cut, 0.05 mm noise, default workspace. Errors are those of the task components (all but the virtual joints), at exactly
-corrected joints, on fresh configurations at which the task can be corrected inside the joint
-limits: position in mm, rotation in mrad, in percent of the nominal robot's. Median (worst) of the
-seeds. The network is the paper's, on the nominal hexapod, trained on 50 configurations with
+Run: python benchmarks/closed.py [--seeds 7] [--first-seed 0] [--fresh 1000] [--robots
+delta,hexapod] [--poses 10000] [--only reductions]. 0.5 mm and 0.5 mrad at every joint and cut, 0.05
+mm noise, default workspace. Errors are those of the task components (all but the virtual joints),
+at exactly corrected joints, on fresh configurations at which the task can be corrected inside the
+joint limits: position in mm, rotation in mrad, in percent of the nominal robot's. Median (worst) of
+the seeds. The network is the paper's, on the nominal hexapod, trained on 50 configurations with
 Bayesian regularisation. Assembly modes are compared with small steps along the straight way from
 the closed configuration of the description, without a table, on poses drawn from the whole joint
 range. Times are processor times.
