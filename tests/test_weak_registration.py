@@ -24,7 +24,7 @@ def robot() -> Robot:
 
 def poses(robot: Robot, shifts: Array, turns: Array, jitter: float = 0.0) -> Array:
     """Joints (N, n) at the home pose shifted (N, 3) m and turned (N, 3) rad in the base frame."""
-    home = robot.home(robot.workspace(None)[1])
+    home = robot.workspace().home
     T = np.repeat(robot.mechanism.forward(home[None]), len(shifts), axis=0)
     T[:, :3, 3] += shifts
     T[:, :3, :3] = exp6(np.concatenate([0 * turns, turns], axis=1))[:, :3, :3] @ T[:, :3, :3]
