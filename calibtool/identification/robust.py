@@ -17,7 +17,7 @@ LOSS_FUNCTIONS = ("isolated", "squared", "huber", "cauchy")
 
 _HUBER, _CAUCHY = 1.5, 2.5  # in typical residuals of a row
 _FALSE_ALARM = 0.01  # chance that any row of a clean set is flagged
-_CLUSTER_SIGNIFICANCE = 0.01
+_CLUSTER_SIGNIFICANCE = 0.001  # a region gives its rows their weight back: seldom by chance
 
 
 def row_weights(
