@@ -32,7 +32,7 @@ WATCHED = (
     "atomic_output.py",
     "interrupts.py",
     "unfinished_files.py",
-)  # modules of the command line in which an output comes to be
+)  # modules of the command line and the package in which an output comes to be
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def at_step(action: Callable[[int], None]) -> Callable[[], None]:
     def count(frame: FrameType, event: str, argument: object) -> None:
         nonlocal step
         folder, name = os.path.split(frame.f_code.co_filename)
-        if name in WATCHED and os.path.basename(folder) == "cli":
+        if name in WATCHED and os.path.basename(folder) in ("calibtool", "cli"):
             step += 1
             action(step)
 

@@ -60,7 +60,7 @@ def camera_findings(measurements: Measurements) -> list[Finding]:
             "the arm), the zeros of the joints, and that rows and images belong together"
         )
         numbers = {"rms_mm": before * 1e3, "spread_mm": spread * 1e3}
-        found.append(Finding("camera_misfit", "warning", message, numbers))
+        found.append(Finding("nominal_robot", "warning", message, numbers))
     return found
 
 
