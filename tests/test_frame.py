@@ -156,7 +156,10 @@ def test_the_choice_is_kept_in_the_file_with_both_frames() -> None:
             lambda group: group.attrs.__setitem__("name", b"tought"),
             "/frame: name 'tought' is none of fitted, taught",
         ),
-        (lambda group: group["T_tool_taught"].__setitem__((0, 0), 2.0), "/frame/T_tool_taught: row 1 is no rigid motion"),
+        (
+            lambda group: group["T_tool_taught"].__setitem__((0, 0), 2.0),
+            "/frame/T_tool_taught: row 1 is no rigid motion",
+        ),
         (lambda group: group["T_taught_fitted"].__setitem__((0, 3), np.nan), "not finite"),
         (lambda group: group.__delitem__("T_tool_taught"), "damaged"),
     ],
