@@ -21,8 +21,9 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify
 from calibtool.controller import read_controller_model
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.setup import Setup
 from calibtool.programs.compensate import ProgramOptions, compensate_program
 from calibtool.programs.frames import pose
 from calibtool.robot.catalogue import load_robot

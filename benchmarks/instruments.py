@@ -18,8 +18,9 @@ from calibtool.calibration import identify
 from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errors import NoSolutionError
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.registration import register
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.se3 import Array, transform_points

@@ -40,7 +40,7 @@ from calibtool.compensation.status import OK
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errors import InputError
 from calibtool.evaluation.compare import evaluate
-from calibtool.measurement.measurements import check_targets
+from calibtool.measurement.setup import check_targets
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE

@@ -20,10 +20,11 @@ from scipy.spatial.transform import Rotation
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.measurement.circles import circle_start
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals
 from calibtool.measurement.registration import frames_of_least_squares, refine, register
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.setup import Setup
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.se3 import Array, inverse, readonly, transform_points
 

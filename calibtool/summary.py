@@ -9,7 +9,8 @@ from calibtool.calibration.learning_curve import LearningCurve
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.identification.identification import Posterior
 from calibtool.identification.report import parameter_rows, strongest_correlations
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.setup import Setup
 from calibtool.robot.coupling import coupling_text
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log6

@@ -4,8 +4,8 @@
 from pathlib import Path
 
 from calibtool.robot.catalogue import shipped
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
+from calibtool.robot.source import parse_source
 
 
 def texts(name: str) -> tuple[str, str]:

@@ -4,9 +4,9 @@ draw or make up their own.
 
 from dataclasses import dataclass
 
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.source import parse_source
 
 LIMITS = {
     "revolute": (-2.5, 2.8),

@@ -13,9 +13,9 @@ from calibtool.errors import InputError
 from calibtool.evaluation.view.arm_geometry import described_shape, mesh_folders, simple_shape
 from calibtool.evaluation.view.mesh_files import ALONE
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.source import parse_source
 
 TRIANGLE = (
     "solid t\nfacet normal 0 0 1\nouter loop\n"

@@ -10,13 +10,14 @@ from calibtool.calibration import Calibration, check_same_robot, fitting_setup, 
 from calibtool.calibration.calibration import CrossValidation
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.source import parse_source
 
 
 def twist_matrix(twist: Array) -> Array:

@@ -11,9 +11,9 @@ from poe import poe_frames, random_positions
 
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot, robot_names, shipped
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.source import parse_source
 
 
 def joint_origins(robot: Robot, q: Array) -> Array:

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from calibtool.errors import InputError
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.chain import build_chain
-from calibtool.robot.description import Source, parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.source import Source, parse_source
 from calibtool.robot.tool import chosen
 from calibtool.robot.tree import urdf_tree
 

@@ -10,10 +10,11 @@ import pytest
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.checks import Finding, check_measurements, design_findings
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import measured_in_base
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.planning.visiting_order import short_order
 from calibtool.robot.catalogue import load_robot

@@ -323,9 +323,9 @@ def test_as_many_parameters_are_identifiable_as_the_mathematics_says(
 ) -> None:
     """docs/closed-loops.md, of the geometry with three targets."""
     from calibtool.identification.parameters import Parameters, State
-    from calibtool.measurement.measurements import Setup
     from calibtool.measurement.observation import observation_matrix
     from calibtool.measurement.sampling import sample_configurations
+    from calibtool.measurement.setup import Setup
     from calibtool.robot.se3 import readonly
 
     robot = load_robot(name)

@@ -26,9 +26,9 @@ from calibtool.export.taught import Taught
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.source import parse_source
 
 NAMES = ["delta", "prs3"]
 

@@ -17,8 +17,9 @@ from calibtool.compensation.targets import OutsidePolicy
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.evaluation.compare import evaluate
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.registration import register
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 

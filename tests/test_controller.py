@@ -20,8 +20,8 @@ from universal import (
 from calibtool.controller import ControllerModel, read_controller_model
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
+from calibtool.robot.source import parse_source
 
 HERE = Path(__file__).parent / "controllers"
 Q = np.random.default_rng(5).uniform(-np.pi, np.pi, (12, 6))

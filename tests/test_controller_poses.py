@@ -12,15 +12,16 @@ from universal import UR5, as_yaml, forward, inverse, perturbed
 from calibtool.calibration import Calibration, identify
 from calibtool.controller import read_controller_model
 from calibtool.errors import InputError, UsageError
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.setup import Setup
 from calibtool.programs.compensate import CompensatedProgram, ProgramOptions, compensate_program
 from calibtool.programs.controller_poses import worse_than_untouched
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import parse_source
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly, transform_points
+from calibtool.robot.source import parse_source
 
 
 @dataclass(frozen=True, eq=False)

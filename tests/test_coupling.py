@@ -8,8 +8,8 @@ from poe import poe_frames
 
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
+from calibtool.robot.source import parse_source
 
 
 def planar(coupling: str) -> Robot:

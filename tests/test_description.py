@@ -11,15 +11,15 @@ from pydantic import ValidationError
 
 from calibtool.errors import InputError, UsageError
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import (
+from calibtool.robot.plausibility import implausible
+from calibtool.robot.robot import Robot
+from calibtool.robot.source import (
     Source,
     example_robot_data,
     parse_source,
     read_source,
     source_from_urdf,
 )
-from calibtool.robot.plausibility import implausible
-from calibtool.robot.robot import Robot
 
 LINKS = """
   <link name="base_link"/>

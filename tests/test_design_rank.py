@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibtool.identification.design_rank import observability
-from calibtool.measurement.measurements import Setup
+from calibtool.measurement.setup import Setup
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly

@@ -287,7 +287,7 @@ def test_the_description_states_where_the_robot_hangs_and_what_it_carries() -> N
     rng = np.random.default_rng(0)
 
     def mounted(text: str) -> Robot:
-        from calibtool.robot.description import parse_source
+        from calibtool.robot.source import parse_source
 
         return Robot.from_source(parse_source(source.toml_text + text, source.urdf_text, "here"))
 

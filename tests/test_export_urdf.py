@@ -17,9 +17,9 @@ from calibtool.calibration import Calibration
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.measurement.sampling import sample_configurations
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, log3
+from calibtool.robot.source import parse_source
 
 
 def geometric(name: str, twists: str) -> Calibration:

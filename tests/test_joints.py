@@ -14,9 +14,9 @@ from calibtool.equivalent.joints import ELEMENTARY, EquivalentRobot, equivalent_
 from calibtool.errors import InputError
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.robot.catalogue import load_robot, robot_names
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.source import parse_source
 
 SMALL = [  # whose virtual joints are chosen, not named
     name

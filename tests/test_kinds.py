@@ -17,7 +17,7 @@ from calibtool.identification.partial import of_families
 from calibtool.measurement.checks import check_measurements
 from calibtool.measurement.instruments import unknown
 from calibtool.measurement.instruments.gauge import GAUGE
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import (
     observation_matrix,
     residuals,
@@ -26,6 +26,7 @@ from calibtool.measurement.observation import (
     weights,
 )
 from calibtool.measurement.registration import register, update_setup
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points

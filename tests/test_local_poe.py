@@ -19,10 +19,11 @@ from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import NoSolutionError
 from calibtool.identification.identification import nominal_model
 from calibtool.identification.local_poe import identify_local_poe
-from calibtool.measurement.measurements import Measurements, Setup, Truth
+from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.observation import residuals, weights
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, observe, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot

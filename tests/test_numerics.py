@@ -22,7 +22,8 @@ from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.evaluation.compare import evaluate
-from calibtool.measurement.measurements import Measurements, check_targets
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.setup import check_targets
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped_least_squares import (

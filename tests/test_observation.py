@@ -8,7 +8,7 @@ from derivatives import assert_derivative
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import (
     measured_in_base,
     observation_matrix,
@@ -16,6 +16,7 @@ from calibtool.measurement.observation import (
     target_columns,
     weights,
 )
+from calibtool.measurement.setup import Setup
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array

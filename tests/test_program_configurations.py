@@ -12,8 +12,8 @@ from calibtool.programs.branches import Controller, solve_pose
 from calibtool.programs.configurations import Abb, Configuration, Digit, Fanuc, Kuka, posture
 from calibtool.programs.formats import coupling_of
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import source_from_urdf
 from calibtool.robot.robot import Robot
+from calibtool.robot.source import source_from_urdf
 
 # Axes and origins of a KUKA arm at zero: A1 and the wrist's roll axes count clockwise, the arm lies
 # stretched along x.

@@ -16,9 +16,9 @@ from calibtool.programs.compensate import ProgramOptions, compensate_program
 from calibtool.programs.configurations import posture
 from calibtool.programs.formats import reader
 from calibtool.programs.frames import poses
-from calibtool.robot.description import parse_source, source_from_urdf
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, inverse, log3
+from calibtool.robot.source import parse_source, source_from_urdf
 
 JOINTS = [
     ("0 1 0", "0 0 0", "prismatic", 1.0),  # the track, along y

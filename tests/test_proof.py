@@ -21,7 +21,8 @@ from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.verdict import headline, remarks, verdicts
 from calibtool.evaluation.wording import words
 from calibtool.identification.complete import CompleteOptions
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.se3 import Array, readonly

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibtool.errors import NoSolutionError
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals, weights
 from calibtool.measurement.registration import (
     frames_of_least_squares,
@@ -19,6 +19,7 @@ from calibtool.measurement.registration import (
     update_setup,
 )
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot

@@ -21,7 +21,8 @@ from calibtool.evaluation.plots import FIGURES, Subject
 from calibtool.evaluation.report import html_report, parse_occasion
 from calibtool.evaluation.report.content import number
 from calibtool.evaluation.report.verdict import cautions, headline, remarks, verdicts
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 

@@ -11,13 +11,14 @@ from scipy.stats import chi2
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errors import InputError
-from calibtool.measurement.measurements import Measurements, Setup, Truth
+from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.registration import register
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, observe, simulate
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.source import parse_source
 
 EVERYTHING = ErrorScales(kinds=ERROR_KINDS)
 

@@ -19,8 +19,9 @@ from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errors import InputError
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.registration import register
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.storage import read_any, read_calibration, read_measurements, to_bytes

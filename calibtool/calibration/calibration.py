@@ -17,7 +17,8 @@ from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
 from calibtool.identification.identification import Identification
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.setup import Setup
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6

@@ -12,7 +12,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from calibtool.errormodel.robot_errors import RobotErrors
-from calibtool.measurement.measurements import Setup
+from calibtool.measurement.setup import Setup
 from calibtool.robot.damped_least_squares import at_point
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, log6, readonly

@@ -8,9 +8,10 @@ from calibtool.calibration.calibration import Calibration, check_same_robot
 from calibtool.calibration.frame import on_base
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import UsageError
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import weighted_residuals
 from calibtool.measurement.registration import register, rigid_fit
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, exp6, inverse, log6, translation
 
 REFITTED = ("base", "tool")

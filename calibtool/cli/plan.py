@@ -18,17 +18,16 @@ from calibtool.cli.options import (
     joint_values_of,
 )
 from calibtool.cli.plan_options import box, finite, sight
-from calibtool.cli.printing import print_json, print_tables
+from calibtool.cli.plan_tables import report_cube, report_plan
+from calibtool.cli.printing import print_json
 from calibtool.cli.progress import counted, working
-from calibtool.units import count_of, three_digits
+from calibtool.units import count_of
 
 if TYPE_CHECKING:
     import numpy as np
 
     from calibtool.planning.information import Knowledge
     from calibtool.planning.instrument_rows import InstrumentRows
-    from calibtool.planning.iso9283_poses import TestCube
-    from calibtool.planning.plan import Plan
     from calibtool.robot.robot import Robot
     from calibtool.robot.workspace import Workspace
 
@@ -233,7 +232,7 @@ def plan(
         cube = replace(cube, joint_values=values)
         if target is not None:
             write_output(target, cube.table(cycles or 30), force)
-        _report_cube(cube, space.name, cycles or 30, json)
+        report_cube(cube, space.name, cycles or 30, json)
         if target is not None:
             wrote(target, f"5 poses, {count_of(cycles or 30, 'cycle')}")
         return
@@ -276,7 +275,7 @@ def plan(
     if json:
         print_json({**made.as_json(), "workspace": space.name, "seed": seed})
     else:
-        _report(made, space.name)
+        report_plan(made, space.name)
         if seen_by is not None and set_up is None:
             for line in placed(seen_by.setup):
                 message(f"note: {line}")
@@ -354,50 +353,4 @@ def _knowledge(
         noise = calibration.noise_position * posterior.noise_factor
     return Knowledge.of_identification(
         model, calibration.base, noise, calibration.noise_orientation
-    )
-
-
-def _report(made: "Plan", workspace: str) -> None:
-    """What is known before and after measuring: predicted by the model."""
-    count = count_of(len(made.q), "configuration")
-    rows = []
-    for name, predicted in (
-        ("before", made.before),
-        (f"with {len(made.q)} random ones", made.random),
-        (f"with the {len(made.q)} selected", made.selected),
-    ):
-        values = predicted.as_json()
-        cells = ("effective_parameters", "target_std_mean_mm", "target_std_max_mm")
-        rows.append([name, *(three_digits(values[key]) for key in cells)])
-    header = ["", "parameters known", "mean error, mm", "max error, mm"]
-    print_tables(
-        f"{made.knowledge.robot.name}, {workspace}: {count} selected of "
-        f"{len(made.candidates.q)} candidates; the model has "
-        f"{count_of(made.knowledge.parameters.count, 'parameter')}",
-        [(header, rows)],
-    )
-    message(
-        "errors: expected standard deviation of a target point after compensation, over the "
-        "workspace; observability indices: --json"
-    )
-
-
-def _report_cube(cube: "TestCube", workspace: str, cycles: int, json: bool) -> None:
-    from calibtool.planning.iso9283_poses import POSES
-
-    if json:
-        print_json(
-            {
-                "schema": "calibtool/plan",
-                "schema_version": 1,
-                "robot": cube.robot.name,
-                "workspace": workspace,
-                "configurations": cycles * len(POSES),
-                "iso9283": cube.as_json(cycles),
-            }
-        )
-        return
-    message(
-        f"{cube.robot.name}, {workspace}: cube of {cube.edge * 1e3:.4g} mm, {len(POSES)} poses × "
-        f"{cycles} cycles; measure with full load at full speed, each pose after standstill"
     )

@@ -3,9 +3,10 @@
 import numpy as np
 
 from calibtool.evaluation.metrics import MethodErrors
-from calibtool.measurement.measurements import Measurements, Setup, determines_orientation
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import measured_in_base, residuals
 from calibtool.measurement.registration import rigid_fit
+from calibtool.measurement.setup import Setup, determines_orientation
 from calibtool.robot.se3 import Array, log3, transform_points
 
 

@@ -15,8 +15,9 @@ from calibtool.errors import InputError
 from calibtool.evaluation.metrics import MethodErrors, pose_statistics
 from calibtool.evaluation.observed import errors_against, point_errors
 from calibtool.evaluation.pose_test import PoseTest, measured_pose_test, repeated_poses
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.registration import register
+from calibtool.measurement.setup import Setup
 from calibtool.robot.inverse import inverse_kinematics
 from calibtool.robot.se3 import Array, log3, transform_points
 

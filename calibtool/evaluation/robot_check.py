@@ -9,8 +9,8 @@ import numpy as np
 from calibtool.equivalent.joints import equivalent_robot
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.identification.design_rank import Observability, observability
-from calibtool.measurement.measurements import Setup, determines_orientation
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.setup import Setup, determines_orientation
 from calibtool.robot.catalogue import robot_names
 from calibtool.robot.chain import NO_LIMITS
 from calibtool.robot.closed_chain import ClosedChain

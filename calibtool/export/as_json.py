@@ -15,7 +15,7 @@ from calibtool.errors import UsageError
 from calibtool.export.closed_json import closed_calibration_as_json
 from calibtool.export.formula import FORMULA
 from calibtool.export.rendering import LARGEST_POSITION
-from calibtool.measurement.measurements import Setup
+from calibtool.measurement.setup import Setup
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
 from calibtool.robot.gravity_torque import link_masses

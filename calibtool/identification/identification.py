@@ -8,8 +8,9 @@ import numpy as np
 
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.identification.parameters import Parameters, State
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, readonly
 
 

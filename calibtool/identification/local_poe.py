@@ -12,7 +12,7 @@ from calibtool.errors import NoSolutionError
 from calibtool.identification.identification import Identification, split_rms
 from calibtool.identification.parameters import Parameters, State
 from calibtool.measurement.gauss_newton import gauss_newton
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import (
     linearised,
     observation_matrix,
@@ -21,6 +21,7 @@ from calibtool.measurement.observation import (
     weighted_residuals,
     weights,
 )
+from calibtool.measurement.setup import Setup
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 

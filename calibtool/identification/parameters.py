@@ -14,8 +14,8 @@ from calibtool.errormodel.harmonics import LOW_ORDERS
 from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.measurement.measurements import Setup
 from calibtool.measurement.registration import update_setup
+from calibtool.measurement.setup import Setup
 from calibtool.robot.mechanism import Frames
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array

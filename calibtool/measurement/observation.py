@@ -9,7 +9,8 @@ import numpy as np
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.kinds.instrument import InstrumentKind
 from calibtool.measurement.kinds.kind import of_place
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, inverse, transform_points
 
 

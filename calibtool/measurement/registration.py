@@ -14,9 +14,10 @@ import numpy as np
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.circles import circle_start
 from calibtool.measurement.gauss_newton import gauss_newton
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import linearised, weighted_residuals
 from calibtool.measurement.rotation_search import RotationForm, nearest_rotation, rotation_grid
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
 _MINIMA = 4  # refined, of those that the rotation search finds

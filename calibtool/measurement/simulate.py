@@ -8,9 +8,10 @@ from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
 from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errors import InputError, check_choice, check_number
 from calibtool.measurement.instruments import INSTRUMENTS, Cell, unknown
-from calibtool.measurement.measurements import Measurements, Setup, Truth, check_targets
+from calibtool.measurement.measurements import Measurements, Truth
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.setup import Setup, check_targets
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 from calibtool.robot.workspace import Workspace

@@ -11,8 +11,8 @@ from calibtool.errors import InputError
 from calibtool.identification.evidence import inverse
 from calibtool.identification.identification import Identification
 from calibtool.identification.parameters import Parameters, State
-from calibtool.measurement.measurements import Setup
 from calibtool.measurement.observation import observation_matrix, target_columns
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.simulate import ORIENTATION_NOISE
 from calibtool.robot.gravity_torque import load_carrying, turned_by_gravity
 from calibtool.robot.robot import Robot

@@ -16,8 +16,9 @@ from calibtool.errors import NoSolutionError
 from calibtool.measurement.instruments import INSTRUMENTS, Cell
 from calibtool.measurement.kinds.corners import Corners
 from calibtool.measurement.kinds.kind import Readings, of_place
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.setup import Setup
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, inverse, transform_points

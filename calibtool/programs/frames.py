@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, RootModel, ValidationError, model_validator
 
 from calibtool.errors import InputError, near_names
-from calibtool.robot.description import parse_toml
 from calibtool.robot.orientation import (
     FIXED_ANGLES,
     QUATERNION,
@@ -19,6 +18,7 @@ from calibtool.robot.orientation import (
     rotation_matrices,
 )
 from calibtool.robot.se3 import Array
+from calibtool.robot.toml_text import parse_toml
 from calibtool.units import TO_SI
 
 

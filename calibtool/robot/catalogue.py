@@ -4,9 +4,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from calibtool.errors import UsageError, near_names
-from calibtool.robot.description import read_source
 from calibtool.robot.robot import Robot, is_path
 from calibtool.robot.shipped import shipped
+from calibtool.robot.source import read_source
 
 
 def robot_names() -> list[str]:

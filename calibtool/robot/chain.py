@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from calibtool.errors import InputError
-from calibtool.robot.description import Source
 from calibtool.robot.mechanism import Bodies, Mechanism
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.source import Source
 from calibtool.robot.tree import Joint, urdf_tree
 from calibtool.robot.urdf import (
     base_placement,

@@ -10,11 +10,11 @@ from calibtool.robot.assembly import closed_configuration, closed_samples, first
 from calibtool.robot.chain import LimitSource, SerialChain, build_chain, opened
 from calibtool.robot.closed import ClosedMechanism
 from calibtool.robot.continuation import Starts
-from calibtool.robot.description import Source
 from calibtool.robot.loops import Tree
 from calibtool.robot.mechanism import Bodies
 from calibtool.robot.reduction import mobility, reduced
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.source import Source
 from calibtool.robot.tree_reading import read_tree
 from calibtool.robot.urdf import frame_id, joint_name, mimic_joints
 

@@ -103,8 +103,8 @@ def chain_of(steps: Sequence[Sequence[Step]], prismatic: Sequence[bool], name: s
 
     Raises InputError with `name` for a chain that cannot be built.
     """
-    from calibtool.robot.description import source_from_urdf
     from calibtool.robot.robot import Robot
+    from calibtool.robot.source import source_from_urdf
 
     limits = {j: (-_STROKE, _STROKE) for j, slides in enumerate(prismatic) if slides}
     urdf = chain_urdf(steps, prismatic, "controller", limits)

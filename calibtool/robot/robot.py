@@ -17,9 +17,9 @@ from calibtool.robot.damped_least_squares import (
     at_point,
     singularity_distance,
 )
-from calibtool.robot.description import Source
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.source import Source
 from calibtool.robot.tree import UNBOUNDED
 from calibtool.robot.workspace import Workspace
 from calibtool.units import joint_and_factor, joint_values

@@ -7,10 +7,11 @@ import pinocchio as pin
 
 from calibtool.errors import InputError, near_names
 from calibtool.robot.chain import LimitSource, gravity_in_base, limits_of, opened, unit_twist
-from calibtool.robot.description import LoopTable, Source
+from calibtool.robot.description import LoopTable
 from calibtool.robot.loops import FORBIDDEN, Follower, Loop, Tree
 from calibtool.robot.mechanism import Bodies
 from calibtool.robot.se3 import Array, readonly
+from calibtool.robot.source import Source
 from calibtool.robot.tree import urdf_tree
 from calibtool.robot.urdf import base_placement, frame_id, joint_name, mimic_joints
 

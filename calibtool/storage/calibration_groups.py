@@ -17,7 +17,8 @@ from calibtool.equivalent.training import LossName, Regularisation, TrainingRepo
 from calibtool.errormodel.families import FAMILIES
 from calibtool.identification.identification import Flagged, Identification, Posterior
 from calibtool.identification.parameters import Parameters, Part
-from calibtool.measurement.measurements import SMALLEST_NOISE, Setup
+from calibtool.measurement.measurements import SMALLEST_NOISE
+from calibtool.measurement.setup import Setup
 from calibtool.robot.description import VirtualJoint
 from calibtool.robot.robot import Robot
 from calibtool.storage.shared_groups import (

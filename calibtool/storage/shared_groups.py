@@ -7,9 +7,9 @@ from calibtool.errormodel.families import FAMILIES
 from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.measurement.kinds import KINDS
-from calibtool.measurement.measurements import Setup
-from calibtool.robot.description import parse_source
+from calibtool.measurement.setup import Setup
 from calibtool.robot.robot import Robot
+from calibtool.robot.source import parse_source
 from calibtool.storage.stored_numbers import (
     LARGEST_ERROR,
     get,

@@ -40,8 +40,8 @@ from calibtool.programs.frames import read_frames
 from calibtool.programs.numbers import rewritten
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.denavit_hartenberg import DhConvention
-from calibtool.robot.description import parse_source, source_from_urdf
 from calibtool.robot.robot import Robot
+from calibtool.robot.source import parse_source, source_from_urdf
 from calibtool.storage import read_any, read_study, to_bytes
 from calibtool.storage.file_checks import with_digest
 from calibtool.storage.studies import study_to_bytes

@@ -21,8 +21,8 @@ from calibtool.measurement.importing.excel import parse_workbook
 from calibtool.programs.formats import reader
 from calibtool.programs.frames import read_frames
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import parse_source, read_source, source_from_urdf
 from calibtool.robot.robot import Robot
+from calibtool.robot.source import parse_source, read_source, source_from_urdf
 from calibtool.robot.tree import urdf_tree
 
 URDF, TOML = arm().source.urdf_text, arm().source.toml_text

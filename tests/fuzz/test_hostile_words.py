@@ -33,8 +33,8 @@ from calibtool.export.as_urdf import calibration_as_urdf
 from calibtool.export.c_code import calibration_as_c
 from calibtool.export.structured_text import calibration_as_structured_text
 from calibtool.measurement.measurements import Measurements
-from calibtool.robot.description import source_from_urdf
 from calibtool.robot.robot import Robot
+from calibtool.robot.source import source_from_urdf
 from calibtool.storage import read_any, read_study, to_bytes
 from calibtool.storage.studies import study_to_bytes
 from calibtool.summary import calibration_summary, measurements_summary, robot_summary

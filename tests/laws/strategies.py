@@ -15,7 +15,8 @@ from calibtool.equivalent.network import Network
 from calibtool.errormodel.actual import ActualRobot, ErrorScales, random_actual
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errormodel.robot_errors import RobotErrors
-from calibtool.measurement.measurements import Measurements, Setup, Truth
+from calibtool.measurement.measurements import Measurements, Truth
+from calibtool.measurement.setup import Setup
 from calibtool.robot.catalogue import load_robot, robot_names
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.gravity_torque import load_carrying

@@ -11,7 +11,7 @@ from strategies import configurations, geometric, measured, network, perfect, wi
 from calibtool.calibration import Calibration, identify
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errors import InputError
-from calibtool.measurement.measurements import Setup
+from calibtool.measurement.setup import Setup
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, exp6, readonly

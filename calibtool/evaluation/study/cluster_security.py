@@ -5,7 +5,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from calibtool.errors import InputError
-from calibtool.robot.description import parse_toml, validation_message
+from calibtool.robot.toml_text import parse_toml, validation_message
 
 
 class ClusterSecurity(BaseModel):

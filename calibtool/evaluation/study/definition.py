@@ -15,7 +15,7 @@ from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import ERROR_KINDS
 from calibtool.errors import CalibtoolError, InputError, UsageError, near_names
 from calibtool.robot.catalogue import load_robot
-from calibtool.robot.description import parse_toml, validation_message
+from calibtool.robot.toml_text import parse_toml, validation_message
 
 NOMINAL = "nominal"
 METHODS = (NOMINAL, "local-poe", "complete", "network", "network-local-poe", "default")

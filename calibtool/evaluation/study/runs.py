@@ -15,8 +15,8 @@ from calibtool.evaluation.study.definition import NOMINAL, RobotText, Study
 from calibtool.evaluation.study.study_table import OK, REDUCTIONS, Cell, Row, failed, rounded
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.robot.description import parse_source
 from calibtool.robot.robot import Robot
+from calibtool.robot.source import parse_source
 
 # A worker of a cluster may have several threads, and a robot's kinematics keep their work
 # space in the robot.

@@ -12,10 +12,10 @@ from pinocchio import coal
 from calibtool.errors import InputError
 from calibtool.evaluation.view.mesh_files import ALONE
 from calibtool.robot.chain import joints_to
-from calibtool.robot.description import Source, example_robot_data
 from calibtool.robot.named_files import inside
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array
+from calibtool.robot.source import Source, example_robot_data
 from calibtool.robot.tree import urdf_root
 from calibtool.robot.urdf import base_placement, frame_id, locked_joints, parse_urdf, read_urdf
 

@@ -8,9 +8,10 @@ from calibtool.measurement.checks.design import design_findings
 from calibtool.measurement.checks.finding import Finding
 from calibtool.measurement.checks.lonely_places import lonely_places
 from calibtool.measurement.kinds.kind import of_place
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals
 from calibtool.measurement.registration import register
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, transform_points
 
 _SUSPICIOUS = 5e-3  # of the length of the arm: more, and mistakes are looked for

@@ -14,8 +14,9 @@ from calibtool.measurement.checks.groups import groups_of_rows
 from calibtool.measurement.checks.mistakes import mistakes
 from calibtool.measurement.checks.nominal_fit import Fit, nominal_fit
 from calibtool.measurement.checks.zeros import zero_of_one_joint, zeros_of_all_joints
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import spread_rows
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import readonly, transform_points
 
 _SUSPICIOUS, _AT_LEAST = (

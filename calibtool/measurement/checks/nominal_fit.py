@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibtool.errors import NoSolutionError
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals
 from calibtool.measurement.registration import register
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array
 
 

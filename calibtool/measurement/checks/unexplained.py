@@ -9,8 +9,9 @@ import numpy as np
 from calibtool.errormodel.families import BY_ID
 from calibtool.errormodel.robot_errors import RobotErrors
 from calibtool.errormodel.tolerances import Tolerances
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import observation_matrix, target_columns
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array
 
 _FREE = 0.1  # m and rad: what a set-up that is not known may be off by

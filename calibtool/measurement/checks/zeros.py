@@ -9,10 +9,11 @@ import numpy as np
 from calibtool.measurement.checks.finding import Finding
 from calibtool.measurement.checks.nominal_fit import nominal_fit
 from calibtool.measurement.gauss_newton import gauss_newton
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import linearised, weighted_residuals
 from calibtool.measurement.registration import update_setup
 from calibtool.measurement.sampling import spread_rows
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, readonly
 
 _GRID = np.deg2rad([30.0, 60.0, 90.0, 120.0, 150.0, 180.0, -150.0, -120.0, -90.0, -60.0, -30.0])

@@ -7,8 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from calibtool.errors import InputError, near_names
 from calibtool.measurement.images.opencv import opencv
-from calibtool.robot.description import parse_toml, validation_message
 from calibtool.robot.se3 import Array
+from calibtool.robot.toml_text import parse_toml, validation_message
 
 Length = Annotated[float, Field(gt=0, lt=1e4)]
 Squares = Annotated[int, Field(ge=2, le=200)]

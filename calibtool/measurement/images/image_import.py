@@ -26,7 +26,8 @@ from calibtool.measurement.importing.readings import read_joints
 from calibtool.measurement.importing.sources import read_source
 from calibtool.measurement.importing.spelling import spelt
 from calibtool.measurement.importing.stated import Stated
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.setup import Setup
 from calibtool.progress import Progress, silent
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.robot import Robot

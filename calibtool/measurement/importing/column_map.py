@@ -9,8 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from calibtool.errors import InputError
 from calibtool.measurement.simulate import ORIENTATION_NOISE
 from calibtool.robot.coupling import JointValues
-from calibtool.robot.description import Point, parse_toml, validation_message
+from calibtool.robot.description import Point
 from calibtool.robot.orientation import numbers_in
+from calibtool.robot.toml_text import parse_toml, validation_message
 
 POSITION_NOISE = 0.05e-3  # m, stated for an instrument that does not tell its own
 

@@ -11,9 +11,10 @@ from calibtool.measurement.importing.column_map import ColumnMap
 from calibtool.measurement.importing.joint_files import JOIN_TOLERANCE, Join
 from calibtool.measurement.importing.row_selection import choose_rows
 from calibtool.measurement.importing.sources import SourceTable
-from calibtool.measurement.measurements import Measurements, Setup
+from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.registration import register
 from calibtool.measurement.sampling import spread_rows
+from calibtool.measurement.setup import Setup
 from calibtool.measurement.streams import JointStream
 from calibtool.robot.se3 import readonly
 

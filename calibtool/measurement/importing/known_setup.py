@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.errors import InputError
 from calibtool.measurement.importing.column_map import ColumnMap
-from calibtool.measurement.measurements import Setup, check_targets
+from calibtool.measurement.setup import Setup, check_targets
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 

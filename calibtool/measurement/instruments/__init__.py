@@ -17,7 +17,7 @@ from calibtool.measurement.instruments.image_corners import corners_beside, corn
 from calibtool.measurement.instruments.probes import plane_probe, sphere_probe
 from calibtool.measurement.instruments.second_robot import second_arm
 from calibtool.measurement.instruments.wires import wires
-from calibtool.measurement.measurements import Setup
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import readonly
 
 __all__ = ["INSTRUMENTS", "Cell", "Observed", "unknown"]

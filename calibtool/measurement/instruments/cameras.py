@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.measurement.instruments.cell import Cell, Observed, labels, shares
 from calibtool.measurement.kinds import Readings
-from calibtool.measurement.measurements import Setup
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, exp6, inverse, readonly
 
 CAMERA_NOISE = (0.04e-3, 0.04e-3, 0.07e-3, 0.21e-3, 0.21e-3, 0.21e-3)  # m, rad: found boards

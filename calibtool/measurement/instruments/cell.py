@@ -8,8 +8,8 @@ import numpy as np
 from calibtool.errormodel.actual import ActualRobot
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.kinds import Readings
-from calibtool.measurement.measurements import Setup
 from calibtool.measurement.sampling import sample_configurations
+from calibtool.measurement.setup import Setup
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.robot import Robot

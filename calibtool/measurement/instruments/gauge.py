@@ -12,7 +12,7 @@ from calibtool.measurement.instruments.cell import (
     touching,
 )
 from calibtool.measurement.kinds import Readings
-from calibtool.measurement.measurements import Setup
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import exp6, inverse, readonly, transform_points
 
 GAUGE = 0.05  # m between the two sockets of the gauge

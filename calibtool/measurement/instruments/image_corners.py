@@ -6,7 +6,7 @@ from calibtool.measurement.images.board_description import BoardDescription
 from calibtool.measurement.instruments.cell import Cell, Observed, labels, shares
 from calibtool.measurement.kinds import Readings
 from calibtool.measurement.kinds.projection import project
-from calibtool.measurement.measurements import Setup
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 
 LENS = np.array([1400.0, 1400.0, 800.0, 600.0, -0.11, 0.08, 4e-4, -3e-4, -0.02])  # px and 1

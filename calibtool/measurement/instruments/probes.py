@@ -4,7 +4,7 @@ import numpy as np
 
 from calibtool.measurement.instruments.cell import TIP, Cell, Observed, labels, shares, tilted, tip
 from calibtool.measurement.kinds import Readings
-from calibtool.measurement.measurements import Setup
+from calibtool.measurement.setup import Setup
 from calibtool.robot.se3 import Array, exp6, readonly, transform_points
 
 RADIUS = 0.08  # m, of a sphere and the tip

@@ -5,7 +5,7 @@ import numpy as np
 from calibtool.errors import NoSolutionError
 from calibtool.measurement.instruments.cell import TIP, Cell, Observed
 from calibtool.measurement.kinds import Readings
-from calibtool.measurement.measurements import Setup
+from calibtool.measurement.setup import Setup
 from calibtool.robot.inverse import solve_poses
 from calibtool.robot.se3 import Array, exp6, inverse, readonly, transform_points
 

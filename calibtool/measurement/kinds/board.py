@@ -15,7 +15,7 @@ from calibtool.measurement.rotation_search import nearest_rotation
 from calibtool.robot.se3 import Array, adjoint, exp6, inverse, log3, readonly, skew
 
 if TYPE_CHECKING:
-    from calibtool.measurement.measurements import Setup
+    from calibtool.measurement.setup import Setup
 
 
 class BoardPose(Kind):

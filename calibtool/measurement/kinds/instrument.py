@@ -14,7 +14,7 @@ from calibtool.measurement.kinds.kind import Kind, of_place
 from calibtool.robot.se3 import Array, exp6, readonly
 
 if TYPE_CHECKING:
-    from calibtool.measurement.measurements import Setup
+    from calibtool.measurement.setup import Setup
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 

@@ -13,7 +13,7 @@ import numpy as np
 from calibtool.robot.se3 import Array, inverse, readonly
 
 if TYPE_CHECKING:
-    from calibtool.measurement.measurements import Setup
+    from calibtool.measurement.setup import Setup
 
 
 class Readings(NamedTuple):

@@ -11,7 +11,7 @@ from calibtool.measurement.kinds.kind import Kind, Readings, of_place
 from calibtool.robot.se3 import Array, readonly, skew, transform_points
 
 if TYPE_CHECKING:
-    from calibtool.measurement.measurements import Setup
+    from calibtool.measurement.setup import Setup
 
 _TARGETS = 0.1 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])  # m: starts
 _STEP = 5e-3  # m between readings: they tell where the normal points

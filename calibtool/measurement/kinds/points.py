@@ -12,7 +12,7 @@ from calibtool.measurement.kinds.kind import Readings
 from calibtool.robot.se3 import Array, readonly, skew, transform_points
 
 if TYPE_CHECKING:
-    from calibtool.measurement.measurements import Setup
+    from calibtool.measurement.setup import Setup
 
 
 class TargetPoints(InstrumentKind):

@@ -14,7 +14,7 @@ from calibtool.measurement.rotation_search import nearest_rotation
 from calibtool.robot.se3 import Array, exp6, log3, readonly
 
 if TYPE_CHECKING:
-    from calibtool.measurement.measurements import Setup
+    from calibtool.measurement.setup import Setup
 
 _POINT = TargetPoints()
 

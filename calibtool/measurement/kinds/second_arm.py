@@ -13,7 +13,7 @@ from calibtool.measurement.rotation_search import nearest_rotation
 from calibtool.robot.se3 import Array, adjoint, exp6, inverse, readonly, skew, transform_points
 
 if TYPE_CHECKING:
-    from calibtool.measurement.measurements import Setup
+    from calibtool.measurement.setup import Setup
 
 
 class SeenFromArm(Kind):
