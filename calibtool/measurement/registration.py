@@ -24,6 +24,7 @@ _MINIMA = 4  # refined, of those that the rotation search finds
 _ITERATIONS = 200
 _ON_TOOL = 1.0  # m: as far from the tool frame may targets be that the rows hardly tell
 _WEAK = 0.1  # m: what the rows tell less surely than that is hardly told
+_SETTLED = 1e-6  # of the squares: a prior settles weak targets to a hundredth of their deviation
 _NO_GAIN = 1e-4  # of the squares: what creeps on by less, along directions that only noise shows
 
 
@@ -156,7 +157,8 @@ def refine(
         step: Array = np.linalg.lstsq(columns, right, rcond=1e-9)[0].astype(float)
         gain = 2 * right @ (columns @ step) - ((columns @ step) ** 2).sum()
         slow.append(bool(gain < _NO_GAIN * (right @ right)))
-        return step, bool(np.abs(step).max() < 1e-11)
+        drawn_enough = prior is not None and gain < _SETTLED * (right @ right)
+        return step, bool(drawn_enough or np.abs(step).max() < 1e-11)
 
     found, _, settled = gauss_newton(
         setup,

@@ -1,6 +1,7 @@
 """Set-up of a measurement: the instrument's place and what it looks at on the tool."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -73,7 +74,7 @@ class Setup:
         """Whether nothing of the set-up has to be estimated."""
         return self.frame_known and self.targets_known
 
-    @property
+    @cached_property
     def kind(self) -> Kind:
         """Kind of the observations."""
         for kind in KINDS.values():
