@@ -162,7 +162,7 @@ def test_a_training_shows_both_losses_and_the_kept_iteration(fanuc_network: Cali
     found = written("training", Subject([("paper", fanuc_network)]))
     chosen = fanuc_network.training.history.chosen
     for word in (
-        "paper: task loss, lm",
+        "paper: pose error, Levenberg–Marquardt",
         "training",
         "validation",
         "without network",
@@ -175,7 +175,7 @@ def test_only_calibrations_with_a_network_are_drawn(
     fanuc_network: Calibration, fanuc_local_poe: Calibration
 ) -> None:
     both = Subject([("poe", fanuc_local_poe), ("paper", fanuc_network)])
-    assert "paper: task loss" in written("training", both)
+    assert "paper: pose error" in written("training", both)
     assert "poe" not in written("training", both)
     assert "paper" not in written("observability", both)
 

@@ -13,11 +13,11 @@ GROUPS = {
     "Data": "on before source same_robot at commanded robot columns join join_tolerance_s joints "
     "clock_offset sheet layout unit angle_unit convention encoding rows sample rest tool "
     "joint_values board robot_targets frames controller dh with_ refit_setup payload_kg "
-    "temperature_c check meshes plan accept_misfit about history date",
+    "temperature_c check meshes plan accept_misfit history date",
     "Output": "output force json report pdf paper parameters html box_plot width_mm picture "
     "map_template dry_run uncertainty verify line_buffered magnify port precision prefix "
     "learning_curve require partial chart",
-    "Document": "title serial customer operator instrument date temperature",
+    "Document": "title serial customer operator instrument date temperature about",
 }  # what is in none of them says how it is computed
 _OTHERS = "Method"
 _DOCUMENT = "report"  # the command whose options describe a document

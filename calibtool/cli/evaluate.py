@@ -59,11 +59,11 @@ def evaluate(
 
     Simulated measurements: the actual robot is driven to the corrected joints and measured without
     noise. Real ones: measured minus predicted target points, which is what to expect after
-    correction. Where configurations were measured repeatedly, ISO 9283's pose accuracy AP and
-    repeatability RP follow from the measured points. Tables for people go to stderr.
+    correction. Where configurations were measured repeatedly, pose accuracy AP and repeatability RP
+    of ISO 9283 are reported, too. The tables go to stderr.
 
     Proof on the arm: measurements imported with --commanded were taken at corrected joints. Then
-    measured points are compared with commanded ones: after the correction and, with --before,
+    measured points are compared with commanded ones, after the correction and, with --before,
     before it. Exit code 3 where the arm was driven to other joints than the calibration asks for.
 
     Example: calibtool evaluate paper.h5 local-poe.h5 --on fresh.h5 --json

@@ -80,12 +80,14 @@ def export(
 ) -> None:
     """Write a calibration as code or as a robot model.
 
-    For C, -o NAME.c also writes NAME.h; NAME, or --prefix, starts every symbol, and names the
-    function block of NAME.st. A calibration with payload or temperature is written for those of the
-    options. A geometry is fitted again to the calibrated robot: URDF, tables of DH parameters (dh,
-    mdh: modified), the calibration.yaml of a UR arm, joint offsets, machine data of a KUKA arm.
-    What a format does not hold is listed on stderr and in the file. docs/export.md describes each
-    format.
+    Code: C99 (-o NAME.c also writes NAME.h) or Structured Text; NAME, or --prefix, starts every
+    symbol. It is written for one payload and one temperature. Data: JSON has the complete
+    calibration, ONNX the network.
+
+    Robot models hold the geometry alone, fitted to the calibrated robot: URDF, tables of DH
+    parameters (dh: standard, mdh: modified), the calibration.yaml of a UR arm, joint offsets, or
+    machine data of a KUKA arm. What a format cannot hold is listed on stderr and in the file.
+    docs/export.md describes each format.
 
     Example: calibtool export calibration.h5 --format c -o compensator.c
     """

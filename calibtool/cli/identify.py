@@ -108,11 +108,12 @@ def identify(
 ) -> None:
     """Find the errors of a robot from measurements.
 
-    complete: every error with a tolerance, harmonics and gravity where the evidence asks for
-    them, ± for each parameter. local-poe: one constant error of each link (the method of Song, Tian
-    and Ma), with rank, singular values and what cannot be observed. Where instrument and targets
-    are unknown, base and tool frame are free: --frame chooses, stderr reports what they have in
-    common with the drawing's and what remains.
+    The complete model (default) has every error with a tolerance, gear harmonics and gravity where
+    the measurements show them, and ± for each parameter. local-poe is the method of Song, Tian and
+    Ma: one constant error of each link, with the rank and what cannot be determined.
+
+    Where instrument and targets are unknown, base and tool frame are free: --frame chooses them.
+    stderr reports which part of the errors base and tool have in common, and what remains.
 
     Example: calibtool identify measurements.h5 --model complete -o complete.h5
     """

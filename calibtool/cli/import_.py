@@ -46,7 +46,7 @@ def import_(
             "images; '-' is stdin.",
         ),
     ],
-    robot: Annotated[str, typer.Option(help="A robot of the catalogue, or a path.")],
+    robot: Annotated[str, typer.Option(help="A built-in robot, or the path of a description.")],
     output: Output = "-",
     columns: Annotated[
         str | None,
@@ -106,9 +106,7 @@ def import_(
     ] = None,
     robot_targets: Annotated[
         bool,
-        typer.Option(
-            "--robot-targets", help="The targets stand where the robot's description says."
-        ),
+        typer.Option("--robot-targets", help="The targets are where the robot's description says."),
     ] = False,
     joints: Annotated[
         str | None,
@@ -226,16 +224,15 @@ def import_(
 ) -> None:
     """Import measurements (CSV, Excel, SpatialAnalyzer, …).
 
-    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and
-    unknown targets are estimated,
-    from the rows that are taken.
+    Three targets, one target (position only) or 6-D poses. An unknown instrument frame and unknown
+    targets are estimated from the imported rows. Begin with --dry-run.
 
-    After a correction: the joints, in TABLE or --joints, are those that the arm was driven to, and
-    --commanded TARGETS holds the joints or poses that were corrected. `evaluate` then compares the
-    measured points with the commanded ones.
+    Measured after a correction: the joints, in TABLE or --joints, are those that the arm was driven
+    to, and --commanded TARGETS holds the joints or poses before correction. `evaluate` then
+    compares measured with commanded points.
 
-    A folder of images with --board BOARD.toml and --joints FILE: the corners of the board in them,
-    found with OpenCV (the extra `camera`); each image is a row, by its name or by order.
+    Images: a folder with --board BOARD.toml and --joints FILE. The corners of the board are found
+    with OpenCV (the extra `camera`); each image is a row, by its name or by order.
 
     Example: calibtool import tracker.csv --robot ur10 --columns map.toml -o measurements.h5
     """

@@ -24,7 +24,7 @@ from calibtool.errors import InputError, UsageError
 
 def simulate(
     robot: Annotated[
-        str, typer.Argument(metavar="ROBOT", help="A robot of the catalogue, or a path.")
+        str, typer.Argument(metavar="ROBOT", help="A built-in robot, or the path of a description.")
     ],
     output: Output = "-",
     configurations: Annotated[
@@ -137,9 +137,9 @@ def simulate(
 ) -> None:
     """Simulate measurements of a robot with random errors.
 
-    Its targets are observed with noise at configurations of a workspace; the truth is kept in a
-    group of its own. A correction is rehearsed with --same-robot FILE.h5 --at corrected.csv
-    --commanded targets.csv (see `evaluate`).
+    Its targets are observed with noise at configurations of a workspace. The file also keeps the
+    true errors, for `evaluate`. To rehearse a correction: --same-robot FILE.h5 --at corrected.csv
+    --commanded targets.csv.
 
     Example: calibtool simulate fanuc-m1000ia -n 100 --seed 1 -o measurements.h5
     """

@@ -105,9 +105,9 @@ def train(
 ) -> None:
     """Find the errors, and learn the rest by a network.
 
-    The network learns the joint motion errors of the equivalent robot that the base model leaves
-    over. With Bayesian regularisation it is kept only if cross-validation, with the base identified
-    again in every fold, shows that it helps.
+    First the base model is identified (see `identify`). The network then learns the errors of the
+    joint motions that the base model does not describe. By default it is kept only if
+    cross-validation shows that it helps; the base is identified again in every fold.
 
     Example: calibtool train measurements.h5 --base nominal --loss task -o paper.h5
     """

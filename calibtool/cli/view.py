@@ -49,11 +49,12 @@ def view(
 ) -> None:
     """Show the arm, its targets and their errors in 3-D.
 
-    Measurements: targets of the nominal robot and the measured ones. A calibration: those of the
-    nominal robot and where the calibration says they are. The live view needs the extra 'view' and
-    ends on Ctrl-C; it answers browsers of this machine alone. A page of --html needs nothing. The
-    arm has the meshes of its URDF where they are found (those of example-robot-data are), simple
-    solids otherwise.
+    Measurements: targets of the nominal robot and the measured ones. A calibration: targets of the
+    nominal robot and of the calibrated one. The live view needs the extra 'view', answers browsers
+    of this machine only, and ends on Ctrl-C. --html writes a page that needs nothing else.
+
+    The arm has the meshes of its URDF where they are found, such as those of example-robot-data,
+    and simple solids otherwise.
 
     Example: calibtool view measurements.h5 --html view.html
     """

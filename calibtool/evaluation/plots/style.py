@@ -143,7 +143,7 @@ def log_scale(axes: Axes, axis: Literal["x", "y"], values: list[np.ndarray]) -> 
         return
     (axes.set_xscale if axis == "x" else axes.set_yscale)("log")
     decades = np.log10(positive.max() / positive.min())
-    subs = (1.0, 2.0, 5.0) if decades < 3 else (1.0,)
+    subs = tuple(range(1, 10)) if decades < 0.7 else (1.0, 2.0, 5.0) if decades < 3 else (1.0,)
     chosen = axes.xaxis if axis == "x" else axes.yaxis
     chosen.set_major_locator(LogLocator(subs=subs, numticks=12))
     chosen.set_minor_locator(NullLocator())
