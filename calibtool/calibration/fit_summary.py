@@ -41,7 +41,7 @@ def fit_summary(calibration: Calibration) -> str:
 
 
 def fit_lines(calibration: Calibration) -> list[str]:
-    """A few lines for people: what was determined, how well it fits, what is suspicious, whether
+    """A few lines for people: determined parameters, quality of the fit, warnings, and whether
     the network helps.
     """
     base, training = calibration.base, calibration.training
@@ -94,7 +94,7 @@ def fit_lines(calibration: Calibration) -> list[str]:
 
 
 def _compared(base: Identification) -> str:
-    """Why this model is the result."""
+    """Why this model was chosen."""
     left = ", ".join(f"{name} {value:.3g}" for name, value in sorted(base.held_out.items()))
     used = {"nominal": "registration alone", "local-poe": "local POE", "complete": "complete"}
     return (

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _DISTANCE = 1.5
 _ROUGH = 4.0  # a bound is at most 1 + this times the distance
 _AT_A_TIME = 256
-_STANDS = 1e-3  # rad or m: a joint that moved less stood still, and this far from there is like it
+_STANDS = 1e-3  # rad or m: a joint that moved less counts as fixed, and so far around it as known
 _UNCERTAINTY = 2.0  # times the largest predicted standard deviation on the training configurations
 
 
@@ -95,8 +95,8 @@ def _largest_deviation(calibration: Calibration) -> float:
 def _largest_spacing(tree: "cKDTree") -> float:
     """Largest distance between a point of a tree and the nearest other one.
 
-    Bounds on the distances come fast; exact ones are asked for, from the largest bound on, until no
-    bound exceeds what was found.
+    Bounds on the distances are computed fast. Exact distances follow, from the largest bound on,
+    until no bound exceeds the largest one found.
     """
     bound = tree.query(tree.data, k=2, eps=_ROUGH)[0][:, 1]
     order = np.argsort(-bound)
