@@ -17,7 +17,7 @@ _FEATURES = 60
 @dataclass(frozen=True, eq=False)
 class RandomFeatures(Regressor):
     """N(q) = output_scale ∘ W cos(Ω s + b), s = (q − input_centre) / input_scale; Ω and b
-    are drawn and stay.
+    are drawn once and not trained.
 
     input_centre, input_scale   (n,) rad or m: the training range becomes [−1, 1]
     frequencies (h, n), phases (h,): Ω and b, in rad

@@ -36,9 +36,9 @@ class TrainingOptions:
                     all alike (Eq. 21)
     optimiser       `lm`: Levenberg and Marquardt; `gd`: gradient descent (Eq. 22)
     regularisation  `bayes`: all rows train, every restart is a member of an ensemble that is
-                    averaged; `early-stopping` (the paper): a validation part stops the training and
-                    chooses the best restart; None: `early-stopping` for `gd` and on the nominal
-                    robot, `bayes` on every other base model (`resolved`)
+                    averaged; `early-stopping` (the published method): a validation part stops the
+                    training and chooses the best restart; None: `early-stopping` for `gd` and on
+                    the nominal robot, `bayes` on every other base model (`resolved`)
     regressor       learned model: `tanh`, the network of the paper, or `random-features`, a
                     Gaussian process's spectrum
     hidden          nodes or features, √(6n) or 60 unless given
