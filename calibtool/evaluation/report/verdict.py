@@ -126,7 +126,7 @@ def cautions(subject: Subject, judged: Array) -> list[str]:
 
 
 def remarks(subject: Subject) -> list[str]:
-    """What the numbers are."""
+    """Sentences that explain the numbers."""
     evaluation = subject.evaluation
     assert evaluation is not None
     result = [words(evaluation.kind, evaluation.before).remark]
@@ -177,7 +177,7 @@ def _changes(
 
 
 def _noise(subject: Subject) -> dict[str, float | None]:
-    """What the noise alone gives, m and rad; None where it is not in the errors."""
+    """Errors that noise alone causes, m and rad; None where the errors contain no noise."""
     assert subject.evaluation is not None
     if subject.measurements is None or subject.evaluation.kind == "compensated":
         return {"position": None, "orientation": None}
