@@ -1,5 +1,5 @@
-"""Help and completion of the commands: options in groups, plain names of what they take, and the
-values that fit.
+"""Help and completion of the commands: options in groups, plain names of their values, and values
+that fit.
 """
 
 from collections.abc import Iterable, Iterator
@@ -18,7 +18,7 @@ GROUPS = {
     "map_template dry_run uncertainty verify line_buffered magnify port precision prefix "
     "learning_curve require partial chart",
     "Document": "title serial customer operator instrument date temperature about",
-}  # what is in none of them says how it is computed
+}  # options in none of them state how it is computed
 _OTHERS = "Method"
 _DOCUMENT = "report"  # the command whose options describe a document
 _LONGEST = 26  # characters of choices that are shown in place of a name
@@ -87,7 +87,7 @@ def _name_value(parameter: Any) -> None:
 
 
 def _plain(name: str, kind: str) -> str:
-    """What the value of an option is called that nobody gave a name."""
+    """Name of the value of an option that has none."""
     unit = name.rpartition("_")[2]
     if "int" in kind:
         return "N"

@@ -242,7 +242,7 @@ def compensate(
 
 
 def _weights(text: str | None) -> "Weights | None":
-    """`--weights` as numbers; UsageError for what are none."""
+    """`--weights` as numbers; UsageError for anything else."""
     if text is None:
         return None
     try:
@@ -268,7 +268,7 @@ def _bounds(
 
 
 def check_rows(name: str, head: bytes) -> None:
-    """InputError where what would be read as rows is a program in another language."""
+    """InputError for rows that are a program in another language."""
     from calibtool.programs.unread import unread_program
 
     if what := unread_program(head):
@@ -291,7 +291,7 @@ def compensate_rows(
     force: bool,
     bounds: str,
 ) -> None:
-    """Write corrected rows as they come, then what people have to know of them."""
+    """Write corrected rows in batches, then a summary on stderr."""
     from calibtool.compensation.stream import StreamReport, compensate_stream
     from calibtool.errors import NoSolutionError
 

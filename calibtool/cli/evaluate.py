@@ -184,12 +184,12 @@ def _cells(name: str, errors: dict[str, float], reduction: float | None) -> list
 
 
 def change(reduction: float) -> str:
-    """A reduction in percent as what it does to the error: `−93.0 %`."""
+    """A reduction in percent as a change of the error: `−93.0 %`."""
     return f"{'−' if reduction > 0 else '+'}{abs(reduction):.1f} %"
 
 
 def _show_pose_test(test: dict[str, Any], how: str, names: list[str]) -> None:
-    """AP of every method, as it is called, and RP, per pose."""
+    """AP of every method under its name, and RP, for each pose."""
     repeats = sorted({*test["repeats"]})
     counted = str(repeats[0]) if len(repeats) == 1 else f"{repeats[0]} to {repeats[-1]}"
     poses = test["poses"][:_POSES]

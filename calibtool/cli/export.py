@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from calibtool.robot.denavit_hartenberg import DhConvention
 
 FORMATS = ("json", "c", "st", "onnx", *GEOMETRIES)
-# What the name of the output says; .csv may be several.
+# Formats by the suffix of the output; .csv is ambiguous.
 SUFFIXES = {
     ".json": "json",
     ".c": "c",
@@ -41,7 +41,7 @@ SUFFIXES = {
     ".yml": "ur-yaml",
     ".dat": "kuka-machine",
 }
-# What each format calls its precisions, double first.
+# Names of the precisions of each format, double first.
 PRECISIONS = {"c": ("double", "float"), "st": ("LREAL", "REAL"), "onnx": ("double", "float")}
 
 
@@ -134,7 +134,7 @@ def export(
 
 
 def _format(given: str | None, output: str) -> str:
-    """--format, or what the suffix of the output says."""
+    """--format, or the format by the suffix of the output."""
     if given is not None:
         return choice(given, FORMATS, "--format")
     found = SUFFIXES.get(Path(output).suffix.lower())
@@ -147,7 +147,7 @@ def _format(given: str | None, output: str) -> str:
 
 
 def _geometry(calibration: "Calibration", format: str, values: "JointValues") -> str:
-    """The text of a geometry, with a line on stderr for everything that it does not hold."""
+    """The text of a geometry, with a line on stderr for each part that it cannot hold."""
     from calibtool.robot.coupling import coupling_text
 
     robot = calibration.robot

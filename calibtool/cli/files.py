@@ -15,7 +15,7 @@ from calibtool.errors import InputError, UsageError, printable
 from calibtool.unfinished_files import held
 
 STREAM = "-"
-_WIDTH = 80  # columns where nobody says how many there are
+_WIDTH = 80  # columns if their number is unknown
 
 
 def message(text: str, important: bool = False) -> None:
@@ -134,7 +134,7 @@ def text_lines(stream: io.BufferedReader, name: str) -> Iterator[str]:
 
 
 def shown(path: str) -> str:
-    """How a path is called in messages."""
+    """Name of a path in messages."""
     return "stdin" if path == STREAM else path
 
 
@@ -211,7 +211,7 @@ def output_stream(
         return
     with _reported(path):
         if _is_device(path):
-            # Never truncated, whatever stands there by now.
+            # Never truncated, whatever is there now.
             with os.fdopen(os.open(path, os.O_WRONLY), "wb") as stream:
                 yield _writer(stream, path)
         else:

@@ -178,7 +178,7 @@ def identify(
     calibration = replace(calibration, provenance=provenance(None, **inputs))
     found = mastering(calibration.base)
     extra["joint_offsets"] = [offset.as_json() for offset in found]
-    if target is not None:  # first: whoever listens may have gone
+    if target is not None:  # first: the reader of stdout may have gone
         write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/identification", json, extra)
     posterior = calibration.base.posterior
@@ -243,7 +243,7 @@ def report_target(output: str | None, json: bool) -> str | None:
 def report_calibration(
     calibration: "Calibration", schema: str, json: bool, extra: dict[str, object] | None = None
 ) -> None:
-    """What came out: JSON on stdout, or a few lines on stderr."""
+    """Report the result: JSON on stdout, or a few lines on stderr."""
     from calibtool.calibration.fit_summary import fit_lines
     from calibtool.identification.sufficiency import few_rows
     from calibtool.summary import calibration_summary
@@ -259,7 +259,7 @@ def report_calibration(
 
 
 def fit_words(calibration: "Calibration") -> str:
-    """What a calibration is, for the line after it was written."""
+    """Description of a calibration, for the line after it was written."""
     networks = f" with {count_of(len(calibration.networks), 'network')}"
     return (
         f"calibration of {calibration.robot.name}, {calibration.base.model} model"

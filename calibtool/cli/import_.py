@@ -1,4 +1,4 @@
-"""calibtool import: what instruments write to measurements."""
+"""calibtool import: files of instruments to measurements."""
 
 import os
 from pathlib import Path

@@ -28,7 +28,7 @@ def stated_of(unit: str | None, angle_unit: str | None, convention: str | None) 
 
 
 def second_arm_of(name: str) -> "SecondArm":
-    """A second arm: a robot that is taken as it is drawn, or a calibrated one."""
+    """A second arm: a nominal robot, or a calibrated one."""
     from calibtool.measurement.importing import SecondArm
 
     if name.endswith(".h5"):
@@ -39,7 +39,7 @@ def second_arm_of(name: str) -> "SecondArm":
 
 
 def offset_of(imported: "Imported", text: str) -> float:
-    """The offset of --clock-offset, s; with `auto` what the moving arm tells, and a line of it."""
+    """The offset of --clock-offset, s; with `auto` it is found from the motion, and reported."""
     from math import isfinite
 
     from calibtool.measurement.checks.clocks import clock_offset

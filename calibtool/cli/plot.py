@@ -72,7 +72,7 @@ def plot(
 
     Example: calibtool plot errors paper.h5 local-poe.h5 --on measurements.h5 -o errors.svg
     """
-    choice(kind, FIGURES, "kind of plot")
+    choice(kind, FIGURES, "figure")
     check_output(output, force)
     one_stdin(*calibrations, on, before)
     choice(method, ("exact", "one-step"), "--method")

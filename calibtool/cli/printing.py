@@ -28,8 +28,8 @@ def print_tables(title: str, tables: Sequence[Table], keys: int = 1) -> None:
     """Tables under a title, on stderr; their first column is left-aligned text.
 
     They are as wide as the terminal, 80 columns elsewhere: columns that do not fit follow below,
-    again behind the first `keys` columns. Bold only on a terminal without NO_COLOR. With --quiet
-    there is none.
+    beginning with the first `keys` columns again. Bold only on a terminal without NO_COLOR. With
+    --quiet there is none.
     """
     if is_quiet():
         return

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 ROWS = ("ndjson", "binary")
 LOOPBACK = "127.0.0.1"
 _LONGEST = 100_000  # bytes of a line
-_WARM = 20  # corrections before the first row: what is loaded late is loaded then
+_WARM = 20  # corrections before the first row, so that everything is loaded
 
 
 def serve(

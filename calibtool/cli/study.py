@@ -211,7 +211,7 @@ def _perform(
                     with held():
                         journal.add(index, rows)
                 table = StudyTable(study.key, journal.rows())
-                with held():  # the table takes the journal's place
+                with held():  # the table replaces the journal
                     if target is not None:
                         write_output(target, _contents(target, study, table), force)
                     journal.remove()

@@ -187,7 +187,7 @@ def train(
             counted,
         )
         extra["learning_curve"] = learning_curve_summary(curve)
-    if target is not None:  # first: whoever listens may have gone
+    if target is not None:  # first: the reader of stdout may have gone
         write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/training", json, extra)
     if learning_curve and not json:

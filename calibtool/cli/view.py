@@ -107,7 +107,8 @@ def view(
 
 
 def _shape(robot: "Robot", folders: list[Path], copies: Path) -> "pin.GeometryModel":
-    """What the URDF shows; simple solids, with the reason, where that cannot be had."""
+    """The visual geometry of the URDF; simple solids, with the reason, where it is not
+    available."""
     from calibtool.errors import InputError
     from calibtool.evaluation.view.arm_geometry import described_shape, mesh_folders, simple_shape
 
