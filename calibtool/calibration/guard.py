@@ -57,6 +57,12 @@ def coverage(calibration: Calibration, q: Array) -> Coverage:
     return Coverage(distance, deviation)
 
 
+def also_in_training(calibration: Calibration, q: Array) -> int:
+    """How many of the rows q (N, n), rad or m, were used to make the calibration."""
+    known = {row.tobytes() for row in np.round(calibration.q, 9) + 0.0}
+    return sum(row.tobytes() in known for row in np.round(q, 9) + 0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class _Reference:
     """Scaled configurations of the training in a k-d tree, their scale (n,) and largest spacing."""

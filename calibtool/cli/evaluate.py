@@ -78,11 +78,13 @@ def evaluate(
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
+    from calibtool.calibration.guard import also_in_training
     from calibtool.compensation.solve import Method
     from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.errors import AcceptanceError
     from calibtool.evaluation.acceptance import broken_limits, parse_limit
     from calibtool.evaluation.compare import evaluate as run
+    from calibtool.evaluation.compare import judged_rows
     from calibtool.evaluation.metrics import error_rows
     from calibtool.tables import format_table
 
@@ -109,6 +111,13 @@ def evaluate(
         print_json(report)
     else:
         show_evaluation(report)
+    judged = judged_rows(measurements)
+    for name, calibration in named:
+        if seen := also_in_training(calibration, judged.q):
+            message(
+                f"warning: {name}: {seen} of {len(judged)} configurations were used to make it; "
+                "its errors elsewhere are larger: judge on other rows"
+            )
     for result in evaluation.results:
         if result.marked:
             message(

@@ -20,7 +20,13 @@ from calibtool.cli.files import (
     wrote,
 )
 from calibtool.cli.import_images import ImageOptions, import_folder
-from calibtool.cli.import_options import chosen, offset_of, second_arm_of, stated_of
+from calibtool.cli.import_options import (
+    chosen,
+    findings_of,
+    offset_of,
+    second_arm_of,
+    stated_of,
+)
 from calibtool.cli.input_files import load_described, measurements_words
 from calibtool.cli.options import (
     AllowOption,
@@ -363,6 +369,8 @@ def import_(
         raise UsageError("--rest: no row is left; take fewer with --sample or --rows")
     if dry_run:
         write_stdout(preview(taken).encode())
+        for finding in findings_of(taken):
+            message(str(finding))
         return
     origin = provenance(seed if sample is not None else None, **inputs)
     with working(f"registering and checking {len(taken.measurements)} configurations"):

@@ -8,6 +8,7 @@ from calibtool.cli.options import choice
 from calibtool.errors import NoSolutionError, UsageError
 
 if TYPE_CHECKING:
+    from calibtool.measurement.checks.finding import Finding
     from calibtool.measurement.importing import Imported, SecondArm, Stated
 
 
@@ -62,3 +63,14 @@ def offset_of(imported: "Imported", text: str) -> float:
     if not isfinite(seconds):
         raise UsageError(f"--clock-offset: '{text}' is no number of seconds, nor auto")
     return seconds
+
+
+def findings_of(taken: "Imported") -> "list[Finding]":
+    """What the checks on import find; nothing where the set-up cannot be registered."""
+    from calibtool.measurement.checks import check_measurements
+
+    try:
+        measurements = taken.registered().measurements
+    except NoSolutionError:
+        return []
+    return check_measurements(measurements, taken.auxiliary, taken.stream)

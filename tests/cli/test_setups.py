@@ -83,14 +83,14 @@ def test_one_number_per_row(name: str, observation: str) -> None:
     [
         ("touched_table", ["32, 1 length each", "z_mm [mm]", "heights above a plane"]),
         ("ball_bar", ["16, 1 length each", "distance_mm [mm]"]),
-        ("stations", ["48, 1 target each", "station: A, B", "nominal robot: 0."]),
+        ("stations", ["48, 1 target each", "station: A, B", "after registration: 0."]),
     ],
 )
 def test_a_dry_run_says_what_was_understood(name: str, says: list[str]) -> None:
     shown = run("import", f"{name}.csv", *UR10, "--dry-run").stdout
     for text in says:
         assert text in shown
-    assert "mm max from the measured points after registration" in shown
+    assert "nominal robot after registration: " in shown
 
 
 def test_a_wire_of_negative_length_is_refused_by_line() -> None:

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, cast
 
-import numpy as np
-
-from calibtool.calibration import Calibration
+from calibtool.calibration.guard import also_in_training
 from calibtool.evaluation.acceptance import broken_limits
 from calibtool.evaluation.compare import judged_rows
 from calibtool.evaluation.metrics import pose_statistics
@@ -205,12 +203,6 @@ def _judgements(subject: Subject, k: int) -> list[Judgement]:
             )
         )
     return result
-
-
-def also_in_training(calibration: Calibration, q: Array) -> int:
-    """How many of the rows q (N, n), rad or m, were used to make the calibration."""
-    known = {row.tobytes() for row in np.round(calibration.q, 9) + 0.0}
-    return sum(row.tobytes() in known for row in np.round(q, 9) + 0.0)
 
 
 def _verb(names: list[str], plural: str) -> str:
