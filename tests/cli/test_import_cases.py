@@ -194,11 +194,11 @@ def test_an_arm_that_stays_the_same_does_not_drift() -> None:
 def test_another_robot_is_refused_without_consent() -> None:
     table = "inch_as_mm.csv"  # of a ur10
     message = refused(3, "import", table, "--robot", "fanuc-m1000ia", "--joint-values", "serial")
-    assert "the nominal robot explains the points to" in message
+    assert "the nominal robot fits the points to" in message
     assert "--accept-misfit" in message
     options = ("--joint-values", "serial", "--accept-misfit", "-o", "m.h5")
     said = remarks(run("import", table, "--robot", "fanuc-m1000ia", *options))
-    assert "explains the points to" in warnings(said)[-1]
+    assert "fits the points to" in warnings(said)[-1]
 
 
 def test_the_template_of_a_map_is_the_map() -> None:
