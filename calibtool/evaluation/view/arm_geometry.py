@@ -125,7 +125,8 @@ def simple_shape(robot: Robot) -> pin.GeometryModel:
     """
     shape = pin.GeometryModel()
     placements, twists = robot.chain.placements, robot.chain.twists
-    width = float(np.linalg.norm(placements[:, :3, 3], axis=-1).sum()) / 60 or 0.01
+    links = float(np.linalg.norm(placements[:, :3, 3], axis=-1).sum()) / 2 or 0.3
+    width = (links if robot.chain.tree is None else min(links, robot.length)) / 30  # one leg's size
     origin = np.zeros(3)
     joint = robot.chain.model_joints  # of Pinocchio, by number; 0 is the base
     for k, (placement, carrier) in enumerate(
@@ -140,8 +141,8 @@ def simple_shape(robot: Robot) -> pin.GeometryModel:
                 shape,
                 f"rail{j + 1}",
                 joint[robot.chain.placed_on[j]],
-                zero + axis * robot.lower[j],
-                zero + axis * robot.upper[j],
+                zero + axis * min(robot.lower[j], 0.0),
+                zero + axis * max(robot.upper[j], 0.0),
                 width / 2,
             )
             solid, along = coal.Box(3 * width, 3 * width, 4 * width), twist[:3]
