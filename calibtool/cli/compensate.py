@@ -156,7 +156,7 @@ def compensate(
     if not folder:
         check_output(output, force)
     if report is not None:
-        check_output(report, force)
+        check_output(report, force, suffixes=(".csv",))
         if (report == output == STREAM) or Path(report).resolve() == Path(output).resolve():
             raise UsageError(f"{shown(report)}: is the output, too; give another file for --report")
     one_stdin(calibration, targets, frames, controller, *with_)

@@ -73,7 +73,7 @@ def evaluate(
 
         raise UsageError("--json and -o - both want stdout; give -o FILE")
     if output is not None:
-        check_output(output, force)
+        check_output(output, force, suffixes=(".csv",))
     one_stdin(*calibrations, on, before)
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast

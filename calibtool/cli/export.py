@@ -140,7 +140,7 @@ def _format(given: str | None, output: str) -> str:
     found = SUFFIXES.get(Path(output).suffix.lower())
     if found is None:
         raise UsageError(
-            f"the name of the output, '{output}', does not tell the format; give --format "
+            f"the suffix of the output '{output}' names no format; give --format "
             f"{', '.join(FORMATS)}"
         )
     return found

@@ -16,6 +16,21 @@ from calibtool.unfinished_files import held
 
 STREAM = "-"
 _WIDTH = 80  # columns if their number is unknown
+HDF5 = (".h5", ".hdf5")
+# Suffixes that promise a format: an output of another one is refused.
+_FORMATS = {
+    *HDF5,
+    ".csv",
+    ".json",
+    ".html",
+    ".htm",
+    ".pdf",
+    ".png",
+    ".svg",
+    ".jpg",
+    ".docx",
+    ".xlsx",
+}
 
 
 def message(text: str, important: bool = False) -> None:
@@ -151,10 +166,15 @@ def one_stdin(*paths: str | None) -> None:
         raise UsageError("only one input can be '-': stdin holds one file")
 
 
-def check_output(path: str, force: bool, *, binary: bool = False) -> None:
+def check_output(
+    path: str, force: bool, *, binary: bool = False, suffixes: tuple[str, ...] = ()
+) -> None:
     """Refuse an output before the work starts: an existing file without --force, a missing folder,
-    binary on a terminal.
+    binary on a terminal, a suffix of another format than those of `suffixes`.
     """
+    suffix = Path(path).suffix.lower()
+    if suffixes and suffix in _FORMATS and suffix not in suffixes:
+        raise UsageError(f"{path}: {suffix} is another format; this output is {suffixes[0]}")
     if path == STREAM:
         if sys.stdout is None:
             raise UsageError("stdout: cannot be written: it is closed")

@@ -16,7 +16,7 @@ from calibtool.cli.base_model_options import (
     Without,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
+from calibtool.cli.files import HDF5, check_output, message, one_stdin, shown, write_output, wrote
 from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
@@ -119,7 +119,7 @@ def identify(
     """
     target = report_target(output, json)
     if target is not None:
-        check_output(target, force, binary=True)
+        check_output(target, force, binary=True, suffixes=HDF5)
     one_stdin(*measurements, source)
     from dataclasses import replace
 

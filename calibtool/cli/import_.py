@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from calibtool.cli.files import (
+    HDF5,
     check_output,
     message,
     one_stdin,
@@ -274,9 +275,9 @@ def import_(
         return
     images.refuse(table)
     if not dry_run:
-        check_output(output, force, binary=not map_template)
+        check_output(output, force, binary=not map_template, suffixes=() if map_template else HDF5)
         if rest is not None:
-            check_output(rest, force, binary=True)
+            check_output(rest, force, binary=True, suffixes=HDF5)
             if same_file(rest, output):
                 raise UsageError(f"--rest and -o are the same, {rest}")
     one_stdin(table, columns, joints, commanded)

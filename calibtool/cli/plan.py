@@ -190,9 +190,10 @@ def plan(
     Example: calibtool plan fanuc-m1000ia -n 20 --joint-values controller -o plan.csv
     """
     target = report_target(output, json)
-    for path in (target, program):
-        if path is not None:
-            check_output(path, force)
+    if target is not None:
+        check_output(target, force, suffixes=(".csv",))
+    if program is not None:
+        check_output(program, force)
     choice(criterion, ("d", "i"), "--criterion")
     from dataclasses import replace
     from typing import cast

@@ -108,9 +108,10 @@ def report(
         if pdf is not None:
             raise UsageError("--pdf: -o names a PDF already; give one of them")
         page_file, pdf = None, output
-    for path in (page_file, pdf, parameters):
+    outputs = ((page_file, (".html", ".htm")), (pdf, (".pdf",)), (parameters, (".csv",)))
+    for path, suffixes in outputs:
         if path is not None:
-            check_output(path, force)
+            check_output(path, force, suffixes=suffixes)
     one_stdin(*calibrations, on, before, about)
     choice(paper, ("a4", "letter"), "--paper")
     choice(method, ("exact", "one-step"), "--method")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output, wrote
+from calibtool.cli.files import HDF5, check_output, one_stdin, read_text, shown, write_output, wrote
 from calibtool.cli.input_files import load_described, load_measurements, measurements_words
 from calibtool.cli.options import (
     AllowOption,
@@ -143,7 +143,7 @@ def simulate(
 
     Example: calibtool simulate fanuc-m1000ia -n 100 --seed 1 -o measurements.h5
     """
-    check_output(output, force, binary=True)
+    check_output(output, force, binary=True, suffixes=HDF5)
     one_stdin(same_robot, at, commanded)
     if commanded is not None and at is None:
         raise UsageError(

@@ -17,7 +17,7 @@ from calibtool.cli.base_model_options import (
     Without,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
+from calibtool.cli.files import HDF5, check_output, message, one_stdin, shown, write_output, wrote
 from calibtool.cli.identify import fit_words, report_calibration, report_target
 from calibtool.cli.input_files import (
     frame_name,
@@ -113,7 +113,7 @@ def train(
     """
     target = report_target(output, json)
     if target is not None:
-        check_output(target, force, binary=True)
+        check_output(target, force, binary=True, suffixes=HDF5)
     one_stdin(measurements, base)
     choice(loss, ("task", "joint"), "--loss")
     choice(optimizer, ("lm", "gd"), "--optimizer")

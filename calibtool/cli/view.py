@@ -59,7 +59,7 @@ def view(
     Example: calibtool view measurements.h5 --html view.html
     """
     if html is not None:
-        check_output(html, force)
+        check_output(html, force, suffixes=(".html", ".htm"))
     folders = [Path(folder) for folder in meshes or []]
     import io
     from math import isfinite
