@@ -176,7 +176,7 @@ def test_a_station_that_nothing_ties_to_the_others_is_named() -> None:
     said = run("import", "alone.csv", *UR10, "-o", "m.h5").stderr
     assert "warning: B: 2 rows with 6 readings, but 6 are needed to determine where it is" in said
     assert "measure at least 4 rows there" in said
-    assert "B: 2 rows read 6 numbers" in run("identify", "m.h5", "-o", "c.h5").stderr
+    assert "B: 2 rows with 6 readings" in run("identify", "m.h5", "-o", "c.h5").stderr
 
 
 @pytest.mark.parametrize(("kind", "enough"), [("plane", 3), ("sphere", 4), ("camera", 1)])
