@@ -35,9 +35,9 @@ def finer(measurements: Measurements, fit: Fit, highest: int) -> tuple[np.ndarra
     """
     has = harmonic_orders(fit.parameters)
     orders, sizes = has.copy(), np.zeros(len(has))
-    turning = np.flatnonzero(~np.array(measurements.robot.prismatic))
+    turning = [j for j, slides in enumerate(measurements.robot.prismatic) if not slides]
     steps = [h for h in FINE_ORDERS if h <= min(highest, _ROWS * len(measurements))]
-    if not steps or not len(turning) or len(measurements) < _HANDFUL:
+    if not steps or not turning or len(measurements) < _HANDFUL:
         return orders, sizes
     products = _Products.of(measurements, fit)
     few = len(measurements) <= _FEW
