@@ -4,6 +4,7 @@ observability, noise.
 
 from calibtool.calibration import Calibration
 from calibtool.calibration.frame_report import frame_report
+from calibtool.equivalent.gaussian_process import GaussianProcess
 from calibtool.errormodel.family import COMPONENTS
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Drawing, PageSection, PageTable, number
@@ -24,7 +25,7 @@ _NAMED = 12  # unobservable parameters named
 
 
 def training_section(subject: Subject) -> PageSection:
-    """How networks were trained, and whether they are used."""
+    """How networks or a Gaussian process were trained, and whether they are used."""
     lines = []
     for name, calibration in subject.calibrations:
         report, validation = calibration.training, calibration.validation
@@ -40,6 +41,8 @@ def training_section(subject: Subject) -> PageSection:
             f"{OPTIMISERS[report.optimiser]}, {REGULARISATIONS[report.regularisation]}; training "
             f"ended because {report.history.reason}."
         )
+        if report.regressor == GaussianProcess.id:
+            text = f"{name}: Gaussian process with {report.hidden} points, {used}"
         if validation is not None:
             text += f" Gain in {validation.folds}-fold cross-validation: {validation}."
         lines.append(text)
