@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from calibtool.calibration import Calibration
+from calibtool.equivalent.gaussian_process import GaussianProcess
 from calibtool.errormodel.harmonics import harmonic_functions
 from calibtool.errors import InputError
 from calibtool.evaluation.plots.style import (
@@ -36,14 +37,14 @@ _NAMED = 45  # parameters that can be named along an axis
 
 
 def training(calibrations: Named, width_mm: float) -> Figure:
-    """Loss on the training and the validation rows over the iterations.
+    """Loss of networks on the training and the validation rows over the iterations.
 
-    InputError where nothing was trained.
+    InputError where none was trained.
     """
     trained = [
         (f"{label(name)}{'' if c.networks else ' (not used)'}", c.training, bool(c.networks))
         for name, c in calibrations
-        if c.training is not None
+        if c.training is not None and c.training.regressor != GaussianProcess.id
     ]
     if not trained:
         raise InputError("no network was trained, so there is no training to draw")

@@ -42,7 +42,8 @@ def training_section(subject: Subject) -> PageSection:
             f"ended because {report.history.reason}."
         )
         if report.regressor == GaussianProcess.id:
-            text = f"{name}: Gaussian process with {report.hidden} points, {used}"
+            used = used if not calibration.networks else "used"
+            text = f"{name}: Gaussian process with {report.hidden} points, {used}."
         if validation is not None:
             text += f" Gain in {validation.folds}-fold cross-validation: {validation}."
         lines.append(text)
