@@ -381,8 +381,7 @@ def test_exports_state_that_backlash_is_not_in_them() -> None:
     assert (
         exported["base_model"]["backlash_rad_or_m"] == calibrated().base.errors["backlash"].tolist()
     )
-    # Structured Text does not hold turns of frames.
-    errors = calibrated().base.errors.without("bending", "wobble")
+    errors = calibrated().base.errors
     having, plain = (
         replace(calibrated(), base=replace(calibrated().base, errors=e))
         for e in (errors, errors.without("backlash"))
