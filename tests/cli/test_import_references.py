@@ -81,9 +81,8 @@ def test_readings_in_a_file_of_their_own(files: Files) -> None:
     run("import", "alone.csv", "--robot", "planar-3r", "--references", "refs.csv", "-o", "m.h5")
     apart = np.abs(stored("m.h5", POINTS) - stored(files.measurements, POINTS))
     assert apart.max() < 0.15e-3
-    line = refused(
-        2, "import", "alone.csv", "--robot", "planar-3r", "--use-references", "-o", "x.h5"
-    )
+    command = ["import", "alone.csv", "--robot", "planar-3r", "-o", "x.h5"]
+    line = refused(2, *command, "--use-references")
     assert "has no reference points" in line
     line = refused(3, *command, "--references", "t.csv")
     assert "neither a time" in line
