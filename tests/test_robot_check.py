@@ -139,7 +139,7 @@ def test_virtual_joints_named_in_the_description_are_stated_to_be(tmp_path) -> N
         ('<mass value="2"/><origin xyz="500 0 0"/>', "centre of mass 500 m away"),
         ('<mass value="3e6"/><origin xyz="0.1 0 0"/>', "weighs 3e+06 kg"),
         ('<mass value="2"/><origin xyz="0 -40 0"/>', "centre of mass 40 m away"),
-        ('<mass value="2"/><origin xyz="0 0 1.3"/>', "centre of mass 1.3"),
+        ('<mass value="2"/><origin xyz="0 0 1.3"/>', "centre of mass 1.5 m away"),
         ('<mass value="-2"/><origin xyz="0.1 0 0"/>', "below zero"),
         ('<mass value="nan"/><origin xyz="0.1 0 0"/>', "link 'tool0' is no number"),
         ('<mass value="2"/><origin xyz="0.1 inf 0"/>', "link 'tool0' is no number"),
