@@ -131,6 +131,7 @@ def calibration_summary(calibration: Calibration) -> dict[str, object]:
         }
     if training is not None:
         network |= {
+            "regressor": training.regressor,
             "loss": training.loss,
             "regularisation": training.regularisation,
             "optimizer": training.optimiser,

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify, train
 from calibtool.compensation.one_step import Linearised, default_bounds
+from calibtool.equivalent.gaussian_process import GaussianProcess
 from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.families import BY_ID
@@ -48,6 +49,8 @@ CASES = [
     ("panda", "everything", True),
     ("panda", "nominal", True),
     ("scara", "nominal", True),
+    ("fanuc-m1000ia", "process", True),
+    ("scara", "process", True),
 ]
 
 
@@ -56,8 +59,8 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
     """A calibration from 60 simulated configurations; the network is a small random one where none
     was worth keeping.
 
-    `everything`: random geometric errors of all kinds, 32 harmonics per revolute joint, and
-    wind-up under gravity.
+    `process`: a Gaussian process in place of the network. `everything`: random geometric errors of
+    all kinds, 32 harmonics per revolute joint, and wind-up under gravity.
     """
     robot = load_robot(name)
     measurements = simulate(robot, Simulation(configurations=60))
@@ -73,6 +76,17 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
         calibration = replace(
             calibration, networks=(Network.initial(measurements.q, scale, 5, rng),)
         )
+    if base == "process":
+        p, points = calibration.equivalent.p, measurements.q[:20]
+        centre, scale = measurements.q.mean(axis=0), np.ptp(measurements.q, axis=0) / 3
+        process = GaussianProcess(
+            input_centre=centre,
+            input_scale=scale,
+            points=(points - centre) / scale,
+            output_weights=rng.normal(size=(p, len(points))),
+            output_scale=np.full(p, 1e-3),
+        )
+        calibration = replace(calibration, networks=(process,))
     if base == "everything":
         errors = [
             rng.normal(size=shape) * 1e-3 for shape in ((robot.n + 1, 6), (robot.n, 6), (robot.n,))

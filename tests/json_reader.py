@@ -75,6 +75,9 @@ def network_from_json(c: dict, q: Array) -> Array:
     if net is None:
         return np.zeros(c["equivalent_robot"]["p"])
     s = (q - net["input_centre_rad_or_m"]) / net["input_scale_rad_or_m"]
+    if net["kind"] == "gaussian-process":
+        k = np.exp(-0.5 * ((s - np.array(net["points"])) ** 2).sum(axis=1))
+        return np.array(net["output_weights"]) @ k * net["output_scale_rad_or_m"]
     hidden = np.tanh(np.array(net["hidden_weights"]) @ s + net["hidden_bias"])
     return (np.array(net["output_weights"]) @ hidden + net["output_bias"]) * net[
         "output_scale_rad_or_m"

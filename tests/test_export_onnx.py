@@ -55,6 +55,18 @@ def test_the_model_is_the_mean_of_the_networks(
     assert np.abs(found["rho"] - expected).max() < accuracy
 
 
+@pytest.mark.parametrize(("precision", "accuracy"), [("double", 1e-14), ("single", 1e-6)])
+def test_the_model_is_the_gaussian_process(precision: str, accuracy: float) -> None:
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    calibration = calibrated("scara", "process", True)
+    dtype = float if precision == "double" else np.float32
+    q = anywhere(calibration, 1000).astype(dtype)
+    found = outputs(calibration_as_onnx(calibration, precision), q)["rho"]
+    expected = calibration.networks[0](q.astype(float))
+    assert np.abs(found - expected).max() < accuracy * max(1.0, np.abs(expected).max())
+    assert np.abs(expected).max() > 1e-4
+
+
 def test_on_the_nominal_base_the_model_corrects_as_one_step_does() -> None:
     pytest.importorskip("onnx", reason="onnx is not installed")
     calibration = ensemble("panda", "nominal")

@@ -132,7 +132,7 @@ def test_arrays_have_shapes() -> None:
         ".programs.configurations.",
         ".errormodel.",
         ".measurement.kinds.",
-        ".random_features.",
+        ".gaussian_process.",
     )
     left = [
         name

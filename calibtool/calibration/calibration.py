@@ -58,8 +58,8 @@ class Calibration:
 
     base            identified base model with the set-up fitted to it, in the frames of the fit
     equivalent      equivalent robot, whose Jacobian is J_ρ
-    networks        networks whose mean is N; empty when the base model stands alone or networks do
-                    not reduce the error
+    networks        learned models (networks, or one Gaussian process) whose mean is N; empty when
+                    the base model stands alone or they do not reduce the error
     training        report of the training; None when the base model stands alone
     validation      gain of the networks in cross-validation; None where it was not computed
     nominal_setup   set-up as it was known, or registered with the nominal robot

@@ -94,20 +94,39 @@ def train(
     chosen: FrameName = frame or "taught"
     check_choice(chosen, FRAMES, "frame")
     rng = np.random.default_rng(options.seed)
-    fitted = on_base(measurements, base, options, rng, progress, chosen)
-    assert fitted.training is not None
-    if fitted.training.regularisation != "bayes":
-        return fitted
+    identified = base if isinstance(base, Calibration) else identify(measurements, base, chosen)
+    fitted = _candidates(measurements, identified, options, rng, progress)
+    if fitted[0].training is None or fitted[0].training.regularisation != "bayes":
+        return fitted[0]
 
-    same = base if isinstance(base, Calibration) else _same(fitted.base.model, base)
+    same = base if isinstance(base, Calibration) else _same(identified.base.model, base)
 
-    def again(rows: Measurements, stream: np.random.Generator) -> Calibration:
-        return on_base(rows, same, options, stream, frame=chosen)
+    def again(rows: Measurements, stream: np.random.Generator) -> list[Calibration]:
+        own = same if isinstance(same, Calibration) else identify(rows, same, chosen)
+        return [on_base(rows, own, each, stream) for each in kinds]
 
-    validation = cross_validate(measurements, again, options.folds, rng, progress)
-    return replace(
-        fitted, validation=validation, networks=fitted.networks if validation.helps else ()
-    )
+    kinds = [
+        replace(options, regressor=each.training.regressor) for each in fitted if each.training
+    ]
+    validations = cross_validate(measurements, again, options.folds, rng, progress)
+    best, validation = max(zip(fitted, validations, strict=True), key=lambda pair: pair[1].gain)
+    return replace(best, validation=validation, networks=best.networks if validation.helps else ())
+
+
+def _candidates(
+    measurements: Measurements,
+    identified: Calibration,
+    options: TrainingOptions,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> list[Calibration]:
+    """A calibration with each of the learned models that may be used, the network first.
+
+    One that learned nothing from all rows is no candidate beside another.
+    """
+    kinds = options.resolved(_asked(identified)).candidates
+    fitted = [on_base(measurements, identified, each, rng, progress) for each in kinds]
+    return [fitted[0], *(each for each in fitted[1:] if each.networks)]
 
 
 def _same(model: str, base: BaseOptions | str) -> BaseOptions:
@@ -129,8 +148,7 @@ def on_base(
     frame: of a base model that is identified here; a calibration given as base keeps its own.
     """
     calibration = base if isinstance(base, Calibration) else identify(measurements, base, frame)
-    asked = "complete" if calibration.base.held_out else calibration.base.model
-    resolved = options.resolved(asked)
+    resolved = options.resolved(_asked(calibration)).candidates[0]
     networks, report = _networks(measurements, calibration, resolved, rng, progress)
     return replace(
         calibration,
@@ -142,6 +160,11 @@ def on_base(
         q=measurements.q,
         simulated=measurements.truth is not None,
     )
+
+
+def _asked(base: Calibration) -> str:
+    """The base model that was asked for."""
+    return "complete" if base.base.held_out else base.base.model
 
 
 def _networks(

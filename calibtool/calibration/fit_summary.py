@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from calibtool.calibration.calibration import Calibration
+from calibtool.calibration.calibration import Calibration, CrossValidation
 from calibtool.calibration.frame_report import frame_report
+from calibtool.equivalent.gaussian_process import GaussianProcess
 from calibtool.equivalent.training import TrainingReport
 from calibtool.identification.identification import Identification
 from calibtool.identification.report import parameter_rows, strongest_correlations
@@ -69,16 +70,7 @@ def fit_lines(calibration: Calibration) -> list[str]:
         result += _flagged_lines(calibration)
     validation = calibration.validation
     if validation is not None:
-        verdict = f"cross-validated gain {validation}"
-        members = (
-            "" if training is None else f"{training.effective:.1f} effective weights of a member"
-        )
-        used = (
-            f"{len(calibration.networks)} members, {members}"
-            if calibration.networks
-            else "not used"
-        )
-        result.append(f"neural network: {used} ({verdict})")
+        result.append(_learned_line(calibration, validation))
     elif training is not None:
         gain = loss_reduction(training)
         judged = "validation" if len(training.validation_rows) else "training"
@@ -91,6 +83,20 @@ def fit_lines(calibration: Calibration) -> list[str]:
                 f"{-gain:+.1f} %"
             )
     return result
+
+
+def _learned_line(calibration: Calibration, validation: CrossValidation) -> str:
+    """The learned model that was tried, whether it is used, and the verdict."""
+    training, networks = calibration.training, calibration.networks
+    process = training is not None and training.regressor == GaussianProcess.id
+    effective = "" if training is None else f", {training.effective:.1f} effective weights"
+    used = "not used"
+    if networks and process:
+        used = f"{count_of(networks[0].hidden, 'point')}{effective}"
+    elif networks:
+        used = f"{len(networks)} members{effective} of a member"
+    kind = "Gaussian process" if process else "neural network"
+    return f"{kind}: {used} (cross-validated gain {validation})"
 
 
 def _compared(base: Identification) -> str:

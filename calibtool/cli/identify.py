@@ -279,9 +279,14 @@ def report_calibration(
 
 def fit_words(calibration: "Calibration") -> str:
     """What a calibration is, for the line after it was written."""
-    networks = f" with {count_of(len(calibration.networks), 'network')}"
+    from calibtool.equivalent.gaussian_process import GaussianProcess
+
+    learned = ""
+    if calibration.networks:
+        learned = f" with {count_of(len(calibration.networks), 'network')}"
+        if isinstance(calibration.network, GaussianProcess):
+            learned = " with a Gaussian process"
     return (
-        f"calibration of {calibration.robot.name}, {calibration.base.model} model"
-        f"{networks if calibration.networks else ''}, from "
+        f"calibration of {calibration.robot.name}, {calibration.base.model} model{learned}, from "
         f"{count_of(calibration.configurations, 'configuration')}"
     )

@@ -1,4 +1,4 @@
-"""calibtool train: a network on a base model."""
+"""calibtool train: a learned model on a base model."""
 
 from pathlib import Path
 from typing import Annotated
@@ -66,15 +66,19 @@ def train(
         ),
     ] = None,
     regressor: Annotated[
-        str,
+        str | None,
         typer.Option(
-            metavar="tanh|random-features",
-            help="Learned model: a small neural network, or a Gaussian process.",
+            metavar="tanh|gaussian-process",
+            help="Learned model: a small neural network, or a Gaussian process. Default: the one "
+            "that predicts held-out rows better (bayes), or the network.",
         ),
-    ] = "tanh",
+    ] = None,
     hidden: Annotated[
         int | None,
-        typer.Option(min=1, help="Hidden nodes (default: the square root of 6n) or features (60)."),
+        typer.Option(
+            min=1,
+            help="Hidden nodes (default: the square root of 6n), or points of a Gaussian process.",
+        ),
     ] = None,
     validation: Annotated[
         float, typer.Option(min=0, max=0.9, help="Part of the rows for early stopping.")
@@ -103,9 +107,9 @@ def train(
     json: Json = False,
     force: Force = False,
 ) -> None:
-    """Find the errors, and learn the rest by a network.
+    """Find the errors, and learn what they do not explain.
 
-    The network learns the joint motion errors of the equivalent robot that the base model leaves
+    What is learned are the joint motion errors of the equivalent robot that the base model leaves
     over. With Bayesian regularisation it is kept only if cross-validation, with the base identified
     again in every fold, shows that it helps.
 
@@ -179,9 +183,11 @@ def train(
     calibration = replace(calibration, provenance=provenance(seed, **inputs))
     extra: dict[str, object] = {}
     if learning_curve:
+        assert calibration.training is not None
+        learned = replace(options, regressor=calibration.training.regressor)
         curve = curve_of(
             data,
-            lambda rows, stream: on_base(rows, start, options, stream),
+            lambda rows, stream: on_base(rows, start, learned, stream),
             folds,
             np.random.default_rng(seed),
             counted,

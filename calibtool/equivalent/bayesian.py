@@ -6,7 +6,7 @@ import numpy as np
 
 from calibtool.equivalent.loss import Loss
 from calibtool.equivalent.optimisers import History
-from calibtool.equivalent.regressor import Regressor
+from calibtool.equivalent.regressor import Regressor, Trainable
 from calibtool.robot.se3 import readonly
 
 _MAX_ITERATIONS = 100
@@ -15,7 +15,7 @@ _SETTLED = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class BayesianRun:
-    """One training: the network, its history, γ effective weights and the noise over the
+    """One training: the learned model, its history, γ effective weights and the noise over the
     stated one (1/√β).
     """
 
@@ -25,7 +25,7 @@ class BayesianRun:
     noise_factor: float
 
 
-def train_bayesian(network: Regressor, loss: Loss) -> BayesianRun:
+def train_bayesian(network: Trainable, loss: Loss) -> BayesianRun:
     """Minimise β |t − R N|² + α |w|², both precisions re-estimated from γ = W − α
     tr(H⁻¹) at every step.
 

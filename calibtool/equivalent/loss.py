@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibtool.equivalent.regressor import Regressor
+from calibtool.equivalent.regressor import Regressor, Trainable
 from calibtool.robot.se3 import Array
 
 
@@ -37,7 +37,7 @@ class Loss:
         """t − R N: (K, r)."""
         return self.t - (self.R @ network(self.q)[..., None])[..., 0]
 
-    def residual_and_jacobian(self, network: Regressor) -> tuple[Array, Array]:
+    def residual_and_jacobian(self, network: Trainable) -> tuple[Array, Array]:
         """Residual as a vector (K·r,) and ∂(R N)/∂w (K·r, W), weights in the order of
         `Regressor.weights`.
         """

@@ -6,12 +6,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from calibtool.equivalent.regressor import Regressor
+from calibtool.equivalent.regressor import Trainable
 from calibtool.robot.se3 import Array, readonly
 
 
 @dataclass(frozen=True, eq=False)
-class Network(Regressor):
+class Network(Trainable):
     """N(q) = output_scale ∘ (W₂ tanh(W₁ s + b₁) + b₂), s = (q − input_centre) / input_scale.
 
     input_centre, input_scale   (n,) rad or m: the training range becomes [−1, 1]

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from calibtool.equivalent.loss import Loss
-from calibtool.equivalent.regressor import Regressor
+from calibtool.equivalent.regressor import Trainable
 from calibtool.robot.se3 import Array, readonly
 
 Optimiser = Literal["lm", "gd"]
@@ -49,7 +49,7 @@ LM_STOPPING = Stopping(max_iterations=200, patience=10, change=1e-7)
 GD_STOPPING = Stopping(max_iterations=20_000, patience=500, change=1e-7)
 
 
-def levenberg_marquardt(network: Regressor, loss: Loss) -> Iterator[tuple[Regressor, float]]:
+def levenberg_marquardt(network: Trainable, loss: Loss) -> Iterator[tuple[Trainable, float]]:
     """Yield networks with decreasing loss; ends when no damping gives a smaller one.
 
     The damping follows the ratio of actual to predicted decrease (Nielsen 1999).
@@ -83,8 +83,8 @@ def levenberg_marquardt(network: Regressor, loss: Loss) -> Iterator[tuple[Regres
 
 
 def gradient_descent(
-    network: Regressor, loss: Loss, rate: float = 0.1
-) -> Iterator[tuple[Regressor, float]]:
+    network: Trainable, loss: Loss, rate: float = 0.1
+) -> Iterator[tuple[Trainable, float]]:
     """w ← w − α ∂E/∂w (Eq. 22), with the loss divided by its value without a network, so that α has
     no unit.
 
@@ -106,15 +106,15 @@ def gradient_descent(
 
 
 def run(
-    steps: Callable[[Regressor, Loss], Iterator[tuple[Regressor, float]]],
-    network: Regressor,
+    steps: Callable[[Trainable, Loss], Iterator[tuple[Trainable, float]]],
+    network: Trainable,
     training: Loss,
     validation: Loss | None,
     stopping: Stopping,
-) -> tuple[Regressor, History]:
+) -> tuple[Trainable, History]:
     """Run an optimiser and keep the weights with the smallest validation loss."""
 
-    def judge(candidate: Regressor, training_value: float) -> float:
+    def judge(candidate: Trainable, training_value: float) -> float:
         return training_value if validation is None else validation.value(candidate)
 
     values = [training.value(network)]

@@ -1,4 +1,4 @@
-"""Protocol of a learned model of the joint motion errors, with weights and Jacobian."""
+"""Protocols of a learned model of the joint motion errors, and of one that is trained by steps."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from calibtool.robot.se3 import Array
 
 
 class Regressor(ABC):
-    """δρ = N(q, w).
+    """δρ = N(q).
 
     A frozen dataclass of arrays; `fields` describes them for files.
 
@@ -24,22 +24,31 @@ class Regressor(ABC):
 
     @classmethod
     @abstractmethod
+    def averaged(cls, members: Sequence[Self]) -> Self:
+        """Mean of models with equal scalings, as one model of the same kind."""
+
+    @property
+    @abstractmethod
+    def hidden(self) -> int:
+        """Number of nodes or points."""
+
+    @abstractmethod
+    def __call__(self, q: Array) -> Array:
+        """Joint motion errors δρ (N, p) in rad or m for joint positions q (N, n)."""
+
+
+class Trainable(Regressor):
+    """A learned model with weights w that gradients or Gauss-Newton steps train, δρ = N(q, w)."""
+
+    @classmethod
+    @abstractmethod
     def initial(cls, q: Array, output_scale: Array, hidden: int, rng: np.random.Generator) -> Self:
         """Start of a training, scaled to configurations q (K, n) and to the outputs (p,)."""
 
     @classmethod
     @abstractmethod
     def size_for(cls, n: int) -> int:
-        """Default number of nodes or features for n joints."""
-
-    @classmethod
-    @abstractmethod
-    def averaged(cls, members: Sequence[Self]) -> Self:
-        """Mean of models with equal scalings, as one model of the same kind."""
-
-    @abstractmethod
-    def __call__(self, q: Array) -> Array:
-        """Joint motion errors δρ (N, p) in rad or m for joint positions q (N, n)."""
+        """Default number of nodes for n joints."""
 
     @property
     @abstractmethod

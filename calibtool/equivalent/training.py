@@ -1,12 +1,14 @@
-"""Train the network of the equivalent robot on the residuals of a base model."""
+"""Train the learned model of the equivalent robot on the residuals of a base model."""
 
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 
-from calibtool.equivalent.bayesian import train_bayesian
-from calibtool.equivalent.loss import joint_loss, task_loss
+from calibtool.equivalent.bayesian import BayesianRun, train_bayesian
+from calibtool.equivalent.gaussian_process import GaussianProcess, fit_gaussian_process
+from calibtool.equivalent.loss import Loss, joint_loss, task_loss
+from calibtool.equivalent.network import Network
 from calibtool.equivalent.optimisers import (
     GD_STOPPING,
     LM_STOPPING,
@@ -39,9 +41,10 @@ class TrainingOptions:
                     averaged; `early-stopping` (the paper): a validation part stops the training and
                     chooses the best restart; None: `early-stopping` for `gd` and on the nominal
                     robot, `bayes` on every other base model (`resolved`)
-    regressor       learned model: `tanh`, the network of the paper, or `random-features`, a
-                    Gaussian process's spectrum
-    hidden          nodes or features, √(6n) or 60 unless given
+    regressor       learned model: `tanh`, the network of the paper, or `gaussian-process`, which
+                    takes `bayes`; None: with `bayes` the one that predicts held-out rows better,
+                    otherwise the network
+    hidden          nodes of a network, √(6n) unless given; points of a Gaussian process
     validation      part of the configurations for early stopping
     restarts        networks trained
     folds           of the cross-validation that decides whether the networks are used (bayes)
@@ -51,7 +54,7 @@ class TrainingOptions:
     loss: LossName = "task"
     optimiser: Optimiser = "lm"
     regularisation: Regularisation | None = None
-    regressor: str = "tanh"
+    regressor: str | None = None
     hidden: int | None = None
     validation: float = 0.5
     restarts: int = 5
@@ -67,7 +70,12 @@ class TrainingOptions:
             raise UsageError(
                 "gradient descent takes early stopping; bayes needs second derivatives"
             )
-        check_choice(self.regressor, tuple(REGRESSORS), "regressor")
+        if self.regressor is not None:
+            check_choice(self.regressor, tuple(REGRESSORS), "regressor")
+        if self.regressor == GaussianProcess.id and self.optimiser == "gd":
+            raise UsageError("gradient descent trains a network; a Gaussian process takes bayes")
+        if self.regressor == GaussianProcess.id and self.regularisation == "early-stopping":
+            raise UsageError("early stopping trains a network; a Gaussian process takes bayes")
         check_number(1 if self.hidden is None else self.hidden, "hidden nodes", 1)
         check_number(self.validation, "validation part", 0, below=1)
         check_number(self.restarts, "restarts", 1)
@@ -79,7 +87,16 @@ class TrainingOptions:
         if self.regularisation is not None:
             return self
         paper = self.optimiser == "gd" or base_model == "nominal"
+        paper = paper and self.regressor != GaussianProcess.id
         return replace(self, regularisation="early-stopping" if paper else "bayes")
+
+    @property
+    def candidates(self) -> "tuple[TrainingOptions, ...]":
+        """The same for every learned model that may be used, the network first."""
+        if self.regressor is not None:
+            return (self,)
+        kinds = REGRESSORS if self.regularisation == "bayes" else (Network.id,)
+        return tuple(replace(self, regressor=kind) for kind in kinds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +109,7 @@ class TrainingReport:
     loss_without   the same loss without a network
     effective      effective number of weights γ, mean of the networks (bayes),
                    otherwise all of them
-    loss, optimiser, regularisation, hidden   the options as used
+    regressor, loss, optimiser, regularisation, hidden   the options as used
     """
 
     history: History
@@ -101,6 +118,7 @@ class TrainingReport:
     restart_losses: Array
     loss_without: float
     effective: float
+    regressor: str
     loss: LossName
     optimiser: Optimiser
     regularisation: Regularisation
@@ -129,7 +147,8 @@ def train_networks(
     rng: np.random.Generator,
     progress: Progress = silent,
 ) -> tuple[tuple[Regressor, ...], TrainingReport]:
-    """Fit N to y ≈ G N. Returns an ensemble (bayes), one network, or none where it does not help.
+    """Fit N to y ≈ G N. Returns an ensemble of networks (bayes), one network or Gaussian process,
+    or none where it does not help.
 
     q (K, n) in rad or m; G (K, d, p) = Σ^(−1/2) P J_ρ; y (K, d) weighted residuals of the base
     model.
@@ -141,29 +160,11 @@ def train_networks(
     training = loss.rows(training_rows)
     validation = loss.rows(validation_rows) if len(validation_rows) else None
     output_scale = _output_scale(G[training_rows], y[training_rows])
-    kind = REGRESSORS[options.regressor]
-    hidden = kind.size_for(q.shape[1]) if options.hidden is None else options.hidden
-    starts = [
-        kind.initial(q[training_rows], output_scale, hidden, r) for r in rng.spawn(options.restarts)
-    ]
-    if bayes:
-        members = [train_bayesian(start, training) for start in progress(starts, "networks")]
-        networks = [member.network for member in members]
-        histories = [member.history for member in members]
-        effective = float(np.mean([member.effective for member in members]))
+    if options.regressor == GaussianProcess.id:
+        runs = [fit_gaussian_process(training, output_scale, options.hidden)]
     else:
-        steps, stopping = _ITERATIONS[options.optimiser]
-        networks, histories = map(
-            list,
-            zip(
-                *(
-                    run(steps, start, training, validation, stopping)
-                    for start in progress(starts, "networks")
-                ),
-                strict=True,
-            ),
-        )
-        effective = float(len(starts[0].weights))
+        runs = _trained_networks(training, validation, output_scale, options, rng, progress)
+    histories = [member.history for member in runs]
     scores = np.array(
         [(h.training if validation is None else h.validation)[h.chosen] for h in histories]
     )
@@ -175,15 +176,39 @@ def train_networks(
         validation_rows=validation_rows,
         restart_losses=scores,
         loss_without=without,
-        effective=effective,
+        effective=float(np.mean([member.effective for member in runs])),
+        regressor=runs[0].network.id,
         loss=options.loss,
         optimiser=options.optimiser,
         regularisation=regularisation,
-        hidden=hidden,
+        hidden=runs[0].network.hidden,
     )
     if bayes:
-        return tuple(networks), report
-    return ((networks[best],) if scores[best] < without else ()), report
+        return tuple(member.network for member in runs if member.effective > 0.0), report
+    return ((runs[best].network,) if scores[best] < without else ()), report
+
+
+def _trained_networks(
+    training: Loss,
+    validation: Loss | None,
+    output_scale: Array,
+    options: TrainingOptions,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> list[BayesianRun]:
+    """A network from every start; all weights are effective where no evidence says otherwise."""
+    n = training.q.shape[1]
+    hidden = Network.size_for(n) if options.hidden is None else options.hidden
+    streams = rng.spawn(options.restarts)
+    starts = [Network.initial(training.q, output_scale, hidden, stream) for stream in streams]
+    if options.regularisation == "bayes":
+        return [train_bayesian(start, training) for start in progress(starts, "networks")]
+    steps, stopping = _ITERATIONS[options.optimiser]
+    found = []
+    for start in progress(starts, "networks"):
+        network, history = run(steps, start, training, validation, stopping)
+        found.append(BayesianRun(network, history, float(len(start.weights)), 1.0))
+    return found
 
 
 def _output_scale(G: Array, y: Array) -> Array:

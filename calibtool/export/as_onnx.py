@@ -7,7 +7,8 @@ import numpy as np
 from calibtool.calibration import Calibration
 from calibtool.equivalent.network import Network
 from calibtool.errors import InputError, UsageError
-from calibtool.export.rendering import Precision, left_out, network_size, tanh_network
+from calibtool.export.layers import layers
+from calibtool.export.rendering import Precision, left_out
 from calibtool.export.taught import Taught
 from calibtool.robot.coupling import JointValues
 from calibtool.robot.se3 import readonly
@@ -18,7 +19,7 @@ OPSET, IR_VERSION = 17, 8  # of 2022: what runtimes of controllers and edge devi
 def calibration_as_onnx(
     calibration: Calibration, precision: Precision = "double", joint_values: JointValues = "serial"
 ) -> bytes:
-    """The network (Eq. 16) with its scalings as an ONNX model; of several networks, their mean.
+    """The network (Eq. 16) or Gaussian process as an ONNX model; of several networks, their mean.
 
     Input `q` (N, n) in rad or m, output `rho` (N, p) = N(q), both double or float; on the nominal
     base also `q_corrected` (N, n) = q − ρ_a (Eqs. 23, 24). joint_values: whose joint values q and
@@ -28,7 +29,7 @@ def calibration_as_onnx(
     package `onnx` is not installed.
     """
     robot, loops = calibration.robot, calibration.robot.chain.tree is not None
-    network = _taught(calibration) if loops else tanh_network(calibration)
+    network = layers(_taught(calibration) if loops else calibration.network)
     if network is None:
         raise InputError(
             "the calibration has no network, and ONNX holds nothing else; export it "
@@ -57,12 +58,21 @@ def calibration_as_onnx(
         "output_bias": network.output_bias,
         "output_scale": network.output_scale,
     }
+    activation = [("Tanh", ["sum"], "hidden")]
+    if network.kernel:
+        constants["half"] = np.full((robot.n, 1), 0.5)
+        activation = [
+            ("Mul", ["scaled", "scaled"], "squares"),
+            ("MatMul", ["squares", "half"], "square"),
+            ("Sub", ["sum", "square"], "exponent"),
+            ("Exp", ["exponent"], "hidden"),
+        ]
     steps = [
         ("Sub", ["q", "input_centre"], "centred"),
         ("Div", ["centred", "input_scale"], "scaled"),
         ("MatMul", ["scaled", "hidden_weights"], "weighted"),
         ("Add", ["weighted", "hidden_bias"], "sum"),
-        ("Tanh", ["sum"], "hidden"),
+        *activation,
         ("MatMul", ["hidden", "output_weights"], "combined"),
         ("Add", ["combined", "output_bias"], "scaled_output"),
         ("Mul", ["scaled_output", "output_scale"], "rho"),
@@ -98,8 +108,7 @@ def calibration_as_onnx(
         [helper.make_tensor_value_info("q", kind, ["N", n])],
         [helper.make_tensor_value_info(name, kind, ["N", size]) for name, size in outputs.items()],
         tensors,
-        doc_string=f"Joint motion errors rho = N(q) of a calibrated {robot.name}: "
-        f"{network_size(network)}.",
+        doc_string=f"Joint motion errors rho = N(q) of a calibrated {robot.name}: {network.words}.",
     )
     model = helper.make_model(
         graph,

@@ -43,7 +43,9 @@ FORMULA = {
     "base": "T_base(q): tree and closure with placements_m, twists_per_rad_or_m and q + d",
     "calibrated": "T(q) = exp(J(q) N(q)) T_base(q); J (6 x p_rho): spatial columns of the closed "
     "mechanism by q, then Ad(T_base) of the virtual joints (columns virtual_joint_columns). "
-    "N(q) = output_scale (W2 tanh(W1 (q - input_centre) / input_scale + b1) + b2); 0 for null",
+    "N(q) = output_scale (W2 tanh(W1 (q - input_centre) / input_scale + b1) + b2); "
+    "if network.kind is gaussian-process output_scale W2 exp(-|s - points_i|^2 / 2), "
+    "s = (q - input_centre) / input_scale; 0 for null",
     "correction": "q_m near q with the task components of T(q_m) against T_nominal(q) equal: "
     "R' (p - p_c) and R' log(R R_c'), R' = R_c transposed, of the components in `task`",
 }

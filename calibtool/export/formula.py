@@ -29,9 +29,9 @@ FORMULA = {
         "output_bias; p elements: the n actuated joints, then the virtual ones; N(q) = 0 if "
         "network is null (Eq. 16)"
     ),
-    "random_features": (
-        "if network.kind is 'random-features': N(q) = output_scale * W "
-        "cos(frequencies s + phases), W = output_weights, s as above"
+    "gaussian_process": (
+        "if network.kind is 'gaussian-process': N(q) = output_scale * W k, W = output_weights, "
+        "k_i = exp(-|s - points_i|^2 / 2), s as above"
     ),
     "payload": (
         "a payload turns the frame before joint j by payload_rad_per_nm[j][1] n_j "

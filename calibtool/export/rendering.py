@@ -11,13 +11,13 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds
 from calibtool.compensation.step import DAMPED_BELOW
-from calibtool.equivalent.network import Network
 from calibtool.errormodel.backlash import backlash_text
 from calibtool.errormodel.bending import directions
 from calibtool.errormodel.family import Rows
 from calibtool.errormodel.operating_conditions import REFERENCE_C
 from calibtool.errormodel.robot_errors import RobotErrors
-from calibtool.errors import UsageError, printable
+from calibtool.errors import printable
+from calibtool.export.layers import layers
 from calibtool.robot.coupling import JointValues, coupling_text
 from calibtool.robot.damped_least_squares import GRAM_REGULARISATION
 from calibtool.robot.gravity_torque import link_masses
@@ -115,7 +115,7 @@ def compensator_values(
     robot, equivalent, network = (
         calibration.robot,
         calibration.equivalent,
-        tanh_network(calibration),
+        layers(calibration.network),
     )
     errors, bounds, turns = calibration.errors, default_bounds(calibration), _turns(calibration)
     motion, standing = _motion(errors), errors.standing(calibration.conditions)
@@ -130,7 +130,7 @@ def compensator_values(
         "single_largest": f"{SINGLE_LARGEST:g}",
         "single_distance": f"{SINGLE_DISTANCE:g}",
         "network": network,
-        "network_size": network_size(network),
+        "network_size": "none" if network is None else network.words,
         "left_out": left_out(calibration),
         "joints": joint_lines(robot),
         "coupling": robot.coupling if robot.coupled else None,
@@ -177,20 +177,6 @@ def compensator_values(
     }
 
 
-def tanh_network(calibration: Calibration) -> Network | None:
-    """The network (Eq. 16), None without one.
-
-    UsageError for another learned model, which only JSON holds.
-    """
-    network = calibration.network
-    if network is None or isinstance(network, Network):
-        return network
-    raise UsageError(
-        f"this format holds a tanh network, but the calibration has a '{network.id}' "
-        "model; export JSON"
-    )
-
-
 def _screws(robot: Robot, errors: Array) -> dict[str, Array]:
     """The motions exp6((ξ_j + δξ_j) x) of joints that turn, δξ (n, 6); zeros for slides.
 
@@ -216,16 +202,6 @@ def _screws(robot: Robot, errors: Array) -> dict[str, Array]:
     }
 
 
-def network_size(network: Network | None) -> str:
-    """A network in words."""
-    if network is None:
-        return "none"
-    return (
-        f"{len(network.input_scale)} inputs, {network.hidden} hidden nodes (tanh), "
-        f"{len(network.output_scale)} outputs"
-    )
-
-
 def left_out(calibration: Calibration) -> str:
     """What a function of the joint positions cannot hold, in words; empty where that is nothing."""
     backlash = calibration.base.errors["backlash"]
@@ -245,7 +221,7 @@ def _cost(
     """Arithmetic of one correction, as counted in the generated C code where the whole step
     is taken undamped.
     """
-    n, p, network = calibration.robot.n, calibration.equivalent.p, tanh_network(calibration)
+    n, p, network = calibration.robot.n, calibration.equivalent.p, layers(calibration.network)
     if network is None and calibration.base.model == "nominal":
         return "none: nothing is corrected"
     kinematic = calibration.base.model != "nominal"

@@ -5,6 +5,7 @@ from typing import Any
 
 from calibtool.calibration import Calibration
 from calibtool.errors import UsageError
+from calibtool.export.layers import layers
 from calibtool.export.rendering import LARGEST_POSITION, Precision, joint_lines, left_out, render
 from calibtool.export.taught import Taught
 
@@ -27,7 +28,7 @@ def taught_values(calibration: Calibration, precision: Precision) -> dict[str, A
         "left_out": left_out(calibration),
         "joints": joint_lines(robot),
         "n": robot.n,
-        "network": taught.network,
+        "network": layers(taught.network),
         "lower": taught.lower,
         "upper": taught.upper,
         "taught": taught,

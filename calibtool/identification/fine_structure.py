@@ -6,6 +6,9 @@ residuals and the columns
 only, so that a hundred orders of every joint cost less than one step of a fit that has them.
 """
 
+from dataclasses import dataclass
+from typing import Self
+
 import numpy as np
 
 from calibtool.errormodel.harmonics import FINE_ORDERS, LOW_ORDERS, harmonic_functions
@@ -15,6 +18,7 @@ from calibtool.identification.parameters import Parameters
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.se3 import Array
 
+_CHUNK = 1000  # configurations whose columns are in memory together
 _CLEAR = 3.0  # nats by which finer harmonics must make the data more probable
 _ROWS = 2.0  # waves per configuration, at most
 _NOISES = np.geomspace(0.4, 1.1, 6)  # of that of the fit
@@ -31,11 +35,11 @@ def finer(measurements: Measurements, fit: Fit, highest: int) -> tuple[np.ndarra
     """
     has = harmonic_orders(fit.parameters)
     orders, sizes = has.copy(), np.zeros(len(has))
-    turning = np.flatnonzero(~np.array(measurements.robot.prismatic))
+    turning = [j for j, slides in enumerate(measurements.robot.prismatic) if not slides]
     steps = [h for h in FINE_ORDERS if h <= min(highest, _ROWS * len(measurements))]
-    if not steps or not len(turning) or len(measurements) < _HANDFUL:
+    if not steps or not turning or len(measurements) < _HANDFUL:
         return orders, sizes
-    columns, offsets, left = _columns(measurements, fit)
+    products = _Products.of(measurements, fit)
     few = len(measurements) <= _FEW
     # Joints that ask for it clearly have a size of their own; with few rows the others may do so
     # together.
@@ -45,22 +49,74 @@ def finer(measurements: Measurements, fit: Fit, highest: int) -> tuple[np.ndarra
             continue
         functions = [_functions(measurements.q[:, j], has[j], steps[-1]) for j in asking]
         order = np.concatenate([values[0] for values in functions])
-        parts = [
-            offsets[:, :, j, None] * f[:, None] for j, (_, f) in zip(asking, functions, strict=True)
-        ]
-        A = np.concatenate(parts, axis=-1).reshape(left.size, -1)
-        both = A.T @ columns
-        information = A.T @ A - both @ fit.covariance @ both.T
-        gradient = A.T @ left
-        freedom = max(len(left) - fit.effective, 1.0)
+        information, gradient = products.given_the_fit(asking, [f for _, f in functions])
         best = max(
-            (*_gain(information[np.ix_(k, k)], gradient[k], float(left @ left), freedom), h)
+            (*_gain(information[np.ix_(k, k)], gradient[k], products.squares, products.freedom), h)
             for h, k in ((h, np.flatnonzero(order <= h)) for h in steps)
             if len(k)
         )
         if best[0] > (_CLEAR if len(joints) == 1 else -np.inf):
             orders[asking], sizes[asking] = best[2], best[1]
     return np.maximum(orders, has), sizes
+
+
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Of a fit, over its noise: products of the columns o_j (N, d) of the joint offsets.
+
+    with_fit (N, n, p) with the columns of the fit, with_offsets (N, n, n) with each other,
+    with_residual (N, n) with the residuals, whose sum of squares is `squares` with so many degrees
+    of `freedom`; covariance (p, p) of the fit
+    """
+
+    with_fit: Array
+    with_offsets: Array
+    with_residual: Array
+    squares: float
+    freedom: float
+    covariance: Array
+
+    @classmethod
+    def of(cls, measurements: Measurements, fit: Fit) -> Self:
+        with_fit, with_offsets, with_residual, squares = [], [], [], 0.0
+        for start in range(0, len(measurements), _CHUNK):
+            rows = np.arange(start, min(start + _CHUNK, len(measurements)))
+            columns, left = linearised_rows(measurements.rows(rows), fit.parameters, fit.state)
+            scale = np.sqrt(fit.row_weight[rows])[:, None] / fit.noise_factor
+            columns, left = columns * scale[..., None], left * scale
+            offsets = np.swapaxes(columns[..., fit.parameters.blocks["offsets"]], 1, 2)
+            with_fit.append(offsets @ columns)
+            with_offsets.append(offsets @ np.swapaxes(offsets, 1, 2))
+            with_residual.append((offsets @ left[..., None])[..., 0])
+            squares += float((left**2).sum())
+        count = len(measurements) * left.shape[1]
+        return cls(
+            np.concatenate(with_fit),
+            np.concatenate(with_offsets),
+            np.concatenate(with_residual),
+            squares,
+            max(count - fit.effective, 1.0),
+            fit.covariance,
+        )
+
+    def given_the_fit(self, joints: list[int], functions: list[Array]) -> tuple[Array, Array]:
+        """Information (k, k) and gradient (k,) of functions (N, k_j) of some joints, when the
+        parameters of the fit follow."""
+        both = np.concatenate([f.T @ self.with_fit[:, j] for j, f in _pairs(joints, functions)])
+        information = np.block(
+            [
+                [(f * self.with_offsets[:, j, k, None]).T @ g for k, g in _pairs(joints, functions)]
+                for j, f in _pairs(joints, functions)
+            ]
+        )
+        gradient = np.concatenate(
+            [f.T @ self.with_residual[:, j] for j, f in _pairs(joints, functions)]
+        )
+        return information - both @ self.covariance @ both.T, gradient
+
+
+def _pairs(joints: list[int], functions: list[Array]) -> list[tuple[int, Array]]:
+    return list(zip(joints, functions, strict=True))
 
 
 def _functions(q: Array, has: int, highest: int) -> tuple[np.ndarray, Array]:
@@ -78,16 +134,6 @@ def harmonic_orders(parameters: Parameters) -> np.ndarray:
             for j, row in enumerate(part.free):
                 orders[j] = (np.flatnonzero(row)[-1] // 2 + 1) if row.any() else 0
     return orders
-
-
-def _columns(measurements: Measurements, fit: Fit) -> tuple[Array, Array, Array]:
-    """Of a fit, over its noise: columns (N d, p), those of the joint offsets (N, d, n), and
-    residuals (N d,)."""
-    columns, left = linearised_rows(measurements, fit.parameters, fit.state)
-    scale = np.sqrt(fit.row_weight)[:, None, None] / fit.noise_factor
-    columns = columns * scale
-    offsets = columns[..., fit.parameters.blocks["offsets"]]
-    return columns.reshape(left.size, -1), offsets, (left * scale[..., 0]).ravel()
 
 
 def _gain(

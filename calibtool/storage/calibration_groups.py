@@ -195,6 +195,7 @@ def _write_training(group: h5py.Group, training: TrainingReport) -> None:
     put_string(group, "reason", history.reason)
     group.attrs["chosen"] = history.chosen
     group.attrs["loss_without"] = training.loss_without
+    put_string(group, "regressor", training.regressor)
     put_string(group, "loss", training.loss)
     put_string(group, "optimiser", training.optimiser)
     put_string(group, "regularisation", training.regularisation)
@@ -373,6 +374,7 @@ def _training(group: h5py.Group, count: int) -> TrainingReport:
         validation_rows=get_indices(group, "validation_rows", count),
         restart_losses=get(group, "restart_losses", -1),
         loss_without=read_number(group, "loss_without"),
+        regressor=choice(group, "regressor", REGRESSORS),
         loss=choice(group, "loss", get_args(LossName)),  # type: ignore[arg-type]
         optimiser=choice(group, "optimiser", get_args(Optimiser)),  # type: ignore[arg-type]
         regularisation=choice(group, "regularisation", get_args(Regularisation)),  # type: ignore[arg-type]

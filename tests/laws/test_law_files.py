@@ -151,6 +151,7 @@ def test_calibrations_are_read_as_they_were_written(
             rng.random(2),
             1.5,
             3.0,
+            "tanh",
             "task",
             "lm",
             "bayes",

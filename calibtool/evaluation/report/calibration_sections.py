@@ -5,6 +5,7 @@ observability, noise.
 from calibtool.calibration import Calibration
 from calibtool.calibration.frame_report import frame_report
 from calibtool.calibration.noise_groups import NoiseGroup, noise_groups
+from calibtool.equivalent.gaussian_process import GaussianProcess
 from calibtool.errormodel.family import COMPONENTS
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Drawing, PageSection, PageTable, number
@@ -18,7 +19,7 @@ _NAMED = 12  # unobservable parameters named
 
 
 def training_section(subject: Subject) -> PageSection:
-    """How networks were trained, and whether they are used."""
+    """How networks or a Gaussian process were trained, and whether they are used."""
     lines = []
     for name, calibration in subject.calibrations:
         report, validation = calibration.training, calibration.validation
@@ -33,6 +34,8 @@ def training_section(subject: Subject) -> PageSection:
             f"{name}: network with {report.hidden} hidden nodes, {report.regularisation}, "
             f"{report.optimiser}, {used}; ended because: {report.history.reason}"
         )
+        if report.regressor == GaussianProcess.id:
+            text = f"{name}: Gaussian process with {report.hidden} points, {used}"
         if validation is not None:
             text += f"; gain in {validation.folds}-fold cross-validation {validation}"
         lines.append(f"{text}.")
