@@ -1,6 +1,6 @@
 """The promise of corrections: never worse than none, inside the limits, no jumps along paths.
 
-Run: python benchmarks/promise.py [--json] [--quick]
+Run: python benchmarks/promise.py [--json] [--quick] [--only TABLE,…] [--rows N] [--robots A,B]
 
 Every calibration is made from 100 configurations over the whole joint range of a robot with every
 kind of error (`--errors all`): the complete model, and a network on the nominal robot. Judged is
@@ -14,6 +14,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
 import json
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -103,9 +104,9 @@ JUDGED = [
 ]
 
 
-def promise(count: int) -> Table:
+def promise(count: int, robots: list[str]) -> Table:
     rows = [["robot", "base", "method", *JUDGED]]
-    for name in robot_names():
+    for name in robots:
         for base in ("complete", "nominal"):
             calibration = calibrated(name, base)
             q = fresh(calibration.robot, count)
@@ -258,15 +259,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="The promise of corrections.")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--quick", action="store_true", help="A tenth of the rows.")
+    parser.add_argument("--only", default="", help="Tables by name, comma-separated.")
+    parser.add_argument("--rows", type=int, default=2000, help="Of the table `promise`.")
+    parser.add_argument("--robots", default=",".join(robot_names()), help="The same.")
     options = parser.parse_args()
     part = 10 if options.quick else 1
-    tables = {
-        "promise": promise(2000 // part),
-        "many": many(200_000 // part),
-        "paths": paths(20_000 // part),
-        "limits": limits(2000 // part),
-        "mastering": mastering(),
+    makers: dict[str, Callable[[], Table]] = {
+        "promise": lambda: promise(options.rows // part, options.robots.split(",")),
+        "many": lambda: many(200_000 // part),
+        "paths": lambda: paths(20_000 // part),
+        "limits": lambda: limits(2000 // part),
+        "mastering": mastering,
     }
+    wanted = options.only.split(",") if options.only else list(makers)
+    tables = {name: makers[name]() for name in wanted}
     if options.json:
         print(json.dumps(tables))
         return

@@ -13,7 +13,10 @@ from calibtool.compensation.one_step import Linearised, default_bounds
 from calibtool.equivalent.gaussian_process import GaussianProcess
 from calibtool.equivalent.network import Network
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.families import BY_ID
+from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
+from calibtool.errormodel.tolerances import Tolerances
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.damped_least_squares import MIN_SINGULARITY_DISTANCE
@@ -98,6 +101,43 @@ def calibrated(name: str, base: str, network: bool) -> Calibration:
         identified = replace(calibration.base, model="complete", errors=drawn)
         calibration = replace(calibration, base=identified)
     return calibration
+
+
+# Those with a base model to which `turning` adds
+TURNING_CASES = [case for case in CASES if case[1] == "everything"]
+
+
+@cache
+def turning(name: str, base: str, network: bool) -> Calibration:
+    """The same with random payload, bending, wobble and growth, at 8 kg and 45 °C."""
+    calibration = calibrated(name, base, network)
+    n, rng = calibration.robot.n, np.random.default_rng(3)
+    errors = calibration.base.errors.having(
+        payload=rng.uniform(1, 5, (n, 2)) * 1e-6,
+        temperature=rng.uniform(5, 25, n + 1) * 1e-6,
+        bending=rng.normal(size=(n, 2)) * 1e-8,
+        wobble=rng.normal(size=(n, 4)) * 3e-4,
+    )
+    return _loaded(calibration, errors)
+
+
+@cache
+def turning_by(family: str) -> Calibration:
+    """One family of errors of the size of its tolerances alone beside the geometry, at 8 kg and
+    45 °C.
+    """
+    calibration = calibrated("fanuc-m1000ia", "local-poe", False)
+    robot = calibration.robot
+    shape = BY_ID[family].shape(robot.n)
+    drawn = np.random.default_rng(5).normal(size=shape)
+    value = drawn * BY_ID[family].tolerance(robot, Tolerances(), shape)
+    held = np.where(np.abs(value) < 1.0, value, 0.0)  # a joint without a moment has no tolerance
+    return _loaded(calibration, calibration.base.errors.having(**{family: held}))
+
+
+def _loaded(calibration: Calibration, errors: RobotErrors) -> Calibration:
+    conditions = Conditions(payload_kg=np.array(8.0), temperature_c=np.array(45.0))
+    return replace(calibration, base=replace(calibration.base, errors=errors)).at(conditions)
 
 
 def anywhere(calibration: Calibration, count: int) -> Array:

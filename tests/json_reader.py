@@ -50,7 +50,11 @@ def model_from_json(c: dict, q: Array) -> tuple[Array, Array, Array]:
             centre = (joints[i] @ [*base["centres_of_mass_m"][i], 1])[:3]
             weight = base["link_masses_kg"][i] * np.array(base["gravity_m_per_s2"])
             moment += np.cross(centre - F0[:3, 3], weight)
-        turn, wobble = np.zeros(3), base["wobble_rad"][j]
+        load = base["payload_kg"] * np.array(base["gravity_m_per_s2"])
+        local = F0[:3, :3].T @ np.cross(T_nominal[:3, 3] - F0[:3, 3], load)
+        axis, (wind, bend) = nominal_twists[j][3:], base["payload_rad_per_nm"][j]
+        moved[j] += wind * (local @ axis)
+        turn, wobble = bend * (local - (local @ axis) * axis), base["wobble_rad"][j]
         for k, vector in enumerate(np.array(base["across_axes"][j])):
             angle = base["bending_rad_per_nm"][j][k] * (F0[:3, :3] @ vector) @ moment
             angle += wobble[2 * k] * np.sin(q[j]) + wobble[2 * k + 1] * np.cos(q[j])

@@ -6,13 +6,16 @@ import io
 import json
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
 from derivatives import assert_derivative
+from scipy.spatial.transform import Rotation
 
 from calibtool.calibration import Calibration, identify
 from calibtool.calibration.fit import BaseOptions
+from calibtool.calibration.uncertainty import predicted_uncertainty
 from calibtool.compensation.backlash_path import BacklashPath
 from calibtool.compensation.stream import StreamOptions, compensate_text
 from calibtool.errormodel.actual import ErrorScales
@@ -34,7 +37,7 @@ from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.compensate import ProgramOptions, compensate_program
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.mechanism import Frames
-from calibtool.robot.se3 import Array, log6
+from calibtool.robot.se3 import Array, log6, readonly
 from calibtool.storage import read_any, to_bytes
 
 WITHOUT = BaseOptions("complete", CompleteOptions(orders={"backlash": 0}))
@@ -372,6 +375,57 @@ def test_trajectories_take_up_backlash_and_other_programs_state_that_they_do_not
     assert any("backlash" in note for note in result.notes)
 
 
+# --- uncertainty ----------------------------------------------------------------------------------
+
+
+def exactly_known(name: str) -> Calibration:
+    """A calibration whose parameters have no ±."""
+    posterior = calibrated(name).base.posterior
+    assert posterior is not None
+    sure = replace(posterior, covariance=readonly(0.0 * posterior.covariance))
+    return replace(calibrated(name), base=replace(calibrated(name).base, posterior=sure))
+
+
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "gantry"])
+def test_backlash_from_a_side_that_is_not_known_is_in_the_uncertainty(name: str) -> None:
+    """As much as the poses of all sides scatter; joints whose side is known add nothing."""
+    calibration = exactly_known(name)
+    n, q = calibration.robot.n, calibration.q[:4]
+    assert calibration.base.errors["backlash"].any()
+    known = np.zeros((4, n))
+    known[:, 0] = -1.0
+    for direction in (None, known):
+        sides = np.array(list(product((-1.0, 1.0), repeat=n)))
+        if direction is not None:
+            sides[:, 0] = -1.0
+        apart = []
+        mean = calibration.forward(q)
+        if direction is not None:
+            mean = calibration.forward(q, Conditions(direction=readonly(known)))
+        for side in sides:
+            there = Conditions(direction=readonly(np.tile(side, (4, 1))))
+            pose = calibration.forward(q, there)
+            turn = Rotation.from_matrix(pose[:, :3, :3] @ np.swapaxes(mean[:, :3, :3], 1, 2))
+            apart.append(np.hstack([pose[:, :3, 3] - mean[:, :3, 3], turn.as_rotvec()]))
+        expected = np.einsum("ski,skj->kij", np.array(apart), np.array(apart)) / len(sides)
+        found = predicted_uncertainty(calibration, q, direction).covariance
+        np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
+    assert not predicted_uncertainty(calibration, q, np.ones((4, n))).covariance.any()
+
+
+def test_rows_whose_backlash_is_taken_up_are_less_uncertain() -> None:
+    q = measured(count=30, fresh=True).q
+    deviations = []
+    for taken_up in (True, False):
+        options = StreamOptions(uncertainty=True, backlash=taken_up)
+        rows = compensate_text(calibrated(), joint_csv(q), "t.csv", options)[0].splitlines()
+        column = rows[0].split(",").index("sd_mm")
+        deviations.append([float(row.split(",")[column]) for row in rows[1:]])
+    taken, left = np.array(deviations)
+    assert taken[0] == left[0]  # nothing has moved: no side is known
+    assert (taken[1:] < left[1:]).all()
+
+
 # --- exports --------------------------------------------------------------------------------------
 
 
@@ -381,8 +435,7 @@ def test_exports_state_that_backlash_is_not_in_them() -> None:
     assert (
         exported["base_model"]["backlash_rad_or_m"] == calibrated().base.errors["backlash"].tolist()
     )
-    # Structured Text does not hold turns of frames.
-    errors = calibrated().base.errors.without("bending", "wobble")
+    errors = calibrated().base.errors
     having, plain = (
         replace(calibrated(), base=replace(calibrated().base, errors=e))
         for e in (errors, errors.without("backlash"))

@@ -137,8 +137,8 @@ def test_without_two_sizes_that_can_be_fitted_there_is_no_learning_curve(
 def test_members_that_disagree_add_their_scatter_to_the_uncertainty(
     fanuc_measurements: Measurements, paper: Calibration
 ) -> None:
-    """The covariance between the members' poses, each computed by itself; about their
-    mean, to first order.
+    """The covariance of the mean of the members' poses, each computed by itself; about their mean,
+    to first order.
     """
     q, alone = paper.q[:6], identify(fanuc_measurements, "complete")
     ensemble = replace(alone, networks=paper.networks)
@@ -149,7 +149,8 @@ def test_members_that_disagree_add_their_scatter_to_the_uncertainty(
     poses = np.stack([replace(alone, networks=(network,)).forward(q) for network in paper.networks])
     turns = log3(poses[..., :3, :3] @ np.swapaxes(mean[:, :3, :3], -1, -2))
     apart = np.concatenate([poses[..., :3, 3] - mean[:, :3, 3], turns], axis=-1)
-    expected = np.stack([np.cov(apart[:, k], rowvar=False) for k in range(len(q))])
+    members = np.stack([np.cov(apart[:, k], rowvar=False) for k in range(len(q))])
+    expected = members / len(paper.networks)
     np.testing.assert_allclose(added, expected, atol=0.01 * np.abs(expected).max())
 
 

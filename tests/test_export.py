@@ -18,7 +18,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported import CASES, STATUS, anywhere, calibrated, undisturbed, weighted_sizes
+from exported import (
+    CASES,
+    STATUS,
+    TURNING_CASES,
+    anywhere,
+    calibrated,
+    turning,
+    turning_by,
+    undisturbed,
+    weighted_sizes,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from json_reader import correct_from_json
@@ -28,10 +38,7 @@ from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.equivalent.joints import EquivalentRobot
 from calibtool.equivalent.network import Network
-from calibtool.errormodel.families import BY_ID
-from calibtool.errormodel.operating_conditions import Conditions
 from calibtool.errormodel.robot_errors import RobotErrors
-from calibtool.errormodel.tolerances import Tolerances
 from calibtool.errors import UsageError
 from calibtool.export.as_json import calibration_as_json
 from calibtool.export.c_code import calibration_as_c
@@ -186,20 +193,12 @@ def test_compiled_c_corrects_as_one_step_does(
     assert names(codes) == expected.status.tolist()
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case[1] == "everything"], ids=str)
+@pytest.mark.parametrize("case", TURNING_CASES, ids=str)
 def test_compiled_c_is_for_the_payload_and_temperature_asked_for_and_holds_turns_of_frames(
     case: tuple[str, str, bool], compiled: Callable
 ) -> None:
-    calibration = calibrated(*case)
-    robot, rng = calibration.robot, np.random.default_rng(3)
-    loads, growth = rng.uniform(1, 5, (robot.n, 2)) * 1e-6, rng.uniform(5, 25, robot.n + 1) * 1e-6
-    bends, wobble = rng.normal(size=(robot.n, 2)) * 1e-8, rng.normal(size=(robot.n, 4)) * 3e-4
-    errors = calibration.base.errors.having(
-        payload=loads, temperature=growth, bending=bends, wobble=wobble
-    )
-    conditions = Conditions(payload_kg=np.array(8.0), temperature_c=np.array(45.0))
-    loaded = replace(calibration, base=replace(calibration.base, errors=errors)).at(conditions)
-    q = anywhere(calibration, 1000)
+    calibration, loaded = calibrated(*case), turning(*case)
+    q = anywhere(loaded, 1000)
     expected = one_step(loaded, q).q
     found, _ = run(compiled(loaded), q)
     calm = undisturbed(loaded, q)
@@ -207,25 +206,36 @@ def test_compiled_c_is_for_the_payload_and_temperature_asked_for_and_holds_turns
     assert np.abs(one_step(calibration, q).q - expected)[calm].max() > 1e-5
 
 
-@pytest.mark.parametrize("family", ["bending", "wobble"])
-def test_each_turn_of_frames_is_exported_or_refused(family: str, compiled: Callable) -> None:
-    calibration = calibrated("fanuc-m1000ia", "local-poe", False)
-    robot = calibration.robot
-    shape = BY_ID[family].shape(robot.n)
-    drawn = np.random.default_rng(5).normal(size=shape)
-    value = drawn * BY_ID[family].tolerance(robot, Tolerances(), shape)
-    errors = calibration.base.errors.having(**{family: np.where(np.abs(value) < 1.0, value, 0.0)})
-    turning = replace(calibration, base=replace(calibration.base, errors=errors))
-    q = anywhere(turning, 1000)
-    expected = one_step(turning, q).q
-    calm = undisturbed(turning, q)
-    assert np.abs(run(compiled(turning), q)[0] - expected)[calm].max() < 1e-12
+@pytest.mark.parametrize("family", ["bending", "wobble", "payload"])
+def test_each_turn_of_frames_alone_is_exported(family: str, compiled: Callable) -> None:
+    calibration, alone = calibrated("fanuc-m1000ia", "local-poe", False), turning_by(family)
+    q = anywhere(alone, 1000)
+    expected = one_step(alone, q).q
+    calm = undisturbed(alone, q)
+    assert np.abs(run(compiled(alone), q)[0] - expected)[calm].max() < 1e-12
     assert np.abs(one_step(calibration, q).q - expected)[calm].max() > 1e-5
-    contents = json.loads(calibration_as_json(turning))
+    contents = json.loads(calibration_as_json(alone))
     for k in np.flatnonzero(calm)[:5]:
         np.testing.assert_allclose(correct_from_json(contents, q[k])[0], expected[k], atol=1e-9)
-    with pytest.raises(UsageError, match=f"--without {family}"):
-        calibration_as_structured_text(turning)
+
+
+@pytest.mark.skipif(GCC is None, reason="no gcc")
+@pytest.mark.parametrize("case", TURNING_CASES, ids=str)
+def test_the_header_states_no_less_than_the_stack_that_gcc_counts(
+    case: tuple[str, str, bool], tmp_path: Path
+) -> None:
+    header, source = calibration_as_c(turning(*case), "arm")
+    (tmp_path / "arm.h").write_text(header)
+    (tmp_path / "arm.c").write_text(source)
+    subprocess.run(
+        [str(GCC), "-std=c99", "-O2", "-fstack-usage", "-c", "arm.c"], cwd=tmp_path, check=True
+    )
+    lines = [line.split("\t") for line in (tmp_path / "arm.su").read_text().splitlines()]
+    used = {place.split(":")[-1]: int(size) for place, size, _ in lines}
+    deepest = sum(used.get(name, 0) for name in ("arm_correct", "pose_error", "exp6_change"))
+    stated = re.search(r"stack +about (\d+) bytes", header)
+    assert stated
+    assert 3000 < deepest <= int(stated[1]) < 1.3 * deepest
 
 
 def test_compiled_c_corrects_nothing_where_nothing_was_identified(compiled: Callable) -> None:

@@ -4,12 +4,24 @@ that is installed.
 
 import os
 import re
+from collections.abc import Callable
 
 import numpy as np
 import pytest
-from exported import CASES, STATUS, anywhere, calibrated, undisturbed, weighted_sizes
+from exported import (
+    CASES,
+    STATUS,
+    TURNING_CASES,
+    anywhere,
+    calibrated,
+    turning,
+    turning_by,
+    undisturbed,
+    weighted_sizes,
+)
 from structured_text import FunctionBlock
 
+from calibtool.calibration import Calibration
 from calibtool.compensation.one_step import default_bounds, one_step
 from calibtool.errors import UsageError
 from calibtool.export.rendering import (
@@ -49,6 +61,45 @@ def test_a_function_block_corrects_as_one_step_does(case: tuple[str, str, bool])
     assert names(status) == expected.status.tolist()
     before, after = (weighted_sizes(calibration, x, q) for x in (q, found))
     assert (after <= before).all()
+
+
+@pytest.mark.parametrize("case", TURNING_CASES, ids=str)
+def test_a_function_block_holds_turns_of_frames_payload_and_temperature(
+    case: tuple[str, str, bool],
+) -> None:
+    calibration, loaded = calibrated(*case), turning(*case)
+    q = anywhere(loaded, 30)
+    expected = one_step(loaded, q)
+    text = calibration_as_structured_text(loaded, "arm")
+    found, status = corrected(text, q)
+    calm = undisturbed(loaded, q)
+    assert np.abs(found - expected.q)[calm].max() < 1e-12
+    assert names(status) == expected.status.tolist()
+    assert np.abs(one_step(calibration, q).q - expected.q)[calm].max() > 1e-5
+    assert "8 kg at the tool, links at 45 C" in text
+    assert max(map(len, text.splitlines())) <= 125
+
+
+@pytest.mark.parametrize("family", ["bending", "wobble", "payload"])
+def test_a_function_block_holds_each_turn_of_frames_alone(family: str) -> None:
+    alone = turning_by(family)
+    q = anywhere(alone, 20)
+    expected = one_step(alone, q).q
+    found, _ = corrected(calibration_as_structured_text(alone), q)
+    calm = undisturbed(alone, q)
+    assert calm.sum() > 5
+    assert np.abs(found - expected)[calm].max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["fanuc-m1000ia", "scara"])
+def test_a_function_block_of_reals_holds_turns_of_frames(name: str) -> None:
+    loaded = turning(name, "everything", True)
+    q = anywhere(loaded, 20).astype(np.float32)
+    expected = one_step(loaded, q.astype(float))
+    found, status = corrected(calibration_as_structured_text(loaded, "arm", "single"), q)
+    apart = np.abs(found - expected.q)[undisturbed(loaded, q.astype(float))].max(axis=-1)
+    assert np.quantile(apart, 0.999) < SINGLE_ACCURACY
+    assert names(status) == expected.status.tolist()
 
 
 def test_a_function_block_corrects_nothing_where_nothing_was_identified() -> None:
@@ -118,14 +169,18 @@ def test_positions_far_outside_the_limits_move_by_the_bound_at_most(
 
 
 def test_no_variable_has_the_name_of_a_standard_word() -> None:
-    for case in CORRECTING:
-        block = FunctionBlock(calibration_as_structured_text(calibrated(*case)))
+    made = [calibrated(*case) for case in CORRECTING] + [turning(*case) for case in TURNING_CASES]
+    for calibration in made:
+        block = FunctionBlock(calibration_as_structured_text(calibration))
         assert not set(block.variables) & set(RESERVED.split())
 
 
 @pytest.mark.parametrize(("precision", "size"), [("double", 8), ("single", 4)])
-def test_the_memory_of_the_header_is_that_of_the_variables(precision: Precision, size: int) -> None:
-    text = calibration_as_structured_text(calibrated("scara", "everything", True), "arm", precision)
+@pytest.mark.parametrize("made", [calibrated, turning])
+def test_the_memory_of_the_header_is_that_of_the_variables(
+    made: Callable[..., Calibration], precision: Precision, size: int
+) -> None:
+    text = calibration_as_structured_text(made("scara", "everything", True), "arm", precision)
     size_of = {int: 2, float: size, np.float32: size}
     expected = 0
     for value in FunctionBlock(text).variables.values():

@@ -52,7 +52,7 @@ def coverage(calibration: Calibration, q: Array) -> Coverage:
     deviation = np.zeros(len(q))
     doubtful = (distance > 1.0) & (distance <= _DISTANCE)
     if calibration.base.posterior is not None and doubtful.any():
-        found = predicted_uncertainty(calibration, q[doubtful]).position
+        found = _deviation(calibration, q[doubtful])
         deviation[doubtful] = found / max(_largest_deviation(calibration), 1e-15)
     return Coverage(distance, deviation)
 
@@ -95,7 +95,14 @@ def _reference(calibration: Calibration) -> _Reference:
 @lru_cache(maxsize=8)
 def _largest_deviation(calibration: Calibration) -> float:
     """Largest predicted standard deviation (m) of the training configurations."""
-    return float(predicted_uncertainty(calibration, calibration.q).position.max())
+    return float(_deviation(calibration, calibration.q).max())
+
+
+def _deviation(calibration: Calibration, q: Array) -> Array:
+    """Predicted standard deviation (N,) of the tool point, m; backlash is everywhere the same, and
+    does not count.
+    """
+    return predicted_uncertainty(calibration, q, np.ones_like(q)).position
 
 
 def _largest_spacing(tree: "cKDTree") -> float:

@@ -1,6 +1,6 @@
 """Uncertainty of a calibrated pose from the posterior and the spread of the networks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -9,7 +9,7 @@ from calibtool.calibration.calibration import Calibration
 from calibtool.calibration.frame import free_columns, pose_sigma
 from calibtool.errors import InputError
 from calibtool.robot.damped_least_squares import at_point
-from calibtool.robot.se3 import Array
+from calibtool.robot.se3 import Array, readonly
 
 _CHUNK = 2000
 
@@ -49,13 +49,16 @@ def with_discrepancy(calibration: Calibration, of: PoseUncertainty) -> PoseUncer
     return PoseUncertainty(of.covariance + np.diag(variance))
 
 
-def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty:
-    """Covariance of the calibrated pose at q (N, n): C Σ Cᵀ of the parameters plus that of the
-    networks.
+def predicted_uncertainty(
+    calibration: Calibration, q: Array, direction: Array | None = None
+) -> PoseUncertainty:
+    """Covariance of the calibrated pose at q (N, n): C Σ Cᵀ of the parameters, that of the
+    networks' mean, and what backlash does from a side that is not known, (w_j² + σ_w²) of joint j.
 
-    For an unregistered calibration the free base and tool frame follow the parameters, since they
-    are chosen by the poses at the measured configurations. Raises InputError for a base model
-    without a posterior.
+    direction: (N, n) −1 or +1 where the side is known, because backlash w_j is taken up in it, 0
+    where it is not; None: nowhere. For an unregistered calibration the free base and tool frame
+    follow the parameters, since they are chosen by the poses at the measured configurations.
+    Raises InputError for a base model without a posterior.
     """
     posterior = calibration.base.posterior
     if posterior is None:
@@ -63,27 +66,47 @@ def predicted_uncertainty(calibration: Calibration, q: Array) -> PoseUncertainty
             f"a '{calibration.base.model}' base has no posterior; identify with --model complete"
         )
     covariance = np.empty((len(q), 6, 6))
+    direction = np.zeros(q.shape) if direction is None else direction
     for rows in _chunks(len(q)):
-        columns = _determined_columns(calibration, q[rows])
+        columns = _determined_columns(calibration, q[rows], direction[rows])
         poses = columns.shape[-1]
         covariance[rows] = (
             columns @ posterior.covariance[:poses, :poses] @ np.swapaxes(columns, 1, 2)
-        )
+        ) + _slack(calibration, q[rows], direction[rows])
     return PoseUncertainty(covariance + _spread(calibration, q))
+
+
+def _slack(calibration: Calibration, q: Array, direction: Array) -> Array:
+    """Covariance of poses (N, 6, 6) from joints that stand at either end of their backlash."""
+    widths = calibration.base.errors["backlash"]
+    if not widths.any():
+        return np.zeros((len(q), 6, 6))
+    posterior = calibration.base.posterior
+    assert posterior is not None
+    squares = widths**2
+    for part in posterior.parameters.parts:
+        if part.family.id == "backlash":
+            squares[part.elements] += posterior.std[posterior.parameters.blocks["backlash"]] ** 2
+    context = calibration.base_context(q)
+    joints = at_point(context.offset_columns, context.frames.tool[:, :3, 3])
+    unknown = squares * (direction == 0.0)
+    return np.asarray((joints * unknown[:, None]) @ np.swapaxes(joints, 1, 2))
 
 
 def _chunks(count: int) -> list[slice]:
     return [slice(start, start + _CHUNK) for start in range(0, count, _CHUNK)]
 
 
-def _determined_columns(calibration: Calibration, q: Array) -> Array:
+def _determined_columns(calibration: Calibration, q: Array, direction: Array) -> Array:
     """∂(tool point, turn)/∂θ without the targets (N, 6, p), less what the free frames take up."""
-    columns, pose = _columns(calibration, q)
+    columns, pose = _columns(calibration, q, direction)
     setup = calibration.setup
     return columns if setup.known else columns - free_columns(pose, setup) @ _taken_up(calibration)
 
 
-def _columns(calibration: Calibration, q: Array) -> tuple[Array, Array]:
+def _columns(
+    calibration: Calibration, q: Array, direction: Array | None = None
+) -> tuple[Array, Array]:
     """The same with fixed frames, and T_base_tool (N, 4, 4).
 
     In chosen frames the columns of the last placement and of the base are not those of the fit,
@@ -91,7 +114,10 @@ def _columns(calibration: Calibration, q: Array) -> tuple[Array, Array]:
     """
     base = calibration.base
     assert base.posterior is not None
-    context = calibration.base_context(q)
+    conditions = calibration.conditions
+    if direction is not None:
+        conditions = replace(conditions, direction=readonly(direction))
+    context = calibration.errors.context(q, conditions)
     tool = context.frames.tool
     return at_point(base.posterior.parameters.pose_columns(context), tool[:, :3, 3]), tool
 
@@ -123,4 +149,4 @@ def _spread(calibration: Calibration, q: Array) -> Array:
     )
     apart = members - members.mean(axis=0)
     scatter: Array = np.einsum("mki,mkj->kij", apart, apart)
-    return scatter / (len(members) - 1)
+    return scatter / (len(members) * (len(members) - 1))

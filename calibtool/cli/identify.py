@@ -31,6 +31,7 @@ from calibtool.units import count_of, three_digits
 
 if TYPE_CHECKING:
     from calibtool.calibration import Calibration
+    from calibtool.calibration.noise_groups import NoiseGroup
     from calibtool.measurement.measurements import Measurements
 
 _CLEAREST = 15
@@ -125,6 +126,7 @@ def identify(
 
     from calibtool.calibration import IDENTIFIED_MODELS
     from calibtool.calibration import identify as run
+    from calibtool.calibration.noise_groups import noise_groups
     from calibtool.calibration.transfer import refit as transfer
     from calibtool.errors import UsageError
     from calibtool.identification.mastering import mastering
@@ -180,7 +182,11 @@ def identify(
     extra["joint_offsets"] = [offset.as_json() for offset in found]
     if target is not None:  # first: the reader of stdout may have gone
         write_output(target, to_bytes(calibration), force)
+    groups = noise_groups(calibration, data)
+    extra["noise_groups"] = [group.as_json() for group in groups]
     report_calibration(calibration, "calibtool/identification", json, extra)
+    if not json:
+        show_noise(groups)
     posterior = calibration.base.posterior
     alone = posterior is not None and "placements" not in posterior.parameters.orders
     for offset in found if offsets or alone else []:
@@ -201,6 +207,20 @@ def loaded(paths: list[str], inputs: dict[str, bytes]) -> "Measurements":
         data, inputs[name] = load_measurements(path)
         parts.append((shown(path), data))
     return merged(parts)
+
+
+def show_noise(groups: "list[NoiseGroup]") -> None:
+    """A warning for targets and axes that are clearly noisier than the others, and the table."""
+    noisier = [group for group in groups if group.noisier]
+    for group in noisier:
+        message(f"warning: {group}")
+    if noisier:
+        cells = [
+            [group.called, three_digits(group.rms * 1e3), group.unit, f"{group.ratio:.2f}"]
+            for group in groups
+        ]
+        header = ["residuals of", "rms", "unit", "noise over the others'"]
+        print_tables("Residuals by target and axis", [(header, cells)])
 
 
 def show_parameters(calibration: "Calibration", every: bool) -> None:

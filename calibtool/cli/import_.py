@@ -24,6 +24,7 @@ from calibtool.cli.import_images import ImageOptions, import_folder
 from calibtool.cli.import_options import (
     chosen,
     findings_of,
+    in_one_frame,
     offset_of,
     second_arm_of,
     stated_of,
@@ -146,6 +147,21 @@ def import_(
             help="Added to the stamps of TABLE, for --join time with a moving arm; auto: found.",
         ),
     ] = None,
+    use_references: Annotated[
+        bool,
+        typer.Option(
+            "--use-references",
+            help="Bring the rows back into one frame by the reference points (ref1_x_mm …), where "
+            "these say more than their noise.",
+        ),
+    ] = False,
+    references: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="The same by readings in FILE: time_s or row (rows measured before), ref1_x_mm …",
+        ),
+    ] = None,
     topics: Annotated[
         str | None,
         typer.Option(
@@ -260,6 +276,8 @@ def import_(
                 "--columns": columns,
                 "--commanded": commanded,
                 "--clock-offset": clock_offset,
+                "--use-references": use_references,
+                "--references": references,
                 "--format": format,
                 "--rows": rows,
                 "--sample": sample,
@@ -280,7 +298,7 @@ def import_(
             check_output(rest, force, binary=True, suffixes=HDF5)
             if same_file(rest, output):
                 raise UsageError(f"--rest and -o are the same, {rest}")
-    one_stdin(table, columns, joints, commanded)
+    one_stdin(table, columns, joints, commanded, references)
     from dataclasses import replace
 
     from calibtool.measurement.checks import check_measurements
@@ -314,6 +332,8 @@ def import_(
     if commanded is not None:
         inputs["commanded"] = read_bytes(commanded)
         commanded_file = CommandedFile(inputs["commanded"], shown(commanded), join_by)
+    if references is not None:
+        inputs["references"] = read_bytes(references)
     model = load_described(robot, tool, allow)
     if of_bag:
         if joints is not None:
@@ -359,6 +379,7 @@ def import_(
             second_arm=None if second_arm is None else second_arm_of(second_arm),
             **how,
         )
+    imported, moved = in_one_frame(imported, use_references, references, inputs, stated)
     if clock_offset is not None:
         imported = imported.with_clock_offset(offset_of(imported, clock_offset))
     for note in imported.understood.remarks:
@@ -388,7 +409,8 @@ def import_(
                 f"{shown(table)}: {finding.message}; --accept-misfit takes the file in all the same"
             )
         message(str(finding))
-    said = (*taken.warnings, *(f.message for f in findings if f.severity == "warning"))
+    warned = (finding.message for finding in findings if finding.severity == "warning")
+    said = (*moved, *taken.warnings, *warned)
     measurements = replace(measurements, provenance=origin, findings=said)
     outputs: dict[str, bytes | str] = {output: to_bytes(measurements)}
     if rest is not None and left is not None:

@@ -2,12 +2,14 @@
 
 from typing import TYPE_CHECKING, Any
 
-from calibtool.cli.files import message
+from calibtool.cli.files import message, shown
 from calibtool.cli.input_files import load_calibration, load_described
 from calibtool.cli.options import choice
 from calibtool.errors import NoSolutionError, UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from calibtool.measurement.checks.finding import Finding
     from calibtool.measurement.importing import Imported, SecondArm, Stated
 
@@ -37,6 +39,27 @@ def second_arm_of(name: str) -> "SecondArm":
         return SecondArm(calibration.robot, calibration.forward)
     robot = load_described(name, None, [])
     return SecondArm(robot, robot.mechanism.forward)
+
+
+def in_one_frame(
+    imported: "Imported",
+    asked: bool,
+    references: str | None,
+    inputs: "Mapping[str, bytes]",
+    stated: "Stated",
+) -> "tuple[Imported, list[str]]":
+    """The rows brought back by --use-references or --references, with a line of it, and what the
+    file has to keep of that.
+    """
+    if not asked and references is None:
+        return imported, []
+    from calibtool.measurement.importing import brought_back
+
+    file = None if references is None else (inputs["references"], shown(references))
+    imported, told, moved = brought_back(imported, file, stated)
+    for text in told:
+        message(f"note: {text}")
+    return imported, told if moved else []
 
 
 def offset_of(imported: "Imported", text: str) -> float:

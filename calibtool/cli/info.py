@@ -69,6 +69,8 @@ def _summary(contents: "Measurements | Calibration", json: bool) -> dict[str, ob
         summary = measurements_summary(contents)
         found = check_measurements(contents)
         summary["findings"] = [f.as_json() if json else {f.severity: f.message} for f in found]
+        if contents.findings:
+            summary["found_on_import"] = list(contents.findings)
     assumed = contents.robot.source.description.assumed
     if assumed is not None:
         summary["assumed"] = assumed

@@ -267,9 +267,9 @@ class _Corrector:
         rows = np.array([jump.row for jump in jumps], dtype=int)
         result.status[rows[result.status[rows] == OK]] = JUMP
         self._note(table, result, {jump.row: jump for jump in jumps})
-        added = self._added(result)
-        if self.path is not None:
-            result = replace(result, q=result.q + self.path.taken_up(result.q))
+        taken = np.zeros_like(result.q) if self.path is None else self.path.taken_up(result.q)
+        added = self._added(result, np.sign(taken))
+        result = replace(result, q=result.q + taken)
         given = [] if joints is None else joints.columns
         order = sorted(range(robot.n), key=lambda j: table.header.index(given[j]) if given else j)
         columns = robot.columns(values)
@@ -289,7 +289,7 @@ class _Corrector:
             added=added,
         )
 
-    def _added(self, result: Compensation) -> dict[str, list[str]]:
+    def _added(self, result: Compensation, direction: Array) -> dict[str, list[str]]:
         added: dict[str, list[str]] = {"status": result.status.tolist()}
         if self.calibration.robot.n < 6 or self.options.verify:
             for column, errors in (("left_mm", result.position), ("left_mrad", result.orientation)):
@@ -299,7 +299,7 @@ class _Corrector:
         if self.options.uncertainty:
             known = np.flatnonzero(~np.isnan(result.q).any(axis=-1))
             sure = np.full((2, len(result.q)), np.nan)
-            parameters = predicted_uncertainty(self.calibration, result.q[known])
+            parameters = predicted_uncertainty(self.calibration, result.q[known], direction[known])
             spread = with_discrepancy(self.calibration, parameters)
             sure[:, known] = spread.position, spread.orientation
             for column, values in zip(("sd_mm", "sd_mrad"), sure, strict=True):

@@ -19,7 +19,6 @@ from calibtool.robot.se3 import Array, readonly
 
 _REACH_SAMPLES = 5000
 _DESIGN_SAMPLES = 100
-_HEAVIEST = 1e5  # kg of a link
 
 
 @dataclass(frozen=True)
@@ -266,7 +265,6 @@ def _warnings(
             "the URDF has no masses: gravity is that of uniform links of 1 kg/m, of which only "
             "the shape counts"
         )
-    found += _absurd_masses(robot)
     if is_path(given_as) and robot.name in robot_names():
         found.append(
             f"'{robot.name}' is also a robot of the catalogue; files tell them apart by their "
@@ -289,28 +287,6 @@ def _warnings(
             found.append(
                 f"{design.model}, {where}: {design.possible - design.rank} of {design.possible} "
                 f"directions are not seen, such as {design.unobservable[0]}"
-            )
-    return found
-
-
-def _absurd_masses(robot: Robot) -> list[str]:
-    """Links whose centre of mass is farther away than the reach of the arm, or whose mass is
-    implausible."""
-    span = float(np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1).sum())
-    found = []
-    for name, inertia in zip(robot.chain.model.names, robot.chain.model.inertias, strict=True):
-        far = float(np.linalg.norm(inertia.lever))
-        if inertia.mass > 0 and far > max(2.0 * span, 1.0):
-            found.append(
-                f"the link after joint '{name}' has its centre of mass {far:.4g} m away, and the "
-                f"whole arm is "
-                f"{span:.3g} m long: correct its <inertial>, from which gravity is computed"
-            )
-        if inertia.mass > _HEAVIEST:
-            found.append(
-                f"the link after joint '{name}' weighs {inertia.mass:.4g} kg: correct its "
-                f"<inertial>, from which "
-                "gravity is computed"
             )
     return found
 

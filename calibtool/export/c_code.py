@@ -88,6 +88,6 @@ def _stack(values: dict[str, Any], size: int) -> int:
     n, network = values["n"], values["network"]
     if not values["corrects"]:
         return 50
-    moves = values["motion"]["orders"] or values["motion"]["gravity"] or not values["kinematic"]
-    chain = 38 * n + 12 if moves else 0
+    chain = 38 * n + 12 if values["varying"] or not values["kinematic"] else 0
+    chain += 24 * (n + 1) if values["turns"] else 0  # two sets of placements
     return int(size * (55 * n + 305 + chain + (network.hidden + n if network else 0)) + 200)

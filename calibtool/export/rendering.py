@@ -118,7 +118,7 @@ def compensator_values(
         layers(calibration.network),
     )
     errors, bounds, turns = calibration.errors, default_bounds(calibration), _turns(calibration)
-    standing = errors.standing(calibration.conditions)
+    motion, standing = _motion(errors), errors.standing(calibration.conditions)
     converted = joint_values == "controller" and robot.coupled
     return {
         "robot": robot.name,
@@ -155,7 +155,8 @@ def compensator_values(
         "base_twists": errors.twists,
         "screws": _screws(robot, errors["twists"]),
         "base_offsets": errors["offsets"],
-        "motion": _motion(errors) | {"turns": turns is not None},
+        "motion": motion,
+        "varying": _varying(motion, turns),
         "conditions": _conditions(calibration),
         "turns": turns,
         "virtual_joints": ", ".join(equivalent.virtual_joints),
@@ -172,7 +173,7 @@ def compensator_values(
         # In single precision smaller pivots are rounding, and powers of their inverse
         # must stay finite.
         "smallest_pivot": 1e-30 if precision == "double" else 1e-8,
-        "cost": _cost(calibration, converted),
+        "cost": _cost(calibration, motion, turns, converted),
     }
 
 
@@ -211,28 +212,38 @@ def left_out(calibration: Calibration) -> str:
     )
 
 
-def _cost(calibration: Calibration, converted: bool) -> str:
+def _cost(
+    calibration: Calibration,
+    motion: dict[str, Any],
+    turns: dict[str, Any] | None,
+    converted: bool,
+) -> str:
     """Arithmetic of one correction, as counted in the generated C code where the whole step
     is taken undamped.
     """
     n, p, network = calibration.robot.n, calibration.equivalent.p, layers(calibration.network)
-    errors = calibration.base.errors
     if network is None and calibration.base.model == "nominal":
         return "none: nothing is corrected"
     kinematic = calibration.base.model != "nominal"
-    moves = bool(errors["harmonics"].any() or errors["gravity"].any())
+    varying = _varying(motion, turns)
     steps = 1 if n >= 6 else 2  # of the task components, and of all
     flops = (1241 if kinematic else 537) * n + 560 + (steps - 1) * 157 * n
     flops += 4 * n * n * converted
-    calls = 2 * n * (1 if kinematic and not moves else 2) + steps * (min(n, 6) + 1) + 4
+    calls = 2 * n * (1 if kinematic and not varying else 2) + steps * (min(n, 6) + 1) + 4
     if network is not None:
         runs = 2 if kinematic else 3
         flops += runs * (2 * n + 2 * n * network.hidden + p * (2 * network.hidden + 1)) + 2 * (
             12 * p + 186
         )
         calls += runs * network.hidden
-    if moves:
-        flops += n * (172 + 10 * errors["harmonics"].shape[1] + 124 * bool(errors["gravity"].any()))
+    if varying:
+        flops += n * (172 + 20 * motion["orders"] + 124 * motion["gravity"])
+    if turns:
+        payload, bends, wobbles = (
+            turns[part] is not None for part in ("payload", "bending", "wobble")
+        )
+        across = 42 * (bends or wobbles)
+        flops += 2 * n * (165 + 43 * payload + 54 * bends + 8 * wobbles + across)
     return (
         f"about {flops} flops and {calls} calls of functions such as sin and sqrt; at "
         "worst twice that"
@@ -252,6 +263,11 @@ def _motion(errors: RobotErrors) -> dict[str, Any]:
         "centres": centres,
         "gravity_vector": gravity,
     }
+
+
+def _varying(motion: dict[str, Any], turns: dict[str, Any] | None) -> bool:
+    """Whether the joint motion errors or the placements change with the joint positions."""
+    return bool(motion["orders"] or motion["gravity"] or turns)
 
 
 def _conditions(calibration: Calibration) -> str:

@@ -49,13 +49,6 @@ def calibration_as_structured_text(
     beyond its variables. Plain ASCII. joint_values: whose joint values q and q_corrected are.
     Raises UsageError when `name` is no identifier of IEC 61131-3.
     """
-    turning = [family for family in calibration.base.errors.beyond_geometry if family.turns]
-    if turning:
-        raise UsageError(
-            f"Structured Text does not hold {' and '.join(family.words for family in turning)}; "
-            f"export C or JSON, or "
-            f"identify {' '.join(f'--without {family.id}' for family in turning)}"
-        )
     plain = re.fullmatch(r"[A-Za-z]\w*|_[A-Za-z0-9]\w*", name, re.ASCII)
     if not plain or "__" in name or name.endswith("_") or name.lower() in RESERVED.split():
         raise UsageError(

@@ -27,14 +27,19 @@ from calibtool.robot.se3 import Array, readonly
 
 # 1 over m and rad: a direction is shown where its standard deviation is below 10 mm and 10 mrad
 _SHOWN = 100.0
+# m and rad: a step that ends the iteration; after the usual number of steps, where directions that
+# are hardly seen come near their end slowly, 0.1 µm and 0.1 µrad do
+_SETTLED, _USUAL, _SETTLED_LATE = 1e-10, 30, 1e-7
 RANK_TOLERANCE = 1e-8  # of the largest singular value; the exact redundancies lie near 1e-16
 
 
-def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> Identification:
+def identify_local_poe(measurements: Measurements, max_iterations: int = 100) -> Identification:
     """Fit δζ_1…δζ_{n+1} to the measured coordinates, weighted by 1/σ.
 
-    Unknown targets take the place of δζ_{n+1}. Raises NoSolutionError when the configurations are
-    too few for the parameters, or the iteration does not converge.
+    Unknown targets take the place of δζ_{n+1}. Directions that the noise hides are not estimated;
+    where that does not settle, those neither that are hidden by what the formula leaves. Raises
+    NoSolutionError when the configurations are too few for the parameters, or the iteration does
+    not converge.
     """
     q, setup = measurements.q, measurements.setup
     state = State.nominal(measurements.robot, setup)
@@ -54,7 +59,8 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
         )
 
     loops = measurements.robot.chain.tree is not None
-    rank, last = 0, np.inf
+    rank, steps, last = 0, 0, np.inf
+    noise, least = 1.0, np.inf  # over the stated one: taken for granted, and what a state leaves
     singular_values, null_space = np.zeros(0), np.zeros((0, 0))
 
     def linearise(at: State) -> tuple[Array, Array]:
@@ -68,15 +74,16 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
         )
 
     def solve(system: tuple[Array, Array], damping: float) -> tuple[Array, bool]:
-        nonlocal rank, last, singular_values, null_space
+        nonlocal rank, steps, last, least, singular_values, null_space
         u, s, vt = np.linalg.svd(system[0].reshape(-1, parameters.count), full_matrices=False)
         if not rank:  # that of the nominal design: errors must not make it look better
-            rank = int((s > max(RANK_TOLERANCE * s[0], _SHOWN)).sum())
+            rank = int((s > max(RANK_TOLERANCE * s[0], _SHOWN * noise)).sum())
             singular_values, null_space = s, vt[rank:]
         gains = s[:rank] + damping * s[0] ** 2 / s[:rank]
         step = vt[:rank].T @ ((u[:, :rank].T @ system[1].ravel()) / gains)
-        last = np.abs(step).max()
-        return step, bool(last < 1e-10)
+        last, steps = np.abs(step).max(), steps + 1
+        least = min(least, float(np.sqrt((system[1] ** 2).mean())))
+        return step, bool(last < (_SETTLED if steps <= _USUAL else _SETTLED_LATE))
 
     def cost(at: State) -> float:
         """With closed loops a step can be too long: rows would not close any more."""
@@ -85,14 +92,20 @@ def identify_local_poe(measurements: Measurements, max_iterations: int = 30) -> 
             return np.inf
         return float((weighted_residuals(measurements, at.setup, pose) ** 2).sum())
 
-    state, iterations, settled = gauss_newton(
-        state,
-        linearise,
-        solve,
-        lambda at, step: at.moved(parameters, step),
-        max_iterations,
-        cost if loops else None,
-    )
+    nominal = state
+    for _ in range(2):
+        rank, steps = 0, 0
+        state, iterations, settled = gauss_newton(
+            nominal,
+            linearise,
+            solve,
+            lambda at, step: at.moved(parameters, step),
+            max_iterations,
+            cost if loops else None,
+        )
+        if settled or not 1.0 < least < 1.0 / (_SHOWN * measurements.noise_position):
+            break  # points that are off by more than 10 mm are those of something else
+        noise = least  # of what the formula cannot describe: fewer directions stand out of it
     if not settled:
         raise NoSolutionError(
             f"local-poe: no convergence in {max_iterations} iterations, the last step "

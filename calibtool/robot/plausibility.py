@@ -1,8 +1,11 @@
 """What a description says that cannot be meant: units, limits that are none, frames far away."""
 
+from math import isfinite
+
 import numpy as np
 
 from calibtool.robot.chain import NO_LIMITS
+from calibtool.robot.markup import parse_xml
 from calibtool.robot.robot import Robot
 from calibtool.robot.tree import SINGLE, Joint, urdf_tree
 
@@ -12,12 +15,21 @@ _FARTHEST_REACH = 20.0  # m, of all links together without slides
 _NEAREST = 1e-3  # m, of the farthest target: nearer ones are written in m
 _FULL_TURN = 6.4  # rad, of an angle of a frame: larger ones are degrees
 _SHORTEST = 1e-3  # m, of all links together
+# kg of all links together over the cube of the arm's length in m: arms have 2 to 150
+_LIGHTEST, _HEAVIEST = 0.02, 1000.0
 _FARTHEST = 1e3  # m, of the base: 1e-13 of a micrometre is lost with every one beyond
 
 
 def implausible(robot: Robot) -> list[str]:
     """One line per finding, with joint and remedy; nothing for a robot as they are built."""
-    return [*_limits(robot), *_lengths(robot), *_angles(robot), *_locked(robot), *_targets(robot)]
+    return [
+        *_limits(robot),
+        *_lengths(robot),
+        *_angles(robot),
+        *_locked(robot),
+        *_targets(robot),
+        *_masses(robot),
+    ]
 
 
 def _limits(robot: Robot) -> list[str]:
@@ -109,3 +121,62 @@ def _targets(robot: Robot) -> list[str]:
     return [
         f"the targets are within {farthest * 1e3:.3g} mm of the tool frame: points_mm looks like m"
     ]
+
+
+def _masses(robot: Robot) -> list[str]:
+    """Links whose mass cannot be meant, or whose centre of mass lies beyond the whole arm: from
+    these gravity is computed.
+    """
+    remedy = "correct <inertial>, from which gravity is computed"
+    unread = _unread_masses(robot)
+    if unread:
+        return [f"the mass or its place of link {', '.join(unread)} is no number: {remedy}"]
+    names, inertias = list(robot.chain.model.names), robot.chain.model.inertias
+    masses = np.array([inertia.mass for inertia in inertias])
+    below = [f"'{names[k]}'" for k in np.flatnonzero(masses < 0)]
+    if below:
+        return [f"the link after joint {', '.join(below)} has a mass below zero: {remedy}"]
+    strokes = float((robot.upper - robot.lower)[np.array(robot.prismatic)].sum())
+    length = float(np.linalg.norm(robot.chain.placements[:, :3, 3], axis=-1).sum()) + strokes
+    away = np.array([float(np.linalg.norm(inertia.lever)) for inertia in inertias]) * (masses > 0)
+    far, total = np.flatnonzero(away > max(length, 0.3)), float(masses.sum())
+    found = []
+    if len(far):
+        joints = ", ".join(f"'{names[k]}'" for k in far)
+        found.append(
+            f"the link after joint {joints} has its centre of mass {away[far].max():.4g} m away, "
+            f"and the whole arm is {length:.3g} m long: {remedy}"
+        )
+    if total > _HEAVIEST * max(length, 0.3) ** 3:
+        heaviest = int(masses.argmax())
+        found.append(
+            f"the links weigh {total:.3g} kg together, and the arm is {length:.3g} m long; the one "
+            f"after joint '{names[heaviest]}' weighs {masses[heaviest]:.4g} kg: {remedy}"
+        )
+    elif 0 < total < _LIGHTEST * length**3:
+        found.append(
+            f"the links weigh {total:.3g} kg together, and the arm is {length:.3g} m long: {remedy}"
+        )
+    return found
+
+
+def _unread_masses(robot: Robot) -> list[str]:
+    """Links whose mass or centre of mass is written as no finite number."""
+    found = []
+    for link in parse_xml(robot.source.urdf_text, robot.source.place, "URDF").iter("link"):
+        inertial = link.find("inertial")
+        if inertial is None:
+            continue
+        mass, origin = inertial.find("mass"), inertial.find("origin")
+        texts = [] if mass is None else [mass.get("value", "")]
+        texts += [] if origin is None else origin.get("xyz", "").split()
+        if not all(map(_finite, texts)):
+            found.append(f"'{link.get('name', '')}'")
+    return found
+
+
+def _finite(text: str) -> bool:
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False

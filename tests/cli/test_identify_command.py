@@ -160,3 +160,25 @@ def test_tolerances_are_those_asked_for(files: Files) -> None:
     assert {
         row["tolerance"] for row in rows if row["name"].startswith("ζ") and row["unit"] == "mrad"
     } == {3.0}
+
+
+def test_a_noisy_target_is_named_with_a_table_of_all(files: Files) -> None:
+    run("simulate", "ur5", "-n", "80", "--errors", "geometric", "-o", "m.h5")
+    quiet = run("identify", "m.h5", "-o", "quiet.h5")
+    assert "times as noisy" not in quiet.stderr
+    groups = answer("identify", "m.h5")["noise_groups"]
+    assert [(group["kind"], group["name"]) for group in groups][:3] == [
+        ("target", name) for name in "123"
+    ]
+    rng = np.random.default_rng(2)
+    with h5py.File("m.h5", "r+") as file:
+        points = file["measurements/points"]
+        noisy = points[()]
+        noisy[:, 1] += rng.normal(size=(80, 3)) * 0.2e-3
+        points[...] = noisy
+    found = run("identify", "m.h5", "-o", "noisy.h5").stderr
+    assert "warning: target 2 is " in found
+    assert "Residuals by target and axis" in found
+    report = run("report", "noisy.h5", "--on", "m.h5", "-o", "page.html")
+    assert report.exit_code == 0
+    assert "target 2 is " in Path("page.html").read_text(encoding="utf-8")

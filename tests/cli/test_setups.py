@@ -103,6 +103,27 @@ def test_a_wire_of_negative_length_is_refused_by_line() -> None:
     )
 
 
+def test_a_wire_that_says_0_was_not_read() -> None:
+    """Beside another one; a row of nothing else is refused."""
+    robot = load_robot("ur10")
+    q = robot.anywhere(40, np.random.default_rng(5))
+    tip = robot.mechanism.forward(q)[:, :3, 3]
+    anchors = np.array([[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [-1.0, -1.0, 2.0]])
+    lengths = np.linalg.norm(tip[:, None] - anchors, axis=-1) * 1e3
+    lengths[7, 1] = lengths[21, 2] = 0.0
+    header = [f"j{j + 1}_deg" for j in range(6)] + [f"d{k + 1}_mm" for k in range(3)]
+    rows = np.hstack([np.rad2deg(q), lengths]).tolist()
+    write_table("wires.csv", header, rows)
+    found = remarks(run("import", "wires.csv", *UR10, "-o", "m.h5"))
+    assert "a distance of 0 was taken for 'not read' in 2 places: line 9, 23" in found
+    values = stored("m.h5", "measurements/values")
+    assert np.argwhere(np.isnan(values)).tolist() == [[7, 1], [21, 2]]
+    rows[3][6:] = [0.0, 0.0, 0.0]
+    write_table("none.csv", header, rows)
+    message = refused(3, "import", "none.csv", *UR10, "-o", "x.h5")
+    assert message == "none.csv:5: column 'd1_mm' holds a distance that is not above zero"
+
+
 def test_a_board_in_a_camera_on_the_flange() -> None:
     found = run("import", "camera_sees_board.csv", *UR10, "--poses-of", "board", "-o", "m.h5")
     assert remarks(found) == ""

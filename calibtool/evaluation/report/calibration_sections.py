@@ -4,6 +4,7 @@ observability, noise.
 
 from calibtool.calibration import Calibration
 from calibtool.calibration.frame_report import frame_report
+from calibtool.calibration.noise_groups import NoiseGroup, noise_groups
 from calibtool.equivalent.gaussian_process import GaussianProcess
 from calibtool.errormodel.family import COMPONENTS
 from calibtool.evaluation.plots import Subject
@@ -259,9 +260,26 @@ def noise_section(subject: Subject) -> PageSection:
     header = ["calibration", "stated mm", "estimated mm", "base residual rms mm"]
     if len(rows[0]) > len(header) + 1:
         header += ["stated mrad", "estimated mrad", "base residual rms mrad"]
-    return PageSection(
-        "noise", "Noise", (), (), [PageTable("Per measured coordinate", [*header, "verdict"], rows)]
-    )
+    tables = [PageTable("Per measured coordinate", [*header, "verdict"], rows)]
+    lines = []
+    if subject.measurements is not None:
+        for name, calibration in subject.calibrations:
+            groups = noise_groups(calibration, subject.measurements)
+            noisier = [group for group in groups if group.noisier]
+            lines += [f"{name}: {group}." for group in noisier]
+            if noisier:
+                tables.append(_by_group(name, groups))
+    return PageSection("noise", "Noise", lines, (), tables)
+
+
+def _by_group(name: str, groups: list[NoiseGroup]) -> PageTable:
+    """Residuals of the judged rows by target and by axis."""
+    cells = [
+        [group.called, f"{number(group.rms * 1e3)} {group.unit}", f"{group.ratio:.2f}"]
+        for group in groups
+    ]
+    header = ["residuals of", "rms", "noise over the others'"]
+    return PageTable(f"Residuals of {name} by target and axis", header, cells)
 
 
 def _noise_verdict(factor: float | None) -> str:

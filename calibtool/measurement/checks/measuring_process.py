@@ -13,6 +13,7 @@ from calibtool.measurement.checks.finding import Finding, Numbers, severity
 from calibtool.measurement.checks.nominal_fit import Fit, nominal_fit
 from calibtool.measurement.checks.unexplained import Unexplained
 from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.reference_motion import ReferencePoints
 from calibtool.robot.se3 import Array, readonly, transform_points
 
 _LOUD = 3.0  # repeated configurations may scatter by so many times the stated noise
@@ -79,7 +80,9 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
     """
     if auxiliary.reference_points is None:
         return None
-    points = auxiliary.reference_points
+    readings = ReferencePoints(np.arange(float(len(measurements))), auxiliary.reference_points)
+    readings, gross = readings.ordered().without_gross(measurements.noise_position)
+    points, order = readings.points, readings.times.astype(int)
     squares = steps = 0.0
     weight, paths = 0.0, []
     for i in range(points.shape[1]):
@@ -93,7 +96,7 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
         means = np.array(
             [part.mean(axis=0) for part in np.array_split(path, min(5, len(rows) // 3))]
         )
-        paths.append((rows, means))
+        paths.append((order[rows], means))
     if not paths:
         return None
     z = float((1 - steps / max(2 * squares, 1e-300)) * np.sqrt(weight))
@@ -101,9 +104,11 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
     rows, means = paths[int(np.argmax(spans))]
     span, noise = max(spans), measurements.noise_position
     numbers: Numbers = {"moved_mm": span * 1e3, "standard_errors": z}
+    left = f"; {gross} gross reading{'s' if gross > 1 else ''} left out" if gross else ""
     if z < _CLEAR:
         message = (
-            f"the reference points do not drift: {span * 1e3:.3g} mm between parts of the file"
+            f"the reference points do not drift: {span * 1e3:.3g} mm between parts of the "
+            f"file{left}"
         )
         return Finding("reference_drift", "note", message, numbers)
     numbers["first_to_last_mm"] = [float(v) * 1e3 for v in means[-1] - means[0]]
@@ -114,7 +119,7 @@ def _drift(measurements: Measurements, auxiliary: AuxiliaryReadings) -> Finding 
     message = (
         f"the reference points move by {span * 1e3:.3g} mm{speed} against the instrument: the base "
         "or the instrument "
-        "drifts; bring each row back by its reference points, or measure faster"
+        "drifts; import --use-references brings the rows back by them" + left
     )
     return Finding("reference_drift", severity(span > noise), message, numbers)
 

@@ -7,6 +7,7 @@ from calibtool.measurement.importing.column_map import ColumnMap, parse_column_m
 from calibtool.measurement.importing.commanded_targets import CommandedFile
 from calibtool.measurement.importing.imported import Imported, JointFile, Understood
 from calibtool.measurement.importing.preview import preview
+from calibtool.measurement.importing.references import brought_back
 from calibtool.measurement.importing.row_selection import choose_rows, select_rows
 from calibtool.measurement.importing.second_arm_columns import SecondArm
 from calibtool.measurement.importing.stated import Stated
@@ -19,6 +20,7 @@ __all__ = [
     "SecondArm",
     "Stated",
     "Understood",
+    "brought_back",
     "choose_rows",
     "import_table",
     "parse_column_map",

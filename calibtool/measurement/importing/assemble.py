@@ -163,7 +163,14 @@ def read_table(
         )
     seen = ~np.isnan(points[..., 0])
     values = None if complete.lengths is None else read_lengths(table, complete.lengths)
-    if values is not None:
+    if values is not None and complete.lengths is not None:
+        if complete.lengths.of in ("distance", "centre") and (values == 0.0).any():
+            lines = [table.lines[k] for k in _rows((values == 0.0).any(axis=-1))]
+            warnings.append(
+                f"{table.name}: a distance of 0 was taken for 'not read' in "
+                f"{int((values == 0.0).sum())} places: line {line_ranges(lines)}"
+            )
+            values = np.where(values == 0.0, np.nan, values)
         seen = np.isfinite(values)
     if not seen.any(axis=-1).all():
         row = int(np.argmin(seen.any(axis=-1)))

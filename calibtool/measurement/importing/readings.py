@@ -58,19 +58,24 @@ def read_points(table: Table, columns: ColumnMap) -> Array:
 
 
 def read_lengths(table: Table, lengths: LengthColumns) -> Array:
-    """Measured lengths (N, w), m; NaN for an empty cell. InputError for a distance below zero."""
+    """Measured lengths (N, w), m; NaN for an empty cell. InputError for a distance below zero, and
+    for one of zero where the row has no other.
+    """
     if not lengths.columns:
         return np.zeros((len(table), 1))
     values = np.concatenate(
         [table.optional_numbers([column]) * TO_SI[lengths.unit] for column in lengths.columns],
         axis=-1,
     )
-    if lengths.of in ("distance", "centre") and (values <= 0).any():
-        row, column = (int(i) for i in np.argwhere(values <= 0)[0])
-        raise InputError(
-            f"{table.place(row)}: column '{lengths.columns[column]}' holds a distance that is not "
-            "above zero"
-        )
+    if lengths.of in ("distance", "centre"):
+        alone = ~(values > 0).any(axis=-1, keepdims=True)  # 0 beside others was not read
+        wrong = (values < 0) | ((values == 0) & alone)
+        if wrong.any():
+            row, column = (int(i) for i in np.argwhere(wrong)[0])
+            raise InputError(
+                f"{table.place(row)}: column '{lengths.columns[column]}' holds a distance that is "
+                "not above zero"
+            )
     return values
 
 
