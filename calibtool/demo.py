@@ -1,4 +1,4 @@
-"""The main job from end to end, with the paper's settings, on the built-in FANUC M-1000iA."""
+"""The main job from end to end, with the settings of Song, Tian and Ma, on the FANUC M-1000iA."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -53,11 +53,9 @@ def run_demo(
     write("measurements.h5", to_bytes(measurements))
     write("fresh.h5", to_bytes(fresh))
 
-    report("identify   local POE formula (Eq. 11)")
-    report(
-        "train      network on the nominal robot (the paper); complete model, network "
-        "where it helps"
-    )
+    report("identify   local-poe: one constant error of each link")
+    report("train      paper: a network alone (Song, Tian and Ma)")
+    report("           complete: every error, and a network only where it helps")
     options = TrainingOptions(seed=seed)
     calibrations: list[tuple[str, Calibration]] = [
         ("paper", train(measurements, "nominal", options)),

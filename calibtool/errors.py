@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from math import inf
 
+_BEGINNING = 2  # characters that tell a name by its beginning
+
 
 def printable(text: str) -> str:
     """The text with escapes for what is no printable character: words of a file must not move a
@@ -56,22 +58,25 @@ class AcceptanceError(CalibtoolError):
 
 
 def near_names(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: the near names (upper and lower case alike), or
-    all when none is near.
+    """The end of a message about an unknown name: the near names, or all when none is near.
+
+    Near are names that begin with it, otherwise those that are spelled alike. Upper and lower case
+    and the dashes of options do not count.
     """
     names = list(known)
-    folded = [other.casefold() for other in names]
-    if name.casefold() in folded:
-        return f"did you mean {names[folded.index(name.casefold())]}?"
-    near = [
-        names[folded.index(match)]
-        for match in get_close_matches(name.casefold(), folded, n=3, cutoff=0.6)
-    ]
-    return (
-        f"did you mean {' or '.join(dict.fromkeys(near))}?"
-        if near
-        else f"known: {', '.join(names)}"
-    )
+    plain = [other.casefold().lstrip("-") for other in names]
+    wanted = name.casefold().lstrip("-")
+    if wanted in plain:
+        return f"did you mean {names[plain.index(wanted)]}?"
+    near = [other for other, text in zip(names, plain, strict=True) if text.startswith(wanted)]
+    if len(wanted) < _BEGINNING or not near:
+        alike = get_close_matches(wanted, plain, n=3, cutoff=0.6)
+        near = [names[plain.index(match)] for match in alike]
+    if not near:
+        return f"known: {', '.join(names)}"
+    *others, last = dict.fromkeys(near)
+    listed = f"{', '.join(others)} or {last}" if others else last
+    return f"did you mean {listed}?"
 
 
 def check_choice(value: str, allowed: Iterable[str], what: str) -> None:

@@ -20,6 +20,7 @@ from calibtool.units import LARGEST
 _DELIMITERS = ("\t", ";", ",")
 
 
+_NUMBER = re.compile(r"[+-]?\d+[.,]\d+(?:[eE][+-]?\d+)?|[+-]?\d{5,}", re.ASCII)  # no column's name
 _BLOCK = 20_000  # rows whose cells exist as text objects at one time
 _FORMULA = re.compile(r"[\t\r ]*(?:[=@]|[+-](?![\d.,]*(?:[eE][+-]?\d+)?\s*$))", re.ASCII)
 LONG_LINE = 100_000  # characters; csv refuses cells a little longer than this
@@ -280,7 +281,17 @@ def text_lines(text: str) -> list[str]:
 
 
 def check_header(header: Sequence[str], place: str) -> None:
-    """InputError for a column name that appears more than once (empty ones may)."""
+    """InputError for what is no header: XML, a row of numbers, a name that appears more than once
+    (empty ones may).
+    """
+    if header and header[0].lstrip().startswith("<"):
+        raise InputError(f"{place}: an XML file; expected a table with a header line")
+    filled = [cell.strip() for cell in header if cell.strip()]
+    if filled and sum(bool(_NUMBER.fullmatch(cell)) for cell in filled) > len(filled) / 2:
+        raise InputError(
+            f"{place}: the first line holds numbers; expected a header line that names the columns "
+            "with their units, such as j1_deg"
+        )
     repeated = [column for column, count in Counter(header).items() if column and count > 1]
     if repeated:
         raise InputError(f"{place}: column '{min(repeated)}' appears more than once")

@@ -80,6 +80,11 @@ def three_digits(value: float) -> str:
     return f"{round(value, min(decimals, 4)):.{min(max(decimals, 0), 4)}f}"
 
 
+def minus(text: str) -> str:
+    """Text for people with the sign − in front of negative numbers."""
+    return re.sub(r"(?<![\w.])-(?=\d)", "−", text)
+
+
 def count_of(count: int, one: str, many: str | None = None) -> str:
     """`1 row`, `2 rows`: a number with its noun. many: a plural that is not made by an s."""
     return f"{count:,} {one if count == 1 else many or one + 's'}"

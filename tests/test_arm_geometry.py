@@ -110,6 +110,19 @@ def test_the_simple_arm_reaches_from_the_base_to_the_tool(robot: Robot) -> None:
     )
 
 
+@pytest.mark.parametrize("name", ["hexapod", "prs3", "scara", "fanuc-m1000ia", "delta"])
+def test_solids_are_slender_and_rails_reach_their_zero(name: str) -> None:
+    robot = load_robot(name)
+    shape = simple_shape(robot)
+    for piece in shape.geometryObjects:
+        if piece.name.startswith("link"):
+            assert piece.geometry.radius < robot.length / 20
+        if piece.name.startswith("rail"):
+            centre, half = piece.placement.translation, piece.geometry.halfLength
+            zero = robot.chain.placements[int(piece.name[4:]) - 1][:3, 3]
+            assert np.linalg.norm(centre - zero) <= half + 1e-9
+
+
 @pytest.mark.parametrize(
     "name", ["package://arm/m/a.stl", "m/a.stl", "PATH/arm/m/a.stl", "file://PATH/arm/m/a.stl"]
 )

@@ -200,7 +200,8 @@ def test_a_joint_counted_backwards_two_swapped_and_one_coupled(fanuc: Robot) -> 
     )
     coupled = clean.q.copy()
     coupled[:, 2] -= coupled[:, 1]
-    named(check_measurements(damaged(clean, q=coupled)), "joint_coupling")
+    found = named(check_measurements(damaged(clean, q=coupled)), "joint_coupling")
+    assert "add joint 2: --joint-values controller)" in found.message
 
 
 def test_rows_that_do_not_belong_together(fanuc: Robot) -> None:

@@ -12,6 +12,7 @@ from calibtool.errors import (
     InputError,
     NoSolutionError,
     UsageError,
+    near_names,
     printable,
 )
 
@@ -38,3 +39,18 @@ def test_what_is_printable_is_left_alone(text: str) -> None:
 
 def test_every_kind_has_an_exit_code_of_its_own() -> None:
     assert len({kind.exit_code for kind in EVERY}) == len(EVERY)
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "end"),
+    [
+        ("kuka", ["abb-irb120", "kuka-a", "kuka-b", "ur5"], "did you mean kuka-a or kuka-b?"),
+        ("UR", ["ur5", "ur3", "xarm7"], "did you mean ur5 or ur3?"),
+        ("--on", ["--html", "--port", "--frame"], "known: --html, --port, --frame"),
+        ("--no-gravty", ["--harmonics", "--no-gravity"], "did you mean --no-gravity?"),
+        ("UR5", ["ur5", "ur5e"], "did you mean ur5?"),
+        ("xyz", ["ur5", "ur3"], "known: ur5, ur3"),
+    ],
+)
+def test_near_names_begin_alike_or_are_spelled_alike(name: str, known: list[str], end: str) -> None:
+    assert near_names(name, known) == end

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from calibtool.calibration import Calibration, identify
+from calibtool.calibration import Calibration, identify, train
 from calibtool.calibration.fit import BaseOptions
+from calibtool.equivalent.training import TrainingOptions
 from calibtool.errormodel.actual import ErrorScales
 from calibtool.errormodel.families import BY_ID
 from calibtool.errors import InputError, UsageError
@@ -26,6 +27,7 @@ from calibtool.evaluation.pose_test import pose_test, repeated_poses
 from calibtool.identification.complete import CompleteOptions
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
+from calibtool.robot.catalogue import load_robot
 from calibtool.robot.robot import Robot
 
 WIDTH = 120.0
@@ -162,7 +164,7 @@ def test_a_training_shows_both_losses_and_the_kept_iteration(fanuc_network: Cali
     found = written("training", Subject([("paper", fanuc_network)]))
     chosen = fanuc_network.training.history.chosen
     for word in (
-        "paper: task loss, lm",
+        "paper: pose error, Levenberg–Marquardt",
         "training",
         "validation",
         "without network",
@@ -175,9 +177,17 @@ def test_only_calibrations_with_a_network_are_drawn(
     fanuc_network: Calibration, fanuc_local_poe: Calibration
 ) -> None:
     both = Subject([("poe", fanuc_local_poe), ("paper", fanuc_network)])
-    assert "paper: task loss" in written("training", both)
+    assert "paper: pose error" in written("training", both)
     assert "poe" not in written("training", both)
     assert "paper" not in written("observability", both)
+
+
+def test_a_gaussian_process_has_no_iterations_to_draw() -> None:
+    measurements = simulate(load_robot("planar-3r"), Simulation(seed=1, configurations=20))
+    found = train(measurements, "nominal", TrainingOptions(regressor="gaussian-process"))
+    assert found.training is not None
+    with pytest.raises(InputError, match="no network was trained"):
+        draw("training", Subject([("gp", found)]), "png")
 
 
 def test_joint_motions_are_those_of_the_network_on_the_drawing(fanuc_network: Calibration) -> None:

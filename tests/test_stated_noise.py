@@ -39,6 +39,6 @@ def test_the_answer_or_the_sentence_is_true(robot: str, noise: float, stated: fl
     true = data.truth.actual.errors.forward(data.q)
     error = np.abs(found.forward(data.q) - true)[:, :3, 3].max()
     assert error < (3 * noise if noise else 1e-7)
-    lines = [line for line in fit_lines(found) if "of noise, stated are" in line]
-    blamed = [line for line in lines if "cannot describe" in line]
+    lines = [line for line in fit_lines(found) if "are stated: " in line]
+    blamed = [line for line in lines if "does not describe" in line]
     assert bool(blamed) == (noise > 2 * stated)

@@ -421,3 +421,22 @@ def test_bad_and_empty_cells_of_a_later_block_are_named_by_their_own_line() -> N
 def test_chosen_rows_keep_the_lines_they_come_from() -> None:
     table = parse_table("a,b\n1,x\n\n2,y\n3,z\n", "t.csv").take([2, 0])
     assert (table.texts("b"), table.lines) == (["z", "x"], [5, 2])
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("1.5,2.25,3\n4,5,6\n", "p.csv:1: the first line holds numbers"),
+        ("\n-12.25;3,5;100\n1;2;3\n", "p.csv:2: the first line holds numbers"),
+        ("<robot name='a'>\n</robot>\n", "p.csv:1: an XML file"),
+        ('<?xml version="1.0"?>\n<a/>\n', "p.csv:1: an XML file"),
+    ],
+)
+def test_what_is_no_header_is_told(text: str, told: str) -> None:
+    with pytest.raises(InputError) as error:
+        parse_table(text, "p.csv")
+    assert str(error.value).startswith(told)
+
+
+def test_columns_may_be_called_by_numbers() -> None:
+    assert parse_table("1,2,3\n4,5,6\n", "p.csv").header == ["1", "2", "3"]

@@ -78,11 +78,11 @@ def train(
     base: a model to identify first, or an identified calibration, which is used unchanged. frame:
     as for `identify`; by default that of the base calibration, or `taught`.
 
-    Unless the options say otherwise, the regularisation is early stopping on `nominal` (the paper)
-    and Bayesian on every other base. With Bayesian regularisation the networks are kept only if
-    cross-validation, in which the base model is identified again in every fold, shows that they
-    reduce the error. With early stopping the validation part decides. The base model is identified
-    from all configurations.
+    Unless the options say otherwise, the regularisation is early stopping on `nominal` (the
+    published method) and Bayesian on every other base. With Bayesian regularisation the networks
+    are kept only if cross-validation, in which the base model is identified again in every fold,
+    shows that they reduce the error. With early stopping the validation part decides. The base
+    model is identified from all configurations.
 
     Raises InputError when `base` is a calibration of another robot, NoSolutionError where
     `identify` does.
@@ -130,7 +130,7 @@ def _candidates(
 
 
 def _same(model: str, base: BaseOptions | str) -> BaseOptions:
-    """The options with which some of the rows are fitted by the model that all of them chose."""
+    """Options that fit some of the rows by the model that was chosen for all rows."""
     options = BaseOptions(base) if isinstance(base, str) else base
     return replace(options, model=model, complete=replace(options.complete, compared=False))
 

@@ -16,7 +16,7 @@ _CORRELATED = 0.9  # pairs of parameters above it are listed
 
 def fit_summary(calibration: Calibration) -> str:
     """The lines of `fit_lines`, every parameter with its standard deviation, and the pairs that
-    the measurements hardly tell apart.
+    the measurements hardly distinguish.
     """
     result = fit_lines(calibration)
     posterior = calibration.base.posterior
@@ -42,7 +42,7 @@ def fit_summary(calibration: Calibration) -> str:
 
 
 def fit_lines(calibration: Calibration) -> list[str]:
-    """A few lines for people: what was determined, how well it fits, what is suspicious, whether
+    """A few lines for people: determined parameters, quality of the fit, warnings, and whether
     the network helps.
     """
     base, training = calibration.base, calibration.training
@@ -54,8 +54,8 @@ def fit_lines(calibration: Calibration) -> list[str]:
             f"{calibration.noise_orientation * 1e3:.3g}"
         )
     result = [
-        f"{base.model}: {calibration.robot.name}, {calibration.configurations} "
-        f"configurations, {fit}"
+        f"{base.model} model of {calibration.robot.name}, "
+        f"{count_of(calibration.configurations, 'configuration')}: {fit}"
     ]
     if base.held_out:
         result.append(_compared(base))
@@ -100,11 +100,12 @@ def _learned_line(calibration: Calibration, validation: CrossValidation) -> str:
 
 
 def _compared(base: Identification) -> str:
-    """Why this model is the result."""
+    """Why this model was chosen."""
     left = ", ".join(f"{name} {value:.3g}" for name, value in sorted(base.held_out.items()))
     used = {"nominal": "registration alone", "local-poe": "local POE", "complete": "complete"}
     return (
-        f"{used[base.model]} is used: it predicts held-out rows best (rms in stated noises: {left})"
+        f"{used[base.model]} is used: it predicts held-out rows best (rms in multiples of the "
+        f"stated noise: {left})"
     )
 
 
@@ -113,15 +114,15 @@ def _rank_lines(base: Identification) -> list[str]:
     if base.parameters:
         kept = base.singular_values[: base.rank]
         result.append(
-            f"rank {base.rank} of {base.parameters} parameters ({base.observable_rank} could "
-            f"be determined), singular values {kept[-1]:.3g} to {kept[0]:.3g}, "
+            f"rank {base.rank} of {base.parameters} parameters ({base.observable_rank} can "
+            f"be determined at best), singular values {kept[-1]:.3g} to {kept[0]:.3g}, "
             f"{base.iterations} iterations"
         )
     if base.unobservable:
         missing = base.observable_rank - base.rank
         result.append(
-            f"warning: {missing} directions are not observable from these configurations, such as "
-            f"{base.unobservable[0]}"
+            f"warning: {missing} combinations of parameters cannot be determined from these "
+            f"configurations, such as {base.unobservable[0]}"
         )
     return result
 
@@ -143,16 +144,18 @@ def _complete_lines(calibration: Calibration) -> list[str]:
         if told
         else "found: errors of the geometry alone",
         f"the measurements determine {posterior.effective:.1f} of {base.observable_rank} "
-        f"combinations of {parameters.count} parameters; they show {estimated:.3g} mm of noise",
+        f"combinations of {parameters.count} parameters; the residuals are those of "
+        f"{estimated:.3g} mm of noise",
     ]
     if not 0.5 <= posterior.noise_factor <= 2.0:
         result.append(
-            f"warning: the residuals show {estimated:.3g} mm of noise, stated are "
-            f"{calibration.noise_position * 1e3:.3g} mm: "
+            f"warning: the residuals are those of {estimated:.3g} mm of noise, but "
+            f"{calibration.noise_position * 1e3:.3g} mm are stated: "
             + (
-                "either the statement is wrong or the robot does what the model cannot describe"
+                "either the stated noise is wrong, or the robot has errors that the model does not "
+                "describe"
                 if posterior.noise_factor > 1.0
-                else "they agree with the model better than was stated"
+                else "the stated noise is too large"
             )
         )
     if base.unobservable:
@@ -168,14 +171,15 @@ def _complete_lines(calibration: Calibration) -> list[str]:
 def _flagged_lines(calibration: Calibration) -> list[str]:
     flagged = calibration.base.flagged
     assert flagged is not None
-    done = (
-        "left out"
-        if flagged.dropped
-        else "they weigh less the worse they fit, unless they are a region; --drop-flagged leaves "
-        "them out"
-    )
     count = len(flagged.rows)
-    result = [f"warning: {count_of(count, 'row does', 'rows do')} not fit ({done})"]
+    it_has, it = ("it has", "it") if count == 1 else ("they have", "them")
+    region = "" if count == 1 else ", unless they are one region of the workspace"
+    done = (
+        f"{it_has} been left out"
+        if flagged.dropped
+        else f"{it_has} less weight{region}; --drop-flagged leaves {it} out"
+    )
+    result = [f"warning: {count_of(count, 'row does', 'rows do')} not fit: {done}"]
     order = np.argsort(-flagged.deviation)[:5]
     result += [
         f"  configuration {flagged.rows[k] + 1}: {flagged.position[k] * 1e3:.3g} mm, "

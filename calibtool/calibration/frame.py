@@ -43,7 +43,8 @@ class ChosenFrame:
         return self.name != "fitted"
 
     def errors(self, fitted: RobotErrors) -> RobotErrors:
-        """Errors of the fit in the chosen frames: what stands on the base, and the tool, move."""
+        """Errors of the fit in the chosen frames: those of the placements on the base and of the
+        tool change."""
         if not self.moves:
             return fitted
         nominal = fitted.robot.chain.placements

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _DISTANCE = 1.5
 _ROUGH = 4.0  # a bound is at most 1 + this times the distance
 _AT_A_TIME = 256
-_STANDS = 1e-3  # rad or m: a joint that moved less stood still, and this far from there is like it
+_STANDS = 1e-3  # rad or m: a joint that moved less counts as fixed, and so far around it as known
 _UNCERTAINTY = 2.0  # times the largest predicted standard deviation on the training configurations
 
 
@@ -55,6 +55,12 @@ def coverage(calibration: Calibration, q: Array) -> Coverage:
         found = _deviation(calibration, q[doubtful])
         deviation[doubtful] = found / max(_largest_deviation(calibration), 1e-15)
     return Coverage(distance, deviation)
+
+
+def also_in_training(calibration: Calibration, q: Array) -> int:
+    """How many of the rows q (N, n), rad or m, were used to make the calibration."""
+    known = {row.tobytes() for row in np.round(calibration.q, 9) + 0.0}
+    return sum(row.tobytes() in known for row in np.round(q, 9) + 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +108,8 @@ def _deviation(calibration: Calibration, q: Array) -> Array:
 def _largest_spacing(tree: "cKDTree") -> float:
     """Largest distance between a point of a tree and the nearest other one.
 
-    Bounds on the distances come fast; exact ones are asked for, from the largest bound on, until no
-    bound exceeds what was found.
+    Bounds on the distances are computed fast. Exact distances follow, from the largest bound on,
+    until no bound exceeds the largest one found.
     """
     bound = tree.query(tree.data, k=2, eps=_ROUGH)[0][:, 1]
     order = np.argsort(-bound)

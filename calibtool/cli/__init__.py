@@ -10,7 +10,7 @@ from calibtool.cli.interrupts import leaving_at_once
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-with leaving_at_once():  # this import takes longer than a finger on Ctrl-C
+with leaving_at_once():  # this import takes long enough for a Ctrl-C
     from calibtool.cli.app import app
 
 __all__ = ["app", "main"]
@@ -24,7 +24,7 @@ def main() -> None:
         _occupy_closed_streams()
         logging.getLogger("matplotlib").setLevel(
             logging.ERROR
-        )  # a home without a place for its cache: no news for people
+        )  # no place for its cache: nothing that people need to know
         app(prog_name="calibtool")
 
 

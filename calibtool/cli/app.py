@@ -1,5 +1,6 @@
 """The application: commands, exit codes and one-line errors."""
 
+import re
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -33,6 +34,17 @@ from calibtool.cli.files import message
 from calibtool.cli.provenance import remember_command
 from calibtool.cli.verbosity import SWITCHES, detail, take_switches
 from calibtool.errors import CalibtoolError, near_names
+
+# What typer and pydantic say, in plain words.
+_PLAINER = (
+    (r"Input should be greater than or equal to (\S+)", r"expected at least \1"),
+    (r"Input should be less than or equal to (\S+)", r"expected at most \1"),
+    (r"Input should be greater than (\S+)", r"expected more than \1"),
+    (r"Input should be less than (\S+)", r"expected less than \1"),
+    (r"Input should be a valid integer.*", "expected a whole number"),
+    (r"Input should be a valid number.*", "expected a number"),
+    (r"^(Missing .*)\.$", r"\1"),
+)
 
 
 class _Group(TyperGroup):
@@ -92,12 +104,15 @@ def _usage(error: Any) -> str:
     text = str(error.format_message())
     unknown = getattr(error, "option_name", None)
     if unknown is not None and context is not None:
-        every = [name for p in context.command.get_params(context) for name in p.opts]
+        options = context.command.get_params(context)
+        every = [name for p in options for name in (*p.opts, *p.secondary_opts)]
         known = [name for name in every if name.startswith("--")]
         text = f"{path} has no option {unknown}; {near_names(unknown, known)}"
     elif context is not None and text.startswith("No such command"):
         name = text.split("'")[1]
         text = f"there is no command '{name}'; {near_names(name, context.command.commands)}"
+    for found, plain in _PLAINER:
+        text = re.sub(found, plain, text)
     return f"{text} (see {path} --help)"
 
 

@@ -15,21 +15,22 @@ Harmonics = Annotated[
     typer.Option(
         min=0,
         max=8,
-        help="Harmonics per joint of the complete model (default: by evidence and held-out rows, 0 "
-        "to 128).",
+        help="Harmonics per joint of the complete model, 0 to 8 (default: found from the "
+        "measurements, up to 128).",
     ),
 ]
 Gravity = Annotated[
     bool | None,
     typer.Option(
-        "--gravity/--no-gravity", help="Wind-up under gravity (default: decided by evidence)."
+        "--gravity/--no-gravity",
+        help="Wind-up under gravity (default: where the measurements show it).",
     ),
 ]
 Backlash = Annotated[
     bool | None,
     typer.Option(
         "--backlash/--no-backlash",
-        help="Backlash, from the order of the rows (default: by evidence).",
+        help="Backlash, from the order of the rows (default: where the measurements show it).",
     ),
 ]
 Without = Annotated[
@@ -66,8 +67,8 @@ LossFunction = Annotated[
     typer.Option(
         "--loss-function",
         metavar="isolated|squared|huber|cauchy",
-        help="Which rows weigh less: those that no noise explains unless a region has them, none, "
-        "or all the worse ones.",
+        help="Which rows get less weight. isolated: those that no noise explains, unless they form "
+        "a region; squared: none; huber, cauchy: all, the more the worse they fit.",
     ),
 ]
 DropFlagged = Annotated[

@@ -1,5 +1,5 @@
-"""Help and completion of the commands: options in groups, plain names of what they take, and the
-values that fit.
+"""Help and completion of the commands: options in groups, plain names of their values, and values
+that fit.
 """
 
 from collections.abc import Iterable, Iterator
@@ -13,12 +13,12 @@ GROUPS = {
     "Data": "on before source same_robot at commanded robot columns join join_tolerance_s joints "
     "clock_offset sheet layout unit angle_unit convention encoding rows sample rest tool "
     "joint_values board robot_targets frames controller dh with_ refit_setup payload_kg "
-    "temperature_c check meshes plan accept_misfit about history date",
+    "temperature_c check meshes plan accept_misfit history date",
     "Output": "output force json report pdf paper parameters html box_plot width_mm picture "
     "map_template dry_run uncertainty verify line_buffered magnify port precision prefix "
     "learning_curve require partial chart",
-    "Document": "title serial customer operator instrument date temperature",
-}  # what is in none of them says how it is computed
+    "Document": "title serial customer operator instrument date temperature about",
+}  # options in none of them state how it is computed
 _OTHERS = "Method"
 _DOCUMENT = "report"  # the command whose options describe a document
 _LONGEST = 26  # characters of choices that are shown in place of a name
@@ -87,7 +87,7 @@ def _name_value(parameter: Any) -> None:
 
 
 def _plain(name: str, kind: str) -> str:
-    """What the value of an option is called that nobody gave a name."""
+    """Name of the value of an option that has none."""
     unit = name.rpartition("_")[2]
     if "int" in kind:
         return "N"

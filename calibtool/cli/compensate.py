@@ -133,23 +133,22 @@ def compensate(
 ) -> None:
     """Correct a program, or a table of poses or joints.
 
-    Any number of rows, or a controller program. By the calibrated model no row has a larger
-    weighted pose error (displacement over the robot's characteristic length beside rotation) than
-    the command: where no better joints are found, it stays as it is. Rows come back with the
-    corrected joints, the input's other columns and a status (docs/numerics): ok, jump (the
-    correction changes faster than the command), outside (of the training's configurations);
-    partial, limited, near-singular, out-of-limits (a part of the error stays), uncorrected (all of
-    it: as commanded) or unreachable (empty joints, exit code 4; the other rows are written
-    nevertheless). Poses without joints are a path: each row starts from the one before, jumps of
-    the joints are reported. A calibration with backlash takes it up by the direction of each
-    joint's corrected motion: rows must be in the order of motion.
+    A table comes back with the corrected joints, its other columns and a status for every row. ok:
+    corrected. jump: the correction changes faster than the command. outside: unlike the
+    configurations of the training. partial, limited, near-singular, out-of-limits: a part of the
+    error stays. uncorrected: the row is as commanded. unreachable: no joints; the exit code is 4,
+    and the other rows are written. docs/numerics.md explains each.
 
-    Of a program (docs/programs) only the numbers of joint and pose targets change; stderr reports
-    how many, by how much at most, and what was left alone and why. A target without an answer
-    stops it, and nothing is written. A program of which some poses are corrected and others, which
-    it moves to, are left is written, and the exit code is 4 (--partial: 0). The programs of a
-    folder are corrected together: give a folder for -o. Poses are written for the controller's own
-    model, --controller.
+    By the calibrated model no corrected row is worse than its command. Poses without joints are a
+    path: each row starts from the one before. Backlash is taken up by the direction of motion, so
+    rows must be in the order of motion.
+
+    In a program only the numbers of joint and pose targets change. stderr reports how many
+    changed, by how much, and which were left and why. If a target has no answer, nothing is written
+    (--on-error). If the program moves to some corrected poses and to some that were left, it is
+    written and the exit code is 4 (--partial: 0). The programs of a folder are corrected together:
+    give a folder for -o. Poses are written for the controller's own model (--controller).
+    docs/programs describes each language.
 
     Example: calibtool compensate calibration.h5 targets.csv -o corrected.csv
     """
@@ -157,7 +156,7 @@ def compensate(
     if not folder:
         check_output(output, force)
     if report is not None:
-        check_output(report, force)
+        check_output(report, force, suffixes=(".csv",))
         if (report == output == STREAM) or Path(report).resolve() == Path(output).resolve():
             raise UsageError(f"{shown(report)}: is the output, too; give another file for --report")
     one_stdin(calibration, targets, frames, controller, *with_)
@@ -243,7 +242,7 @@ def compensate(
 
 
 def _weights(text: str | None) -> "Weights | None":
-    """`--weights` as numbers; UsageError for what are none."""
+    """`--weights` as numbers; UsageError for anything else."""
     if text is None:
         return None
     try:
@@ -269,7 +268,7 @@ def _bounds(
 
 
 def check_rows(name: str, head: bytes) -> None:
-    """InputError where what would be read as rows is a program in another language."""
+    """InputError for rows that are a program in another language."""
     from calibtool.programs.unread import unread_program
 
     if what := unread_program(head):
@@ -292,7 +291,7 @@ def compensate_rows(
     force: bool,
     bounds: str,
 ) -> None:
-    """Write corrected rows as they come, then what people have to know of them."""
+    """Write corrected rows in batches, then a summary on stderr."""
     from calibtool.compensation.stream import StreamReport, compensate_stream
     from calibtool.errors import NoSolutionError
 

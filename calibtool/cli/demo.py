@@ -69,6 +69,6 @@ def demo(
     ]
     for path in sorted(path for path in folder.iterdir() if path not in seen):
         message(f"  {path}")
-    message("To look at:")  # last, where the eye is
+    message("To look at:")  # last, next to the prompt
     for path in seen:
         message(f"  {path}")

@@ -59,11 +59,11 @@ def evaluate(
 
     Simulated measurements: the actual robot is driven to the corrected joints and measured without
     noise. Real ones: measured minus predicted target points, which is what to expect after
-    correction. Where configurations were measured repeatedly, ISO 9283's pose accuracy AP and
-    repeatability RP follow from the measured points. Tables for people go to stderr.
+    correction. Where configurations were measured repeatedly, pose accuracy AP and repeatability RP
+    of ISO 9283 are reported, too. The tables go to stderr.
 
     Proof on the arm: measurements imported with --commanded were taken at corrected joints. Then
-    measured points are compared with commanded ones: after the correction and, with --before,
+    measured points are compared with commanded ones, after the correction and, with --before,
     before it. Exit code 3 where the arm was driven to other joints than the calibration asks for.
 
     Example: calibtool evaluate paper.h5 local-poe.h5 --on fresh.h5 --json
@@ -73,16 +73,18 @@ def evaluate(
 
         raise UsageError("--json and -o - both want stdout; give -o FILE")
     if output is not None:
-        check_output(output, force)
+        check_output(output, force, suffixes=(".csv",))
     one_stdin(*calibrations, on, before)
     choice(method, ("exact", "one-step"), "--method")
     from typing import cast
 
+    from calibtool.calibration.guard import also_in_training
     from calibtool.compensation.solve import Method
     from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
     from calibtool.errors import AcceptanceError
     from calibtool.evaluation.acceptance import broken_limits, parse_limit
     from calibtool.evaluation.compare import evaluate as run
+    from calibtool.evaluation.compare import judged_rows
     from calibtool.evaluation.metrics import error_rows
     from calibtool.tables import format_table
 
@@ -109,6 +111,13 @@ def evaluate(
         print_json(report)
     else:
         show_evaluation(report)
+    judged = judged_rows(measurements)
+    for name, calibration in named:
+        if seen := also_in_training(calibration, judged.q):
+            message(
+                f"warning: {name}: {seen} of {len(judged)} configurations were used to make it; "
+                "its errors elsewhere are larger: judge on other rows"
+            )
     for result in evaluation.results:
         if result.marked:
             message(
@@ -184,12 +193,12 @@ def _cells(name: str, errors: dict[str, float], reduction: float | None) -> list
 
 
 def change(reduction: float) -> str:
-    """A reduction in percent as what it does to the error: `−93.0 %`."""
+    """A reduction in percent as a change of the error: `−93.0 %`."""
     return f"{'−' if reduction > 0 else '+'}{abs(reduction):.1f} %"
 
 
 def _show_pose_test(test: dict[str, Any], how: str, names: list[str]) -> None:
-    """AP of every method, as it is called, and RP, per pose."""
+    """AP of every method under its name, and RP, for each pose."""
     repeats = sorted({*test["repeats"]})
     counted = str(repeats[0]) if len(repeats) == 1 else f"{repeats[0]} to {repeats[-1]}"
     poses = test["poses"][:_POSES]

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from calibtool.robot.denavit_hartenberg import DhConvention
 
 FORMATS = ("json", "c", "st", "onnx", *GEOMETRIES)
-# What the name of the output says; .csv may be several.
+# Formats by the suffix of the output; .csv is ambiguous.
 SUFFIXES = {
     ".json": "json",
     ".c": "c",
@@ -41,7 +41,7 @@ SUFFIXES = {
     ".yml": "ur-yaml",
     ".dat": "kuka-machine",
 }
-# What each format calls its precisions, double first.
+# Names of the precisions of each format, double first.
 PRECISIONS = {"c": ("double", "float"), "st": ("LREAL", "REAL"), "onnx": ("double", "float")}
 
 
@@ -80,12 +80,14 @@ def export(
 ) -> None:
     """Write a calibration as code or as a robot model.
 
-    For C, -o NAME.c also writes NAME.h; NAME, or --prefix, starts every symbol, and names the
-    function block of NAME.st. A calibration with payload or temperature is written for those of the
-    options. A geometry is fitted again to the calibrated robot: URDF, tables of DH parameters (dh,
-    mdh: modified), the calibration.yaml of a UR arm, joint offsets, machine data of a KUKA arm.
-    What a format does not hold is listed on stderr and in the file. docs/export.md describes each
-    format.
+    Code: C99 (-o NAME.c also writes NAME.h) or Structured Text; NAME, or --prefix, starts every
+    symbol. It is written for one payload and one temperature. Data: JSON has the complete
+    calibration, ONNX the network.
+
+    Robot models hold the geometry alone, fitted to the calibrated robot: URDF, tables of DH
+    parameters (dh: standard, mdh: modified), the calibration.yaml of a UR arm, joint offsets, or
+    machine data of a KUKA arm. What a format cannot hold is listed on stderr and in the file.
+    docs/export.md describes each format.
 
     Example: calibtool export calibration.h5 --format c -o compensator.c
     """
@@ -132,20 +134,20 @@ def export(
 
 
 def _format(given: str | None, output: str) -> str:
-    """--format, or what the suffix of the output says."""
+    """--format, or the format by the suffix of the output."""
     if given is not None:
         return choice(given, FORMATS, "--format")
     found = SUFFIXES.get(Path(output).suffix.lower())
     if found is None:
         raise UsageError(
-            f"the name of the output, '{output}', does not tell the format; give --format "
+            f"the suffix of the output '{output}' names no format; give --format "
             f"{', '.join(FORMATS)}"
         )
     return found
 
 
 def _geometry(calibration: "Calibration", format: str, values: "JointValues") -> str:
-    """The text of a geometry, with a line on stderr for everything that it does not hold."""
+    """The text of a geometry, with a line on stderr for each part that it cannot hold."""
     from calibtool.robot.coupling import coupling_text
 
     robot = calibration.robot

@@ -15,7 +15,22 @@ from calibtool.errors import InputError, UsageError, printable
 from calibtool.unfinished_files import held
 
 STREAM = "-"
-_WIDTH = 80  # columns where nobody says how many there are
+_WIDTH = 80  # columns if their number is unknown
+HDF5 = (".h5", ".hdf5")
+# Suffixes that promise a format: an output of another one is refused.
+_FORMATS = {
+    *HDF5,
+    ".csv",
+    ".json",
+    ".html",
+    ".htm",
+    ".pdf",
+    ".png",
+    ".svg",
+    ".jpg",
+    ".docx",
+    ".xlsx",
+}
 
 
 def message(text: str, important: bool = False) -> None:
@@ -134,7 +149,7 @@ def text_lines(stream: io.BufferedReader, name: str) -> Iterator[str]:
 
 
 def shown(path: str) -> str:
-    """How a path is called in messages."""
+    """Name of a path in messages."""
     return "stdin" if path == STREAM else path
 
 
@@ -151,10 +166,15 @@ def one_stdin(*paths: str | None) -> None:
         raise UsageError("only one input can be '-': stdin holds one file")
 
 
-def check_output(path: str, force: bool, *, binary: bool = False) -> None:
+def check_output(
+    path: str, force: bool, *, binary: bool = False, suffixes: tuple[str, ...] = ()
+) -> None:
     """Refuse an output before the work starts: an existing file without --force, a missing folder,
-    binary on a terminal.
+    binary on a terminal, a suffix of another format than those of `suffixes`.
     """
+    suffix = Path(path).suffix.lower()
+    if suffixes and suffix in _FORMATS and suffix not in suffixes:
+        raise UsageError(f"{path}: {suffix} is another format; this output is {suffixes[0]}")
     if path == STREAM:
         if sys.stdout is None:
             raise UsageError("stdout: cannot be written: it is closed")
@@ -211,7 +231,7 @@ def output_stream(
         return
     with _reported(path):
         if _is_device(path):
-            # Never truncated, whatever stands there by now.
+            # Never truncated, whatever is there now.
             with os.fdopen(os.open(path, os.O_WRONLY), "wb") as stream:
                 yield _writer(stream, path)
         else:

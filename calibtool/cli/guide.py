@@ -4,15 +4,18 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from calibtool.cli.files import message
-from calibtool.errors import UsageError
+from calibtool.cli.options import choice
+from calibtool.errors import CalibtoolError, UsageError
 
 _SAMPLE = "sample"
+_TRIES = 3  # at a question, until the session ends
 _CORRECT = "Correct the header or give a column map (docs/file-formats.md), then begin again."
 
 
@@ -49,7 +52,9 @@ def session(
     measured, rest = str(folder / "measurements.h5"), str(folder / "rest.h5")
     calibration = str(folder / "calibration.h5")
     message("Enter takes the answer in brackets. Ctrl-C ends the session; what is written stays.")
-    table = ask("table of measurements, or 'sample' for a file to try", _SAMPLE)
+    table = _accepted(
+        ask, "table of measurements, or 'sample' for a file to try", _SAMPLE, _check_table
+    )
     joint_values: list[str] = []
     robot_default, program = "ur10", ""
     if table == _SAMPLE:
@@ -58,11 +63,19 @@ def session(
             perform(["demo", "--sample", "-o", str(where)])
         table, robot_default = str(where / "tracker.csv"), "fanuc-m1000ia"
         program = str(where / "seam.ls")
-    elif not Path(table).is_file():
-        raise UsageError(f"{table}: no such file")
-    robot = ask("robot: a built-in name (calibtool robots lists them), or a file", robot_default)
+    robot = _accepted(
+        ask,
+        "robot: a built-in name (calibtool robots lists them), or a file",
+        robot_default,
+        _counts_its_own,
+    )
     if _counts_its_own(robot):
-        whose = ask("joint values of the table: serial or controller", "controller")
+        whose = _accepted(
+            ask,
+            "joint values of the table: serial or controller",
+            "controller",
+            lambda answer: choice(answer, ("serial", "controller"), "joint values"),
+        )
         joint_values = ["--joint-values", whose]
     message("How the table is understood:")
     read = ["import", table, "--robot", robot, *joint_values]
@@ -70,15 +83,18 @@ def session(
         return message(_CORRECT)
     if ask("is that what you measured? yes or no", "yes").lower().startswith("n"):
         return message(_CORRECT)
-    part = ask("rows for the fit; the others judge it", "75%")
-    count = _rows(part, _count(table))
+    total = _count(table)
+    part = _accepted(
+        ask, "rows for the fit; the others judge it", "75%", lambda answer: _rows(answer, total)
+    )
+    count = _rows(part, total)
     split = ["--sample", str(count), "--rest", rest, "-o", measured, "--force"]
     if perform([*read, *split]) != 0:
         return message("The measurements are not usable yet: the line above says why.")
     message("Finding the errors of the robot:")
     if perform(["train", measured, "-o", calibration, "--force"]) != 0:
         return message("No calibration was found: the line above says why.")
-    limit = ask("largest position error that is allowed, mm", "0.5")
+    limit = _accepted(ask, "largest position error that is allowed, mm", "0.5", _check_number)
     judged = [calibration, "--on", rest, "--require", f"position_max_mm={limit}"]
     met = perform(["evaluate", *judged]) == 0
     perform(["report", *judged, "-o", str(folder / "report.html"), "--force"])
@@ -87,14 +103,47 @@ def session(
         if met
         else "The limit is not met: measure more rows, or look at the report."
     )
-    program = ask("program or targets to correct (empty: none)", program)
+    program = _accepted(ask, "program or targets to correct (empty: none)", program, _check_program)
     if program:
-        if not Path(program).is_file():
-            raise UsageError(f"{program}: no such file")
         corrected = str(folder / f"corrected{Path(program).suffix}")
         perform(["compensate", calibration, program, "-o", corrected, "--force"])
     message(f"Everything is in {folder}. Next: prove it on the arm (docs/how-to/prove-it.md).")
     return None
+
+
+def _accepted(
+    ask: Callable[[str, str], str], question: str, default: str, check: Callable[[str], object]
+) -> str:
+    """The answer to a question; one that `check` refuses is asked again, up to three times."""
+    for left in reversed(range(_TRIES)):
+        answer = ask(question, default)
+        try:
+            check(answer)
+            break
+        except CalibtoolError as error:
+            if not left:
+                raise
+            message(str(error))
+    return answer
+
+
+def _check_table(answer: str) -> None:
+    if answer != _SAMPLE:
+        _check_program(answer)
+
+
+def _check_program(answer: str) -> None:
+    if answer and not Path(answer).is_file():
+        raise UsageError(f"{answer}: no such file")
+
+
+def _check_number(answer: str) -> None:
+    try:
+        number = float(answer)
+    except ValueError:
+        number = 0.0
+    if not 0.0 < number < inf:
+        raise UsageError(f"'{answer}' is not a length; expected a number above 0, such as 0.5")
 
 
 def asked(question: str, default: str) -> str:

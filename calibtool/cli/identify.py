@@ -16,7 +16,7 @@ from calibtool.cli.base_model_options import (
     Without,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
+from calibtool.cli.files import HDF5, check_output, message, one_stdin, shown, write_output, wrote
 from calibtool.cli.input_files import (
     frame_name,
     load_calibration,
@@ -109,17 +109,18 @@ def identify(
 ) -> None:
     """Find the errors of a robot from measurements.
 
-    complete: every error with a tolerance, harmonics and gravity where the evidence asks for
-    them, ± for each parameter. local-poe: one constant error of each link (the method of Song, Tian
-    and Ma), with rank, singular values and what cannot be observed. Where instrument and targets
-    are unknown, base and tool frame are free: --frame chooses, stderr reports what they have in
-    common with the drawing's and what remains.
+    The complete model (default) has every error with a tolerance, gear harmonics and gravity where
+    the measurements show them, and ± for each parameter. local-poe is the method of Song, Tian and
+    Ma: one constant error of each link, with the rank and what cannot be determined.
+
+    Where instrument and targets are unknown, base and tool frame are free: --frame chooses them.
+    stderr reports which part of the errors base and tool have in common, and what remains.
 
     Example: calibtool identify measurements.h5 --model complete -o complete.h5
     """
     target = report_target(output, json)
     if target is not None:
-        check_output(target, force, binary=True)
+        check_output(target, force, binary=True, suffixes=HDF5)
     one_stdin(*measurements, source)
     from dataclasses import replace
 
@@ -179,7 +180,7 @@ def identify(
     calibration = replace(calibration, provenance=provenance(None, **inputs))
     found = mastering(calibration.base)
     extra["joint_offsets"] = [offset.as_json() for offset in found]
-    if target is not None:  # first: whoever listens may have gone
+    if target is not None:  # first: the reader of stdout may have gone
         write_output(target, to_bytes(calibration), force)
     groups = noise_groups(calibration, data)
     extra["noise_groups"] = [group.as_json() for group in groups]
@@ -262,7 +263,7 @@ def report_target(output: str | None, json: bool) -> str | None:
 def report_calibration(
     calibration: "Calibration", schema: str, json: bool, extra: dict[str, object] | None = None
 ) -> None:
-    """What came out: JSON on stdout, or a few lines on stderr."""
+    """Report the result: JSON on stdout, or a few lines on stderr."""
     from calibtool.calibration.fit_summary import fit_lines
     from calibtool.identification.sufficiency import few_rows
     from calibtool.summary import calibration_summary
@@ -278,7 +279,7 @@ def report_calibration(
 
 
 def fit_words(calibration: "Calibration") -> str:
-    """What a calibration is, for the line after it was written."""
+    """Description of a calibration, for the line after it was written."""
     from calibtool.equivalent.gaussian_process import GaussianProcess
 
     learned = ""

@@ -1,4 +1,4 @@
-"""calibtool import: what instruments write to measurements."""
+"""calibtool import: files of instruments to measurements."""
 
 import os
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from calibtool.cli.files import (
+    HDF5,
     check_output,
     message,
     one_stdin,
@@ -20,7 +21,14 @@ from calibtool.cli.files import (
     wrote,
 )
 from calibtool.cli.import_images import ImageOptions, import_folder
-from calibtool.cli.import_options import chosen, in_one_frame, offset_of, second_arm_of, stated_of
+from calibtool.cli.import_options import (
+    chosen,
+    findings_of,
+    in_one_frame,
+    offset_of,
+    second_arm_of,
+    stated_of,
+)
 from calibtool.cli.input_files import load_described, measurements_words
 from calibtool.cli.options import (
     AllowOption,
@@ -46,7 +54,7 @@ def import_(
             "images; '-' is stdin.",
         ),
     ],
-    robot: Annotated[str, typer.Option(help="A robot of the catalogue, or a path.")],
+    robot: Annotated[str, typer.Option(help="A built-in robot, or the path of a description.")],
     output: Output = "-",
     columns: Annotated[
         str | None,
@@ -106,9 +114,7 @@ def import_(
     ] = None,
     robot_targets: Annotated[
         bool,
-        typer.Option(
-            "--robot-targets", help="The targets stand where the robot's description says."
-        ),
+        typer.Option("--robot-targets", help="The targets are where the robot's description says."),
     ] = False,
     joints: Annotated[
         str | None,
@@ -241,16 +247,15 @@ def import_(
 ) -> None:
     """Import measurements (CSV, Excel, SpatialAnalyzer, …).
 
-    Three targets, one target (position only) or 6-D poses; an unknown instrument frame and
-    unknown targets are estimated,
-    from the rows that are taken.
+    Three targets, one target (position only) or 6-D poses. An unknown instrument frame and unknown
+    targets are estimated from the imported rows. Begin with --dry-run.
 
-    After a correction: the joints, in TABLE or --joints, are those that the arm was driven to, and
-    --commanded TARGETS holds the joints or poses that were corrected. `evaluate` then compares the
-    measured points with the commanded ones.
+    Measured after a correction: the joints, in TABLE or --joints, are those that the arm was driven
+    to, and --commanded TARGETS holds the joints or poses before correction. `evaluate` then
+    compares measured with commanded points.
 
-    A folder of images with --board BOARD.toml and --joints FILE: the corners of the board in them,
-    found with OpenCV (the extra `camera`); each image is a row, by its name or by order.
+    Images: a folder with --board BOARD.toml and --joints FILE. The corners of the board are found
+    with OpenCV (the extra `camera`); each image is a row, by its name or by order.
 
     Example: calibtool import tracker.csv --robot ur10 --columns map.toml -o measurements.h5
     """
@@ -288,9 +293,9 @@ def import_(
         return
     images.refuse(table)
     if not dry_run:
-        check_output(output, force, binary=not map_template)
+        check_output(output, force, binary=not map_template, suffixes=() if map_template else HDF5)
         if rest is not None:
-            check_output(rest, force, binary=True)
+            check_output(rest, force, binary=True, suffixes=HDF5)
             if same_file(rest, output):
                 raise UsageError(f"--rest and -o are the same, {rest}")
     one_stdin(table, columns, joints, commanded, references)
@@ -386,6 +391,8 @@ def import_(
         raise UsageError("--rest: no row is left; take fewer with --sample or --rows")
     if dry_run:
         write_stdout(preview(taken).encode())
+        for finding in findings_of(taken):
+            message(str(finding))
         return
     origin = provenance(seed if sample is not None else None, **inputs)
     with working(f"registering and checking {len(taken.measurements)} configurations"):

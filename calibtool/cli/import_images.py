@@ -62,7 +62,7 @@ def import_folder(
 ) -> None:
     """Import the images of a folder, see `import_images`.
 
-    others: options of tables by name, which images have not; UsageError where one is given.
+    others: options of tables by name, which do not apply to images; UsageError if one is given.
     """
     for option, value in others.items():
         if value:

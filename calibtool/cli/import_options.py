@@ -10,6 +10,7 @@ from calibtool.errors import NoSolutionError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from calibtool.measurement.checks.finding import Finding
     from calibtool.measurement.importing import Imported, SecondArm, Stated
 
 
@@ -30,7 +31,7 @@ def stated_of(unit: str | None, angle_unit: str | None, convention: str | None) 
 
 
 def second_arm_of(name: str) -> "SecondArm":
-    """A second arm: a robot that is taken as it is drawn, or a calibrated one."""
+    """A second arm: a nominal robot, or a calibrated one."""
     from calibtool.measurement.importing import SecondArm
 
     if name.endswith(".h5"):
@@ -62,7 +63,7 @@ def in_one_frame(
 
 
 def offset_of(imported: "Imported", text: str) -> float:
-    """The offset of --clock-offset, s; with `auto` what the moving arm tells, and a line of it."""
+    """The offset of --clock-offset, s; with `auto` it is found from the motion, and reported."""
     from math import isfinite
 
     from calibtool.measurement.checks.clocks import clock_offset
@@ -85,3 +86,14 @@ def offset_of(imported: "Imported", text: str) -> float:
     if not isfinite(seconds):
         raise UsageError(f"--clock-offset: '{text}' is no number of seconds, nor auto")
     return seconds
+
+
+def findings_of(taken: "Imported") -> "list[Finding]":
+    """What the checks on import find; nothing where the set-up cannot be registered."""
+    from calibtool.measurement.checks import check_measurements
+
+    try:
+        measurements = taken.registered().measurements
+    except NoSolutionError:
+        return []
+    return check_measurements(measurements, taken.auxiliary, taken.stream)

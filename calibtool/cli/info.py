@@ -1,6 +1,6 @@
 """calibtool info: what a file holds."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -49,6 +49,12 @@ def info(
         write_stdout(("\n".join(lines(summary)) + "\n").encode())
 
 
+def _clearest(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Parameters for people: the largest first, in multiples of their standard deviations."""
+    ordered = sorted(rows, key=lambda row: -abs(row["value"]) / row["std"] if row["std"] else 0.0)
+    return [{k: v for k, v in row.items() if k not in ("id", "at_prior")} for row in ordered]
+
+
 def _summary(contents: "Measurements | Calibration", json: bool) -> dict[str, object]:
     from calibtool.calibration import Calibration
     from calibtool.measurement.checks import check_measurements
@@ -56,6 +62,9 @@ def _summary(contents: "Measurements | Calibration", json: bool) -> dict[str, ob
 
     if isinstance(contents, Calibration):
         summary = calibration_summary(contents)
+        base = summary["base"]
+        if not json and isinstance(base, dict) and "parameter_table" in base:
+            base["parameter_table"] = _clearest(base["parameter_table"])
     else:
         summary = measurements_summary(contents)
         found = check_measurements(contents)

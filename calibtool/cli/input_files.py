@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def load_described(name: str, tool: str | None, allow: list[str] | None) -> "Robot":
-    """The same as `load_allowed`, with a line for what was assumed or is implausible."""
+    """The same as `load_allowed`, with a warning for what was assumed or is implausible."""
     robot = load_allowed(name, tool, allow)
     say_doubts(robot)
     return robot
@@ -35,7 +35,7 @@ def load_allowed(name: str, tool: str | None, allow: list[str] | None) -> "Robot
 
 
 def say_doubts(robot: "Robot") -> None:
-    """What was taken for granted where nobody wrote a robot.toml, and what cannot be meant."""
+    """Warn of what was assumed without a robot.toml, and of implausible values."""
     from calibtool.robot.plausibility import implausible
 
     assumed = robot.source.description.assumed
@@ -46,7 +46,7 @@ def say_doubts(robot: "Robot") -> None:
 def load_measurements(path: str) -> "tuple[Measurements, bytes]":
     """Measurements of a file (`-`: stdin), and its bytes for the provenance.
 
-    What was wrong with them when they were made is reported again.
+    The findings of their import are reported again.
     """
     from calibtool.storage import read_measurements
 
@@ -59,7 +59,7 @@ def load_measurements(path: str) -> "tuple[Measurements, bytes]":
 
 
 def measurements_words(measurements: "Measurements") -> str:
-    """What measurements are, for the line after they were written."""
+    """Description of measurements, for the line after they were written."""
     kind = measurements.setup.kind.words.format(m=measurements.points.shape[1])
     count = count_of(len(measurements), "configuration")
     seen = kind.replace("1 target points", "1 target point")

@@ -46,11 +46,13 @@ def monitor(
 ) -> None:
     """Notice from a few poses that an arm has drifted.
 
-    The rows are compared with what the calibration predicts. Noise and the uncertainty of the
-    calibration explain a part of the difference; what goes beyond gives alarm, at the stated rate
-    of false alarms. The likely cause is named by fitting base, tool and each joint alone. Causes
-    that explain the rows alike are all named: more poses, far apart, tell them apart. Exit code 5
-    on alarm.
+    The rows are compared with what the calibration predicts. An alarm is given where the difference
+    is larger than noise and the uncertainty of the calibration explain, at a stated rate of false
+    alarms; the exit code is then 5.
+
+    To name the likely cause, changes of the base, of the tool and of each joint are fitted one at a
+    time. All that explain the rows equally well are named; more poses, farther apart, distinguish
+    them.
 
     Example: calibtool monitor complete.h5 --on fresh.h5 --history drift.ndjson
     """

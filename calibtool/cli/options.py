@@ -120,7 +120,11 @@ PayloadKg = Annotated[
 ]
 TemperatureC = Annotated[
     float | None,
-    typer.Option("--temperature-c", min=-273.15, help="Temperature of the links, likewise."),
+    typer.Option(
+        "--temperature-c",
+        min=-273.15,
+        help="Temperature of the links, for a calibration that knows it.",
+    ),
 ]
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 def plan(
     robot: Annotated[
-        str, typer.Argument(metavar="ROBOT", help="A robot of the catalogue, or a path.")
+        str, typer.Argument(metavar="ROBOT", help="A built-in robot, or the path of a description.")
     ],
     output: Annotated[
         str | None,
@@ -180,18 +180,20 @@ def plan(
 ) -> None:
     """Choose what to measure.
 
-    The most informative configurations come first to last in an order of short travel. The table
-    holds joint positions (j1_deg …) for the controller and for simulate --at. Links are
-    checked as straight lines from joint to joint; motions between configurations are not checked.
+    Writes the most informative configurations in an order of short travel, as joint positions
+    (j1_deg …) for the controller and for simulate --at. With --floor-mm and --keep-out the links
+    are checked as straight lines from joint to joint; motions between configurations are not.
+
     With --observe or --set-up the rows are those in which the instrument sees the tool: a tip on
     planes, spheres or in a gauge, a board in a camera's field of view.
 
     Example: calibtool plan fanuc-m1000ia -n 20 --joint-values controller -o plan.csv
     """
     target = report_target(output, json)
-    for path in (target, program):
-        if path is not None:
-            check_output(path, force)
+    if target is not None:
+        check_output(target, force, suffixes=(".csv",))
+    if program is not None:
+        check_output(program, force)
     choice(criterion, ("d", "i"), "--criterion")
     from dataclasses import replace
     from typing import cast

@@ -1,4 +1,4 @@
-"""What `plan` says of the configurations that it chose."""
+"""Report of `plan` about the chosen configurations."""
 
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def report_plan(made: "Plan", workspace: str) -> None:
-    """What is known before and after measuring: predicted by the model."""
+    """Predicted uncertainty before and after measuring."""
     count = count_of(len(made.q), "configuration")
     rows = []
     for name, predicted in (

@@ -67,14 +67,12 @@ def plot(
 ) -> None:
     """Draw one figure, such as the errors.
 
-    Colours can be told apart by
-    colour-blind readers, the type is 7 to 8 points at any width, letters are part of the
-    file, and the same command gives the same bytes. Limits given with --require are drawn
-    into `distribution`.
+    The figures are those of the report, in a size for print (--width-mm). Limits given with
+    --require are drawn into `distribution`. The same command gives the same bytes.
 
     Example: calibtool plot errors paper.h5 local-poe.h5 --on measurements.h5 -o errors.svg
     """
-    choice(kind, FIGURES, "kind of plot")
+    choice(kind, FIGURES, "figure")
     check_output(output, force)
     one_stdin(*calibrations, on, before)
     choice(method, ("exact", "one-step"), "--method")

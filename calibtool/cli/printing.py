@@ -8,9 +8,12 @@ from collections.abc import Sequence
 from calibtool.cli.files import stderr_width, wrapped, write_stdout
 from calibtool.cli.verbosity import is_quiet, tell
 from calibtool.errors import printable
+from calibtool.units import minus
 
 _GAP = "  "  # between columns
+_WIDTH = 80  # columns of a summary
 _LONGEST = 24  # elements of a list that people are shown
+_LONG_TEXT = 60  # characters of an element that has lines of its own
 
 
 def print_json(value: dict[str, object]) -> None:
@@ -25,8 +28,8 @@ def print_tables(title: str, tables: Sequence[Table], keys: int = 1) -> None:
     """Tables under a title, on stderr; their first column is left-aligned text.
 
     They are as wide as the terminal, 80 columns elsewhere: columns that do not fit follow below,
-    again behind the first `keys` columns. Bold only on a terminal without NO_COLOR. With --quiet
-    there is none.
+    beginning with the first `keys` columns again. Bold only on a terminal without NO_COLOR. With
+    --quiet there is none.
     """
     if is_quiet():
         return
@@ -34,7 +37,7 @@ def print_tables(title: str, tables: Sequence[Table], keys: int = 1) -> None:
     first, *rest = wrapped(printable(title), stderr_width())
     found = [f"\x1b[1m{first}\x1b[0m" if bold else first, *rest]
     for header, rows in tables:
-        found += table_lines(header, rows, stderr_width(), keys)
+        found += table_lines(header, [list(map(minus, row)) for row in rows], stderr_width(), keys)
     tell([*found, ""])
 
 
@@ -76,25 +79,36 @@ def _blocks(sizes: list[int], width: int, keys: int) -> list[list[int]]:
 
 
 def lines(summary: dict[str, object], indent: str = "") -> list[str]:
-    """A nested summary as `key: value` lines."""
+    """A nested summary as `key: value` lines; lists of entries become tables."""
     result = []
     for key, value in summary.items():
         if isinstance(value, dict):
             result += [f"{indent}{key}:", *lines(value, indent + "  ")]
         elif isinstance(value, list) and value and isinstance(value[0], dict):
+            result += [f"{indent}{key}:", *_rows(value, indent)]
+        elif isinstance(value, list) and any(len(str(item)) > _LONG_TEXT for item in value):
             result.append(f"{indent}{key}:")
             for item in value:
-                result.append(
-                    f"{indent}  - " + ", ".join(f"{k} {_text(v)}" for k, v in item.items())
-                )
+                result += wrapped(f"{indent}  - {_text(item)}", _WIDTH)
         else:
             result.append(f"{indent}{key}: {_text(value)}")
     return list(map(printable, result))
 
 
-def _text(value: object) -> str:
+def _rows(items: list[dict[str, object]], indent: str) -> list[str]:
+    """Items as rows under the names of their entries, in 80 columns; of many the first ones."""
+    header = list(dict.fromkeys(key for item in items for key in item))
+    rows = [[_text(item.get(key, ""), 4) for key in header] for item in items[:_LONGEST]]
+    found = [indent + line for line in table_lines(header, rows, _WIDTH - len(indent)) if line]
+    more = len(items) > _LONGEST
+    return [*found, f"{indent}  … {len(items)} in all (--json)"] if more else found
+
+
+def _text(value: object, digits: int = 6) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return f"{value:.{digits}g}"
     if isinstance(value, list):
         more = [f"… {len(value)} in all"] if len(value) > _LONGEST else []
         return "[" + ", ".join([*map(_text, value[:_LONGEST]), *more]) + "]"

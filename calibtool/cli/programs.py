@@ -335,7 +335,7 @@ def _write_folder(
 
 def _tell(name: str, result: "CompensatedProgram") -> None:
     for k, line in enumerate(result.summary(name)):
-        message(line, important=k > 0)  # after the counts: what was left alone, or needs a look
+        message(line, important=k > 0)  # after the counts: what was left, or must be checked
 
 
 def _check_whole(results: "list[CompensatedProgram]", name: str, partial: bool) -> None:

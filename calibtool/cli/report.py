@@ -26,6 +26,7 @@ from calibtool.cli.options import (
     choice,
 )
 from calibtool.cli.progress import working
+from calibtool.errors import UsageError
 from calibtool.units import count_of
 
 
@@ -41,7 +42,13 @@ def report(
         ),
     ],
     output: Annotated[
-        str, typer.Option("-o", "--output", metavar="FILE.html", help="The page; '-' is stdout.")
+        str,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE.html",
+            help="The page, or with the suffix .pdf the page printed; '-' is stdout.",
+        ),
     ] = "report.html",
     method: CompensationMethod = EXACT,
     outside: Outside = "mark",
@@ -66,7 +73,7 @@ def report(
         str | None,
         typer.Option(
             metavar="FILE.toml",
-            help="The same as keys of a file; [calibrations] gives each a name for people.",
+            help="Title, serial and so on from a file; [calibrations] gives each a title.",
         ),
     ] = None,
     pdf: Annotated[
@@ -77,26 +84,34 @@ def report(
     parameters: Annotated[
         str | None,
         typer.Option(
-            metavar="FILE.csv", help="Also write every parameter; the page lists the clear ones."
+            metavar="FILE.csv",
+            help="Also write every parameter; the page lists the determined ones.",
         ),
     ] = None,
     force: Force = False,
 ) -> None:
     """Write an acceptance document to be signed (HTML, PDF).
 
-    The first page stands alone: robot and occasion, verdict against the limits, before and after
-    with the noise of the measurement, and lines to sign. Before and after are measured where rows
-    were measured at corrected joints (see `evaluate`), otherwise expected. The annex holds errors,
-    error vectors, parameters, flagged rows, noise and provenance; training, joint motions,
-    observability and coverage are on the screen alone. The numbers are those of `evaluate`. The
-    page loads nothing from anywhere, adapts to light and dark, and prints on A4 and Letter. With a
-    limit that is not met it is written nevertheless, and the exit code is 5.
+    The first page stands alone: robot and occasion, verdict against the limits, errors before and
+    after with the noise of the measurement, and lines to sign. Before and after are measured where
+    rows were measured at corrected joints (see `evaluate`), otherwise expected.
+
+    The annex holds errors, error vectors, parameters, flagged rows, noise and provenance. Training,
+    joint motions, observability and coverage are shown on the screen only. The page loads nothing
+    from anywhere, and prints on A4 and Letter. With a limit that is not met it is written, too, and
+    the exit code is 5.
 
     Example: calibtool report paper.h5 --on fresh.h5 --require position_max_mm=2 -o report.html
     """
-    for path in (output, pdf, parameters):
+    page_file: str | None = output
+    if output.lower().endswith(".pdf"):
+        if pdf is not None:
+            raise UsageError("--pdf: -o names a PDF already; give one of them")
+        page_file, pdf = None, output
+    outputs = ((page_file, (".html", ".htm")), (pdf, (".pdf",)), (parameters, (".csv",)))
+    for path, suffixes in outputs:
         if path is not None:
-            check_output(path, force)
+            check_output(path, force, suffixes=suffixes)
     one_stdin(*calibrations, on, before, about)
     choice(paper, ("a4", "letter"), "--paper")
     choice(method, ("exact", "one-step"), "--method")
@@ -144,7 +159,7 @@ def report(
         provenance(None, measurements=data, **inputs),
         occasion.changed(given),
     )
-    contents: dict[str, bytes | str] = {output: page}
+    contents: dict[str, bytes | str] = {} if page_file is None else {page_file: page}
     if pdf is not None:
         from calibtool.evaluation.report.pdf import to_pdf
 
@@ -153,10 +168,11 @@ def report(
     if parameters is not None:
         contents[parameters] = parameter_table([(name, each.base) for name, each in named])
     write_outputs(contents, force)
-    wrote(output, f"report of {count_of(len(measurements), 'configuration')}")
-    for path, what in ((pdf, "the same, printed"), (parameters, "every parameter")):
+    what = f"report of {count_of(len(measurements), 'configuration')}"
+    again = what if page_file is None else "the same, printed"
+    for path, words in ((page_file, what), (pdf, again), (parameters, "every parameter")):
         if path is not None:
-            wrote(path, what)
+            wrote(path, words)
     broken = broken_limits(evaluation.methods[1:], list(limits), evaluation.pose_tests[1:])
     if broken:
         raise AcceptanceError(broken[0])

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 def robots(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="A robot of the catalogue, or a path.")
+        str | None,
+        typer.Argument(metavar="[NAME]", help="A built-in robot, or the path of a description."),
     ] = None,
     check: Annotated[
         bool,
@@ -35,9 +36,9 @@ def robots(
 ) -> None:
     """List the built-in robots, show one, or check a description.
 
-    For one robot: joints with limits and axes, targets, workspaces, virtual joints, sources of its
-    numbers. --check takes your own robot.toml, folder or URDF and warns of what will be in the way;
-    what is wrong ends with exit code 3.
+    Of one robot: joints with limits and axes, targets, workspaces, virtual joints, sources of its
+    numbers. --check takes your own robot.toml, folder or URDF and warns of possible problems; a
+    wrong description ends with exit code 3.
 
     Example: calibtool robots fanuc-m1000ia
     """

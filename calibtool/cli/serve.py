@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 ROWS = ("ndjson", "binary")
 LOOPBACK = "127.0.0.1"
 _LONGEST = 100_000  # bytes of a line
-_WARM = 20  # corrections before the first row: what is loaded late is loaded then
+_WARM = 20  # corrections before the first row, so that everything is loaded
 
 
 def serve(
@@ -69,11 +69,13 @@ def serve(
 ) -> None:
     """Correct joint positions while the arm moves.
 
-    For a program that moves it: a row in, a row out, at once. From stdin to stdout until stdin
-    ends, or on a socket of this machine until the command is ended (Ctrl-C); every client of the
-    socket is a path of its own. An object has a key per joint (j1_deg, j2_mm …); the answer has the
-    corrected joints, a status, and the other keys. A line that cannot be answered gets {"error":
-    ...}. docs/serving.md has the binary rows, clients and latencies.
+    For a program that moves the arm: for each row in, one corrected row comes out at once. Rows
+    come from stdin until it ends, or from a socket of this machine (--port) until Ctrl-C. Every
+    client of the socket is a path of its own.
+
+    A row is a JSON object with a key per joint (j1_deg, j2_mm …). The answer has the corrected
+    joints, a status, and the other keys. A line that cannot be answered gets {"error": ...}.
+    docs/serving.md has the binary rows, clients and delays.
 
     Example: calibtool serve calibration.h5 --port 5005
     """

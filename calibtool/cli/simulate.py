@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from calibtool.cli.files import check_output, one_stdin, read_text, shown, write_output, wrote
+from calibtool.cli.files import HDF5, check_output, one_stdin, read_text, shown, write_output, wrote
 from calibtool.cli.input_files import load_described, load_measurements, measurements_words
 from calibtool.cli.options import (
     AllowOption,
@@ -24,7 +24,7 @@ from calibtool.errors import InputError, UsageError
 
 def simulate(
     robot: Annotated[
-        str, typer.Argument(metavar="ROBOT", help="A robot of the catalogue, or a path.")
+        str, typer.Argument(metavar="ROBOT", help="A built-in robot, or the path of a description.")
     ],
     output: Output = "-",
     configurations: Annotated[
@@ -137,13 +137,13 @@ def simulate(
 ) -> None:
     """Simulate measurements of a robot with random errors.
 
-    Its targets are observed with noise at configurations of a workspace; the truth is kept in a
-    group of its own. A correction is rehearsed with --same-robot FILE.h5 --at corrected.csv
-    --commanded targets.csv (see `evaluate`).
+    Its targets are observed with noise at configurations of a workspace. The file also keeps the
+    true errors, for `evaluate`. To rehearse a correction: --same-robot FILE.h5 --at corrected.csv
+    --commanded targets.csv.
 
     Example: calibtool simulate fanuc-m1000ia -n 100 --seed 1 -o measurements.h5
     """
-    check_output(output, force, binary=True)
+    check_output(output, force, binary=True, suffixes=HDF5)
     one_stdin(same_robot, at, commanded)
     if commanded is not None and at is None:
         raise UsageError(

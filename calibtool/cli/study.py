@@ -109,9 +109,9 @@ def study(
     """Compare methods over many simulated robots.
 
     Every run draws an actual robot, measures it, calibrates it by every method and judges them on
-    fresh configurations. LIST is comma separated, or the option is repeated; lists are varied
-    against each other. The results do not depend on the number of workers. With -o FILE finished
-    runs are kept in FILE.journal: the same command goes on after an interruption.
+    fresh configurations. A LIST is comma separated, or the option is repeated; every combination of
+    the lists is run. The results do not depend on the number of workers. With -o FILE finished runs
+    are kept in FILE.journal, and the same command continues after an interruption.
 
     Example: calibtool study planar-3r --runs 4 --fresh 50 -o study.csv
     """
@@ -211,7 +211,7 @@ def _perform(
                     with held():
                         journal.add(index, rows)
                 table = StudyTable(study.key, journal.rows())
-                with held():  # the table takes the journal's place
+                with held():  # the table replaces the journal
                     if target is not None:
                         write_output(target, _contents(target, study, table), force)
                     journal.remove()

@@ -17,7 +17,7 @@ from calibtool.cli.base_model_options import (
     Without,
     base_options,
 )
-from calibtool.cli.files import check_output, message, one_stdin, shown, write_output, wrote
+from calibtool.cli.files import HDF5, check_output, message, one_stdin, shown, write_output, wrote
 from calibtool.cli.identify import fit_words, report_calibration, report_target
 from calibtool.cli.input_files import (
     frame_name,
@@ -109,15 +109,15 @@ def train(
 ) -> None:
     """Find the errors, and learn what they do not explain.
 
-    What is learned are the joint motion errors of the equivalent robot that the base model leaves
-    over. With Bayesian regularisation it is kept only if cross-validation, with the base identified
-    again in every fold, shows that it helps.
+    First the base model is identified (see `identify`). Then the errors of the joint motions that
+    it does not describe are learned. By default the learned model is kept only if cross-validation
+    shows that it helps; the base is identified again in every fold.
 
     Example: calibtool train measurements.h5 --base nominal --loss task -o paper.h5
     """
     target = report_target(output, json)
     if target is not None:
-        check_output(target, force, binary=True)
+        check_output(target, force, binary=True, suffixes=HDF5)
     one_stdin(measurements, base)
     choice(loss, ("task", "joint"), "--loss")
     choice(optimizer, ("lm", "gd"), "--optimizer")
@@ -193,7 +193,7 @@ def train(
             counted,
         )
         extra["learning_curve"] = learning_curve_summary(curve)
-    if target is not None:  # first: whoever listens may have gone
+    if target is not None:  # first: the reader of stdout may have gone
         write_output(target, to_bytes(calibration), force)
     report_calibration(calibration, "calibtool/training", json, extra)
     if learning_curve and not json:

@@ -49,16 +49,17 @@ def view(
 ) -> None:
     """Show the arm, its targets and their errors in 3-D.
 
-    Measurements: targets of the nominal robot and the measured ones. A calibration: those of the
-    nominal robot and where the calibration says they are. The live view needs the extra 'view' and
-    ends on Ctrl-C; it answers browsers of this machine alone. A page of --html needs nothing. The
-    arm has the meshes of its URDF where they are found (those of example-robot-data are), simple
-    solids otherwise.
+    Measurements: targets of the nominal robot and the measured ones. A calibration: targets of the
+    nominal robot and of the calibrated one. The live view needs the extra 'view', answers browsers
+    of this machine only, and ends on Ctrl-C. --html writes a page that needs nothing else.
+
+    The arm has the meshes of its URDF where they are found, such as those of example-robot-data,
+    and simple solids otherwise.
 
     Example: calibtool view measurements.h5 --html view.html
     """
     if html is not None:
-        check_output(html, force)
+        check_output(html, force, suffixes=(".html", ".htm"))
     folders = [Path(folder) for folder in meshes or []]
     import io
     from math import isfinite
@@ -106,7 +107,8 @@ def view(
 
 
 def _shape(robot: "Robot", folders: list[Path], copies: Path) -> "pin.GeometryModel":
-    """What the URDF shows; simple solids, with the reason, where that cannot be had."""
+    """The visual geometry of the URDF; simple solids, with the reason, where it is not
+    available."""
     from calibtool.errors import InputError
     from calibtool.evaluation.view.arm_geometry import described_shape, mesh_folders, simple_shape
 

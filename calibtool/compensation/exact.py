@@ -1,4 +1,4 @@
-"""The exact correction: joints at which the calibrated robot takes the commanded pose, near q."""
+"""The exact correction: joints near q at which the calibrated robot reaches the commanded pose."""
 
 from dataclasses import dataclass, replace
 
@@ -14,10 +14,10 @@ from calibtool.robot.inverse import solve_poses
 from calibtool.robot.se3 import Array
 
 _ITERATIONS = 100
-_ARRIVED = 1e-12  # rad, or characteristic lengths
-_STANDS = 1e-10  # rad or m: a smaller step ends the search
-_CAUTION, _NO_CAUTION = 1e-4, 1e-8  # damping after the first step that failed; none below
-_RAISED, _LOWERED = 5.0, 0.2  # its factors while steps fail, and when they succeed
+_CONVERGED = 1e-12  # rad, or characteristic lengths: the error at which the search ends
+_SMALLEST_STEP = 1e-10  # rad or m: a smaller step ends the search
+_DAMPING, _NO_DAMPING = 1e-4, 1e-8  # after the first step that failed; smaller values become 0
+_RAISED, _LOWERED = 5.0, 0.2  # factors of the damping when steps fail, and when they succeed
 
 
 def exact(
@@ -26,25 +26,27 @@ def exact(
     commanded: Array | None = None,
     bounds: Bounds | None = None,
 ) -> Judged:
-    """Joints q + Δ (N, n) at which the calibrated robot takes the commanded poses (N, 4, 4).
+    """Joints q + Δ (N, n) at which the calibrated robot reaches the commanded poses (N, 4, 4).
 
-    Δ makes |E(q + Δ)|² + λ² |Δ|² least in the box of `Bounds.box`, E the weighted error of the task
-    components and λ that of `bounded_step` at q. Away from singularities λ = 0: E vanishes, by the
-    least such motion. Near them the same is done once more from there, as in `bounded_step`, and
-    the step of the one-step rule takes over with the part s = 2 (d₀ − d) / d₀, at most 1: at a
-    singularity two answers can be as near, to either side, and a path must not jump between them.
-    For n < 6 the same with the error of all six components is blended in by the weight of
-    `one_step`. `judged` has the last word, as there.
+    Δ minimises |E(q + Δ)|² + λ² |Δ|² in the box of `Bounds.box`. E is the weighted error of the
+    task components, and λ the damping of `bounded_step` at q.
 
-    commanded and bounds as for `one_step`; but the task counts as done at 1e-9 in place of
-    `bounds.usual`, unless it has more components than there are joints.
+    Away from singularities λ = 0, so that E vanishes; of all such Δ the smallest is taken. Near a
+    singularity the minimisation is repeated from its result, as in `bounded_step`. The result is
+    then mixed with the step of the one-step rule, with the share s = 2 (d₀ − d) / d₀, at most 1, of
+    the latter: at a singularity two solutions on either side can be equally near, and a path must
+    not jump between them. For n < 6 the solution for all six components is mixed in with the weight
+    of `one_step`. Finally `judged` decides, as there.
+
+    commanded and bounds: as for `one_step`, except that the task counts as solved at an error of
+    1e-9 instead of `bounds.usual`, unless it has more components than there are joints.
     """
     bounds = default_bounds(calibration) if bounds is None else bounds
     model = Linearised.at(calibration, q, commanded, bounds)
     search = _Search(calibration, q, model.commanded, *model.box)
-    change, distance, error = search.least(model.task, *model.of_task, model.network)
+    change, distance, error = search.minimum(model.task, *model.of_task, model.network)
     if model.task.is_part:
-        of_all, _, _ = search.least(Task(None), model.jacobian, model.error)
+        of_all, _, _ = search.minimum(Task(None), model.jacobian, model.error)
         change, _ = model.blended(change, of_all)
     known = error if model.task.components is None else None
     usual = bounds.usual
@@ -56,7 +58,7 @@ def exact(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Searches for changes of the joints q (N, n) between lower and upper (N, n) of them."""
+    """Iterative search for changes of the joints q (N, n), between lower and upper (N, n)."""
 
     calibration: Calibration
     q: Array
@@ -64,7 +66,7 @@ class _Search:
     lower: Array
     upper: Array
 
-    def least(
+    def minimum(
         self, task: Task, A: Array, e: Array, proposed: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Δ (N, n) of `exact` for a task, the singularity distance d (N,), and E (N, k) at q + Δ.
@@ -77,7 +79,7 @@ class _Search:
         nearest = distance.copy()
         held = (change <= self.lower) | (change >= self.upper)
         rows = np.flatnonzero((part == 0.0) & held.any(axis=-1))
-        nearest[rows] = _free_distance(A[rows], held[rows])
+        nearest[rows] = _distance_of_free_joints(A[rows], held[rows])
         squares = np.maximum(0.0, DAMPED_BELOW - nearest) ** 2
         narrow = self._narrowed(rows, change[rows], task)
         rows = np.flatnonzero(part < 1.0)
@@ -88,13 +90,14 @@ class _Search:
         remaining[near], _ = self._driven(near, change[near], task)
         if task.components is None and self.q.shape[1] >= 6:
             missed = (remaining**2).sum(axis=-1) > REACHED**2
-            narrow._over_hills(np.flatnonzero(missed & (part == 0.0)), change, remaining)
+            narrow._searched_again(np.flatnonzero(missed & (part == 0.0)), change, remaining)
         return change, distance, remaining
 
     def _narrowed(self, rows: np.ndarray, change: Array, task: Task) -> "_Search":
-        """Some rows no farther from a first step (N, n) than 2 |E| / d₀, E what it leaves.
+        """The search with changes of some rows limited to 2 |E| / d₀ around a first step (N, n).
 
-        Beside joints that are held, the last of an error can cost any motion of the others.
+        E is the remaining error of that step. Where a joint is held at its bound, removing the rest
+        of an error could otherwise need arbitrarily large motions of the other joints.
         """
         error, _ = self._driven(rows, change, task)
         far = 2.0 * np.linalg.norm(error, axis=-1)[:, None] / DAMPED_BELOW
@@ -105,7 +108,7 @@ class _Search:
         return replace(self, lower=lower, upper=upper)
 
     def of(self, rows: np.ndarray, moved: Array | float = 0.0) -> "_Search":
-        """The same for some rows, from joints that are moved already."""
+        """The search for some rows only, starting from joints that are moved by `moved`."""
         lower, upper = self.lower[rows] - moved, self.upper[rows] - moved
         return replace(
             self, q=self.q[rows] + moved, commanded=self.commanded[rows], lower=lower, upper=upper
@@ -115,49 +118,49 @@ class _Search:
         """Δ and E there; where λ² = squares (N,) is not zero, solved again for the remaining
         error.
         """
-        change, A, e = self._descended(task, A, e, squares)
+        change, A, e = self._minimised(task, A, e, squares)
         near = np.flatnonzero(squares)
         if len(near):
             again = self.of(near, change[near])
-            more, _, e[near] = again._descended(task, A[near], e[near], squares[near])
+            more, _, e[near] = again._minimised(task, A[near], e[near], squares[near])
             change[near] += more
         return change, e
 
-    def _descended(
+    def _minimised(
         self, task: Task, A: Array, e: Array, squares: Array
     ) -> tuple[Array, Array, Array]:
-        """Δ (N, n) of least |E|² + λ² |Δ|², λ² = squares (N,); A and e there, from those at q.
+        """Δ (N, n) that minimises |E|² + λ² |Δ|² with λ² = squares (N,), and A and e at q + Δ.
 
-        Gauss–Newton steps; where one fails, the damping of Levenberg and Marquardt holds the next
-        one back. Only what lowers the sum is kept: the answer is the best pose visited.
+        A and e are given at q. Gauss–Newton steps; after a step that does not lower the sum, the
+        next ones are damped as by Levenberg and Marquardt. Only steps that lower it are kept.
         """
         A, e = A.copy(), e.copy()
-        change, caution, cost = np.zeros_like(self.q), np.zeros(len(self.q)), (e**2).sum(axis=-1)
-        active = np.flatnonzero(cost > _ARRIVED**2)
+        change, damping, cost = np.zeros_like(self.q), np.zeros(len(self.q)), (e**2).sum(axis=-1)
+        active = np.flatnonzero(cost > _CONVERGED**2)
         for _ in range(_ITERATIONS):
             if not len(active):
                 break
             before = change[active]
             model = A[active], e[active]
-            after = self._step(active, model, squares[active], caution[active], before)
+            after = self._step(active, model, squares[active], damping[active], before)
             error, jacobian = self._driven(active, after, task)
             new_cost = (error**2).sum(axis=-1) + squares[active] * (after**2).sum(axis=-1)
             better = new_cost <= cost[active]
             rows = active[better]
             change[rows], cost[rows] = after[better], new_cost[better]
             A[rows], e[rows] = jacobian[better], error[better]
-            raised = np.maximum(_RAISED * caution[active], _CAUTION)
-            held_back = np.where(better, _LOWERED * caution[active], raised)
-            caution[active] = np.where(held_back < _NO_CAUTION, 0.0, held_back)
-            arrived = better & ((error**2).sum(axis=-1) < _ARRIVED**2)
-            stands = np.abs(after - before).max(axis=-1) < _STANDS
-            active = active[~(arrived | stands)]
+            raised = np.maximum(_RAISED * damping[active], _DAMPING)
+            changed = np.where(better, _LOWERED * damping[active], raised)
+            damping[active] = np.where(changed < _NO_DAMPING, 0.0, changed)
+            converged = better & ((error**2).sum(axis=-1) < _CONVERGED**2)
+            stopped = np.abs(after - before).max(axis=-1) < _SMALLEST_STEP
+            active = active[~(converged | stopped)]
         return change, A, e
 
-    def _over_hills(self, rows: np.ndarray, change: Array, e: Array) -> None:
-        """Another search for rows that only came near: by way of worse poses it may arrive.
+    def _searched_again(self, rows: np.ndarray, change: Array, e: Array) -> None:
+        """A second search for rows that did not converge: it may pass through larger errors.
 
-        Writes Δ (N, n) and E (N, 6) of those that do.
+        Writes Δ (N, n) and E (N, 6) of the rows that converge now.
         """
         if not len(rows):
             return
@@ -167,7 +170,7 @@ class _Search:
             pose, jacobian = self.calibration.forward_and_jacobian(x)
             return pose, jacobian[:, :, : robot.n]
 
-        solved = solve_poses(
+        solution = solve_poses(
             actuated,
             self.commanded[rows],
             q,
@@ -176,8 +179,8 @@ class _Search:
             upper=q + self.upper[rows],
             tolerance=REACHED,
         )
-        found = rows[solved.reached]
-        change[found] = (solved.q - q)[solved.reached]
+        found = rows[solution.reached]
+        change[found] = (solution.q - q)[solution.reached]
         e[found], _ = self._driven(found, change[found], Task(None))
 
     def _step(
@@ -185,13 +188,15 @@ class _Search:
         rows: np.ndarray,
         model: tuple[Array, Array],
         squares: Array,
-        caution: Array,
+        damping: Array,
         change: Array,
     ) -> Array:
-        """The next Δ' of some rows: least |e + A (Δ' − Δ)|² + λ² |Δ'|² + caution |Δ' − Δ|²."""
+        """The next Δ' of some rows: it minimises |e + A (Δ' − Δ)|² + λ² |Δ'|² + μ |Δ' − Δ|², with
+        μ = damping (N,).
+        """
         A, e = model
-        total = squares + caution
-        kept = np.where(caution > 0.0, caution / np.where(total > 0.0, total, 1.0), 0.0)
+        total = squares + damping
+        kept = np.where(damping > 0.0, damping / np.where(total > 0.0, total, 1.0), 0.0)
         centre = kept[:, None] * change
         lower, upper = self.lower[rows] - centre, self.upper[rows] - centre
         return centre + damped_step(A, e - times(A, change - centre), total, lower, upper)
@@ -206,7 +211,7 @@ class _Search:
         return task.of_error(error, commanded), task.of_jacobian(weighted, commanded)
 
 
-def _free_distance(A: Array, held: np.ndarray) -> Array:
+def _distance_of_free_joints(A: Array, held: np.ndarray) -> Array:
     """Singularity distance (N,) of the joints that are not held: A (N, k, n), held (N, n)."""
     sigma = np.linalg.svd(np.where(held[:, None, :], 0.0, A), compute_uv=False)
     rank = np.minimum((~held).sum(axis=-1), A.shape[1])

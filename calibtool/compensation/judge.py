@@ -1,4 +1,4 @@
-"""Acceptance of corrections: joints change only where the calibrated model improves."""
+"""Acceptance of corrections: joints change only where the pose of the calibrated model improves."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ from calibtool.compensation.weighted_error import Task, weighted_error
 from calibtool.robot.se3 import Array
 
 _OVERSHOOT = (
-    1.5  # a change is shortened where it is longer than this times the best length on its way
+    1.5  # a change is shortened where it is longer than this times the best length along it
 )
 
 
@@ -45,7 +45,7 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What became of proposals.
+    """Results of judging the proposals.
 
     q        (N, n) corrected joints, rad or m; the commanded ones where no better were found
     status   (N,) see `judged`
@@ -66,25 +66,25 @@ def judged(
 ) -> Judged:
     """Take, shorten or drop the proposed changes of joints, by the calibrated model.
 
-    E(t) is the weighted error of T_calibrated(q + t Δ) against `commanded` (N, 4, 4); error (N, 6)
-    is E(1) in K_0 where that is known. Its square is judged over the task components and over all
-    six; both are the same for n ≥ 6. For each, from E(0), its slope and E(1):
+    E(t) is the weighted error of T_calibrated(q + t Δ) against `commanded` (N, 4, 4). error (N, 6)
+    is E(1) in K_0, if it is known already. Its square is judged over the task components and over
+    all six; both are the same for n ≥ 6. For each, from E(0), its slope and E(1):
 
-    1. g = 2 e·(J Δ) and c = |E(1)|² − |E(0)|² − g make a parabola, least in [0, 1] at t*: 1 where
-       2 c ≤ −g, otherwise −g / (2 c) for g < 0 and 0 for g ≥ 0.
-    2. t = min(1, 1.5 t*), the smaller of both. Only where t < 1 the model is driven once more, to
-       q + t Δ.
+    1. g = 2 e·(J Δ) and c = |E(1)|² − |E(0)|² − g define a parabola with its minimum in [0, 1] at
+       t*: 1 where 2 c ≤ −g, otherwise −g / (2 c) for g < 0 and 0 for g ≥ 0.
+    2. t = min(1, 1.5 t*), the smaller of the two. Only where t < 1 the model is evaluated once
+       more, at q + t Δ.
     3. The change is dropped, t = 0, unless both |E(t)|² < |E(0)|².
 
-    Status, the first that is true, where `more` means that |E(t)| is larger than `bounds.usual`, of
-    the task or of all components, and a joint is held where Δ is on a face of the box:
+    The status is the first that applies. "More" means that |E(t)|, of the task or of all
+    components, is larger than `bounds.usual`. A joint is held where Δ is on a face of the box.
 
-    uncorrected    dropped, and more stays: the joints are as commanded
+    uncorrected    dropped, and more remains: the joints are as commanded
     out-of-limits  q + t Δ is outside the joint limits (by more than 1e-9)
     near-singular  d < DAMPED_BELOW
-    out-of-limits  a joint was held at its limit, and more stays
-    limited        a joint was held at the largest change, |Δ| ≥ B, and more stays
-    partial        more stays
+    out-of-limits  a joint was held at its limit, and more remains
+    limited        a joint was held at the largest change, |Δ| ≥ B, and more remains
+    partial        more remains
     ok             none of these
     """
     robot, q, change = calibration.robot, proposal.q, proposal.change
@@ -123,7 +123,7 @@ def judged(
 def shortened(before: Array, slope: Array, after: Array) -> Array:
     """t (N,) of items 1 and 2 of `judged`: |E(0)|², its slope g and |E(1)|² (1 or 2, N) each."""
     bend = after - before - slope
-    beyond = 2.0 * bend <= -slope  # least at t = 1, or farther
+    beyond = 2.0 * bend <= -slope  # the minimum is at t = 1, or farther
     best = np.maximum(0.0, -slope) / np.where(beyond | (bend <= 0.0), 1.0, 2.0 * bend)
     best[beyond] = 1.0
     shortened: Array = np.minimum(1.0, _OVERSHOOT * best.min(axis=0))

@@ -1,4 +1,4 @@
-"""The one-step rule: a correction that a controller can evaluate (Eqs. 23, 24), judged."""
+"""The one-step rule: a correction that a controller can evaluate (Eqs. 23, 24)."""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -14,8 +14,8 @@ from calibtool.errors import UsageError
 from calibtool.robot.se3 import Array, exp6
 
 REACHED = 1e-9  # rad, or characteristic lengths: a smaller error is none
-_USUAL = 3.0  # times the median of what one step leaves: more than that is no full correction
-_COST_OF_TASK = 0.75  # the part of what the whole pose error can gain that the task may cost
+_USUAL = 3.0  # times the median remaining error: rows with more are not fully corrected
+_COST_OF_TASK = 0.75  # largest share of the gain of the whole pose error that the task may cost
 
 
 def one_step(
@@ -26,8 +26,8 @@ def one_step(
 ) -> Judged:
     """The one-step rule for joints q (N, n), rad or m; exported code computes it step by step.
 
-    commanded (N, 4, 4): T_base_tool that is asked for, that of the nominal robot at q unless given.
-    bounds: those of `default_bounds` unless given.
+    commanded (N, 4, 4): commanded T_base_tool; by default that of the nominal robot at q. bounds:
+    by default those of `default_bounds`.
 
     1. T, J_ρ = the calibrated model at q, `Calibration.forward_and_jacobian`. The first n columns
        of J_ρ belong to the actuated joints.
@@ -37,20 +37,20 @@ def one_step(
        upper = min(B, max(0, q_max − q)), B the largest change in rad, times length for a slide;
        −B and B for a joint that is commanded outside its limits by more than 1e-9 (`Bounds.box`).
     4. n ≥ 6: Δ, d = `bounded_step`(J, e, box). On the nominal base Δ = −N(q), the first n outputs
-       of the network (Eq. 23), or 0 without one, takes the place of its item 3; d and λ are needed
-       all the same.
+       of the network (Eq. 23), or 0 without one, takes the place of its item 3; d and λ are
+       computed nevertheless.
        n < 6: the same with A, e_A for J, e gives Δ_A and d. A and e_A are the n rows of R_cᵀ v and
-       R_cᵀ ω that are no virtual joints (`Task`). A second `bounded_step`(J, e, box), always solved
-       and with a d of its own, gives Δ_J. Then Δ = Δ_J + w (Δ_A − Δ_J), with
+       R_cᵀ ω that are not virtual joints (`Task`). A second `bounded_step`(J, e, box), always
+       solved and with a d of its own, gives Δ_J. Then Δ = Δ_J + w (Δ_A − Δ_J), with
        cost = |J (Δ_A − Δ_J)|², allowed = ¾ max(0, |e|² − |e + J Δ_J|²), w = sqrt(allowed / cost)
-       where cost > allowed, else 1: the task components alone, unless the whole pose error would
-       lose more than three quarters of what it can gain.
+       where cost > allowed, else 1. This solves the task components alone, unless that would cost
+       more than three quarters of the possible reduction of the whole pose error.
     5. `judged`: T_calibrated(q + Δ) decides whether Δ is taken, shortened to t Δ (one more pose of
        the model) or dropped. q_m = q + t Δ, and the status. A joint was held (at the largest change
        where |Δ| ≥ B, else at its limit) where Δ ≤ lower or Δ ≥ upper.
 
-    No loop depends on the numbers. q_m changes with q as smoothly as e, J and d do, but for rows
-    that are dropped.
+    The number of operations does not depend on the data. q_m changes with q as smoothly as e, J and
+    d do, except in rows that are dropped.
     """
     bounds = default_bounds(calibration) if bounds is None else bounds
     model = Linearised.at(calibration, q, commanded, bounds)
@@ -101,7 +101,7 @@ class Linearised:
         return cls(q, commanded, task, e, J, of_task, bounds.box(robot, q), network)
 
     def proposed(self) -> tuple[Proposal, np.ndarray]:
-        """Item 4 of `one_step`, and rows (N,) in which the task components were traded (w < 1)."""
+        """Item 4 of `one_step`, and rows (N,) in which all components were weighed (w < 1)."""
         change, distance, _ = bounded_step(*self.of_task, *self.box, self.network)
         traded = np.zeros(len(change), dtype=bool)
         if self.task.is_part:
@@ -138,11 +138,11 @@ def default_bounds(
     """Bounds from the size of the identified errors, where they are not given.
 
     largest_change (rad) is the rms of |e| at the configurations that the calibration was made from,
-    over DAMPED_BELOW (50 times as much): what it may take to make up for such an error where
-    nothing is damped yet.
-    `usual` is 3 times the median of what the one-step rule leaves, there or over the joint range
-    (500 fixed rows), whichever is less, and at least 1e-9; rows in which the task components were
-    traded (w < 1) do not count where there are others.
+    over DAMPED_BELOW (50 times as much). A joint may need to move so far to correct such an error
+    where nothing is damped yet.
+    `usual` is 3 times the median remaining error of the one-step rule, at these configurations or
+    over the joint range (500 fixed rows), whichever is less, and at least 1e-9. Rows with w < 1 do
+    not count where there are others.
 
     Raises UsageError for a largest change that is not positive, and for weights as `Task.of`.
     """
@@ -163,7 +163,7 @@ def default_bounds(
 
 
 def _median_left(calibration: Calibration, q: Array, bounds: Bounds) -> tuple[float, float]:
-    """Medians of what the rule leaves at joints q (N, n): of the task, of all components."""
+    """Median remaining errors of the rule at joints q (N, n): of the task, of all components."""
     model = Linearised.at(calibration, q, None, bounds)
     proposal, traded = model.proposed()
     remaining = judged(calibration, model.commanded, proposal, bounds).error

@@ -23,15 +23,15 @@ from calibtool.units import joint_and_factor, without_values
 
 RowKind = Literal["ndjson", "binary"]
 NOT_FINITE = "not-finite"
-# What the last number of a binary row says; the place in this list is the number.
+# Statuses of a binary row: its last number is the index in this list.
 STATUSES = (OK, NOT_FINITE, *MEANING)
 _LARGEST = 1e6  # rad or m: beyond it a position is nonsense
 
 
 class Live:
-    """Corrects joint positions one by one, in the order of motion; remembers what the last row was.
+    """Corrects joint positions row by row, in the order of motion; keeps the state between rows.
 
-    Several clients need several of them. values: whose joint values come in and go out.
+    Each client needs its own. values: whose joint values are read and returned.
     """
 
     def __init__(
@@ -74,8 +74,8 @@ class Live:
     def object_answer(self, line: bytes) -> bytes:
         """The answer to one JSON object with a key per joint (`j1_deg`, `j2_mm`, …).
 
-        The joints become the corrected ones, `status` is added, other keys come back. A line that
-        is no such object is answered by {"error": …}, and changes nothing.
+        The joints are replaced by the corrected ones, `status` is added, other keys are returned. A
+        line that is no such object is answered by {"error": …} and does not change the state.
         """
         try:
             given = json.loads(line)
@@ -90,17 +90,17 @@ class Live:
         except InputError as error:
             return _line({"error": str(error)})
         except (ValueError, RecursionError) as error:
-            return _line({"error": f"not JSON: {error}"})
+            return _line({"error": f'not JSON: {error}; expected rows such as {{"j1_deg": 10, …}}'})
 
     def row_answer(self, row: bytes) -> bytes:
-        """The answer to n doubles: n doubles and the number of the status, another double."""
+        """The answer to n doubles: n corrected doubles, and one with the index of the status."""
         n = self.robot.n
         q = np.frombuffer(row, "<f8", n).astype(float)
         moved, status = self.corrected(q)
         return struct.pack(f"<{n + 1}d", *moved.tolist(), STATUSES.index(status))
 
     def answering(self, kind: RowKind) -> tuple[int, Callable[[bytes], bytes]]:
-        """Bytes of a row, 0 where it ends with its line, and what answers it."""
+        """Length of a row in bytes, 0 where a line is a row, and the method that answers it."""
         if kind == "binary":
             return 8 * self.robot.n, self.row_answer
         return 0, self.object_answer

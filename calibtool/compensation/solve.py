@@ -24,7 +24,7 @@ class Compensation:
     """Corrected joint positions and how far each row can be trusted.
 
     q            (N, n) corrected joint positions, rad or m; NaN in unreachable rows
-    status       (N,) of `compensation.status`: `ok`, or what stays and why
+    status       (N,) of `compensation.status`: `ok`, or why an error remains
     position     (N,) remaining error of the tool point under the calibrated model, m
     orientation  (N,) the same as a rotation angle, rad
     commanded    (N, n) joint positions of the nominal robot at the command, rad or m
@@ -52,9 +52,9 @@ def compensate_joints(
     nominal one would at q.
 
     Under the calibrated model no row is worse than the commanded one (`judged`): where no better
-    joints are found, they stay. bounds: `default_bounds` unless given. Raises InputError for joint
-    positions of another number or that are not finite, UsageError for an unknown method. Rows
-    without an answer are no error: see `Compensation.status`.
+    joints are found, they are not changed. bounds: `default_bounds` unless given. Raises InputError
+    for a wrong number of joint positions or positions that are not finite, UsageError for an
+    unknown method. Rows without a solution raise nothing: see `Compensation.status`.
     """
     q = np.atleast_2d(np.asarray(q, dtype=float))
     calibration.robot.check_positions(q, "joint positions")
@@ -75,7 +75,7 @@ def compensate_poses(
     q_seed (N, n) chooses the branch. With one seed (n,), or without any, the rows are a path: each
     starts from the solution of the row before, the first from the seed or the home of the default
     workspace. A pose that no joint positions reach has the status `unreachable` and NaN in its row.
-    Raises InputError for what are no rigid motions, or seeds that do not fit.
+    Raises InputError for poses that are not rigid, or seeds of another shape.
     """
     robot = calibration.robot
     T_base_tool = np.asarray(T_base_tool, dtype=float)

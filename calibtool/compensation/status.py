@@ -11,7 +11,7 @@ UNCORRECTED = "uncorrected"
 UNREACHABLE = "unreachable"
 NOT_CLOSED = "not-closed"
 
-CORRECTED = (OK, JUMP, OUTSIDE)  # nothing of the error stays but what no joint can correct
+CORRECTED = (OK, JUMP, OUTSIDE)  # no error remains except what no joint can correct
 DOUBTFUL = (
     PARTIAL,
     LIMITED,
@@ -19,7 +19,7 @@ DOUBTFUL = (
     OUT_OF_LIMITS,
     UNCORRECTED,
     NOT_CLOSED,
-)  # a part of it, or all, stays
+)  # a part of it, or all, remains
 
 MEANING = {
     JUMP: "the correction changes by more than 15 % of the commanded step from the row before",

@@ -6,8 +6,8 @@ from calibtool.robot.damped_least_squares import GRAM_REGULARISATION, MIN_SINGUL
 from calibtool.robot.se3 import Array
 
 DAMPED_BELOW = MIN_SINGULARITY_DISTANCE  # 1 mrad of pose error moves no joint by more than 77 mrad
-_PASSES = 3  # how often a joint that would leave the box is held and the others solved again
-_FEW = 1e-6  # λ² where fewer than six joints are free: they leave a direction of G without any
+_PASSES = 3  # times that a joint outside the box is held at its face and the others solved again
+_FEW = 1e-6  # λ² where fewer than six joints are free and G is singular
 _SMALLEST_PIVOT = 1e-30  # rounding can push the last pivots of a singular matrix below zero
 _TOGETHER = 1024  # rows: their matrices stay in the processor's cache
 
@@ -19,27 +19,29 @@ def bounded_step(
     upper: Array,
     proposed: Array | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Joint changes Δ (N, n) that lower |e + A Δ| in a box; singularity distance d and damping λ².
+    """Joint changes Δ (N, n) that reduce |e + A Δ| in a box; singularity distance d and damping λ².
 
     jacobian A (N, k, n) and error e (N, k), weighted; lower ≤ 0 ≤ upper (N, n), rad or m;
     d and λ² (N,).
 
-    1. G = A Aᵀ for n ≥ 6 (where k = 6), Aᵀ A for n < 6, plus GRAM_REGULARISATION I: (m, m) with
-       m = min(n, 6). G = L Lᵀ, no squared pivot of L below 1e-30; d = 1/sqrt(trace(G⁻¹)) = 1/|L⁻¹|.
-    2. λ = max(0, d₀ − d), d₀ = DAMPED_BELOW: nothing is damped where d ≥ d₀, and the damping sets
-       in without a jump.
+    1. G = A Aᵀ for n ≥ 6 (where k = 6), Aᵀ A for n < 6, plus GRAM_REGULARISATION I: (m, m) with m =
+       min(n, 6). G = L Lᵀ, with no squared pivot of L below 1e-30; d = 1/sqrt(trace(G⁻¹)) =
+       1/|L⁻¹|.
+    2. λ = max(0, d₀ − d), d₀ = DAMPED_BELOW: there is no damping where d ≥ d₀, and it begins
+       continuously.
     3. S(e) = −Aᵀ (G + λ² I)⁻¹ e for n ≥ 6, the least motion; −(G + λ² I)⁻¹ Aᵀ e for n < 6.
        Δ = S(e), and where λ > 0 Δ = S(e) + S(e + A S(e)): solving again for the remaining error
-       restores what the damping takes where it is not needed. Where `proposed` (N, n) is given, Δ
-       is that.
+       removes the effect of the damping where it is not needed. If `proposed` (N, n) is given, it
+       is used as Δ.
     4. Up to three times, while a joint is outside the box: the one that is farthest outside (in rad
-       or m, the first of equals) is held at the face there, with those held before: Δ_h, 0 for the
-       others. The others solve the rest, items 1 to 3 with e + A Δ_h for e and F for A, F being A
-       with the columns of held joints set to zero (for n < 6 they get 1 on the diagonal of G), and
-       λ no smaller than before. Δ = Δ_h + Δ_f.
-    5. What is still outside is moved onto the face of the box. d is that of A, λ² the last one.
+       or m, the first of equals) is held at the face, as those before: Δ_h, 0 for the others. The
+       others are solved again by items 1 to 3, with e + A Δ_h for e, F for A, and λ no smaller than
+       before. F is A with the columns of held joints set to zero (for n < 6 they get 1 on the
+       diagonal of G). Δ = Δ_h + Δ_f.
+    5. Joints that are still outside are moved onto the face of the box. d is that of A, λ² the
+       last.
 
-    Every row by itself, element by element: no sum runs over the rows or depends on their number.
+    Rows are computed independently: no sum runs over the rows or depends on their number.
     """
     change, distance, squares = np.empty(lower.shape), np.empty(len(lower)), np.empty(len(lower))
     for rows in _parts(len(lower)):

@@ -43,7 +43,7 @@ from calibtool.units import TO_SI, without_values
 
 RowFormat = Literal["csv", "ndjson"]
 BATCH = 4096
-_ALONE = 16  # batches before other processes help: starting them takes as long
+_ALONE = 16  # batches before other processes help: starting them takes as long as these
 # Numbers, 31 MiB: the C library keeps freed memory for the next batch up to the largest block that
 # it ever got back.
 _LARGEST_KEPT = 31 * 2**17
@@ -84,10 +84,10 @@ class StreamOptions:
 class StreamReport:
     """Counts and remarks of the rows so far.
 
-    remarks                a line for each of the first `listed` rows that are not plainly `ok`
-    others                 how many more of these there are
+    remarks                a line for each of the first `listed` rows whose status is not `ok`
+    others                 number of further such rows
     without_joints         rows that got no joints, unreachable or refused
-    in_full                rows that are corrected in full
+    in_full                rows that are fully corrected
     remaining_position     largest error of these under the calibrated model, m
     remaining_orientation  the same, rad
     """
@@ -103,7 +103,7 @@ class StreamReport:
 
     @property
     def full(self) -> bool:
-        """Whether further remarks are counted only."""
+        """Whether further remarks are only counted."""
         return len(self.remarks) >= self.listed
 
     def remark(self, line: str) -> None:
@@ -116,7 +116,7 @@ class StreamReport:
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
-    """A batch as it was read: joints and poses (T_base_tool and their columns), where it has them,
+    """A batch as it was read: joints and poses (T_base_tool and their columns), if it has them,
     and the objects of its rows.
     """
 
@@ -139,7 +139,7 @@ def compensate_stream(
     report: StreamReport,
     row_format: RowFormat = "csv",
 ) -> Iterator[str]:
-    """Text of corrected rows, batch by batch; `report` counts along.
+    """Text of corrected rows, batch by batch; `report` is updated.
 
     Joint columns are replaced by the corrected joints, in their units; pose columns give way to
     joints in degrees (mm if prismatic). Where the controller shows other values than the serial
@@ -174,8 +174,8 @@ def _answered(
     tables: Iterable[tuple[Table, list[dict[str, object]]]],
     workers: int,
 ) -> Iterator[tuple[_Asked, Compensation]]:
-    """Every batch and its corrections, in order. Poses without joints are a path, of which each
-    batch starts where the one before ends; all others may be computed beside one another.
+    """Every batch and its corrections, in order. Poses without joints are a path: each batch
+    starts where the one before ends. Other batches may be computed in parallel.
     """
     read = (corrector.asked(table, objects) for table, objects in tables)
     first = next(read, None)
@@ -220,8 +220,8 @@ def _corrections(
 
 
 class _Corrector:
-    """Corrects tables in order; remembers the last joints, from which the next pose starts, and
-    where backlash stands.
+    """Corrects tables in order; keeps the last joints, from which the next pose starts, and the
+    state of the backlash.
     """
 
     def __init__(
@@ -239,7 +239,7 @@ class _Corrector:
             self.path = BacklashPath(backlash, robot.lower, robot.upper)
 
     def asked(self, table: Table, objects: list[dict[str, object]]) -> _Asked:
-        """What a table asks for. InputError where it has no targets, or is an output already."""
+        """The targets of a table. InputError where it has none, or was written by compensate."""
         joints = joints_from_header(table, self.calibration.robot, self.options.joint_values)
         poses = poses_from_header(table)
         if poses is None and joints is None:
@@ -253,7 +253,7 @@ class _Corrector:
         return _Asked(table, joints, poses, objects)
 
     def corrected(self, asked: _Asked, result: Compensation) -> CorrectedRows:
-        """The batch to write; remarks and the ends of paths are noted along."""
+        """The batch to write; updates remarks and the last joints."""
         robot, options = self.calibration.robot, self.options
         table, joints, poses = asked.table, asked.joints, asked.poses
         values = (

@@ -22,6 +22,7 @@ from calibtool.tables import Table, parse_table
 
 OutsidePolicy = Literal["mark", "base", "refuse"]
 OUTSIDE_POLICIES = ("mark", "base", "refuse")
+_NAMED = 8  # columns shown of a header that is not understood
 
 
 def read_configurations(
@@ -94,7 +95,9 @@ def guarded(
 
 def no_targets(table: Table) -> InputError:
     """The error for a table without joints and poses."""
+    shown = ", ".join(table.header[:_NAMED]) + (" …" if len(table.header) > _NAMED else "")
     return InputError(
         f"{table.name}: neither joints (j1_deg …) nor poses (x_mm y_mm z_mm with qw qx qy qz, "
-        "rx_rad ry_rad rz_rad or roll_deg pitch_deg yaw_deg) among the columns"
+        "rx_rad ry_rad rz_rad or roll_deg pitch_deg yaw_deg) among the columns, which are: "
+        f"{shown}; name them so, with their units"
     )

@@ -1,4 +1,4 @@
-"""The weighted pose error: what corrections lower, and what they are judged by."""
+"""The weighted pose error, which corrections reduce and by which they are judged."""
 
 from dataclasses import dataclass
 
@@ -33,17 +33,17 @@ def weighted_jacobian(jacobian: Array, pose: Array, length: float) -> Array:
 
 @dataclass(frozen=True)
 class Task:
-    """The components of a pose error that a correction makes up for.
+    """The components of a pose error that a correction removes.
 
-    All six for n ≥ 6, in K_0. For fewer joints those along the axes of the commanded tool that are
-    no virtual joints of the equivalent robot, as many as there are joints; or those with a weight.
+    All six for n ≥ 6, in K_0. For fewer joints n components along the axes of the commanded tool:
+    those that are not virtual joints of the equivalent robot, or those with a weight.
 
-    With closed loops the components that are no virtual joints are solved alone: a tilt that no
-    joint can correct must not cost any of the others.
+    With closed loops the components that are not virtual joints are solved alone, so that a tilt
+    that no joint can correct does not affect the others.
 
     components   their indices among x, y, z, rx, ry, rz; None for all six
     weights      their weights; None for 1 each
-    alone        the others do not count
+    alone        the other components are ignored
     """
 
     components: tuple[int, ...] | None
@@ -55,7 +55,7 @@ class Task:
         """The task of an equivalent robot; weights of x, y, z, rx, ry, rz make another one.
 
         Raises UsageError for weights that are not six finite ones ≥ 0, n or more of them positive,
-        and for weights where six joints or more make up for everything.
+        and for weights where six joints or more can correct all components.
         """
         if weights is None:
             if not equivalent.virtual_joints:
@@ -80,7 +80,7 @@ class Task:
 
     @property
     def is_part(self) -> bool:
-        """Whether the whole pose error has more components than the task, and counts."""
+        """Whether the pose error has more components than the task, and these count."""
         return self.components is not None and self.weights is None and not self.alone
 
     def of_jacobian(self, jacobian: Array, commanded: Array) -> Array:

@@ -29,8 +29,8 @@ def train_bayesian(network: Trainable, loss: Loss) -> BayesianRun:
     """Minimise β |t − R N|² + α |w|², both precisions re-estimated from γ = W − α
     tr(H⁻¹) at every step.
 
-    H = β JᵀJ + α I is the Gauss–Newton Hessian; its eigenvalues serve the step, γ and every
-    damping at once.
+    H = β JᵀJ + α I is the Gauss–Newton Hessian; its eigenvalues give the step, γ and the effect
+    of every damping.
     """
     from scipy.linalg import eigh
 

@@ -48,7 +48,7 @@ class EquivalentRobot:
         return pose, np.concatenate([jacobian, adjoint(pose)[:, :, self.virtual_columns]], axis=-1)
 
 
-@lru_cache(maxsize=16)  # a robot is what it is: hashed by identity
+@lru_cache(maxsize=16)  # a robot does not change; it is hashed by identity
 def equivalent_robot(robot: Robot) -> EquivalentRobot:
     """Equivalent robot of a description, with the virtual joints that it names or the best ones.
 

@@ -1,4 +1,4 @@
-"""The two losses of the paper, both as E(w) = 1/K Σ_k |t_k − R_k N(q_k, w)|²."""
+"""The two losses of Song, Tian and Ma, both as E(w) = 1/K Σ_k |t_k − R_k N(q_k, w)|²."""
 
 from dataclasses import dataclass
 
@@ -49,16 +49,16 @@ def task_loss(q: Array, G: Array, y: Array) -> Loss:
     """Task-space loss: weighted matrix G = Σ^(−1/2) P J_ρ (K, d, p) and weighted residual y
     (K, d) (Eq. 20).
 
-    |y − G N|² = |R (δρ̂ − N)|² + const with G = Q R: the products with P J_ρ are done once, not at
-    every iteration.
+    |y − G N|² = |R (δρ̂ − N)|² + const with G = Q R: the products with P J_ρ are computed once, not
+    at every iteration.
     """
     Q, R = np.linalg.qr(G)
     return Loss(q, R, (np.swapaxes(Q, -1, -2) @ y[..., None])[..., 0])
 
 
 def joint_loss(q: Array, G: Array, y: Array) -> Loss:
-    """Joint-space loss: δρ̂ = G⁺ y, every component alike (Eq. 21); of minimum norm where G does
-    not determine it.
+    """Joint-space loss: δρ̂ = G⁺ y, all components weighted alike (Eq. 21); of minimum norm where
+    G does not determine it.
 
     Shapes as in `task_loss`.
     """

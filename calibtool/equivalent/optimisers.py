@@ -43,7 +43,7 @@ class Stopping:
     change: float
 
 
-_ROUNDING = 1e-16  # of the loss: a smaller decrease is none
+_ROUNDING = 1e-16  # of the loss: a smaller decrease is ignored
 
 LM_STOPPING = Stopping(max_iterations=200, patience=10, change=1e-7)
 GD_STOPPING = Stopping(max_iterations=20_000, patience=500, change=1e-7)

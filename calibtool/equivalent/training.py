@@ -38,10 +38,10 @@ class TrainingOptions:
                     all alike (Eq. 21)
     optimiser       `lm`: Levenberg and Marquardt; `gd`: gradient descent (Eq. 22)
     regularisation  `bayes`: all rows train, every restart is a member of an ensemble that is
-                    averaged; `early-stopping` (the paper): a validation part stops the training and
-                    chooses the best restart; None: `early-stopping` for `gd` and on the nominal
-                    robot, `bayes` on every other base model (`resolved`)
-    regressor       learned model: `tanh`, the network of the paper, or `gaussian-process`, which
+                    averaged; `early-stopping` (the published method): a validation part stops the
+                    training and chooses the best restart; None: `early-stopping` for `gd` and on
+                    the nominal robot, `bayes` on every other base model (`resolved`)
+    regressor       learned model: `tanh`, the published network, or `gaussian-process`, which
                     takes `bayes`; None: with `bayes` the one that predicts held-out rows better,
                     otherwise the network
     hidden          nodes of a network, √(6n) unless given; points of a Gaussian process

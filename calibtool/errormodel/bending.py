@@ -27,7 +27,7 @@ _LOADED = 1e-6  # of the largest moment of any joint: less is rounding
 class Bending(Family):
     """Compliances (n, 2) in rad per N m about two directions across each axis, fixed in F0_j.
 
-    A joint's bearing and the link before it give way under the moment of what hangs behind them.
+    A joint's bearing and the link before it bend under the moment of the links behind them.
     """
 
     id, symbol, ascii, kind = "bending", "bend", "bend", "bending"
@@ -62,8 +62,7 @@ class Bending(Family):
         return turns
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
-        """To first order: turns about the origin of F0_j, whose other errors are small beside
-        it."""
+        """To first order: turns about the origin of F0_j; its other errors are neglected."""
         turns = directions(context.rows.robot) * moments(context.rows)[..., None, :]
         return turn_columns(context.frames.before, turns)
 
@@ -91,7 +90,7 @@ def directions(robot: Robot) -> Array:
 def largest_moment(robot: Robot) -> Array:
     """Largest moment about each direction over fixed configurations of the joint range: (n, 2) N
     m."""
-    if robot.chain.tree is not None:  # the links of closed loops are taken for stiff
+    if robot.chain.tree is not None:  # the links of closed loops are assumed stiff
         return readonly(np.zeros((robot.n, 2)))
     q = configurations(robot, _SAMPLES, np.random.default_rng(0))
     return readonly(np.abs(moments(Rows(robot, q, Conditions()))).max(axis=0))

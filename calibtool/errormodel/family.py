@@ -105,7 +105,7 @@ class Sizes:
 class Family(ABC):
     """A family of errors.
 
-    Its value is one array; everything stated of its elements has the shape of the value.
+    Its value is one array; properties of its elements are arrays of the same shape.
 
     id      key in states, files and JSON
     symbol  beginning of the names of its parameters; `ascii` is the same without Greek letters
@@ -182,11 +182,11 @@ class Family(ABC):
         return np.zeros(shape, dtype=int)
 
     def sections(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Elements with the same number are parameters together or not at all: (*shape) int."""
+        """Elements with the same number become parameters together or not at all: (*shape) int."""
         return np.zeros(shape, dtype=int)
 
     def trimmed(self, free: np.ndarray) -> np.ndarray:
-        """Which elements are parameters, in the smallest shape that holds them."""
+        """Which elements are parameters, in the smallest shape that contains them."""
         return free
 
     def known(self, rows: Rows) -> bool:
@@ -250,7 +250,7 @@ class Family(ABC):
 
 
 def sections_of_joints(shape: tuple[int, ...]) -> np.ndarray:
-    """Every joint by itself, the first axis of a shape."""
+    """One section for each joint, the first axis of a shape."""
     return np.broadcast_to(np.arange(shape[0]).reshape(-1, *[1] * (len(shape) - 1)), shape)
 
 

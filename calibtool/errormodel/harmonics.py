@@ -46,8 +46,7 @@ class Harmonics(JointFunctions):
         return np.full(shape, tolerances.of.get(self.id, 0.3e-3))
 
     def sections(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Each low order, which all gears have alike; what is finer joint by joint and octave by
-        octave."""
+        """Each low order for all joints together; higher orders by joint and octave."""
         h = np.arange(shape[1]) // 2 + 1
         octave = np.searchsorted(FINE_ORDERS, h) + LOW_ORDERS + 1
         fine = np.add.outer(np.arange(shape[0]) * _SECTIONS, octave)
@@ -58,8 +57,8 @@ class Harmonics(JointFunctions):
         return free[:, : 2 * (used[-1] // 2 + 1)] if len(used) else free[:, :0]
 
     def groups(self, shape: tuple[int, ...]) -> np.ndarray:
-        """A gear's first orders are often large, and say nothing about how fine the rest is, joint
-        by joint."""
+        """One scale for the low orders of all joints, and one for the higher orders of each joint,
+        because the size of the low orders does not predict that of the others."""
         fine = np.arange(shape[1]) // 2 >= LOW_ORDERS
         return np.where(fine, 1 + np.arange(shape[0])[:, None], 0)
 

@@ -1,4 +1,4 @@
-"""Joint offsets δq: what a joint's zero position is wrong by (Eqs. 8, 10)."""
+"""Joint offsets δq: errors of the joints' zero positions (Eqs. 8, 10)."""
 
 import numpy as np
 

@@ -10,7 +10,7 @@ from calibtool.errors import InputError
 from calibtool.robot.se3 import Array, readonly
 
 REFERENCE_C = 20.0  # °C at which lengths are those of the drawing
-_STANDS_STILL = 1e-6  # rad or m: a smaller move is rounding and turns no gear round
+_STANDS_STILL = 1e-6  # rad or m: a smaller move is rounding and reverses no gear
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def directions(q: Array, start: Array | None = None, before: Array | None = None
     """Sign −1, 0, +1 of each joint's last motion on the way through the rows of q (N, n),
     in order: (N, n).
 
-    A joint that stands still stays on its side. start (n,): where it last counted as moved
+    A joint that stands still keeps its direction. start (n,): where it last counted as moved
     (`last_moved`) before the first row, and before (n,) the directions there; 0, unknown, until a
     joint has moved.
     """
@@ -105,8 +105,8 @@ def last_moved(q: Array, start: Array) -> Array:
     """Where each joint last counted as moved on the way through the rows of q (N, n), in order,
     from start (n,): (N, n).
 
-    A joint counts as moved when it is farther than rounding from there: one that creeps does
-    so every few rows.
+    A joint counts as moved when it is farther from there than rounding. A joint that moves very
+    slowly counts as moved every few rows.
     """
     places = q.copy()
     steps = np.abs(np.diff(q, axis=0, prepend=start[None]))

@@ -1,7 +1,7 @@
 """Payload: joints wind up about their axes and bend across them, in proportion to its moment.
 
-A joint is a spring: a moment m turns what it carries by c m about its axis and by b m across it.
-The mass stands at the origin of the tool frame, the moments are those of the nominal robot.
+A joint is a spring: a moment m turns the links behind it by c m about its axis and by b m across
+it. The mass is at the origin of the tool frame, and the moments are those of the nominal robot.
 """
 
 from functools import lru_cache
@@ -17,7 +17,7 @@ from calibtool.robot.se3 import Array, readonly
 
 _FULL = 10.0  # kg at which sizes and tolerances are stated
 _CARRIES_LOAD = (
-    0.02  # a joint carries load when its moment reaches this part of the largest joint's
+    0.02  # a joint counts as loaded when its moment reaches this part of the largest joint's
 )
 _SAMPLES = 500
 
@@ -64,8 +64,8 @@ class Payload(Family):
         return result
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
-        """The bend to first order: a turn about the origin of F0_j, whose other errors are
-        small beside it.
+        """The bending to first order: a turn about the origin of F0_j; its other errors are
+        neglected.
         """
         along, across = moments(context.rows)
         before = context.frames.before[:, : context.rows.robot.n]  # closed loops have no bending
@@ -95,8 +95,8 @@ def moments(rows: Rows) -> tuple[Array, Array]:
 
 
 def _work(rows: Rows, jacobian: Array) -> Array:
-    """Moments about the actuated joints of closed loops by virtual work: what the weight gains as a
-    joint turns (N, n).
+    """Moments about the actuated joints of closed loops by virtual work: the derivative of the
+    potential energy by the joint positions (N, n).
     """
     robot, tool = rows.robot, rows.nominal.tool[:, :3, 3]
     weight = np.asarray(rows.payload)[..., None] * np.array(robot.chain.model.gravity.linear)

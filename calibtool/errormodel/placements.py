@@ -27,7 +27,7 @@ class Placements(Family):
         return len(robot.chain.placements) - 1
 
     def free(self, robot: Robot, shape: tuple[int, ...]) -> np.ndarray:
-        """A ball joint does not see how its frames are turned."""
+        """Rotations of the frames of a ball joint have no effect."""
         free, tree = np.ones(shape, dtype=bool), robot.chain.tree
         for k, loop in enumerate(() if tree is None else tree.loops):
             if loop.joint == "spherical":

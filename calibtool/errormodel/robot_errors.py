@@ -84,7 +84,7 @@ class RobotErrors:
         return self.robot.chain.mechanism_of(self._placements(None), twists, offset)
 
     def standing(self, conditions: Conditions) -> Mechanism:
-        """The kinematics at a temperature (a number), without joint motions and payload."""
+        """The kinematics at one temperature, without joint motions and payload."""
         rows = Rows(self.robot, np.zeros((1, self.robot.n)), conditions)
         placements = self._placements(rows, turns=False)
         if placements.ndim == 3:

@@ -37,7 +37,7 @@ class Temperature(Family):
         return np.full(shape, tolerances.of.get(self.id, STEEL_EXPANSION))
 
     def known(self, rows: Rows) -> bool:
-        """A constant temperature cannot be told from a placement error."""
+        """A constant temperature cannot be distinguished from a placement error."""
         return bool(np.ptp(rows.warmth) > 0)
 
     def display(self, robot: Robot, shape: tuple[int, ...]) -> tuple[Array, list[str]]:
@@ -51,7 +51,8 @@ class Temperature(Family):
         return grown
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
-        """What follows a link is shifted along it: R_(j−1) p_j times the rise, without a turn."""
+        """The links behind are shifted along the link by R_(j−1) p_j times the rise, and not
+        turned."""
         rows, frames = context.rows, context.frames
         chain = rows.robot.chain
         turned = np.concatenate(

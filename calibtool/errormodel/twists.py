@@ -33,7 +33,7 @@ class Twists(Family):
         return np.full(shape, 1e3), [unit + p for p in per for unit in ["mm"] * 3 + ["mrad"] * 3]
 
     def twisted(self, value: Array, twists: Array) -> Array:
-        n = len(value)  # of a passive joint, all but its placements is what closes the loop
+        n = len(value)  # passive joints have no twist errors: the loop determines their motion
         return (
             twists + value if n == len(twists) else np.concatenate([twists[:n] + value, twists[n:]])
         )
@@ -49,8 +49,8 @@ class Twists(Family):
 
 
 def twist_columns(frames: Frames, twists: Array, q: Array) -> Array:
-    """δξ_j, j = 1…n: Ad(F0_j) · J_l(ξ_j q_j) · q_j, of which the paper's Ad_j q_j is the first
-    order. (N, 6, 6n)
+    """δξ_j, j = 1…n: Ad(F0_j) · J_l(ξ_j q_j) · q_j, of which Ad_j q_j of Song, Tian and Ma is the
+    first order. (N, 6, 6n)
 
     twists (n, 6) ξ_j in the joint's frame, q (N, n) in rad or m; of closed loops the actuated
            joints.

@@ -20,8 +20,8 @@ class Wobble(Family):
     """Tilts (n, 4) in rad: of each axis about u and v across it, sin q_j and cos q_j parts, in
     F0_j.
 
-    A tilt that turns with the joint as fast as it does is an error of the next placement; the
-    prior shares it out.
+    A tilt that turns with the joint has the same effect as an error of the next placement; the
+    prior divides it between both.
     """
 
     id, symbol, ascii, kind = "wobble", "wobble", "wobble", "wobble"
@@ -53,8 +53,7 @@ class Wobble(Family):
         return (_turns(rows) @ value[..., None])[..., 0] if value.any() else 0.0
 
     def columns(self, shape: tuple[int, ...], context: Context) -> Array:
-        """To first order: turns about the origin of F0_j, whose other errors are small beside
-        it."""
+        """To first order: turns about the origin of F0_j; its other errors are neglected."""
         return turn_columns(context.frames.before, _turns(context.rows))
 
     def drawn(self, robot: Robot, sizes: Sizes, rng: np.random.Generator) -> Array:

@@ -28,7 +28,8 @@ class Limit:
     unit: str
 
     def found(self, method: MethodErrors, test: PoseTest | None) -> float | None:
-        """What a method has of it, in the unit of the limit; None where that was not measured.
+        """The method's value of the statistic, in the unit of the limit; None where it was not
+        measured.
 
         test: AP of this method alone, and RP.
         """
@@ -80,7 +81,7 @@ def broken_limits(
             found = limit.found(method, test)
             if found is None:
                 broken.append(f"{place}: {_missing(limit, test)}, so the limit cannot be judged")
-            elif not found <= limit.value:  # NaN is no success
+            elif not found <= limit.value:  # NaN does not meet a limit
                 asked = f"the limit of {limit.value:g} {limit.unit}"
                 broken.append(f"{place} {found:.4g} {limit.unit} is above {asked}")
     return broken

@@ -31,7 +31,7 @@ Kind = Literal["compensated", "predicted", "measured"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
-    """Methods side by side; `evaluation["complete"].position.mean` is one number of them.
+    """Methods side by side; for example `evaluation["complete"].position.mean`.
 
     kind           `compensated`: the actual robot was driven to the corrected joints and observed
                    without noise; `predicted`: difference between measured and predicted target
@@ -39,10 +39,9 @@ class Evaluation:
                    points, the arm driven to the commands (nominal) and to the corrected joints (the
                    one calibration), see `proof`
     results        of every method, the nominal robot first
-    uncorrectable  remaining error of every method, a row for every pose that the actual robot
-                   cannot take (n < 6, or out of reach of an arm that is shorter than drawn):
-                   nearest pose against commanded one; None where every pose can be taken, or that
-                   is not known
+    uncorrectable  remaining error of every method, a row for every pose that the actual
+                   robot cannot reach (n < 6, or an arm that is shorter than drawn): nearest pose
+                   against the commanded one; None where every pose is reached, or this is unknown
     pose_test      ISO 9283, from the measured points, where configurations were measured
                    repeatedly; else None
     proof          of kind `measured`: what was expected, and whether `before` was
@@ -132,7 +131,7 @@ def evaluate(
     alike (a moved tracker); otherwise the set-up that belongs to the training is used and nothing
     is fitted here.
     before: where the measurements were taken at corrected joints (`Measurements.commanded`), the
-    same commands measured without correction; for kind `measured` alone, which takes one
+    same commands measured without correction; only for kind `measured`, with one
     calibration and no method.
     Raises InputError when a calibration is for another robot, UsageError for an unknown method or
     policy, NoSolutionError where `refuse` refuses, InputError also where the driven joints are not
@@ -238,8 +237,8 @@ def _pose_test(
     refit: bool,
     outside: OutsidePolicy,
 ) -> PoseTest | None:
-    """ISO 9283 where configurations were repeated: from the measured points, which a noiseless
-    drive does not have.
+    """ISO 9283 where configurations were repeated. It needs measured points: a simulation without
+    noise has none.
     """
     measurements = measurements.rows(np.flatnonzero(measurements.seen.all(axis=-1)))
     poses = repeated_poses(
@@ -265,7 +264,8 @@ def _compensated(
     method: Method,
     outside: OutsidePolicy,
 ) -> tuple[MethodErrors, MethodErrors, int]:
-    """The whole errors, those against the nearest poses, and how many corrections are doubtful."""
+    """The whole errors, those from the nearest reachable poses, and the number of doubtful
+    corrections."""
     robot, q = measurements.robot, measurements.q
     marked = 0
     if calibration is None:
@@ -292,12 +292,12 @@ def _compensated(
 
 
 def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErrors | None]:
-    """Nearest poses to the commanded ones that the actual robot can take, and how far they stay;
-    None if all can be taken.
+    """Nearest poses to the commanded ones that the actual robot can reach, and their distances;
+    None if all are reached.
 
-    Inside the joint limits, and nearest by the weighted pose error; for n < 6 by what `exact` makes
-    up for, as if it knew the truth. Only where truth and set-up are known: an estimated instrument
-    frame moves the commanded poses with the method.
+    Within the joint limits, and nearest by the weighted pose error; for n < 6 by the components
+    that `exact` corrects, computed with the true errors. Only where truth and set-up are known: an
+    estimated instrument frame moves the commanded poses with the method.
     """
     truth, robot, q = measurements.truth, measurements.robot, measurements.q
     if truth is None or not measurements.setup.known:

@@ -19,7 +19,7 @@ _CAUTION = 2.0
 _ANYWHERE = 1.0  # m and rad: standard deviation of a base of which nothing is known
 _MOVED = 2e-4  # m, rad: expected size of a shift and a turn of base or tool
 _SLIP = 1e-3  # rad or m: the same of a joint
-_ALIKE = 3.0  # causes explain alike up to this difference of their evidence, a factor of 20
+_ALIKE = 3.0  # causes with a smaller difference of evidence (a factor of 20) count as equally good
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +64,10 @@ class DriftCheck:
     configurations      how many were measured
     residual, expected  root mean square of the residuals per coordinate, m (of positions), and what
                         noise and the calibration's uncertainty explain
-    p_value             probability of so clear a cause where nothing has changed
+    p_value             probability of at least so large an effect where nothing has changed
     false_alarm         rate of false alarms at which it is judged
-    causes              the likely ones first; a cause alone, or several that explain alike
-    likely              how many of `causes` explain the difference alike
+    causes              the likely ones first; one, or several that explain the rows equally well
+    likely              how many of `causes` explain the difference equally well
     """
 
     robot: str
@@ -86,7 +86,7 @@ class DriftCheck:
 
     @property
     def named(self) -> str:
-        """The likely causes in words, and whether they explain it all."""
+        """The likely causes in words, and whether they explain the whole difference."""
         likely = self.causes[: self.likely]
         text = " or ".join(f"{cause.name} ({cause.said})" for cause in likely)
         if max(cause.rest for cause in likely) >= self.false_alarm:
@@ -126,18 +126,18 @@ def check_drift(
     false_alarm: float = 0.01,
     refit_setup: bool = False,
 ) -> DriftCheck:
-    """Whether a few rows differ from what a calibration predicts, and why most likely.
+    """Whether a few rows differ from what a calibration predicts, and the most likely causes.
 
-    Residuals r over the stated noise have the covariance S = f² I + 2 A C Aᵀ: estimated noise f,
-    the calibration's posterior C, its columns A at these rows; 2 because stated variances are too
-    small for some arms. A cause with k columns W explains
-    ‖Q S^(−½) r‖² of them (Q: projection on S^(−½) W), which is k times an F(k, ν) variable where
-    nothing has changed; ν are the degrees of freedom from which f was estimated. The smallest
-    probability, times the number of causes looked at, is held against `false_alarm`. The likely
+    Residuals r, divided by the stated noise, have the covariance S = f² I + 2 A C Aᵀ, with the
+    estimated noise f, the calibration's posterior C, and its columns A at these rows. The factor 2
+    is there because the posterior variances are too small for some arms. A cause with k columns W
+    explains ‖Q S^(−½) r‖² of them (Q: projection on S^(−½) W), which is k times an F(k, ν) variable
+    where nothing has changed; ν are the degrees of freedom from which f was estimated. The smallest
+    probability, multiplied by the number of causes, is compared with `false_alarm`. The likely
     cause is that of the largest evidence, for changes of about 0.2 mm and 0.2 mrad of base or tool,
-    or 1 mrad of a joint; base, tool and all joints together are taken for equally probable.
+    or 1 mrad of a joint; base, tool, and all joints together have equal prior probability.
 
-    refit_setup: the instrument was moved, so that nothing is said of the base. Raises InputError
+    refit_setup: the instrument was moved, so that the base is not judged. Raises InputError
     for a calibration without a posterior, and for another robot or other targets.
     """
     from scipy.special import fdtrc

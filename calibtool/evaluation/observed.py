@@ -38,11 +38,12 @@ def point_errors(name: str, points: Array, pose: Array, setup: Setup) -> MethodE
 
 
 def noise_of_errors(measurements: Measurements) -> dict[str, float | None]:
-    """Root mean square of what the noise alone gives: `position` in m and `orientation` in rad.
+    """Root mean square of the errors that noise alone causes: `position` in m and `orientation` in
+    rad.
 
-    A target has √3 σ. A turn seen by targets at r_i from their centre has the covariance
-    σ² (Σ |r_i|² I − r_i r_iᵀ)⁻¹, and the root of its trace. None where nothing is seen of it, or
-    the instrument is none of points and poses.
+    A target has √3 σ. A rotation observed by targets at r_i from their centre has the covariance σ²
+    (Σ |r_i|² I − r_i r_iᵀ)⁻¹, and its rms is the root of the trace. None where it is not observed,
+    or the instrument measures neither points nor poses.
     """
     sigma, targets = measurements.noise_position, measurements.setup.targets
     turn = None

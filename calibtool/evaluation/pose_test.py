@@ -117,8 +117,8 @@ def repeated_poses(q: Array, position: Array) -> list[RepeatedPose]:
 
 
 def pose_test(methods: list[MethodErrors], poses: list[RepeatedPose]) -> PoseTest:
-    """AP and RP from measured minus predicted errors, the first method's for RP: its prediction is
-    the same in a group.
+    """AP and RP from measured minus predicted errors. RP uses those of the first method, whose
+    prediction is the same within a group.
     """
     position = [errors.position.mean(axis=1) for errors in methods]
     turns = [errors.orientation for errors in methods]

@@ -25,7 +25,7 @@ Before = Literal["measured", "expected"]
 
 _SAME_COMMAND = 1e-5  # m and rad: joints are written with four decimals of a degree
 _PLAUSIBLE = 0.5  # of the largest correction: driven joints farther from the calibration's own
-_SMALLEST = 3.0  # times the stated noise: nearer than this, nobody asks
+_SMALLEST = 3.0  # times the stated noise: smaller differences are accepted
 _LISTED = 5
 
 
@@ -33,10 +33,11 @@ _LISTED = 5
 class Proof:
     """Commanded against measured target points, one row per configuration.
 
-    before           the arm driven to the commands as they are: measured, or expected by the model
+    before           the arm driven to the commands without correction: measured, or expected by the
+    model
     after            the arm driven to the corrected joints, measured
     expected         what the model expects there, after correction
-    before_measured  somebody measured before the correction, too
+    before_measured  whether the errors before the correction were measured
     pose_test        AP of before and after, RP of the measured ones; None without repeats
     """
 
@@ -70,9 +71,9 @@ def prove(
     """Before and after of a correction by `calibration`, from rows that hold commanded poses.
 
     before: the same commands in the same order, measured without this correction. refit_setup: an
-    unknown instrument frame and unknown targets are fitted again, to each of the two by itself.
-    Raises InputError where the driven joints cannot be those that the calibration asks for, or the
-    rows of before and after were not commanded alike.
+    unknown instrument frame and unknown targets are fitted again, separately to each of the two.
+    Raises InputError where the driven joints cannot be those that the calibration asks for, or
+    the rows of before and after had different commands.
     """
     commanded = after.commanded
     assert commanded is not None

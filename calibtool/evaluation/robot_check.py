@@ -1,6 +1,4 @@
-"""Whether a robot's description can be worked with: joints, reach, singularities, what its targets
-let one determine.
-"""
+"""Check of a description: joints, reach, singularities, and what its targets can determine."""
 
 from dataclasses import dataclass
 
@@ -38,7 +36,7 @@ class WorkspaceCheck:
 
 @dataclass(frozen=True)
 class RobotCheck:
-    """What a description amounts to.
+    """Result of checking a description.
 
     limit_sources   per joint: `robot.toml`, `urdf`, `continuous` (±180°) or `assumed`
                     (none given, ±180°)
@@ -174,8 +172,8 @@ def check_robot(robot: Robot, given_as: str) -> RobotCheck:
 
 
 def _loops(robot: Robot, closes: float) -> dict[str, object] | None:
-    """What is closed, what moves with it and what does not; closes: the part of the joint range at
-    which it can stand.
+    """The loops, their passive and idle joints; closes: the share of the joint range in which they
+    close.
     """
     tree = robot.chain.tree
     if tree is None or not isinstance(robot.chain, ClosedChain):

@@ -5,6 +5,12 @@ from dataclasses import dataclass
 from calibtool.evaluation.compare import Evaluation, Kind
 from calibtool.evaluation.proof import Before
 
+OPTIMISERS = {"lm": "Levenberg–Marquardt", "gd": "gradient descent"}
+REGULARISATIONS = {
+    "bayes": "with Bayesian regularisation",
+    "early-stopping": "with early stopping",
+}
+
 
 @dataclass(frozen=True)
 class Words:
@@ -29,26 +35,26 @@ _COMPENSATED = Words(
     "without noise.",
 )
 _PREDICTED = Words(
-    how="measured minus predicted: what to expect after correction",
+    how="expected after correction: measured minus predicted",
     before="nominal robot",
     after="expected after correction",
-    remark="Nobody drove the arm to corrected joints: errors are the differences "
-    "between measured and predicted target points, which is what to expect after correction; the "
-    "measurements' noise is in them.",
+    remark="The arm was not driven to corrected joints. Errors are the differences between "
+    "measured and predicted target points, which is what to expect after correction; they contain "
+    "the noise of the measurement.",
 )
 _MEASURED = Words(
     how="commanded against measured",
     before="before, measured",
     after="after, measured",
-    remark="The arm was driven to the corrected joints: errors are those of measured against "
-    "commanded target points; the measurements' noise is in them.",
+    remark="The arm was driven to the corrected joints. Errors are the differences between "
+    "measured and commanded target points; they contain the noise of the measurement.",
 )
 _AFTER_ALONE = Words(
     how=_MEASURED.how,
     before="expected before correction",
     after=_MEASURED.after,
-    remark=f"{_MEASURED.remark} Nobody measured before the correction: that column is what the "
-    "model expects.",
+    remark=f"{_MEASURED.remark} Nothing was measured before the correction: that column is what "
+    "the model expects.",
 )
 
 
@@ -66,8 +72,8 @@ def brought(evaluation: Evaluation, name: str, before: str, after: str) -> str:
     """Sentence that a calibration reduces the mean error; before, after: text with units."""
     if evaluation.kind == "predicted":
         return (
-            f"After correction by {name} a mean position error of {after} is to be expected; "
-            f"the nominal robot leaves {before}."
+            f"After correction by {name} a mean position error of {after} is to be expected, "
+            f"instead of {before} without."
         )
     if evaluation.kind == "compensated":
         return f"{name} brings the mean position error from {before} to {after} in simulation."

@@ -22,6 +22,7 @@ from calibtool.measurement.registration import refine
 from calibtool.robot.se3 import Array
 
 _CLEARLY = 0.8  # of the others' squares: less needs no second fit
+_HARDLY = 3.0  # coordinates per parameter of local POE: with less one row can throw it far off
 _FEW = 3.0  # coordinates per determined parameter: the formula is too hopeful
 _MANY = 20.0  # per parameter: the formula is exact enough
 _FOLDS = 5
@@ -51,6 +52,8 @@ def best_model(
     freedom = max(1.0 - fitted.effective / coordinates, 1.0 / coordinates)
     expected = float(fitted.row_squares[fitting].sum()) / coordinates / freedom**2
     rivals: dict[str, Model] = {"nominal": registered, "local-poe": identify_local_poe}
+    if coordinates < _HARDLY * _local_poe_rank(rows):
+        del rivals["local-poe"]
     if coordinates > _FEW * fitted.effective:
         few = rows.rows(np.unique(np.linspace(0, len(rows) - 1, _JUDGED).astype(int)))
         left = {name: float(_left(fit, few, few).mean()) for name, fit in rivals.items()}
@@ -88,6 +91,14 @@ def registered(measurements: Measurements) -> Identification:
     if not np.isfinite(cost):
         raise NoSolutionError("registration does not converge")
     return nominal_model(replace(measurements, setup=setup))
+
+
+def _local_poe_rank(rows: Measurements) -> float:
+    """Number of parameters that local POE determines from these rows; infinite where it fails."""
+    try:
+        return identify_local_poe(rows).rank
+    except NoSolutionError:
+        return float("inf")
 
 
 def _left(fit: Model, rows: Measurements, judged: Measurements) -> Array:

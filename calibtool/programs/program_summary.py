@@ -72,7 +72,7 @@ class CompensatedProgram:
         )
         alone = f"; {len(self.left_alone)} left alone" if self.left_alone else ""
         lines = [f"{name}: {self.changed} of {self.targets} targets changed{most}{alone}"]
-        for what, remarks in (("left alone", self.left_alone), ("changed, but look", self.remarks)):
+        for what, remarks in (("left alone", self.left_alone), ("changed, check it", self.remarks)):
             ordered = sorted(remarks, key=lambda remark: (remark.source, remark.why, remark.line))
             for (source, why), group in groupby(
                 ordered, key=lambda remark: (remark.source, remark.why)

@@ -15,7 +15,7 @@ from calibtool.calibration.calibration import Calibration
 from calibtool.errors import CalibtoolError, InputError
 from calibtool.measurement.measurements import Measurements
 from calibtool.storage.calibration_groups import build_calibration, write_calibration
-from calibtool.storage.file_checks import check_bytes, check_contents, with_digest
+from calibtool.storage.file_checks import SIGNATURE, check_bytes, check_contents, with_digest
 from calibtool.storage.measurement_groups import build_measurements, write_measurements
 from calibtool.storage.shared_groups import write_robot
 from calibtool.storage.texts import put_string, string
@@ -28,7 +28,13 @@ MEASUREMENTS, CALIBRATION, STUDY = (
     "calibtool/calibration",
     "calibtool/study",
 )
+_WORDS = {
+    MEASUREMENTS: "measurements",
+    CALIBRATION: "a calibration",
+    STUDY: "the table of a study",
+}
 SCHEMA_VERSION = 1
+_LOOK = 1000  # bytes that tell text from other data
 
 T = TypeVar("T")
 Builders = Mapping[str, Callable[[h5py.File], T]]
@@ -132,16 +138,15 @@ def _read(stream: BinaryIO, name: str, builders: Builders[T]) -> T:
                     f"{SCHEMA_VERSION}; install a newer calibtool"
                 )
             if found not in builders:
-                raise InputError(f"{name}: holds {found}, expected {' or '.join(builders)}")
+                expected = " or ".join(_WORDS[schema] for schema in builders)
+                raise InputError(f"{name}: holds {_WORDS[found]}; expected {expected}")
             return builders[found](file)
     except InputError as error:
         raise error if str(error).startswith(name) else InputError(f"{name}: {error}") from None
     except CalibtoolError:
         raise
     except OSError:
-        raise InputError(
-            f"{name}: not an HDF5 file, or cut off; expected a file that calibtool wrote"
-        ) from None
+        raise InputError(f"{name}: {_told(data)}") from None
     except (
         KeyError,
         ValueError,
@@ -152,6 +157,19 @@ def _read(stream: BinaryIO, name: str, builders: Builders[T]) -> T:
         OverflowError,
     ) as error:
         raise InputError(f"{name}: damaged: {' '.join(str(error).split())}") from None
+
+
+def _told(data: bytes) -> str:
+    """What a file is that HDF5 cannot read, and which command takes it."""
+    expected = "expected a file that calibtool wrote"
+    if data.startswith(SIGNATURE):
+        return f"an HDF5 file that is cut off or damaged; {expected}"
+    text = data.lstrip()[:_LOOK]
+    if text.startswith(b"<"):
+        return f"not an HDF5 file but XML; {expected} (calibtool robots reads a URDF)"
+    if b"\0" not in text:
+        return f"not an HDF5 file but text; {expected} (calibtool import reads tables)"
+    return f"not an HDF5 file; {expected}"
 
 
 def _schema(file: h5py.File) -> str:

@@ -22,7 +22,7 @@ _ROOM = 16 << 20  # bytes that any file may hold …
 _PACKED = 20  # … and this many times its length: compressed numbers are not smaller
 _TEXTS = 8  # texts of one attribute
 _CHARACTERS = 1 << 24  # bytes of all texts of variable length: a file may refer to one many times
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def with_digest(data: bytes) -> bytes:
@@ -46,7 +46,7 @@ def check_bytes(data: bytes) -> None:
                 "without the digest)"
             )
         data = data[:-_LENGTH]
-    if not data.startswith(_SIGNATURE):
+    if not data.startswith(SIGNATURE):
         raise OSError("no signature of HDF5")
     if _sizes(data) != b"\x08\x08":  # of other numbers, the heaps below would be misread
         raise ValueError("its addresses or lengths are not of 8 bytes")

@@ -193,9 +193,9 @@ def test_a_file_of_the_other_kind(files: Files, reader: str) -> None:
         "train",
         "simulate --same-robot",
     ) or reader.endswith("--on")
-    wrong, expected = files.network, "calibtool/measurements"
+    wrong, expected = files.network, "measurements"
     if not takes_measurements:
-        wrong, expected = files.measurements, "calibtool/calibration"
+        wrong, expected = files.measurements, "a calibration"
     message = refused(3, *given(reader, wrong, files))
     assert message.startswith(f"{wrong}: ")
     assert message.endswith(f"expected {expected}")

@@ -456,3 +456,12 @@ def test_positions_alone_are_shown_without_orientation(files: Files) -> None:
     assert not any("mrad" in line for line in lines)
     stacked = [line.split()[1:] for line in lines if line.startswith("RP")]
     assert [value for row in stacked for value in row] == ["0"] * 8
+
+
+def test_rows_of_the_training_are_named(files: Files) -> None:
+    """On them a fit looks better than it is."""
+    seen = run("evaluate", files.network, "--on", files.measurements).stderr
+    assert "warning: network: 40 of 40 configurations were used to make it" in seen.replace(
+        "\n  ", " "
+    )
+    assert "were used to make it" not in run("evaluate", files.network, "--on", files.fresh).stderr

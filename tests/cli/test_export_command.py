@@ -192,10 +192,10 @@ def test_the_suffix_tells_the_format(files: Files) -> None:
     for name, start in (("a.json", "{"), ("b.c", "/*"), ("c.st", "(*"), ("d.urdf", "<?xml")):
         run("export", files.local_poe, "-o", name)
         assert Path(name).read_text().startswith(start)
-    assert "does not tell the format; give --format json, c" in refused(
+    assert "names no format; give --format json, c" in refused(
         2, "export", files.local_poe, "-o", "table.csv"
     )
-    assert "does not tell the format" in refused(2, "export", files.local_poe)
+    assert "names no format" in refused(2, "export", files.local_poe)
 
 
 def test_a_prefix_names_the_symbols(files: Files) -> None:

@@ -63,6 +63,21 @@ def test_no_ends_the_session_and_wrong_answers_are_refused() -> None:
         scripted({"rows": "200%"})
 
 
+def test_an_answer_that_cannot_be_used_is_asked_again() -> None:
+    answers = iter(
+        ["nothing.csv", "sample", "fanuk-m1000ia", "fanuc-m1000ia", "mine", "serial", "no"]
+    )
+    asked: list[str] = []
+
+    def ask(question: str, default: str) -> str:
+        asked.append(question.split()[0])
+        return next(answers)
+
+    Path("guided").mkdir()
+    session(Path("guided"), ask, lambda arguments: run(*arguments).exit_code)
+    assert asked == ["table", "table", "robot:", "robot:", "joint", "joint", "is"]
+
+
 def test_on_a_terminal_it_prints_commands_that_can_be_repeated(here: Path) -> None:
     parent, child = pty.openpty()
     answers = b"\n\n\n\n\n\n\n\n"

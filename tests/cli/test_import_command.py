@@ -406,7 +406,7 @@ def test_findings_are_on_stderr_and_in_info(table: str) -> None:
     rows = [[repr(float(row[0]) * np.pi / 180), *row[1:]] for row in lines[1:]]
     write_table("t.csv", lines[0], rows)
     stderr = remarks(run("import", "t.csv", "--robot", "planar-3r", "-o", "m.h5"))
-    assert stderr.startswith("warning: the nominal robot explains the points to ")
+    assert stderr.startswith("warning: the nominal robot fits the points to ")
     assert "joint 1 is in rad, given as degrees" in stderr
     finding = answer("info", "m.h5")["findings"][0]
     assert (finding["name"], finding["severity"]) == ("angle_unit", "warning")

@@ -1,11 +1,12 @@
 """calibtool info: what a file holds, for people and as JSON."""
 
 import hashlib
+import re
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from commandline import Files, answer, run
+from commandline import Files, answer, refused, run
 
 
 def test_a_measurements_file(files: Files) -> None:
@@ -114,4 +115,28 @@ def test_the_table_of_a_study(name: str) -> None:
     assert ("definition" in value) == name.endswith(".h5")
     text = run("info", "-", stdin=Path(name).read_bytes()).stdout
     assert f"study: {value['study']}\n" in text
-    assert "  - method local-poe, configurations 20, " in text
+    assert re.search(r"^ +local-poe +20 ", text, re.MULTILINE)
+
+
+def test_tables_for_people_fit_a_terminal_and_show_the_clear_parameters_first(files: Files) -> None:
+    run("identify", files.measurements, "--model", "complete", "-o", "c.h5")
+    table = answer("info", "c.h5")["base"]["parameter_table"]
+    clearest = max(table, key=lambda row: abs(row["value"]) / row["std"])
+    text = run("info", "c.h5").stdout
+    rows = text.partition("parameter_table:\n")[2].splitlines()
+    assert rows[2].split()[0] == clearest["name"]
+    assert max(len(row) for row in rows[: rows.index("  correlations:")]) <= 80
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("arm.urdf", "<robot name='a'/>\n", "XML; expected a file that calibtool wrote"),
+        ("points.csv", "x_mm,y_mm\n1,2\n", "text; expected a file that calibtool wrote"),
+        ("notes.txt", "hello\n", "calibtool import reads tables"),
+        ("noise.bin", "\x00\x01\x02", "not an HDF5 file; expected"),
+    ],
+)
+def test_a_foreign_file_is_told_by_its_contents(name: str, text: str, told: str) -> None:
+    Path(name).write_text(text)
+    assert told in refused(3, "info", name)

@@ -269,3 +269,21 @@ def test_nobody_types_a_file() -> None:
 
 def test_rows_are_not_typed_either(files: Files) -> None:
     assert on_a_terminal("stdin", "compensate", files.paper, "-").startswith("stdin is a terminal")
+
+
+@pytest.mark.parametrize("writer", ["simulate", "import", "identify", "train", "evaluate"])
+@pytest.mark.parametrize("suffix", [".docx", ".json", ".PNG"])
+def test_a_suffix_of_another_format_is_refused(writer: str, suffix: str) -> None:
+    arguments, output = WRITERS[writer]
+    wrong = f"out{suffix}"
+    found: list[str] = []
+    assert made(lambda: found.append(refused(2, *arguments, "-o", wrong))) == set()
+    right = Path(output).suffix
+    assert found[0].startswith(
+        f"{wrong}: {suffix.lower()} is another format; this output is {right}"
+    )
+
+
+def test_a_suffix_of_no_format_is_taken() -> None:
+    arguments, _ = WRITERS["simulate"]
+    assert made(lambda: run(*arguments, "-o", "out.cell-4")) == {"out.cell-4"}

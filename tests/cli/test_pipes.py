@@ -72,7 +72,7 @@ def test_info_of_a_stream(here: Path) -> None:
     )
     assert finished.stdout == b"kind: calibration\n"
     assert finished.stderr == b""
-    assert Path("report").read_text().startswith("local-poe: planar-3r, 30 configurations")
+    assert Path("report").read_text().startswith("local-poe model of planar-3r, 30 configurations")
 
 
 def test_evaluate_a_stream(here: Path, files: Files) -> None:

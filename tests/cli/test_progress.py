@@ -58,7 +58,7 @@ def test_progress_is_shown_on_a_terminal_and_goes_without_a_trace(trained: str) 
     assert ERASE in trained
     left = trained.split(ERASE)[-1]  # what stays below the first line
     assert "folds" not in left
-    assert "local-poe: planar-3r, 40 configurations" in left
+    assert "local-poe model of planar-3r, 40 configurations" in left
 
 
 def test_nothing_of_it_elsewhere(files: Files) -> None:

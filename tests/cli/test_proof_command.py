@@ -81,7 +81,7 @@ def test_without_before_it_is_expected(there: Path) -> None:
 def test_predictions_are_not_called_after(there: Path) -> None:
     run("import", "s/verification.csv", *FANUC, "-o", "v.h5")
     said = " ".join(run("evaluate", "c.h5", "--on", "v.h5").stderr.split())
-    assert "measured minus predicted: what to expect after correction" in said
+    assert "expected after correction: measured minus predicted" in said
     run("report", "c.h5", "--on", "v.h5", "-o", "v.html")
     run("report", "c.h5", "--on", "after.h5", "--before", "before.h5", "-o", "p.html")
     predicted, proof = (plain(Path(name).read_text()) for name in ("v.html", "p.html"))

@@ -82,12 +82,8 @@ def test_wrong_usage(files: Files) -> None:
 
 def test_wrong_files(files: Files) -> None:
     assert "kinematics differ" in refused(3, "report", files.six_network, "--on", files.fresh)
-    assert "expected calibtool/calibration" in refused(
-        3, "report", files.fresh, "--on", files.fresh
-    )
-    assert "expected calibtool/measurements" in refused(
-        3, "report", files.network, "--on", files.network
-    )
+    assert "expected a calibration" in refused(3, "report", files.fresh, "--on", files.fresh)
+    assert "expected measurements" in refused(3, "report", files.network, "--on", files.network)
 
 
 @pytest.fixture
@@ -166,11 +162,21 @@ def test_the_printed_document_has_six_pages_at_most(files: Files, paper: str) ->
     assert 2 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 6
 
 
+def test_an_output_called_pdf_is_a_pdf(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("calibtool.evaluation.report.pdf.to_pdf", lambda page, paper: b"%PDF-")
+    said = run("report", files.network, "--on", files.fresh, "-o", "r.PDF").stderr
+    assert said.startswith("wrote r.PDF: report of ")
+    assert Path("r.PDF").read_bytes() == b"%PDF-"
+    assert not Path("report.html").exists()
+    judged = ["report", files.network, "--on", files.fresh, "-o", "s.pdf", "--pdf", "t.pdf"]
+    assert "-o names a PDF already" in refused(2, *judged)
+
+
 def test_a_pdf_needs_something_that_prints(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("calibtool.evaluation.report.pdf.shutil.which", lambda name: None)
     monkeypatch.setattr("calibtool.evaluation.report.pdf.find_spec", lambda name: None)
     message = refused(2, "report", files.network, "--on", files.fresh, "--pdf", "r.pdf")
-    assert message.startswith("--pdf needs Chromium or WeasyPrint")
+    assert message.startswith("a PDF needs Chromium or WeasyPrint")
 
 
 def test_every_parameter_is_in_its_table(files: Files) -> None:

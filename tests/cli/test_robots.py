@@ -90,9 +90,9 @@ def test_text_for_people_holds_what_json_holds() -> None:
     for key in value:
         assert f"{key}:" in text
     for joint in value["joint_table"]:
-        assert f"name {joint['name']}" in text
+        assert f"\n  {joint['name']} " in text
     for note in value["notes"]:
-        assert note in text
+        assert note in " ".join(text.split())
 
 
 def test_a_robot_of_ones_own_by_folder_toml_and_urdf() -> None:

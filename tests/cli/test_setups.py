@@ -83,14 +83,14 @@ def test_one_number_per_row(name: str, observation: str) -> None:
     [
         ("touched_table", ["32, 1 length each", "z_mm [mm]", "heights above a plane"]),
         ("ball_bar", ["16, 1 length each", "distance_mm [mm]"]),
-        ("stations", ["48, 1 target each", "station: A, B", "nominal robot: 0."]),
+        ("stations", ["48, 1 target each", "station: A, B", "after registration: 0."]),
     ],
 )
 def test_a_dry_run_says_what_was_understood(name: str, says: list[str]) -> None:
     shown = run("import", f"{name}.csv", *UR10, "--dry-run").stdout
     for text in says:
         assert text in shown
-    assert "mm max from the measured points after registration" in shown
+    assert "nominal robot after registration: " in shown
 
 
 def test_a_wire_of_negative_length_is_refused_by_line() -> None:
@@ -195,9 +195,9 @@ def test_a_station_that_nothing_ties_to_the_others_is_named() -> None:
     header, *rows = Path("stations.csv").read_text().split()
     Path("alone.csv").write_text("\n".join([header, *rows[:24], *rows[24:26]]))
     said = run("import", "alone.csv", *UR10, "-o", "m.h5").stderr
-    assert "warning: B: 2 rows read 6 numbers, and 6 are needed to tell where it is" in said
+    assert "warning: B: 2 rows with 6 readings, but 6 are needed to determine where it is" in said
     assert "measure at least 4 rows there" in said
-    assert "B: 2 rows read 6 numbers" in run("identify", "m.h5", "-o", "c.h5").stderr
+    assert "B: 2 rows with 6 readings" in run("identify", "m.h5", "-o", "c.h5").stderr
 
 
 @pytest.mark.parametrize(("kind", "enough"), [("plane", 3), ("sphere", 4), ("camera", 1)])

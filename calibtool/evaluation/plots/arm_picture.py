@@ -13,7 +13,7 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, transform_points
 from calibtool.robot.skeleton import skeleton
 
-# Okabe and Ito's colours, told apart by colour-blind readers; nothing is told by its colour alone.
+# Colours of Okabe and Ito, for colour-blind readers; shapes differ, too.
 _LINK, _AXIS, _TARGET = "#777777", "#CC79A7", "#E69F00"
 _FRAME = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
 _VIEWS = (
@@ -168,7 +168,7 @@ def _frame(panel: Axes, pose: Array, size: float, plane: list[int]) -> None:
 
 
 def _name_points(panel: Axes, arm: _Arm, plane: list[int]) -> None:
-    """Names beside base, joints and tool, where most room is; points that fall together in this
+    """Names beside base, joints and tool, where there is most room; points that coincide in this
     view share one label.
     """
     points = np.concatenate([np.zeros((1, 3)), arm.marks, arm.tool[None, :3, 3]])[:, plane]

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from calibtool.calibration import Calibration
+from calibtool.equivalent.gaussian_process import GaussianProcess
 from calibtool.errormodel.harmonics import harmonic_functions
 from calibtool.errors import InputError
 from calibtool.evaluation.plots.style import (
@@ -22,6 +23,7 @@ from calibtool.evaluation.plots.style import (
     mark,
     panels,
 )
+from calibtool.evaluation.wording import OPTIMISERS
 from calibtool.identification.local_poe import RANK_TOLERANCE
 from calibtool.identification.report import parameter_rows
 from calibtool.measurement.sampling import spread_rows
@@ -30,23 +32,24 @@ from calibtool.robot.se3 import Array
 
 Named = Sequence[tuple[str, Calibration]]
 _DOTS = 500  # joint motions shown per joint
+_LEAST = 1e-4  # of the limit: smaller singular values are drawn there
 _NAMED = 45  # parameters that can be named along an axis
 
 
 def training(calibrations: Named, width_mm: float) -> Figure:
-    """Loss on the training and the validation rows over the iterations.
+    """Loss of networks on the training and the validation rows over the iterations.
 
-    InputError where nothing was trained.
+    InputError where none was trained.
     """
     trained = [
-        (f"{label(name)}{'' if c.networks else ' (not used)'}", c.training)
+        (f"{label(name)}{'' if c.networks else ' (not used)'}", c.training, bool(c.networks))
         for name, c in calibrations
-        if c.training is not None
+        if c.training is not None and c.training.regressor != GaussianProcess.id
     ]
     if not trained:
         raise InputError("no network was trained, so there is no training to draw")
     figure, axes = panels(width_mm, len(trained), (80.0, 62.0), 2.0)
-    for panel, (name, report) in zip(axes, trained, strict=True):
+    for panel, (name, report, used) in zip(axes, trained, strict=True):
         history = report.history
         iterations = np.arange(len(history.training))
         curves = [history.training]
@@ -61,11 +64,12 @@ def training(calibrations: Named, width_mm: float) -> Figure:
             history.chosen,
             color=COLOURS[3],
             linestyle="--",
-            label=f"kept: iteration {history.chosen}",
+            label=f"{'kept' if used else 'best'}: iteration {history.chosen}",
         )
         log_scale(panel, "y", [*curves, np.array([report.loss_without])])
         weighted = "weighted squared error" if report.loss == "task" else "squared joint error"
-        panel.set_title(f"{name}: {report.loss} loss, {report.optimiser}")
+        what = "pose" if report.loss == "task" else "joint"
+        panel.set_title(f"{name}: {what} error, {OPTIMISERS[report.optimiser]}")
         panel.set(xlabel="iteration", ylabel=f"mean {weighted}")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.grid()
@@ -191,7 +195,7 @@ def observability(calibrations: Named, width_mm: float) -> Figure:
     for panel, (i, name, base) in zip(axes, known, strict=True):
         s = base.singular_values
         floor = 1.0 if base.posterior is not None else RANK_TOLERANCE * float(s[0])
-        shown = np.maximum(s, floor * 1e-4)
+        shown = np.maximum(s, floor * _LEAST)
         panel.plot(
             np.arange(1, len(s) + 1),
             shown,
@@ -204,14 +208,18 @@ def observability(calibrations: Named, width_mm: float) -> Figure:
             floor,
             color=INK,
             linestyle=":",
-            label="as informative as the tolerance" if floor == 1 else "rank limit",
+            label="above: determined" if floor == 1 else "limit of the rank",
         )
         log_scale(panel, "y", [shown])
         panel.set_title(
             f"{label(name)}: rank {base.rank} of {base.observable_rank}, "
             f"{base.parameters} parameters"
         )
-        panel.set(xlabel="direction", ylabel="singular value")
+        if (shown > s).any():
+            panel.axhline(
+                floor * _LEAST, color=INK, linewidth=0.4, label=f"{floor * _LEAST:.1g} or less"
+            )
+        panel.set(xlabel="combination of parameters", ylabel="singular value")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.grid(axis="y")
         panel.legend(loc="upper right")

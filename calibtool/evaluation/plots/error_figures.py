@@ -30,6 +30,7 @@ _LONG = 0.08  # of the box, the median arrow at most; a step less is 5 %
 _STEPS = (1, 1.5, 2, 3, 4, 5, 6, 8)
 _WIDE_MM = 120.0
 _BOTTOM_MM = 10.0
+_NOISE = "noise of the measurement"
 
 Errors = list[tuple[str, Array]]
 Floors = Mapping[str, float | None]
@@ -105,7 +106,7 @@ def _points_and_boxes(points: Axes, boxes: Axes, errors: Errors, axis: str) -> N
 def _floor(draw: tuple[Callable[..., object], ...], value: float | None) -> None:
     """Mark what the noise alone gives, by axhline or axvline of panels."""
     for each in draw if value is not None else ():
-        each(value, color=COLOURS[0], linestyle="--", linewidth=0.8, zorder=0)
+        each(value, color=COLOURS[0], linestyle=(0, (6, 3)), linewidth=0.8, zorder=0, label=_NOISE)
 
 
 def distribution(

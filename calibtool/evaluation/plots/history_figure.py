@@ -48,12 +48,15 @@ def history_figure(entries: list[dict[str, Any]]) -> Figure:
         )
     for k in np.flatnonzero(alarm):
         text = " or ".join(entries[k]["likely"][:2])
-        panel.annotate(label(text), (x[k], residual[k]), (5, 5), textcoords="offset points")
+        panel.annotate(
+            label(text), (x[k], residual[k]), (0, 6), textcoords="offset points", ha="center"
+        )
     names = [label(str(entry.get("date") or k + 1), 12) for k, entry in enumerate(entries)]
     step = -(-len(names) // _NAMED)
     panel.set_xticks(x[::step], names[::step], rotation=30 if len(names) > 6 else 0)
-    panel.set(ylabel="residual rms per coordinate, mm", xlabel="check", ylim=(0, None))
-    panel.margins(x=0.08)
+    panel.set(ylabel="residual rms per coordinate, mm", xlabel="check")
+    panel.margins(x=0.08, y=0.15)
+    panel.set_ylim(bottom=0)
     panel.set_title(label(str(entries[-1]["robot"])))
     panel.grid(axis="y")
     panel.legend(loc="upper left")

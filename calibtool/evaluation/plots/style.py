@@ -20,14 +20,14 @@ WIDTH_MM = 180.0  # two columns of most journals; 85 is one
 MM = 1 / 25.4
 
 INK, GRID, SHADE = "#1b1c1d", "#c9cacb", "#e1e2e3"
-# Okabe and Ito's colours, told apart by colour-blind readers; the nominal robot is grey.
+# Okabe and Ito's colours, which colour-blind readers can distinguish; the nominal robot is grey.
 COLOURS = ("#777777", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 MANY = 1000  # marks in a panel from which they are an image inside the drawing
 
 _STYLE: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same font on every machine
     "font.size": 8,
     "axes.titlesize": 8,
     "axes.labelsize": 8,
@@ -57,7 +57,7 @@ _STYLE: dict[Any, Any] = {
     "pdf.fonttype": 42,  # whole TrueType letters, as journals ask
     "savefig.dpi": 300,
 }
-# What every format would write about the program and the hour.
+# Program names and dates that the formats would contain.
 _NO_METADATA = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},
@@ -143,7 +143,7 @@ def log_scale(axes: Axes, axis: Literal["x", "y"], values: list[np.ndarray]) -> 
         return
     (axes.set_xscale if axis == "x" else axes.set_yscale)("log")
     decades = np.log10(positive.max() / positive.min())
-    subs = (1.0, 2.0, 5.0) if decades < 3 else (1.0,)
+    subs = tuple(range(1, 10)) if decades < 0.7 else (1.0, 2.0, 5.0) if decades < 3 else (1.0,)
     chosen = axes.xaxis if axis == "x" else axes.yaxis
     chosen.set_major_locator(LogLocator(subs=subs, numticks=12))
     chosen.set_minor_locator(NullLocator())
@@ -161,6 +161,6 @@ def to_bytes(figure: Figure, image: ImageFormat, *, letters: bool = False) -> by
     ):
         warnings.filterwarnings(
             "ignore", message="Glyph .* missing"
-        )  # a file may be called anything
+        )  # names of files can contain any character
         figure.savefig(buffer, format=image, metadata=_NO_METADATA[image], transparent=letters)
     return buffer.getvalue()

@@ -9,12 +9,19 @@ from calibtool.equivalent.gaussian_process import GaussianProcess
 from calibtool.errormodel.family import COMPONENTS
 from calibtool.evaluation.plots import Subject
 from calibtool.evaluation.report.content import Drawing, PageSection, PageTable, number
+from calibtool.evaluation.wording import OPTIMISERS, REGULARISATIONS
 from calibtool.identification.report import ParameterRow, parameter_rows, strongest_correlations
 from calibtool.measurement.measurements import Measurements
-from calibtool.units import three_digits
+from calibtool.units import minus, three_digits
 
 _OPEN_ROWS = 20  # a longer table is folded
 _DETERMINED = 0.5  # listed from there
+SYMBOLS = (
+    "ζ: where a joint stands in the link before it; ξ: error of its axis, which grows with the "
+    "joint's position; q: offset of its zero; sin, cos: periodic error of its gear, with the "
+    "number of periods per turn; gravity: wind-up under its load; backlash: half of its play. "
+    "Numbers count the joints from the base; x, y, z are lengths, rx, ry, rz angles."
+)
 _NAMED = 12  # unobservable parameters named
 
 
@@ -31,14 +38,16 @@ def training_section(subject: Subject) -> PageSection:
             else "not used, because it does not help"
         )
         text = (
-            f"{name}: network with {report.hidden} hidden nodes, {report.regularisation}, "
-            f"{report.optimiser}, {used}; ended because: {report.history.reason}"
+            f"{name}: network with {report.hidden} hidden nodes, {used}. Trained by "
+            f"{OPTIMISERS[report.optimiser]}, {REGULARISATIONS[report.regularisation]}; training "
+            f"ended because {report.history.reason}."
         )
         if report.regressor == GaussianProcess.id:
-            text = f"{name}: Gaussian process with {report.hidden} points, {used}"
+            used = used if not calibration.networks else "used"
+            text = f"{name}: Gaussian process with {report.hidden} points, {used}."
         if validation is not None:
-            text += f"; gain in {validation.folds}-fold cross-validation {validation}"
-        lines.append(f"{text}.")
+            text += f" Gain in {validation.folds}-fold cross-validation: {validation}."
+        lines.append(text)
     caption = "Loss over the iterations of the best restart."
     alt = "Training and validation loss, the loss without network, and the iteration that was kept."
     drawings = [Drawing("training", caption, alt)]
@@ -82,9 +91,9 @@ def parameters_section(subject: Subject) -> PageSection:
             rows = parameter_rows(base)
             lines.append(
                 f"{name}: {base.posterior.effective:.1f} of {base.observable_rank} "
-                f"directions determined ({len(rows)} parameters); strongest correlations "
+                f"combinations of {len(rows)} parameters determined; strongest correlations "
                 + ", ".join(
-                    f"{a} and {b} {value:+.2f}"
+                    minus(f"{a} and {b} {value:+.2f}")
                     for a, b, value in strongest_correlations(base.posterior, 3)
                 )
                 + "."
@@ -92,8 +101,8 @@ def parameters_section(subject: Subject) -> PageSection:
             known = [row for row in rows if row.family and row.determined >= _DETERMINED]
             lines.append(
                 f"{name}: the table lists the {len(known)} of {len(rows)} parameters that the "
-                "measurements determine to at least half (calibtool report --parameters FILE.csv "
-                "writes all)."
+                "measurements determine to at least half; calibtool report writes all of them "
+                "to a file on request."
             )
             known.sort(key=lambda row: -abs(row.value) / row.std)
             header = ["parameter", "value ±", "determined"]
@@ -105,10 +114,11 @@ def parameters_section(subject: Subject) -> PageSection:
             tables.append(_placements(name, calibration))
     if not tables:
         return PageSection("parameters", "Parameters", ["None: no base model was identified."])
+    if any(calibration.base.posterior is not None for _, calibration in subject.calibrations):
+        lines.append(SYMBOLS)
     caption = (
-        "Values ± 2 standard deviations. ζ: where a joint stands in the link before it; ξ: error "
-        "of its axis, which grows with its position; q: offset of its zero; numbers count the "
-        "joints from the base. A bar as long as the tolerance was not determined by the data."
+        "Values ± 2 standard deviations. A bar as long as the tolerance: the measurements do not "
+        "determine this parameter."
     )
     alt = "Identified parameters with error bars, one panel per family."
     return PageSection(
@@ -117,7 +127,7 @@ def parameters_section(subject: Subject) -> PageSection:
 
 
 def _parameter(row: ParameterRow) -> list[str]:
-    value = f"{three_digits(row.value)} ± {three_digits(row.std)} {row.unit}"
+    value = minus(f"{three_digits(row.value)} ± {three_digits(row.std)} {row.unit}")
     return [row.name, value, f"{100 * row.determined:.0f} %"]
 
 
@@ -171,7 +181,7 @@ def flagged_section(subject: Subject) -> PageSection:
         lines = [
             "None: every row of the identification fits."
             if looked
-            else "Nobody looked: only the complete model flags rows that do not fit."
+            else "Not looked for: only the complete model flags rows that do not fit."
         ]
     return PageSection("flagged", "Flagged rows", lines, (), tables)
 
@@ -212,11 +222,12 @@ def observability_section(subject: Subject) -> PageSection:
     ]
     tables = [PageTable("Rank and singular values", header, rows)] if rows else []
     caption = (
-        "Singular values. Complete model: relative to the tolerances; above 1 the data say more "
-        "than those do."
+        "Singular values, largest first; each belongs to a combination of parameters. Complete "
+        "model: in multiples of the tolerances; above 1 the measurements say more than the "
+        "tolerances do. Lowest row: values at or below it."
     )
     alt = (
-        "Singular values in falling order, with the limit below which a direction is "
+        "Singular values in falling order, with the limit below which a combination is "
         "not determined."
     )
     drawings = [Drawing("observability", caption, alt)]
@@ -276,13 +287,11 @@ def _noise_verdict(factor: float | None) -> str:
         return "not estimated by this model"
     if factor > 2:
         return (
-            f"{factor:.1f} times the stated: it is wrong, or the robot does what the model "
-            "cannot describe"
+            f"{factor:.1f} times the stated noise: it is wrong, or the robot has errors that the "
+            "model does not describe"
         )
     return (
-        "as stated"
-        if factor >= 0.5
-        else f"{factor:.2f} times the stated: the statement is too careful"
+        "as stated" if factor >= 0.5 else f"{factor:.2f} times the stated noise: less than stated"
     )
 
 

@@ -16,7 +16,7 @@ class PageTable:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure of `plots`, its caption, and what it shows in words for whom cannot see it."""
+    """A figure of `plots`, its caption, and a description for readers who cannot see it."""
 
     kind: str
     caption: str
@@ -87,10 +87,7 @@ class Verdict:
 
     @property
     def badge(self) -> tuple[str, str]:
-        """The verdict in a word, and whether it is `good`, `bad` or a matter of `doubt`.
-
-        On rows of the training nothing is proven.
-        """
+        """The verdict in a word, and `good`, `bad` or `doubt`. On training rows it is in doubt."""
         if not self.met:
             return "not met", "bad"
         return ("met", "good") if self.proven else ("met on training rows only", "doubt")

@@ -65,7 +65,8 @@ def errors_section(subject: Subject, judged: Measurements) -> PageSection:
 def distribution_caption(subject: Subject) -> str:
     """Caption of the distribution of the errors, with the lines in it."""
     limits = " Dotted: limits." if subject.limits else ""
-    return f"Which part of the configurations has at most which error.{limits}{_floor(subject)}"
+    share = "Share of the configurations whose error is at most the value below."
+    return f"{share}{limits}{_floor(subject)}"
 
 
 def _floor(subject: Subject) -> str:
@@ -103,8 +104,8 @@ def vectors_section(subject: Subject) -> PageSection:
         "vectors",
         "Error vectors in the workspace",
         [
-            "Arrows start at the commanded tool position, in the robot's base frame; their "
-            "length is magnified, so that the median arrow is 5 to 8 % of the box."
+            "Each arrow starts at a commanded tool position, in the robot's base frame, and shows "
+            "its position error, magnified."
         ],
         [
             Drawing(
@@ -136,7 +137,7 @@ def uncorrectable_section(subject: Subject) -> PageSection:
             else "Not known: only a simulation with a known set-up knows which poses the actual "
             "robot can take."
         )
-        return PageSection(section.id, section.title, [reason])
+        return PageSection(section.id, section.title, [reason], printed=False)
     line = (
         f"{len(beyond.position)} of {evaluation.configurations} commanded poses cannot be taken by "
         "the actual robot: too few joints, or out of reach. The error that remains at the "
@@ -165,7 +166,7 @@ def pose_test_section(subject: Subject) -> PageSection:
     )
     test = evaluation.pose_test
     if test is None:
-        return PageSection("iso9283", title, (), [drawing])
+        return PageSection("iso9283", title, (), [drawing], printed=False)
     tables = []
     shown = (
         ("mm", test.accuracy, test.repeatability),

@@ -17,7 +17,7 @@ FIELDS = {
 
 
 class Occasion(BaseModel):
-    """The occasion of a report, as text; an empty entry is left for the pen.
+    """The occasion of a report, as text; an empty entry is a blank to be filled in by hand.
 
     title        heading of the document; empty: that of the robot
     serial, customer, operator, instrument, date, temperature   see `FIELDS`
@@ -46,7 +46,7 @@ class Occasion(BaseModel):
 
 
 def parse_occasion(text: str, name: str) -> Occasion:
-    """The occasion from a TOML text called `name`. InputError for what is none."""
+    """The occasion from a TOML text called `name`. InputError for anything else."""
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -29,7 +29,7 @@ def to_pdf(page: str, paper: str = "a4") -> bytes:
         result: bytes = weasyprint.HTML(string=page).write_pdf()
         return result
     raise UsageError(
-        "--pdf needs Chromium or WeasyPrint (pip install 'calibtool[pdf]'); or open the page in a "
+        "a PDF needs Chromium or WeasyPrint (pip install 'calibtool[pdf]'); or open the page in a "
         "browser and print it"
     )
 

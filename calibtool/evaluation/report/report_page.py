@@ -133,7 +133,7 @@ def _compact(subject: Subject) -> Markup:
 
 
 def _shown(section: PageSection, subject: Subject) -> Shown:
-    """Draw what a section shows; what there is nothing of becomes a line."""
+    """Draw the figures of a section; one that cannot be drawn becomes a line with the reason."""
     lines, drawings = list(section.lines), []
     for drawing in section.drawings:
         try:

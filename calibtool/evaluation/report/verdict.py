@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, cast
 
-import numpy as np
-
-from calibtool.calibration import Calibration
+from calibtool.calibration.guard import also_in_training
 from calibtool.evaluation.acceptance import broken_limits
 from calibtool.evaluation.compare import judged_rows
 from calibtool.evaluation.metrics import pose_statistics
@@ -126,7 +124,7 @@ def cautions(subject: Subject, judged: Array) -> list[str]:
 
 
 def remarks(subject: Subject) -> list[str]:
-    """What the numbers are."""
+    """Sentences that explain the numbers."""
     evaluation = subject.evaluation
     assert evaluation is not None
     result = [words(evaluation.kind, evaluation.before).remark]
@@ -177,7 +175,7 @@ def _changes(
 
 
 def _noise(subject: Subject) -> dict[str, float | None]:
-    """What the noise alone gives, m and rad; None where it is not in the errors."""
+    """Errors that noise alone causes, m and rad; None where the errors contain no noise."""
     assert subject.evaluation is not None
     if subject.measurements is None or subject.evaluation.kind == "compensated":
         return {"position": None, "orientation": None}
@@ -205,12 +203,6 @@ def _judgements(subject: Subject, k: int) -> list[Judgement]:
             )
         )
     return result
-
-
-def also_in_training(calibration: Calibration, q: Array) -> int:
-    """How many of the rows q (N, n), rad or m, were used to make the calibration."""
-    known = {row.tobytes() for row in np.round(calibration.q, 9) + 0.0}
-    return sum(row.tobytes() in known for row in np.round(q, 9) + 0.0)
 
 
 def _verb(names: list[str], plural: str) -> str:

@@ -30,11 +30,11 @@ def on_cluster(
     """(index, rows) of every run, in the order in which they finish, from the workers of
     a Dask scheduler.
 
-    Workers need calibtool of this version. A run whose worker dies again and again gets rows that
-    say so. security: TLS files, for an address tls://HOST:PORT; scheduler, workers and this process
-    trust each other wholly (docs/study.md). told: gets a line when there are no workers; the study
-    waits for them. UsageError without dask[distributed], or when no scheduler answers at `address`;
-    CalibtoolError when the cluster goes away, or a worker cannot perform runs.
+    Workers need calibtool of this version. A run whose worker ends repeatedly gets rows with that
+    status. security: TLS files, for an address tls://HOST:PORT; scheduler, workers and this process
+    trust each other (docs/study.md). told: is called with a line when there are no workers; the
+    study waits for them. UsageError without dask[distributed], or when no scheduler answers at
+    `address`; CalibtoolError when the cluster goes away, or a worker cannot perform runs.
     """
     client = _connect(address, security)
     from distributed import KilledWorker, as_completed
@@ -69,12 +69,12 @@ def on_cluster(
 def _watch(
     client: "Client", address: str, told: Callable[[str], None], stop: threading.Event
 ) -> None:
-    """Tell when there have been no workers for a while, once for every time that they go."""
+    """Report when there have been no workers for a while, once each time."""
     silent = False
     while not stop.wait(WORKER_SECONDS):
         try:
             workers = len(client.scheduler_info(n_workers=1)["workers"])
-        except Exception:  # the scheduler is gone: whoever waits for runs hears it
+        except Exception:  # the scheduler is gone: waiting for runs raises, too
             return
         if not workers and not silent:
             told(f"{address}: no workers yet; waiting for some: dask worker {address}")
@@ -98,18 +98,17 @@ def _connect(address: str, security: ClusterSecurity | None) -> "Client":
     try:
         asyncio.run(
             asyncio.wait_for(_reach(address, options), REACH_SECONDS)
-        )  # a Client that fails to connect fails noisily
+        )  # a Client that fails to connect prints messages
         return Client(address, timeout=REACH_SECONDS, set_as_default=False, security=options)
-    except (
-        Exception
-    ) as error:  # also what comes of a server that speaks another language, such as MemoryError
+    except Exception as error:  # also from a server with another protocol, such as MemoryError
         text = " ".join(str(error).split()) if isinstance(error, OSError | ValueError) else ""
         text = text or f"it does not answer like one within {REACH_SECONDS} s"
         raise UsageError(f"--cluster {address}: no Dask scheduler: {text}") from None
 
 
 def _silence() -> None:
-    """What matters is said by the error; each module of Dask has a level of its own."""
+    """Silence Dask's log messages: the error has the reason. Each of its modules has its own
+    level."""
     for name in ["distributed", *logging.root.manager.loggerDict]:
         if name.partition(".")[0] == "distributed":
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)

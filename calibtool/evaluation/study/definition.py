@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 
 def _as_list(value: Any) -> Any:
-    """A single value stands for a list of one; what is given twice counts once."""
+    """A single value is a list of one; repeated values count once."""
     values = value if isinstance(value, list | tuple) else [value]
     return [v for i, v in enumerate(values) if v not in values[:i]]
 
@@ -48,7 +48,7 @@ class Definition(BaseModel):
     noise_mm        standard deviation per coordinate
     methods         of METHODS; `nominal` is always among them
     fresh           configurations of the same robot for judging; 0: judge on the measured
-                    ones, like the paper
+                    ones, as Song, Tian and Ma do
     *_mm, *_mrad, *_k   sizes of the errors, as in `ErrorScales`
     """
 
@@ -160,7 +160,7 @@ class RobotText:
 
 @dataclass(frozen=True)
 class Study:
-    """A definition with its robots read: all that a worker needs for any run of it.
+    """A definition with its robots read: everything that a worker needs for any run.
 
     definition  what is varied, and how runs are made and judged
     robots      texts of their descriptions
@@ -191,7 +191,7 @@ class Study:
 
     @cached_property
     def key(self) -> str:
-        """Twelve hexadecimal digits of the SHA-256 of everything that decides the results."""
+        """Twelve hexadecimal digits of the SHA-256 of everything that determines the results."""
         parts = [
             self.version,
             self.definition.model_dump_json(),

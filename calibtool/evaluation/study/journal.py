@@ -56,7 +56,7 @@ class Journal:
         return tuple(row for index in sorted(self.finished) for row in self.finished[index])
 
     def remove(self) -> None:
-        """The study is written: the journal has done its work."""
+        """Remove the journal after the study was written."""
         if self.path is not None:
             self.path.unlink(missing_ok=True)
 
@@ -84,7 +84,7 @@ class Journal:
         try:
             if not stat.S_ISREG(os.fstat(file).st_mode):
                 raise UsageError(f"{path}: is no regular file; {_REMEDY.partition(',')[0]}")
-            if sys.platform != "win32":  # no such locks there: two studies are told apart by hand
+            if sys.platform != "win32":  # no such locks there
                 lock = partial(fcntl.flock, file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 attempt("locks", self.lacking, lock)
             with open(file, "rb", closefd=False) as stream:

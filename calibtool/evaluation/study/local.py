@@ -1,4 +1,4 @@
-"""Runs in processes of this machine: a killed process is replaced, its run repeated once."""
+"""Runs in processes of this machine: a killed process is replaced and its run repeated once."""
 
 from collections import deque
 from collections.abc import Generator, Sequence
@@ -17,8 +17,8 @@ _TRIES = 2
 def run_study(study: Study, workers: int = 1) -> StudyTable:
     """The table of all runs of a study; it does not depend on the number of workers.
 
-    One worker is this process. More are processes of their own, which start the script that calls
-    this again: its own work belongs under `if __name__ == "__main__":` then.
+    With one worker the runs are done in this process. More workers are processes that import the
+    calling script again; its own work must then be under `if __name__ == "__main__":`.
     """
     indices = range(study.count)
     if workers == 1:
@@ -33,8 +33,8 @@ def in_processes(
 ) -> Generator[tuple[int, list[Row]], None, None]:
     """(index, rows) of every run, in the order in which they finish, from `workers` processes.
 
-    A run whose process is killed twice gets rows that say so. Raises CalibtoolError when
-    processes cannot even start. The processes end with the iterator, and by themselves when this
+    A run whose process is killed twice gets rows with that status. Raises CalibtoolError when
+    processes cannot start. The processes end with the iterator, and by themselves when this
     process is killed.
     """
     waiting = deque(indices)

@@ -63,7 +63,7 @@ def _perform(study: Study, index: int) -> list[Row]:
             continue
         try:
             calibrations.append((method, _CALIBRATE[method](measurements, run.seed)))
-        except Exception as error:  # one method that fails must not cost the others, nor the study
+        except Exception as error:  # a method that fails must not stop the others
             problems[method] = _reason(error)
     try:
         evaluation = evaluate(calibrations, judged)

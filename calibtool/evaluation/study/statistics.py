@@ -81,8 +81,8 @@ def study_summary(table: StudyTable) -> dict[str, object]:
 
 
 def study_contents(table: StudyTable, definition: Mapping[str, object] | None) -> dict[str, object]:
-    """What `info` tells of a study: what was varied, how much of it has a result, and the
-    medians over the runs.
+    """Summary of a study for `info`: what was varied, how many runs have a result, and the medians
+    over the runs.
 
     definition: the keys of its definition, None for a table without one (CSV).
     """

@@ -58,7 +58,7 @@ class StudyTable:
 
 
 def rounded(value: float) -> float:
-    """Nine significant digits, so that last bits of a machine do not show."""
+    """Nine significant digits, so that rounding differences of machines do not show."""
     return float(f"{value:.9g}")
 
 
@@ -101,10 +101,10 @@ def parse_csv(text: str, name: str) -> StudyTable:
 
 
 def checked_row(cells: object) -> Row:
-    """Cells from a file as a row: text, whole numbers that fit 64 bits and finite numbers where the
-    columns want them.
+    """Cells from a file as a row: text, whole numbers that fit 64 bits and finite numbers as the
+    columns require.
 
-    None stands in columns of results only. Raises ValueError.
+    None is allowed in columns of results only. Raises ValueError.
     """
     if not isinstance(cells, list | tuple) or len(cells) != len(COLUMNS):
         raise ValueError("no row")

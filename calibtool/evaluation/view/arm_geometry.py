@@ -114,23 +114,24 @@ def _copied(mesh: Path, copy: Path) -> Path:
             import trimesh
 
             trimesh.load_scene(copy)
-    except Exception as error:  # of many kinds: the file is from anywhere
+    except Exception as error:  # of many kinds: the file comes from outside
         raise InputError(f"{mesh}: the mesh cannot be read ({type(error).__name__})") from None
     return copy
 
 
 def simple_shape(robot: Robot) -> pin.GeometryModel:
-    """Cylinders along links, rails and round the joint axes, boxes for slides, as thick as the
-    robot's size asks for.
+    """Cylinders along links, rails and round the joint axes, boxes for slides, as thick as suits
+    the size of the robot.
     """
     shape = pin.GeometryModel()
     placements, twists = robot.chain.placements, robot.chain.twists
-    width = float(np.linalg.norm(placements[:, :3, 3], axis=-1).sum()) / 60 or 0.01
+    links = float(np.linalg.norm(placements[:, :3, 3], axis=-1).sum()) / 2 or 0.3
+    width = (links if robot.chain.tree is None else min(links, robot.length)) / 30  # one leg's size
     origin = np.zeros(3)
     joint = robot.chain.model_joints  # of Pinocchio, by number; 0 is the base
     for k, (placement, carrier) in enumerate(
         zip(placements, robot.chain.placed_on, strict=True)
-    ):  # from the origin of a joint's frame to that of what it carries
+    ):  # from the origin of a joint's frame to that of the next one
         thick = width if k < len(twists) else width / 2
         _add_rod(shape, f"link{k}", joint[carrier], origin, placement[:3, 3], thick)
     for j, twist in enumerate(twists[: robot.n]):
@@ -140,8 +141,8 @@ def simple_shape(robot: Robot) -> pin.GeometryModel:
                 shape,
                 f"rail{j + 1}",
                 joint[robot.chain.placed_on[j]],
-                zero + axis * robot.lower[j],
-                zero + axis * robot.upper[j],
+                zero + axis * min(robot.lower[j], 0.0),
+                zero + axis * max(robot.upper[j], 0.0),
                 width / 2,
             )
             solid, along = coal.Box(3 * width, 3 * width, 4 * width), twist[:3]

@@ -29,16 +29,14 @@ def serving(
     """A server that shows the scene inside the block, with a slider for the configuration and
     the magnification.
 
-    shape: what the arm looks like, on the joints of the robot's chain. Its `viewer` is the server.
-    It answers this machine's browsers alone (`local_server`), under `host` and localhost.
+    shape: visual geometry of the arm, on the joints of the robot's chain. Its `viewer` is the
+    server. It answers browsers of this machine only (`local_server`), under `host` and localhost.
     UsageError without viser or a Pinocchio that knows it, or when the port is taken.
     """
     visualizer = _visualizer(scene, shape)
     _check_free(host, port)
     size = max(scene.extent, _SMALL)
-    with contextlib.redirect_stdout(
-        io.StringIO()
-    ):  # viser greets and says goodbye where data belong
+    with contextlib.redirect_stdout(io.StringIO()):  # viser prints to stdout, which is for data
         server = local_server(host, port, f"calibtool: {scene.robot.name}")
         visualizer.initViewer(viewer=server)
         visualizer.loadViewerModel("arm", frame_axis_length=size / 20, frame_axis_radius=size / 600)
@@ -90,7 +88,7 @@ def _visualizer(scene: Scene, shape: pin.GeometryModel) -> "ViserVisualizer":
 
 
 def _look_at(server: "ViserServer", scene: Scene) -> None:
-    """From the front and above, at the middle of where the targets are."""
+    """Camera in front and above, looking at the middle of the targets."""
     points = scene.arm.reshape(-1, 3)
     middle, far = (points.min(axis=0) + points.max(axis=0)) / 2, 1.1 * max(scene.extent, _SMALL)
     server.initial_camera.look_at = tuple(middle)
@@ -126,7 +124,7 @@ def _lines(
 
 
 def _check_free(host: str, port: int) -> None:
-    """viser takes the next free port without a word; a port that was asked for is meant."""
+    """UsageError for a port in use: viser would silently take the next free one."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

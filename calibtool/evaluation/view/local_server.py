@@ -1,4 +1,4 @@
-"""A viser server for the browsers of this machine alone.
+"""A viser server for browsers of this machine only.
 
 Pages of other sites reach the ports of a machine through the browsers on it: by their own scripts,
 which name their site as Origin, and under a name of their own that leads here (DNS rebinding),
@@ -16,7 +16,8 @@ from calibtool.errors import UsageError
 
 def local_server(host: str, port: int, label: str) -> Any:
     """The server (`ViserServer`), listening at host:port. It answers requests that name it, with
-    403 all others, and is never shared. UsageError for a viser that cannot be made to ask.
+    403 all others, and is never shared. UsageError for a version of viser in which this is not
+    possible.
     """
     import viser
 
@@ -47,8 +48,8 @@ def refusal(host: str, port: int, hosts: list[str], origins: list[str], upgrade:
 
 @contextlib.contextmanager
 def _asking(host: str, port: int) -> Iterator[list[int]]:
-    """In this block, servers of websockets ask `refusal` before anything else is looked at; a list
-    of their ports, which grows.
+    """In this block, websocket servers call `refusal` for every request; yields the growing list of
+    their ports.
     """
     import websockets.asyncio.server as library
 

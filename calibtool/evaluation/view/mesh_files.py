@@ -1,7 +1,8 @@
-"""Meshes from outside, without what they refer to: material libraries, textures, other files.
+"""Meshes from outside, without the files that they refer to: material libraries, textures, other
+files.
 
-The libraries that read meshes open whatever a mesh names, wherever it lies, and wait for ever at a
-named pipe. They are therefore given copies that name nothing.
+The libraries that read meshes open whatever a mesh names, wherever it lies, and block
+on a named pipe. They are therefore given copies without references.
 """
 
 import re

@@ -15,9 +15,8 @@ def page_of(scene: Scene, magnify: float, pieces: Sequence[Solid] = ()) -> str:
     """A page with the scene on a canvas: drag to turn, wheel to zoom, sliders for configuration
     and magnification.
 
-    magnify is where the slider starts. pieces: what the arm looks like (`solids`); lines without
-    them. Coordinates are rounded to 1 µm, errors are kept to 0.1 µm;
-    the same scene gives the same text.
+    magnify: initial magnification. pieces: shape of the arm (`solids`); lines if there are none.
+    Coordinates are rounded to 1 µm, errors are kept to 0.1 µm; the same scene gives the same text.
     """
     environment = Environment(
         loader=PackageLoader("calibtool.evaluation.view"),

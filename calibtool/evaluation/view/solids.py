@@ -1,4 +1,4 @@
-"""Triangles of the arm's shape, few enough for a page: one body per piece, in its own frame."""
+"""The shape of the arm as triangles for a page: one body per piece, in its own frame."""
 
 from dataclasses import dataclass
 

@@ -39,8 +39,8 @@ def camera_findings(measurements: Measurements) -> list[Finding]:
     if abs(scale - 1) > _OTHER and rms(poses, scale) * _BETTER < before:
         after = rms(poses, scale)
         message = (
-            f"the board is {scale:.4g} times as large as was said: its squares, or the unit of "
-            f"its poses, are others; the nominal robot explains them to {after * 1e3:.3g} mm rms "
+            f"the board is {scale:.4g} times as large as stated: the size of its squares or the "
+            f"unit of its poses is wrong; the nominal robot fits them to {after * 1e3:.3g} mm rms "
             f"instead of {before * 1e3:.3g}"
         )
         numbers: Numbers = {"scale": scale, "rms_mm": before * 1e3, "repaired_rms_mm": after * 1e3}
@@ -55,7 +55,7 @@ def camera_findings(measurements: Measurements) -> list[Finding]:
         found.append(Finding("mirrored_images", "warning", message, numbers))
     elif before > _OF_SPREAD * (spread := float(np.std(poses[:, :3, 3], axis=0).max())):
         message = (
-            f"the nominal robot explains the board to {before * 1e3:.3g} mm rms, which moves by "
+            f"the nominal robot fits the board to {before * 1e3:.3g} mm rms, which moves by "
             f"{spread * 1e3:.3g} mm only: check where camera and board are (on the tool, or beside "
             "the arm), the zeros of the joints, and that rows and images belong together"
         )

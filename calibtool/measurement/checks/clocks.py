@@ -87,7 +87,7 @@ def clock_finding(measurements: Measurements, stream: JointStream | None) -> Fin
     message = (
         f"the joints are those of another instant: with {found.offset:+.4g} s added to the stamps "
         "of the points the nominal "
-        f"robot explains them to {found.after * 1e3:.3g} mm rms, now to {found.before * 1e3:.3g} "
+        f"robot fits them to {found.after * 1e3:.3g} mm rms, now to {found.before * 1e3:.3g} "
         "mm; import with "
         f"--clock-offset {found.offset:.4f}"
     )

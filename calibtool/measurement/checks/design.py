@@ -68,7 +68,7 @@ def _still(robot: Robot, q: Array) -> Finding | None:
     if not len(still):
         return None
     message = (
-        f"joint {listed(still)} never moves: what depends on it stays at its tolerance; "
+        f"joint {listed(still)} never moves: errors that depend on it cannot be determined; "
         "measure with it moved"
     )
     return Finding("joint_never_moves", "warning", message, {"joints": [int(j) + 1 for j in still]})
@@ -98,7 +98,7 @@ def _one_at_a_time(robot: Robot, q: Array) -> Finding | None:
         return None
     message = (
         f"in {100 * part:.0f} % of the rows at most one joint has left its usual position: errors "
-        "that only show when joints move together are not seen; add configurations with "
+        "that appear only when joints move together cannot be determined; add configurations with "
         "all joints moved"
     )
     return Finding("one_joint_at_a_time", "warning", message, {"rows_percent": 100 * part})
@@ -110,8 +110,8 @@ def _repeated(q: Array) -> Finding | None:
     if not repeated:
         return None
     message = (
-        f"{repeated} rows repeat the joint positions of another row; they count, but "
-        "show nothing new"
+        f"{repeated} rows repeat the joint positions of another row; they lower the noise, "
+        "but add no new information"
     )
     return Finding(
         "repeated_configurations",
@@ -128,7 +128,7 @@ def _plane(robot: Robot, q: Array) -> Finding | None:
     extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if extents[2] >= _FLAT * extents[0]:
         return None
-    message = "all tool positions lie in one plane; errors out of it are hardly seen"
+    message = "all tool positions lie in one plane; errors across it are hardly determined"
     return Finding(
         "flat_design",
         "warning",
@@ -146,10 +146,14 @@ def _one_orientation(robot: Robot, q: Array) -> Finding | None:
     spread = np.linalg.svd(turns - turns.mean(axis=0), compute_uv=False) / np.sqrt(len(q))
     if not spread[1] < _TURNS:
         return None
-    still = "keeps one orientation" if spread[0] < _TURNS else "turns about one axis only"
+    still, where = (
+        ("keeps one orientation", "in any direction")
+        if spread[0] < _TURNS
+        else ("turns about one axis only", "along that axis")
+    )
     message = (
-        f"the tool {still}: where an unknown target is on it and where the base stands are seen "
-        "together only, along that axis or in all directions; they stay near the tool frame; "
-        "measure with the tool turned otherwise"
+        f"the tool {still}: the places of unknown targets on it and the place of the base cannot "
+        f"be separated {where}, and targets stay near the tool frame; measure with the tool turned "
+        "differently, too"
     )
     return Finding("one_orientation", "warning", message, {"spread_rad": spread.tolist()})

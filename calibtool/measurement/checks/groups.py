@@ -29,10 +29,9 @@ class Groups:
             for (start, end), size in zip(self.borders, self.sizes, strict=True)
         ]
         message = (
-            f"the nominal robot explains the points to {before * 1e3:.3g} mm rms, but rows "
-            f"{', '.join(told)} each for "
-            "themselves: the instrument or what it measures was moved in between; name the groups "
-            "in a column station"
+            f"the nominal robot fits all points to {before * 1e3:.3g} mm rms, but groups of rows "
+            f"much better: {', '.join(told)}; the instrument or its target was moved in between; "
+            "name the groups in a column station"
         )
         numbers: dict[str, float | int | list[float]] = {
             "first_rows": [start + 1 for start, _ in self.borders],

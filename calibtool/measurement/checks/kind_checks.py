@@ -36,7 +36,7 @@ def kind_findings(measurements: Measurements) -> list[Finding]:
         found += camera_findings(measurements)
     if rms > _GROSS * robot.length and not found:
         message = (
-            f"the nominal robot explains the readings to {rms * 1e3:.3g} mm rms only; check the "
+            f"the nominal robot fits the readings to {rms * 1e3:.3g} mm rms only; check the "
             "robot, its zero positions, the joint columns with their units and signs, and that "
             "rows of joints and of readings belong together"
         )
@@ -57,8 +57,8 @@ def _lines(measurements: Measurements, setup: Setup, poses: Array) -> list[Findi
             continue
         label = measurements.places[g] if measurements.places else "the plane"
         message = (
-            f"all {len(part)} points of {label} lie on a line: its turn about that line stays "
-            "unknown; touch it beside the line too"
+            f"all {len(part)} points of {label} lie on a line: its rotation about that line is "
+            "unknown; touch it beside the line, too"
         )
         found.append(Finding("plane_of_a_line", "warning", message, {"plane": g + 1}))
     return found

@@ -1,4 +1,4 @@
-"""Labelled places of which too few rows tell where they are: nothing ties them to the others."""
+"""Labelled places with too few rows to determine where they are."""
 
 import re
 
@@ -7,6 +7,7 @@ import numpy as np
 from calibtool.measurement.checks.finding import Finding
 from calibtool.measurement.kinds.instrument import InstrumentKind
 from calibtool.measurement.measurements import Measurements
+from calibtool.units import count_of
 
 _OWN = "(?:base|board|plane|sphere|camera)"  # names of what there is once for each place
 
@@ -26,9 +27,9 @@ def lonely_places(measurements: Measurements) -> list[Finding]:
         if not unknowns or equations > unknowns:
             continue
         message = (
-            f"{label}: {len(rows)} rows read {equations} numbers, and {unknowns} are needed to "
-            "tell where it is: nothing ties it to the other places, and its rows tell nothing of "
-            f"the arm; measure at least {_enough(unknowns, equations, len(rows))} rows there"
+            f"{label}: {count_of(len(rows), 'row')} with {equations} readings, but {unknowns} are "
+            "needed to determine where it is: its rows give no information about the arm; measure "
+            f"at least {_enough(unknowns, equations, len(rows))} rows there"
         )
         numbers: dict[str, float | int | list[float]] = {
             "place": g + 1,

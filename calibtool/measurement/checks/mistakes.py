@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from calibtool.measurement.measurements import Measurements
+from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 _UNIT = 180.0 / np.pi
@@ -92,8 +93,18 @@ def mistakes(every: Measurements, rows: np.ndarray) -> Iterator[Mistake]:
         for way, text in ((1.0, "the horizontal (add"), (-1.0, "link 2 (subtract")):
             coupled = q.copy()
             coupled[:, 2] += way * q[:, 1]
-            text = f"joint 3 is counted from {text} joint 2)"
+            option = _joint_values_option(robot, q, coupled)
+            text = f"joint 3 is counted from {text} joint 2{option})"
             yield with_q("joint_coupling", text, coupled)
+
+
+def _joint_values_option(robot: Robot, q: Array, repaired: Array) -> str:
+    """The option that reads q (N, n) as the repaired ones, where the robot's coupling does it."""
+    if not robot.coupled:
+        return ""
+    if np.allclose(robot.to_serial(q), repaired):
+        return ": --joint-values controller"
+    return ": --joint-values serial" if np.allclose(robot.to_controller(q), repaired) else ""
 
 
 def _inverse_poses(measurements: Measurements) -> Measurements:

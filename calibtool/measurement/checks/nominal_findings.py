@@ -105,7 +105,7 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
     if best * _BETTER < before:
         alike = [mistake for rms, mistake in tried if rms <= _ALIKE * best]
         message = (
-            f"the nominal robot explains the points to {_mm(before)} rms, but to {_mm(best)} if "
+            f"the nominal robot fits the points to {_mm(before)} rms, but to {_mm(best)} if "
             f"{' or '.join(mistake.text for mistake in alike[:3])}"
         )
         numbers: Numbers = (
@@ -120,7 +120,7 @@ def _single_mistake(measurements: Measurements) -> list[Finding]:
     if not _GROSS * measurements.robot.length < before < np.inf:
         return []
     message = (
-        f"the nominal robot explains the points to {_mm(before)} rms only; check the robot, its "
+        f"the nominal robot fits the points to {_mm(before)} rms only; check the robot, its "
         "zero positions, the joint "
         "columns with their units and signs, and that rows of joints and of points belong together"
     )
@@ -163,7 +163,7 @@ def _rows_off(measurements: Measurements) -> Finding | None:
     if not len(rows) or not after.rms * _BETTER < before.rms:
         return None
     message = (
-        f"row {listed(rows)} does not belong to the others: the nominal robot explains the points "
+        f"row {listed(rows)} does not belong to the others: the nominal robot fits the points "
         f"to {_mm(before.rms)} rms, "
         f"without {'it' if len(rows) == 1 else 'them'} to {_mm(after.rms)}"
     )
@@ -271,7 +271,7 @@ def _swapped_rows(measurements: Measurements, stated: Fit) -> tuple[Finding | No
     message = (
         f"in {len(rows)} rows the targets are in another order than in the rest (rows "
         f"{listed(rows)}): sorted, the nominal "
-        f"robot explains the points to {_mm(best)} instead of {_mm(stated.rms)} rms"
+        f"robot fits the points to {_mm(best)} instead of {_mm(stated.rms)} rms"
     )
     numbers: Numbers = {
         "rows": [int(r) + 1 for r in rows],

@@ -99,9 +99,9 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
         target, shift = pairs.moved(change)
         row, size = int(rows[at]) + 1, float(np.linalg.norm(shift))
         message = (
-            f"target {target} sits elsewhere from row {row} on, by at least {size * 1e3:.3g} mm "
-            "(its distances to the other targets change); calibrate with the rows before or "
-            "from there on only"
+            f"target {target} has moved on the tool from row {row} on, by at least "
+            f"{size * 1e3:.3g} mm (its distances to the other targets change); calibrate only with "
+            "the rows before, or only with the rows from there on"
         )
         numbers = {
             "row": row,
@@ -114,7 +114,7 @@ def _distances(measurements: Measurements, wrong_rows: np.ndarray) -> list[Findi
     if estimate > 3 * noise:
         message = (
             f"the distances between targets scatter as if the noise were {estimate * 1e3:.3g} mm "
-            f"per coordinate; stated are {noise * 1e3:.3g} mm"
+            f"per coordinate, but {noise * 1e3:.3g} mm are stated"
         )
         numbers = {"estimated_noise_mm": estimate * 1e3, "stated_noise_mm": noise * 1e3}
         found.append(Finding("noise_of_distances", "warning", message, numbers))

@@ -43,7 +43,7 @@ class Zeros:
             for j, what in zip(joints, told, strict=True)
         )
         message = (
-            f"the nominal robot explains the points to {before * 1e3:.3g} mm rms, but to "
+            f"the nominal robot fits the points to {before * 1e3:.3g} mm rms, but to "
             f"{self.rms * 1e3:.3g} mm if {text}"
         )
         numbers: dict[str, float | int | list[float]] = {

@@ -206,7 +206,6 @@ def _fit(imported: Imported) -> str:
     values = measurements.values
     seen = measurements.seen if values is None else np.isfinite(values)
     distances = np.linalg.norm(moved, axis=-1)[seen] * 1e3
-    return (
-        f"nominal robot: {np.sqrt((distances**2).mean()):.3f} mm rms, {distances.max():.3f} mm max "
-        "from the measured points" + ("" if measurements.setup.known else " after registration")
-    )
+    who = "nominal robot" if measurements.setup.known else "nominal robot after registration"
+    size = f"{np.sqrt((distances**2).mean()):.3f} mm rms, {distances.max():.3f} mm max"
+    return f"{who}: {size} from the points"
