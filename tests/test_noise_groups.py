@@ -154,6 +154,15 @@ def test_a_wrong_place_of_a_target_is_no_noise() -> None:
     assert [group for group in groups if group.kind == "target"] == []
 
 
+@pytest.mark.parametrize("name", ["planar-3r", "ur5"])
+def test_what_a_base_model_cannot_describe_is_no_noise_of_an_axis(name: str) -> None:
+    """Local POE leaves errors of the twists, which in a planar arm are across z alone."""
+    for seed in range(12):
+        data = simulate(load_robot(name), Simulation(configurations=50, seed=seed))
+        groups = noise_groups(identify(data, "local-poe"), data)
+        assert [str(group) for group in groups if group.noisier] == []
+
+
 def test_few_rows_and_other_kinds_say_nothing() -> None:
     few = points_measured(np.full((3, 3), NOISE), 0, 10)
     assert noise_groups(calibration(), few) == []

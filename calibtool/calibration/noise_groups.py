@@ -15,6 +15,9 @@ _RARE = 1e-3  # probability below which a difference is not chance
 _CLEAR = 1.3  # times the others' noise: less is no matter, and may be the fit's own share
 _FEWEST = 15  # rows; fewer do not tell how far a ratio is off
 _FLOOR = 1e-3  # of the mean variance
+_SEPARATE = 0.05  # of the largest eigenvalue of what shows the variances of groups: less hides one
+# times the stated noise is left: the model describes the rows; no difference is the noise's
+_AS_STATED, _DESCRIBED = 1.5, 3.0
 
 Kind = Literal["target", "position axis", "orientation axis"]
 
@@ -76,12 +79,15 @@ class NoiseGroup:
 def noise_groups(calibration: Calibration, measurements: Measurements) -> list[NoiseGroup]:
     """Residuals of measurements by target and by axis of the instrument, compared with each other.
 
-    Of three targets and more in a row, what a motion of the tool explains is taken out before the
-    targets are compared, and the mean of each target in the tool frame: what is left is noise
-    alone, r' = Q r, and the variances v_g of the groups solve Σ r'_i² (i in g) = Σ_h v_h Σ Q_ij² (i
-    in g, j in h). Otherwise the whole residual counts. A variance less the mean of the others has
-    the deviation of a jackknife over rows. Residuals count over the noise that was stated for them.
-    Nothing for other kinds of observation, another set-up, or fewer than 15 rows that saw all.
+    Of three targets and more in a row, what a motion of the tool explains is taken out, and the
+    mean of each target in the tool frame: what is left is noise alone, r' = Q r, and the variances
+    v_g of the groups solve Σ r'_i² (i in g) = Σ_h v_h Σ Q_ij² (i in g, j in h). The whole residual
+    counts where that does not separate them, there are fewer targets, or, for axes, it is less than
+    1.5 times the stated noise; never where it is more than three times that, or the base model is
+    none that describes every family (p = 1). A variance less the mean of the others has the
+    deviation of a jackknife over rows. Residuals count over the noise that was stated for them.
+    Nothing for other kinds of observation, another set-up, or fewer than 15 rows that saw all and
+    close.
     """
     from scipy.special import stdtr
 
@@ -91,11 +97,13 @@ def noise_groups(calibration: Calibration, measurements: Measurements) -> list[N
         setup = fitting_setup(calibration, measurements)
     except InputError:
         return []
-    whole = np.flatnonzero((weights(measurements) > 0).all(axis=-1))
+    tool = calibration.forward(measurements.q, measurements.conditions)
+    closes = np.isfinite(tool[:, 0, 0])
+    whole = np.flatnonzero((weights(measurements) > 0).all(axis=-1) & closes)
     if len(whole) < _FEWEST:
         return []
-    rows = measurements.rows(whole)
-    tool, scale, kind = calibration.forward(rows.q, rows.conditions), weights(rows), setup.kind
+    rows, tool, kind = measurements.rows(whole), tool[whole], setup.kind
+    scale = weights(rows)
 
     def in_axes(columns: Array) -> Array:
         return kind.in_axes(setup, columns, rows.place)
@@ -103,57 +111,82 @@ def noise_groups(calibration: Calibration, measurements: Measurements) -> list[N
     left = residuals(rows, setup, tool)
     plain = in_axes(left[..., None])[..., 0]
     d, targets = left.shape[1], len(setup.targets)
-    every = np.broadcast_to(np.eye(d), (len(left), d, d))
+    whole_residual = plain * scale, np.broadcast_to(np.eye(d), (len(left), d, d))
+    ways = [whole_residual]
+    if targets > 2:
+        R = tool[:, None, :3, :3]
+        apart = left.reshape(len(left), targets, 3, 1)
+        apart = apart - R @ (np.swapaxes(R, -1, -2) @ apart).mean(axis=0)
+        P = in_axes(observation_matrix(setup, tool, rows.place)) * scale[..., None]
+        noise = in_axes(apart.reshape(*left.shape, 1))[..., 0] * scale
+        ways = [(noise, whole_residual[1] - P @ np.linalg.pinv(P, rcond=1e-6)), whole_residual]
     lengths, coordinates = kind.lengths(setup), np.arange(d)
-    compared: list[tuple[Kind, np.ndarray, list[str], Array, Array]] = []
-    if targets > 1:
-        numbers = [str(i + 1) for i in range(targets)]
-        noise, Q = plain * scale, every
-        if targets > 2:
-            R = tool[:, None, :3, :3]
-            apart = left.reshape(len(left), targets, 3, 1)
-            apart = apart - R @ (np.swapaxes(R, -1, -2) @ apart).mean(axis=0)
-            noise = in_axes(apart.reshape(*left.shape, 1))[..., 0] * scale
-            P = in_axes(observation_matrix(setup, tool, rows.place)) * scale[..., None]
-            Q = every - P @ np.linalg.pinv(P, rcond=1e-6)
-        compared.append(("target", coordinates // 3, numbers, noise, Q))
-    along = np.where(lengths, coordinates % 3, -1)
-    compared.append(("position axis", along, list("xyz"), plain * scale, every))
-    if not lengths.all():
-        about = np.where(lengths, -1, coordinates % 3)
-        compared.append(("orientation axis", about, list("xyz"), plain * scale, every))
-    tests = sum(len(names) for _, _, names, _, _ in compared)
+    numbers = [str(i + 1) for i in range(targets)]
+    kinds: list[tuple[Kind, np.ndarray, list[str]]] = [
+        ("target", np.where(lengths, coordinates // 3, -1), numbers),
+        ("position axis", np.where(lengths, coordinates % 3, -1), list("xyz")),
+        ("orientation axis", np.where(lengths, -1, coordinates % 3), list("xyz")),
+    ]
+    kinds = [each for each in kinds if len(each[2]) > 1 and (each[1] >= 0).any()]
+    tests = sum(len(names) for _, _, names in kinds)
+    size = float(np.sqrt((whole_residual[0] ** 2).mean()))
+    size = np.inf if calibration.base.posterior is None else size  # what it leaves is no noise
     found = []
-    for kind_of, group, names, noise, Q in compared:
-        ratios, sizes = _compared(noise, Q, group, len(names))
+    for each, group, names in kinds:
+        *rigid, whole_shown = [_Shown.of(noise, Q, group, len(names)) for noise, Q in ways]
+        told_apart = any(way.separate for way in rigid) and (each == "target" or size > _AS_STATED)
+        ratios, sizes = (rigid[0] if told_apart else whole_shown).compared()
         for g, name in enumerate(names):
             rms = float(np.sqrt((plain[:, group == g] ** 2).mean()))
             p = min(1.0, tests * float(stdtr(len(rows) - 1, -sizes[g])))
-            told_apart = kind_of == "target" and targets > 2
-            found.append(NoiseGroup(kind_of, name, rms, float(ratios[g]), p, told_apart))
+            p = p if told_apart or size < _DESCRIBED else 1.0
+            found.append(NoiseGroup(each, name, rms, float(ratios[g]), p, told_apart))
     return found
 
 
-def _compared(noise: Array, Q: Array, group: np.ndarray, count: int) -> tuple[Array, Array]:
-    """Noise of each group over that of the others (count,), and the difference of their variances
-    over its standard deviation; noise (N, d), Q (N, d, d), group (d,) number or −1.
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What rows show of the variances of groups.
+
+    powers  (N, count) Σ r'_i² of each group
+    shares  (N, count, count) Σ Q_ij²
     """
-    kept = np.flatnonzero(group >= 0)
-    member = (group[kept] == np.arange(count)[:, None]).astype(float)
-    Q = Q[:, kept][:, :, kept]
-    r = (Q @ noise[:, kept, None])[..., 0]
-    powers, shares = r**2 @ member.T, member @ Q**2 @ member.T
 
-    def beside_others(powers: Array, shares: Array) -> tuple[Array, Array]:
-        variances: Array = (np.linalg.pinv(shares) @ powers[..., None])[..., 0]
-        others: Array = (variances.sum(axis=-1, keepdims=True) - variances) / (count - 1)
-        return variances, others
+    powers: Array
+    shares: Array
 
-    variances, others = beside_others(powers.sum(axis=0), shares.sum(axis=0))
-    without = np.subtract(*beside_others(powers.sum(axis=0) - powers, shares.sum(axis=0) - shares))
-    n = len(r)
-    deviation = np.sqrt((n - 1) / n * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
-    floor = _FLOOR * max(float(variances.mean()), 1e-300)
-    ratios = np.sqrt(np.maximum(variances, floor) / np.maximum(others, floor)).astype(float)
-    sizes = (variances - others) / np.maximum(deviation, 1e-300)
-    return ratios, sizes.astype(float)
+    @classmethod
+    def of(cls, noise: Array, Q: Array, group: np.ndarray, count: int) -> "_Shown":
+        """noise (N, d), Q (N, d, d), group (d,) number, or −1 for coordinates of another kind."""
+        kept = np.flatnonzero(group >= 0)
+        member = (group[kept] == np.arange(count)[:, None]).astype(float)
+        Q = Q[:, kept][:, :, kept]
+        r = (Q @ noise[:, kept, None])[..., 0]
+        return cls(r**2 @ member.T, member @ Q**2 @ member.T)
+
+    @property
+    def separate(self) -> bool:
+        """Whether every variance is seen by itself."""
+        sizes = np.linalg.eigvalsh(self.shares.sum(axis=0))
+        return bool(sizes[0] > _SEPARATE * sizes[-1])
+
+    def compared(self) -> tuple[Array, Array]:
+        """Noise of each group over that of the others (count,), and the difference of their
+        variances over its standard deviation.
+        """
+        powers, shares = self.powers.sum(axis=0), self.shares.sum(axis=0)
+        variances, others = _beside_others(powers, shares)
+        without = np.subtract(*_beside_others(powers - self.powers, shares - self.shares))
+        n = len(self.powers)
+        deviation = np.sqrt((n - 1) / n * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+        floor = _FLOOR * max(float(variances.mean()), 1e-300)
+        ratios = np.sqrt(np.maximum(variances, floor) / np.maximum(others, floor))
+        sizes = (variances - others) / np.maximum(deviation, 1e-300)
+        return ratios.astype(float), sizes.astype(float)
+
+
+def _beside_others(powers: Array, shares: Array) -> tuple[Array, Array]:
+    """Variances (…, count) and the means of the others'."""
+    variances: Array = (np.linalg.pinv(shares) @ powers[..., None])[..., 0]
+    others = (variances.sum(axis=-1, keepdims=True) - variances) / (variances.shape[-1] - 1)
+    return variances, np.asarray(others)
