@@ -101,11 +101,16 @@ def _learned_line(calibration: Calibration, validation: CrossValidation) -> str:
 
 def _compared(base: Identification) -> str:
     """Why this model was chosen."""
-    left = ", ".join(f"{name} {value:.3g}" for name, value in sorted(base.held_out.items()))
+    errors = ", ".join(f"{name} {value:.3g}" for name, value in sorted(base.held_out.items()))
     used = {"nominal": "registration alone", "local-poe": "local POE", "complete": "complete"}
+    why = {
+        "nominal": "no other model predicts held-out rows clearly better",
+        "local-poe": "it predicts held-out rows clearly better",
+        "complete": "no simpler model predicts held-out rows clearly better",
+    }
     return (
-        f"{used[base.model]} is used: it predicts held-out rows best (rms in multiples of the "
-        f"stated noise: {left})"
+        f"{used[base.model]} is used: {why[base.model]} (rms in multiples of the stated noise: "
+        f"{errors})"
     )
 
 
