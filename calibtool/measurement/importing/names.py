@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from calibtool.errors import InputError
 from calibtool.measurement.importing.joint_names import joint_names
+from calibtool.measurement.importing.matrix_names import matrix_names
 from calibtool.measurement.importing.point_names import point_names
 from calibtool.measurement.importing.spelling import spelt, split_unit, with_unit
 from calibtool.tables import Table
@@ -66,7 +67,8 @@ def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -
     spoken_for = set(taken)
     free = [column for column in table.header if column and column not in spoken_for]
     place = f"{table.name}:{table.header_line}"
-    meant = joint_names(free, joints)
+    meant = matrix_names(table, free)
+    meant |= joint_names([column for column in free if column not in meant], joints)
     meant |= point_names([column for column in free if column not in meant], place)
     meant |= _quaternion([column for column in free if column not in meant])
     for column in free:
