@@ -3,8 +3,6 @@
 import re
 from collections.abc import Sequence
 
-import numpy as np
-
 from calibtool.errors import InputError
 from calibtool.measurement.importing.spelling import spelt, split_unit, with_unit
 from calibtool.robot.orientation import orthogonal

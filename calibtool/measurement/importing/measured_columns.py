@@ -14,8 +14,8 @@ from calibtool.measurement.importing.column_map import (
     TargetColumns,
     check_convention,
 )
-from calibtool.measurement.importing.measured_lengths import measured_lengths
 from calibtool.measurement.importing.matrix_names import MATRIX
+from calibtool.measurement.importing.measured_lengths import measured_lengths
 from calibtool.measurement.importing.names import Named
 from calibtool.measurement.importing.sources import SourceTable
 from calibtool.measurement.importing.spelling import spelt
