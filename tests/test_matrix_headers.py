@@ -120,6 +120,32 @@ def test_numbers_that_do_not_turn_are_no_matrix() -> None:
     assert found.understood.ignored["t.csv"] == header[:21]
 
 
+@pytest.mark.parametrize("separator", [";", ",", "\t", " "])
+def test_without_a_header_columns_are_named_by_their_numbers(separator: str) -> None:
+    """Sixteen numbers of a matrix behind the joints, and a map that says so."""
+    rows = np.hstack([Q, WHOLE])
+    text = "\n".join(separator.join(f"{v:.9f}" for v in row) for row in rows)
+    nine = [f"c{7 + 4 * i + j}" for i in range(3) for j in range(3)]
+    words = {"columns": [f"c{k}" for k in range(1, 7)], "position": ["c10", "c14", "c18"]}
+    columns = parse_column_map(
+        f'[joints]\ncolumns = {words["columns"]}\nunit = "deg"\n[pose]\nunit = "mm"\n'
+        f'position = {words["position"]}\norientation = {nine}\nconvention = "matrix"\n',
+        "map.toml",
+    )
+    found = read_table(text, "t.txt", ARM, columns)
+    np.testing.assert_allclose(found.measurements.rotations, R, atol=1e-8)
+    np.testing.assert_allclose(found.measurements.points[:, 0] * 1e3, P, atol=1e-6)
+    assert "t.txt: no header; its columns are called c1 … c22 (--columns MAP.toml)" in (
+        found.understood.notes
+    )
+    with pytest.raises(InputError, match="no joint columns"):
+        read_table(text, "t.txt", ARM)
+    broken = text.split("\n")
+    broken[2] = separator.join(broken[2].split(separator)[:-1])
+    with pytest.raises(InputError, match=r"t\.txt:3: 21 cells, but the header has 22 columns"):
+        read_table("\n".join(broken), "t.txt", ARM, columns)
+
+
 @pytest.mark.parametrize("convention", ["matrix", "matrix-columns"])
 def test_a_map_says_how_nine_numbers_stand(convention: str) -> None:
     header = [*numbered("c{}", 9), "x", "y", "z"]
