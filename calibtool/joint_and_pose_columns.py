@@ -11,6 +11,7 @@ from calibtool.robot.orientation import (
     FIXED_ANGLES,
     QUATERNION,
     ROTATION_VECTOR,
+    orthogonal,
     rotation_matrices,
     wrong_length,
 )
@@ -164,3 +165,20 @@ def check_quaternions(table: Table, quaternions: Array) -> None:
     if found is not None:
         row, length = found
         raise InputError(f"{table.place(row)}: quaternion of length {length:.4g}; expected 1")
+
+
+def check_matrices(table: Table, values: Array) -> None:
+    """InputError for the first row of (N, 9) that is no rotation, or is mirrored."""
+    wrong = np.flatnonzero(~orthogonal(values))
+    if len(wrong):
+        R = values[wrong[0]].reshape(3, 3)
+        off = np.abs(R @ R.T - np.eye(3)).max()
+        raise InputError(
+            f"{table.place(int(wrong[0]))}: the matrix is no rotation: R Rᵀ is {off:.2g} from 1"
+        )
+    mirrored = np.flatnonzero(np.linalg.det(values.reshape(-1, 3, 3)) < 0)
+    if len(mirrored):
+        raise InputError(
+            f"{table.place(int(mirrored[0]))}: the matrix has the determinant -1: its axes are "
+            "left-handed, or two of its columns are swapped"
+        )

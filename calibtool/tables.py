@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, repeat
+from itertools import chain, islice, repeat
 from typing import overload
 
 import numpy as np
@@ -214,8 +214,11 @@ def read_tables(
     delimiter: str | None = None,
     decimal: str | None = None,
     batch: int | None = None,
+    names: Sequence[str] | None = None,
 ) -> Iterator[Table]:
-    """The same for any number of lines, as tables of `batch` rows under one header."""
+    """The same for any number of lines, as tables of `batch` rows under one header; names: of the
+    columns, where no line is a header.
+    """
     source = iter(lines)
     passed, first = 0, ""
     for line in source:
@@ -226,6 +229,8 @@ def read_tables(
     if delimiter is None:
         delimiter = next((d for d in _DELIMITERS if d in first), " ")
     header_line, text, columns = next(_records([(passed, first)], name, delimiter), (0, "", 0))
+    if names is not None:
+        source, passed = chain([first], source), passed - 1
     while not header_line:  # a line of delimiters alone is an empty one
         following = next(source, None)
         if following is None:
@@ -234,7 +239,7 @@ def read_tables(
         header_line, text, columns = next(
             _records([(passed, following.rstrip("\r\n"))], name, delimiter), (0, "", 0)
         )
-    header = next(split_lines([text], delimiter))
+    header = next(split_lines([text], delimiter)) if names is None else list(names)
     check_header(header, f"{name}:{header_line}")
     empty = True
     while taken := list(islice(source, batch)):

@@ -61,6 +61,21 @@ def test_no_backlash_is_made_of_it() -> None:
     assert not identify(right).errors["backlash"].any()
 
 
+@pytest.mark.parametrize("offset", [0.31, -0.02])
+def test_a_backlash_is_not_taken_for_an_offset(offset: float) -> None:
+    """Both move the joints along their motion; the arm turns round between the stamps, too."""
+    stamps = np.arange(300) * 0.1
+    known = np.arange(-2.0, 32.0, 0.008)
+    scales = ErrorScales(("geometric", "backlash"), 0.4e-3, 0.4e-3, {"backlash": 0.3e-3})
+    q = trajectory(np.arange(3000) * 0.01 + offset)
+    seen = simulate(ARM, Simulation(0, at=q, scales=scales, unregistered=True))
+    seen = seen.rows(np.arange(0, 3000, 10))
+    stream = JointStream.of(known, trajectory(known), stamps)
+    found = clock_offset(replace(seen, q=readonly(stream.at(0.0)[0])), stream)
+    assert found is not None
+    assert abs(found.offset - offset) < 0.1e-3
+
+
 def test_half_widths_are_never_negative() -> None:
     """A clock that is late by 3 ms looks like a backlash whose sign is wrong."""
     for offset in (-0.003, 0.003):

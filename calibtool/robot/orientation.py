@@ -10,7 +10,9 @@ QUATERNION = "quaternion-wxyz"
 ROTATION_VECTOR = "rotation-vector"
 FIXED_ANGLES = "extrinsic-xyz"  # roll, pitch, yaw; FANUC's W, P, R
 TURNED_ANGLES = "intrinsic-zyx"  # KUKA's A, B, C
+MATRICES = ("matrix", "matrix-columns")  # nine numbers, row by row or column by column
 UNIT_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1; four decimals make 1e-4
+_ORTHOGONAL = 5e-3  # how far R Rᵀ of a written matrix may be from 1; three decimals make 1e-3
 _EULER = re.compile("(intrinsic|extrinsic|fixed)-([xyz])(?!\\2)([xyz])(?!\\3)([xyz])")
 
 
@@ -18,18 +20,26 @@ def numbers_in(convention: str) -> int:
     """How many numbers an orientation of a convention has; 0 for an unknown convention.
 
     Conventions: rotation-vector (rad); quaternion-wxyz, quaternion-xyzw; intrinsic-abc: R = R_a(α)
-    R_b(β) R_c(γ), the axes turn along; extrinsic-abc or fixed-abc: R = R_c(γ) R_b(β) R_a(α).
+    R_b(β) R_c(γ), the axes turn along; extrinsic-abc or fixed-abc: R = R_c(γ) R_b(β) R_a(α);
+    matrix, matrix-columns: the nine of R row by row, or column by column.
     """
     if convention in (QUATERNION, "quaternion-xyzw"):
         return 4
+    if convention in MATRICES:
+        return 9
     return 3 if convention == ROTATION_VECTOR or _EULER.fullmatch(convention) else 0
 
 
 def rotation_matrices(values: Array, convention: str) -> Array:
-    """Rotation matrices (N, 3, 3) of orientations (N, 3 or 4), rad; see `numbers_in`.
+    """Rotation matrices (N, 3, 3) of orientations (N, 3, 4 or 9), rad; see `numbers_in`.
 
-    Quaternions may have any length but zero (`wrong_length`).
+    Quaternions may have any length but zero (`wrong_length`); of written matrices the nearest
+    rotation is taken (`orthogonal`).
     """
+    if convention in MATRICES:
+        left, _, right = np.linalg.svd(_nine(values, convention))
+        nearest: Array = left @ right
+        return nearest
     if convention.startswith("quaternion"):
         return _of_quaternions(values if convention == QUATERNION else np.roll(values, 1, axis=1))
     if convention == ROTATION_VECTOR:
@@ -64,6 +74,20 @@ def wrong_length(quaternions: Array) -> tuple[int, float] | None:
     lengths = np.linalg.norm(quaternions, axis=1)
     wrong = np.flatnonzero(~(np.abs(lengths - 1.0) <= UNIT_TOLERANCE))
     return (int(wrong[0]), float(lengths[wrong[0]])) if len(wrong) else None
+
+
+def orthogonal(values: Array) -> np.ndarray:
+    """Whether nine numbers (N, 9) are an orthogonal matrix, to their rounding: (N,) bool."""
+    R = values.reshape(-1, 3, 3)
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    found: np.ndarray = off <= _ORTHOGONAL
+    return found
+
+
+def _nine(values: Array, convention: str) -> Array:
+    R = values.reshape(-1, 3, 3)
+    return np.swapaxes(R, -1, -2) if convention == "matrix-columns" else R
 
 
 def _about(axis: str, angles: Array) -> Array:

@@ -35,13 +35,17 @@ def clock_offset(measurements: Measurements, stream: JointStream) -> ClockOffset
     """The offset of up to ±0.5 s with which the joints explain the points best; None where the
     arm stands still.
 
-    What geometric errors of the robot could explain does not count for it.
+    What errors of the robot could explain does not count for it: a backlash moves the joints with
+    the sign of their rates, an offset with the rates.
     """
     if np.abs(stream.at(0.0)[1]).max() < 1e-3:
         return None
 
     def at(offset: float) -> Measurements:
-        return replace(measurements, q=readonly(stream.at(offset)[0]))
+        there = replace(stream, offset=offset)
+        direction = readonly(there.directions())
+        conditions = replace(measurements.conditions, direction=direction)
+        return replace(measurements, q=readonly(there.at(offset)[0]), conditions=conditions)
 
     tried = np.linspace(-_WIDEST, _WIDEST, _STEPS)
     sizes = [nominal_fit(at(offset), free=False).rms for offset in tried]

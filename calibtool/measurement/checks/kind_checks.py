@@ -7,6 +7,7 @@ from calibtool.measurement.checks.camera_checks import camera_findings
 from calibtool.measurement.checks.design import design_findings
 from calibtool.measurement.checks.finding import Finding
 from calibtool.measurement.checks.lonely_places import lonely_places
+from calibtool.measurement.checks.reading_mistakes import reading_findings
 from calibtool.measurement.kinds.kind import of_place
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import residuals
@@ -33,7 +34,7 @@ def kind_findings(measurements: Measurements) -> list[Finding]:
         rms = np.inf
     found = _lines(measurements, setup, poses) if measurements.kind == "plane" else []
     if rms > _SUSPICIOUS * robot.length:
-        found += camera_findings(measurements)
+        found += reading_findings(measurements, rms) or camera_findings(measurements)
     if rms > _GROSS * robot.length and not found:
         message = (
             f"the nominal robot fits the readings to {rms * 1e3:.3g} mm rms only; check the "

@@ -13,7 +13,7 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 _UNIT = 180.0 / np.pi
-_LENGTHS = (
+LENGTHS = (
     (25.4, "inches, given as mm"),
     (1e3, "metres, given as mm"),
     (1e-3, "mm, given as metres"),
@@ -53,7 +53,7 @@ def mistakes(every: Measurements, rows: np.ndarray) -> Iterator[Mistake]:
             scale[joints] = factor
             who = "all angles are" if joints is turning else f"joint {joints[0] + 1} is"
             yield with_q("angle_unit", f"{who} {text}", q * scale)
-    for factor, text in _LENGTHS:
+    for factor, text in LENGTHS:
         repaired = replace(measurements, points=readonly(measurements.points * factor))
         yield Mistake("length_unit", f"the lengths are in {text}", repaired)
     if measurements.rotations is not None:
@@ -61,7 +61,7 @@ def mistakes(every: Measurements, rows: np.ndarray) -> Iterator[Mistake]:
             "inverse_poses",
             "the poses are inverted: those of a fixed board in a camera on the flange "
             "(--poses-of board)",
-            _inverse_poses(measurements),
+            inverse_poses(measurements),
         )
     for by in (1, -1, 2, -2):
         paired = rows[(rows - by >= 0) & (rows - by < len(every))]
@@ -107,7 +107,7 @@ def _joint_values_option(robot: Robot, q: Array, repaired: Array) -> str:
     return ": --joint-values serial" if np.allclose(robot.to_controller(q), repaired) else ""
 
 
-def _inverse_poses(measurements: Measurements) -> Measurements:
+def inverse_poses(measurements: Measurements) -> Measurements:
     """Every measured pose inverted."""
     assert measurements.rotations is not None
     turned = np.swapaxes(measurements.rotations, -1, -2)

@@ -23,7 +23,8 @@ Triple = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 CONVENTIONS = (
     "intrinsic-xyz, extrinsic-xyz (any axes), zyx (= intrinsic-zyx), rotation-vector, "
-    "quaternion-wxyz, -xyzw"
+    "quaternion-wxyz, -xyzw, "
+    "matrix (nine numbers, row by row), matrix-columns"
 )
 
 
@@ -76,9 +77,9 @@ class PoseColumns(_Strict):
 
     position: Triple
     unit: LengthUnit
-    orientation: Annotated[list[str], Field(min_length=3, max_length=4)]
+    orientation: Annotated[list[str], Field(min_length=3, max_length=9)]
     convention: str
-    orientation_unit: AngleUnit | None = None  # needed unless the orientation is a quaternion
+    orientation_unit: AngleUnit | None = None  # of angles and vectors
     of: Literal["sensor", "board"] = "sensor"  # on the tool, or of a fixed board in its camera
 
     @field_validator("convention")
@@ -89,7 +90,8 @@ class PoseColumns(_Strict):
 
     @model_validator(mode="after")
     def _complete(self) -> "PoseColumns":
-        if self.orientation_unit is None and not self.convention.startswith("quaternion"):
+        angles = self.convention == "zyx" or numbers_in(self.convention) == 3
+        if self.orientation_unit is None and angles:
             raise ValueError(f"{self.convention} needs orientation_unit = 'deg' or 'rad'")
         return self
 

@@ -77,7 +77,7 @@ def parts_found(
     return Found(
         of_arm,
         of_points,
-        given.joints_read or _joints_read(of_joints, robot),
+        given.joints_read or _joints_read(of_joints, robot, stated),
         given.time or time_column(measured),
         given.temperature or _one(measured, TemperatureColumn, "temperature", "CK"),
         given.payload or _one(measured, PayloadColumn, "payload", ("kg", "g")),
@@ -179,9 +179,14 @@ def _joints(names: Named, robot: Robot, source: SourceTable, stated: Stated) -> 
     return JointColumns.model_validate({"columns": columns, "unit": units})
 
 
-def _joints_read(names: Named, robot: Robot) -> JointColumns | None:
-    found = {}
+def _joints_read(names: Named, robot: Robot, stated: Stated) -> JointColumns | None:
+    found: dict[int, tuple[str, str]] = {}
     for name, column in names.original.items():
+        bare = re.fullmatch(r"read_j(\d{1,9})", name)
+        if bare and 0 < int(bare[1]) <= robot.n:
+            unit = stated.unit if robot.prismatic[int(bare[1]) - 1] else stated.angle_unit
+            if unit not in (None, "in"):
+                found[int(bare[1])] = (column, unit)
         match = re.fullmatch(r"j(\d{1,9})_read_(deg|rad|mm|m)", name)
         if match:
             found[int(match[1])] = (column, match[2])

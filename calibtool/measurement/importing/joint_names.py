@@ -32,10 +32,11 @@ _AROUND = {
     "joints",
     "states",
     "value",
+    *("field", "data", "msg", "topic", "log", "jointtarget", "robax", "e6axis", "aipos", "herej"),
 }
 _NUMBERED = re.compile(
     r"(?:joint|jnt|jt|j|axis|axe|achse|gelenk|eje|asse|eixo|akse|axel|osa|oś|ось|关节|關節|関節|轴|軸"
-    r"|ax|a|q|theta|th|θ|rax|robax|position|pos)"
+    r"|ax|a|q|theta|th|θ|rax|robax|(?:cur )?jpos|axisact|position|pos)"
     r" ?[\[(]? ?(\d{1,3})[\])]?"
 )
 _OWN = re.compile(r"j\d+(?:_(?:read|serial|controller))?_(?:deg|rad|mm|m)")
@@ -47,8 +48,8 @@ _QUATERNIONS = (("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"))  # both scal
 
 
 def joint_names(columns: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
-    """What columns mean: `j1_deg`, `j1`, `j1_read_deg`; `qw` … for a quaternion that is numbered
-    as joints are.
+    """What columns mean: `j1_deg`, `j1`, `j1_read_deg`, `read_j1`; `qw` … for a quaternion
+    that is numbered as joints are.
 
     joints: names of the joints in the URDF, in their order.
     """
@@ -66,17 +67,13 @@ def joint_names(columns: Sequence[str], joints: Sequence[str]) -> dict[str, str]
     numbers = {number for number, _ in found.values()}
     from_zero = 0 in numbers and len(joints) not in numbers
     only_read = not own and all(read for _, read in found.values())
-    return (
-        own
-        | quaternion
-        | {
-            column: with_unit(
-                f"j{number + from_zero}{'_read' if read and not only_read else ''}",
-                split_unit(column)[1],
-            )
-            for column, (number, read) in found.items()
-        }
-    )
+    named = own | quaternion
+    for column, (number, read) in found.items():
+        name, unit = f"j{number + from_zero}", split_unit(column)[1]
+        if read and not only_read:
+            name = f"{name}_read" if unit else f"read_{name}"  # a bare one is no unit called read
+        named[column] = with_unit(name, unit)
+    return named
 
 
 def _number(column: str, joints: Sequence[str]) -> tuple[int, bool] | None:

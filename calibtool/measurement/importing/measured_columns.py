@@ -14,6 +14,7 @@ from calibtool.measurement.importing.column_map import (
     TargetColumns,
     check_convention,
 )
+from calibtool.measurement.importing.matrix_names import MATRIX
 from calibtool.measurement.importing.measured_lengths import measured_lengths
 from calibtool.measurement.importing.names import Named
 from calibtool.measurement.importing.sources import SourceTable
@@ -177,6 +178,8 @@ def _pose(names: Named, stated: Stated) -> PoseColumns | None:
                 f"{table.name}: columns {' '.join(columns)}, but --convention says {asked}"
             )
         return _pose_columns(place, columns, "quaternion-wxyz", None)
+    if names.has(MATRIX) and asked in (None, "matrix"):
+        return _pose_columns(place, _originals(names, MATRIX), "matrix", None)
     for angles, hint in _ANGLES:
         for suffix in ("_deg", "_rad", ""):
             if not names.has(f"{angle}{suffix}" for angle in angles):

@@ -12,6 +12,7 @@ _DISTANCE = re.compile(
     r"(?:distance|dist|abstand|length|länge|laenge|wire|wire length|cable|string|rope|seil|draht|"
     r"encoder|range|ball ?bar|l|d) ?(\d{1,3})?"
 )
+_POLAR = {"azimuth", "az", "hz", "hzangle", "hz angle", "vtangle", "phi", "zenith"}
 _FROM_CENTRE = re.compile(r"radius|centre distance|center distance|r")
 _HEIGHT = re.compile(
     r"[xyz]|height|höhe|hoehe|gap|spalt|clearance|dial|dial gauge|indicator|messuhr|deviation|"
@@ -27,10 +28,14 @@ def measured_lengths(
     spheres without any value: contacts.
 
     unit_of: the unit of a column from what its name says and the column. Raises InputError for
-    two units, or several values on a sphere.
+    two units, several values on a sphere, or the distance of polar coordinates.
     """
     words = {name: (spelt(name), split_unit(name)[1]) for name in names.original}
     on_sphere, on_plane = ("sphere" in words), ("plane" in words)
+    if polar := [names.original[name] for name, (word, _) in words.items() if word in _POLAR]:
+        raise InputError(
+            f"{names.table.name}: polar coordinates ('{polar[0]}') are not read; export x, y and z"
+        )
     found: dict[int, tuple[str, str | None]] = {}
     for name, (word, unit) in words.items():
         if match := _DISTANCE.fullmatch(word):

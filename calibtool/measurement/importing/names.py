@@ -2,13 +2,14 @@
 capitals do not matter.
 """
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from calibtool.errors import InputError
 from calibtool.measurement.importing.joint_names import joint_names
-from calibtool.measurement.importing.point_names import point_names
+from calibtool.measurement.importing.matrix_names import matrix_names
+from calibtool.measurement.importing.orientation_names import Turned, orientation_names
+from calibtool.measurement.importing.point_names import ROBOT, owner, point_names
 from calibtool.measurement.importing.spelling import spelt, split_unit, with_unit
 from calibtool.tables import Table
 
@@ -38,7 +39,6 @@ _WORDS = {
     }.items()
     for spelling in spellings.split(",")
 }
-_QUATERNION = re.compile(r"(.*\b(?:orientation|rotation|rot|quaternion|quat|q)) ?([wxyz])")
 _NEED_UNIT = ("temperature", "payload")
 
 
@@ -66,9 +66,14 @@ def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -
     spoken_for = set(taken)
     free = [column for column in table.header if column and column not in spoken_for]
     place = f"{table.name}:{table.header_line}"
-    meant = joint_names(free, joints)
-    meant |= point_names([column for column in free if column not in meant], place)
-    meant |= _quaternion([column for column in free if column not in meant])
+    meant = matrix_names(table, free)
+    meant |= joint_names([column for column in free if column not in meant], joints)
+    rest = [column for column in free if column not in meant]
+    turned = orientation_names(rest)
+    points, who = point_names(rest, place, [of.who for of in turned])
+    meant |= points
+    if not set(meant.values()) & {"qw", "r11"}:
+        meant |= _orientation(turned, who)
     for column in free:
         word = _WORDS.get(spelt(column))
         unit = split_unit(column)[1]
@@ -94,11 +99,10 @@ def named(table: Table, joints: Sequence[str] = (), taken: Iterable[str] = ()) -
     return Named(replace(table, header=header), original)
 
 
-def _quaternion(columns: Sequence[str]) -> dict[str, str]:
-    """`pose.orientation.x` … `w`, `Rotation X` … `W`: `qx` … `qw`, where one set is complete."""
-    found: dict[str, dict[str, str]] = {}
-    for column in columns:
-        if match := _QUATERNION.fullmatch(spelt(column)):
-            found.setdefault(match[1], {})[f"q{match[2]}"] = column
-    whole = [axes for axes in found.values() if len(axes) == 4]
-    return {column: name for name, column in whole[0].items()} if len(whole) == 1 else {}
+def _orientation(turned: Sequence[Turned], who: frozenset[str]) -> dict[str, str]:
+    """The orientation of the point of these words, or the only quaternion that is not the robot's
+    own.
+    """
+    own = [of.columns for of in turned if owner(of.who) == who]
+    others = [of.columns for of in turned if not of.who & ROBOT and "qw" in of.columns.values()]
+    return next((found[0] for found in (own, others) if len(found) == 1), {})

@@ -3,7 +3,7 @@ z.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from calibtool.errors import InputError
 from calibtool.measurement.importing.spelling import split_unit, unread_length, with_unit
@@ -15,23 +15,33 @@ _NUMBERED = re.compile(r"[a-z]* ?0*(\d{1,9})")
 _WORDS = """
     t p pos position point coord coordinate coordinates koordinate meas measured measurement actual
     act ist mess messwert value translation trans tvec tracker laser target smr prism reflector
-    probe sensor punkt pose transform field data
+    probe sensor punkt pose transform field data mes mesure mesuré mesurée misurato misurata medido
+    medida wert center centre mittelpunkt location
 """
 _PLAIN = set(_WORDS.split())
-_ROBOT = {"robot", "tcp", "flange", "tool", "cart", "cartesian", "base", "world"}
+_SURVEYED = {  # of a total station: right-handed in this order
+    **dict.fromkeys(("east", "easting", "rechtswert", "ostwert"), "x"),
+    **dict.fromkeys(("north", "northing", "hochwert", "nordwert"), "y"),
+    **dict.fromkeys(("height", "elevation", "höhe", "hoehe", "up"), "z"),
+}
+ROBOT = {"robot", "tcp", "flange", "tool", "cart", "cartesian", "base", "world"}
 _OTHERS = """
     nominal nom soll theoretical theo design cmd command commanded d delta dev deviation error err
     diff abweichung sigma std stdev rms unc uncertainty u v vel velocity speed acc acceleration f
     force torque moment n normal q r rot rvec rotvec rodrigues quat rotation euler orientation ref
-    reference
+    reference abw abweichungen ecart écart scarto scostamento desviacion desviación tol tolerance
+    residual resid theorique théorique teorico nennwert nennmaß nominale nominell sollwert sollmaß
 """
 _OTHER = set(_OTHERS.split())  # values that are no measured point
 
 
-def point_names(columns: Sequence[str], place: str) -> dict[str, str]:
-    """What columns mean: `x_mm`, `t2_y_mm`, `x` … Robots' own positions count only where nothing
-    else was measured.
+def point_names(
+    columns: Sequence[str], place: str, turned: Collection[frozenset[str]] = ()
+) -> tuple[dict[str, str], frozenset[str]]:
+    """What columns mean: `x_mm`, `t2_y_mm`, `x` …, and the words before the names of a single
+    point. Robots' own positions count only where nothing else was measured.
 
+    turned: words before the names of orientations; a single point of that name is a pose.
     Raises InputError where two columns mean the same, or two sets of columns may be the measured
     points.
     """
@@ -65,17 +75,30 @@ def point_names(columns: Sequence[str], place: str) -> dict[str, str]:
             f"{place}: more than one set of columns may be the measured points, those of "
             f"{' and of '.join(repr(c) for c in sets)}; map the columns with --columns MAP.toml"
         )
+    single = kinds[0][0] if len(kinds) == 1 and len(kinds[0]) == 1 else None
+    if not kinds and len(robot) == 1:
+        single = robot[0]
+    who = frozenset() if single is None else owner(single[0].split())
+    if single is not None and who in set(map(owner, turned)):
+        plain, numbered, others = [single], [], []
     for key in plain or ([] if kinds or any(c[0] in "tT" for c in meant) else robot):
         meant |= {column: with_unit(axis, key[1]) for axis, column in whole[key].items()}
     for number, key in [(_number(key[0]), key) for key in numbered] or enumerate(others, start=1):
         meant |= {c: with_unit(f"t{number}_{axis}", key[1]) for axis, c in whole[key].items()}
-    return meant
+    return meant, who
+
+
+def owner(words: Collection[str]) -> frozenset[str]:
+    """Whose a value is: the words of its name that do not say what it is."""
+    return frozenset(words) - _PLAIN
 
 
 def _who_axis(name: str) -> tuple[str, str] | None:
     """Whose coordinate a name without unit is, in small letters, and the axis."""
     name = re.sub(r"(?<=[a-z])(?=[XYZ]$)|(?<=^[XYZ])(?=[A-Z][a-z])", " ", name)  # posX, XCoord
     lower = re.sub(r"[\s_.\-/:]+", " ", name.lower()).strip()
+    if lower in _SURVEYED:
+        return "coordinates", _SURVEYED[lower]
     match = _AXIS_LAST.fullmatch(lower) or _AXIS_FIRST.fullmatch(lower)
     if match is None or re.search(r"[\[\](){}<>]", lower):  # a unit that nobody knows
         return None
@@ -102,7 +125,7 @@ def _sorted(
         words = set(key[0].split())
         if words <= _PLAIN:
             kinds[0].append(key)
-        elif words & _ROBOT:
+        elif words & ROBOT:
             kinds[3].append(key)
         else:
             kinds[1 if _NUMBERED.fullmatch(key[0]) else 2].append(key)

@@ -54,6 +54,16 @@ def without_preamble(lines: list[str], delimiter: str | None = None) -> tuple[li
     return lines, False
 
 
+def names_by_number(lines: list[str], delimiter: str | None = None) -> list[str] | None:
+    """Names c1, c2, … of columns where the first line is numbers alone; else None."""
+    first = next((line for line in lines if line.strip(" \t;,\r\ufeff")), "")
+    for sign in (delimiter,) if delimiter else _DELIMITERS:
+        cells = _cells(first.removeprefix("\ufeff").strip(" \r\n"), sign)
+        if len(cells) > 1 and all(map(_NUMBER.fullmatch, cells)):
+            return [f"c{k}" for k in range(1, len(cells) + 1)]
+    return None
+
+
 def _cells(line: str, delimiter: str) -> list[str]:
     try:
         return next(split_lines([line], delimiter), [])

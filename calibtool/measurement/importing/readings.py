@@ -5,7 +5,7 @@ auxiliary readings.
 import numpy as np
 
 from calibtool.errors import InputError
-from calibtool.joint_and_pose_columns import check_quaternions, joint_positions
+from calibtool.joint_and_pose_columns import check_matrices, check_quaternions, joint_positions
 from calibtool.measurement.auxiliary import AuxiliaryReadings
 from calibtool.measurement.importing.column_map import (
     ColumnMap,
@@ -97,7 +97,8 @@ def read_rotations(table: Table, pose: PoseColumns) -> Array:
     """R_instrument_sensor (N, 3, 3) by the convention of the map, see `rotation_matrices`; zyx is
     intrinsic-zyx.
 
-    Raises InputError for another number of columns or a quaternion that is not of length 1.
+    Raises InputError for another number of columns, a quaternion that is not of length 1, or a
+    matrix that is no rotation.
     """
     values = table.numbers(pose.orientation)
     convention = "intrinsic-zyx" if pose.convention == "zyx" else pose.convention
@@ -109,6 +110,9 @@ def read_rotations(table: Table, pose: PoseColumns) -> Array:
         )
     if expected == 4:
         check_quaternions(table, values)
+        return rotation_matrices(values, convention)
+    if expected == 9:
+        check_matrices(table, values)
         return rotation_matrices(values, convention)
     if pose.orientation_unit == "rad" and np.abs(values).max() > 4 * np.pi:
         row, column = (int(i) for i in np.argwhere(np.abs(values) > 4 * np.pi)[0])

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 from calibtool.errors import InputError, UsageError
 from calibtool.measurement.importing.encoding import decoded
 from calibtool.measurement.importing.excel import ZIP, parse_workbook
-from calibtool.measurement.importing.preamble import without_preamble
+from calibtool.measurement.importing.preamble import names_by_number, without_preamble
 from calibtool.measurement.importing.spatial_analyzer import (
     PointList,
     looks_like_points,
@@ -84,7 +84,12 @@ def read_source(
             "is"
         )
     lines, skipped = without_preamble(text_lines(text), delimiter)
-    table = next(read_tables(lines, name, delimiter, decimal))
+    names = names_by_number(lines, delimiter)
+    table = next(read_tables(lines, name, delimiter, decimal, names=names))
+    if names is not None:
+        notes += (
+            f"{name}: no header; its columns are called c1 … {names[-1]} (--columns MAP.toml)",
+        )
     if skipped:
         notes += (
             f"{name}: the header is line {table.header_line}, the lines before it are not used",

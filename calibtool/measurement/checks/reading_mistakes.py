@@ -1,0 +1,80 @@
+"""Single mistakes with readings that are no points: rows slipped, lengths in another unit, a zero
+of a wire, poses of a board inverted or mirrored.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from calibtool.errors import NoSolutionError
+from calibtool.measurement.checks.finding import Finding
+from calibtool.measurement.checks.mistakes import LENGTHS, Mistake, inverse_poses
+from calibtool.measurement.measurements import Measurements
+from calibtool.measurement.observation import residuals
+from calibtool.measurement.registration import register
+from calibtool.robot.se3 import Array, readonly
+
+_BETTER = 3.0  # how much better the readings must be explained before a mistake is named
+_GOOD = 1e-2  # of the length of the arm: what the nominal robot leaves without the mistake
+_MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+def reading_findings(measurements: Measurements, before: float) -> list[Finding]:
+    """The mistake without which the nominal robot explains the readings best, if by far; before:
+    the rms with it, m.
+    """
+    tried = [(_rms(m.repaired), m) for m in _mistakes(measurements)]
+    after, mistake = min(tried, key=lambda pair: pair[0], default=(np.inf, None))
+    if mistake is None or after * _BETTER > before or after > _GOOD * measurements.robot.length:
+        return []
+    now = f"{before * 1e3:.3g} mm rms" if np.isfinite(before) else "not at all"
+    message = (
+        f"the nominal robot explains the readings {now if now == 'not at all' else 'to ' + now}, "
+        f"but to {after * 1e3:.3g} mm if {mistake.text}"
+    )
+    numbers = {"rms_mm": before * 1e3, "repaired_rms_mm": after * 1e3}
+    return [Finding(mistake.name, "warning", message, dict(numbers))]
+
+
+def _mistakes(measurements: Measurements) -> Iterator[Mistake]:
+    count, q = len(measurements), measurements.q
+    for by in (1, -1):
+        rows = np.arange(count)[max(by, 0) : count + min(by, 0)]
+        repaired = replace(measurements.rows(rows), q=readonly(q[rows - by]))
+        which = "before" if by > 0 else "after"
+        text = f"they belong to the joints of the row {which} (shifted by 1)"
+        yield Mistake("row_shift", text, repaired)
+    values = measurements.values
+    if values is not None and measurements.kind == "distance":
+        for factor, text in LENGTHS:
+            repaired = replace(measurements, values=readonly(values * factor))
+            yield Mistake("length_unit", f"the lengths are in {text}", repaired)
+    if measurements.rotations is not None:
+        yield Mistake(
+            "inverse_poses",
+            "the poses are inverted: those of the camera in the board",
+            inverse_poses(measurements),
+        )
+        yield Mistake(
+            "left_handed_axes",
+            "the images are mirrored (left and right exchanged)",
+            _mirrored(measurements, measurements.rotations),
+        )
+
+
+def _mirrored(measurements: Measurements, rotations: Array) -> Measurements:
+    points = measurements.points * _MIRROR
+    turned = _MIRROR[:, None] * rotations * _MIRROR
+    return replace(measurements, points=readonly(points), rotations=readonly(turned))
+
+
+def _rms(measurements: Measurements) -> float:
+    """Of the lengths that the nominal robot leaves, m; infinite where it cannot be registered."""
+    poses = measurements.robot.mechanism.forward(measurements.q)
+    try:
+        setup = register(measurements, poses)
+    except NoSolutionError:
+        return float("inf")
+    left = residuals(measurements, setup, poses)[:, setup.kind.lengths(setup)]
+    return float(np.sqrt((left**2).mean()))
