@@ -15,6 +15,7 @@ from calibtool.calibration import Calibration, identify, train
 from calibtool.calibration.guard import coverage
 from calibtool.compensation.targets import OutsidePolicy
 from calibtool.equivalent.training import TrainingOptions
+from calibtool.errormodel.actual import ErrorScales
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.evaluation.compare import evaluate
 from calibtool.measurement.measurements import Measurements
@@ -375,3 +376,18 @@ def test_rows_unlike_the_training_are_predicted_by_the_base_on_request() -> None
     np.testing.assert_array_equal(base[~unlike], marked[~unlike])
     with pytest.raises(NoSolutionError, match=f"a: {unlike.sum()} configurations are outside"):
         errors(trained, "refuse")
+
+
+@pytest.mark.parametrize("name", ["planar-3r", "so100", "scara"])
+def test_who_knows_all_errors_leaves_nothing_that_joints_could_remove(name: str) -> None:
+    """Bent joints and tilted axes take the tool where fewer than six joints cannot bring it back:
+    that is no error of the calibration."""
+    scales = ErrorScales(("geometric", "bending", "wobble"))
+    rows = simulate(load_robot(name), Simulation(2, 60, scales=scales))
+    assert rows.truth is not None
+    nominal = identify(rows, "nominal")
+    known = replace(nominal.base, model="complete", errors=rows.truth.actual.errors)
+    evaluation = evaluate([("known", replace(nominal, base=known))], rows)
+    drawn, after = (result.correctable.position_size for result in evaluation.results)
+    assert drawn.mean() > 0.2e-3
+    assert after.max() < 1e-3 * drawn.mean()

@@ -303,18 +303,19 @@ def _nearest_poses(measurements: Measurements) -> tuple[Array | None, MethodErro
     if truth is None or not measurements.setup.known:
         return None, None
     commanded = robot.mechanism.forward(q)
-    # Motion errors of the joints do not change which poses can be taken, only where the
-    # joints have to go.
+    # Motion errors along the joints do not change which poses can be taken, only where the
+    # joints have to go; bent joints and tilted axes leave the space of fewer than six joints.
     actual = truth.actual.mechanism
     if robot.n < 6:
         moved = log6(inverse(robot.chain.placements) @ actual.placements)  # thermal growth included
         errors = truth.actual.errors
+        turning = {name: errors[name] for name in ("bending", "wobble")}
         kept = RobotErrors.of(
-            robot, placements=moved, twists=errors["twists"], offsets=errors["offsets"]
+            robot, placements=moved, twists=errors["twists"], offsets=errors["offsets"], **turning
         )
         nominal = identify(measurements, "nominal")
         knowing = replace(nominal, base=replace(nominal.base, model="local-poe", errors=kept))
-        nearest = actual.forward(exact(knowing, q, commanded, _UNBOUNDED).q)
+        nearest = knowing.forward(exact(knowing, q, commanded, _UNBOUNDED).q)
         return nearest, _pose_errors("uncorrectable", nearest, commanded)
     solved = solve_poses(
         actual.forward_and_jacobian,
