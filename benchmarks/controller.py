@@ -24,7 +24,8 @@ from calibtool.controller import read_controller_model
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.setup import Setup
-from calibtool.programs.compensate import ProgramOptions, compensate_program
+from calibtool.programs.compensate import compensate_program
+from calibtool.programs.correction import ProgramOptions
 from calibtool.programs.frames import pose
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.inverse import solve_poses

@@ -91,14 +91,14 @@ def judged(fitted: list[tuple[str, Calibration]], rows: Measurements) -> dict[st
 
 
 def coverage(calibration: Calibration, rows: Measurements) -> float:
-    """Percent of the held-out coordinates within 1.96 deviations of parameters and what is left."""
+    """Percent of the held-out coordinates within 1.96 predicted deviations."""
     base = calibration.base
     if base.posterior is None or calibration.networks:
         return np.nan
     columns, off = linearised_rows(rows, base.posterior.parameters, base.state)
     variance = ((columns @ base.posterior.covariance) * columns).sum(axis=-1)
     lengths = rows.setup.kind.lengths(rows.setup)
-    variance += np.where(lengths, *base.posterior.left**2)
+    variance += np.where(lengths, *base.posterior.residual_factors**2)
     seen = weights(rows) > 0
     return 100.0 * float((np.abs(off) < 1.96 * np.sqrt(variance))[seen].mean())
 

@@ -46,8 +46,8 @@ from calibtool.planning.constraints import Constraints as Constraints
 from calibtool.planning.information import Knowledge as Knowledge
 from calibtool.planning.plan import Plan as Plan
 from calibtool.planning.plan import make_plan as make_plan
-from calibtool.programs.compensate import ProgramOptions as ProgramOptions
 from calibtool.programs.compensate import compensate_program as compensate_program
+from calibtool.programs.correction import ProgramOptions as ProgramOptions
 from calibtool.programs.program_summary import CompensatedProgram as CompensatedProgram
 from calibtool.robot.catalogue import load_robot as load_robot
 from calibtool.robot.catalogue import robot_names as robot_names

@@ -21,9 +21,8 @@ if sys.platform != "win32":
     import fcntl
 
 SUFFIX = ".calibtool-part"
-_NAME_BYTES = (
-    200  # of the output's name, so that the whole stays below the 255 that file systems allow
-)
+# Of the output's name, so that the whole stays below the 255 that file systems allow
+_NAME_BYTES = 200
 
 
 # What FAT sticks and network shares answer to calls that they do not know.

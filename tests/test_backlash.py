@@ -34,7 +34,8 @@ from calibtool.identification.report import parameter_rows
 from calibtool.measurement.importing import import_table
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.programs.compensate import ProgramOptions, compensate_program
+from calibtool.programs.compensate import compensate_program
+from calibtool.programs.correction import ProgramOptions
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.mechanism import Frames
 from calibtool.robot.se3 import Array, log6, readonly

@@ -76,8 +76,8 @@ def test_the_c_code_corrects_as_near_as_its_header_says(tmp_path: Path) -> None:
         states.append(correct(row.ctypes.data, row.ctypes.data))
     assert set(states) == {0}
     after = left(calibration, q, driven)
-    assert f"after this one {taught.left[0]:.3g} mm, {taught.left[1]:.3g} mrad" in header
-    assert after.max() <= 1.5e-3 * taught.left[0]
+    assert f"after this one {taught.after[0]:.3g} mm, {taught.after[1]:.3g} mrad" in header
+    assert after.max() <= 1.5e-3 * taught.after[0]
     assert after.max() < 0.05 * left(calibration, q, q).max()
     for wrong, state in ((np.full(3, np.nan), 2), (calibration.robot.upper + 0.1, 1)):
         answer = np.zeros(3)
@@ -102,7 +102,7 @@ def test_structured_text_computes_the_network(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_what_a_taught_network_leaves_is_small_beside_what_it_corrects(name: str) -> None:
     taught = Taught.of(calibration_of(name))
-    for before, after, exactly in zip(taught.before, taught.left, taught.exact, strict=True):
+    for before, after, exactly in zip(taught.before, taught.after, taught.exact, strict=True):
         assert after <= 0.1 * max(before, 1e-6)
         assert exactly <= after + 1e-9
 

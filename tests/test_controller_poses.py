@@ -15,8 +15,10 @@ from calibtool.errors import InputError, UsageError
 from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.sampling import sample_configurations
 from calibtool.measurement.setup import Setup
-from calibtool.programs.compensate import CompensatedProgram, ProgramOptions, compensate_program
+from calibtool.programs.compensate import compensate_program
 from calibtool.programs.controller_poses import worse_than_untouched
+from calibtool.programs.correction import ProgramOptions
+from calibtool.programs.program_summary import CompensatedProgram
 from calibtool.robot.catalogue import load_robot
 from calibtool.robot.mechanism import Mechanism
 from calibtool.robot.robot import Robot

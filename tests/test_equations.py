@@ -104,7 +104,7 @@ def test_a_row_left_out_is_predicted_as_a_fit_of_the_others_would() -> None:
         0.0,
         1,
     )
-    assert HeldOut.of(measurements, fit).sizes()[k] * 9 == pytest.approx(expected, rel=1e-2)
+    assert HeldOut.of(measurements, fit).squares()[k] * 9 == pytest.approx(expected, rel=1e-2)
 
 
 def test_held_out_rows_without_a_section_are_those_of_the_smaller_model() -> None:
@@ -127,7 +127,7 @@ def test_held_out_rows_without_a_section_are_those_of_the_smaller_model() -> Non
             parameters, state, np.full(parameters.count, 1e-4), H, r[:, 0], np.ones(25), 1.0, 0.0, 1
         )
         dropped = np.arange(parameters.count)[parameters.blocks["harmonics"]]
-        sizes.append(HeldOut.of(measurements, fit).sizes(dropped))
+        sizes.append(HeldOut.of(measurements, fit).squares(dropped))
         if not orders:
             for rows in ([3, 23], [10]):
                 rest = np.setdiff1d(np.arange(25), rows)

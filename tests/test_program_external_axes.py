@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 from calibtool.calibration import Calibration, identify
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.measurement.simulate import Simulation, simulate
-from calibtool.programs.compensate import ProgramOptions, compensate_program
+from calibtool.programs.compensate import compensate_program
 from calibtool.programs.configurations import posture
+from calibtool.programs.correction import ProgramOptions
 from calibtool.programs.formats import reader
 from calibtool.programs.frames import poses
 from calibtool.robot.robot import Robot

@@ -17,8 +17,9 @@ from calibtool.calibration import Calibration, identify
 from calibtool.compensation.solve import compensate_joints
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.branches import Controller, solve_pose
-from calibtool.programs.compensate import ProgramOptions, compensate_program
+from calibtool.programs.compensate import compensate_program
 from calibtool.programs.configurations import Fanuc, posture
+from calibtool.programs.correction import ProgramOptions
 from calibtool.programs.formats import coupling_of, reader
 from calibtool.programs.frames import pose, read_frames
 from calibtool.programs.motions import POSE

@@ -16,7 +16,8 @@ from calibtool.calibration import Calibration, identify
 from calibtool.errors import InputError, NoSolutionError
 from calibtool.measurement.simulate import Simulation, simulate
 from calibtool.programs.agreement import Position, positions
-from calibtool.programs.compensate import ProgramOptions, compensate_program, compensate_texts
+from calibtool.programs.compensate import compensate_program, compensate_texts
+from calibtool.programs.correction import ProgramOptions
 from calibtool.programs.formats import read_program
 from calibtool.programs.frames import NamedFrames, pose, poses
 from calibtool.programs.motion_flow import Flow, follow

@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from calibtool.calibration import Calibration
     from calibtool.compensation.stream import RowFormat, StreamOptions
     from calibtool.compensation.weighted_error import Weights
-    from calibtool.programs.compensate import ProgramOptions
+    from calibtool.programs.correction import ProgramOptions
 
 
 def compensate(

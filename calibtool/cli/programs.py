@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from calibtool.compensation.solve import Method
     from calibtool.compensation.targets import OutsidePolicy
     from calibtool.compensation.weighted_error import Weights
-    from calibtool.programs.compensate import ProgramOptions
+    from calibtool.programs.correction import ProgramOptions
     from calibtool.programs.program_summary import CompensatedProgram
     from calibtool.robot.coupling import JointValues
     from calibtool.robot.mechanism import Mechanism
@@ -142,7 +142,7 @@ def program_options(
     controller_model: "Mechanism | None",
 ) -> "ProgramOptions":
     """The options of a program. InputError for a bad frames file."""
-    from calibtool.programs.compensate import ProgramOptions
+    from calibtool.programs.correction import ProgramOptions
     from calibtool.programs.frames import NamedFrames, read_frames
 
     return ProgramOptions(

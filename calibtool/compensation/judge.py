@@ -18,9 +18,8 @@ from calibtool.compensation.step import DAMPED_BELOW
 from calibtool.compensation.weighted_error import Task, weighted_error
 from calibtool.robot.se3 import Array
 
-_OVERSHOOT = (
-    1.5  # a change is shortened where it is longer than this times the best length along it
-)
+# A change is shortened where it is longer than this times the best length along it
+_OVERSHOOT = 1.5
 
 
 @dataclass(frozen=True, eq=False)

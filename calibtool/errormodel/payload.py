@@ -16,9 +16,8 @@ from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
 _FULL = 10.0  # kg at which sizes and tolerances are stated
-_CARRIES_LOAD = (
-    0.02  # a joint counts as loaded when its moment reaches this part of the largest joint's
-)
+# A joint counts as loaded when its moment reaches this part of the largest joint's
+_CARRIES_LOAD = 0.02
 _SAMPLES = 500
 
 

@@ -32,7 +32,7 @@ class Taught:
 
     network      of n outputs, rad or m
     lower, upper (n,) the joints that were taught, rad or m
-    before, exact, left   largest errors of the task components on other configurations: as
+    before, exact, after  largest errors of the task components on other configurations: as
                  commanded, exactly corrected, corrected by the network; mm and mrad each
     mean         mean errors of the same, mm and mrad each
     """
@@ -42,7 +42,7 @@ class Taught:
     upper: Array
     before: tuple[float, float]
     exact: tuple[float, float]
-    left: tuple[float, float]
+    after: tuple[float, float]
     mean: tuple[float, float]
 
     @classmethod
@@ -80,12 +80,12 @@ class Taught:
             _sizes(robot.length, task, error(rest, moved), poses[rest])
             for moved in (np.zeros(change[rest].shape), change[rest], network(q[rest]))
         ]
-        before, done, left = (_pair(each.max(axis=0)) for each in sizes)
+        before, done, after = (_pair(each.max(axis=0)) for each in sizes)
         weighted = [np.linalg.norm(each / [robot.length * 1e3, 1e3], axis=-1) for each in sizes]
         if weighted[2].max() > LARGEST_PART * np.sqrt(np.mean(weighted[0] ** 2)):
             raise NoSolutionError(
-                f"{robot.name}: a network of {HIDDEN} nodes leaves {left[0]:.3g} mm and "
-                f"{left[1]:.3g} mrad of {before[0]:.3g} mm and {before[1]:.3g} mrad, more than "
+                f"{robot.name}: a network of {HIDDEN} nodes leaves {after[0]:.3g} mm and "
+                f"{after[1]:.3g} mrad of {before[0]:.3g} mm and {before[1]:.3g} mrad, more than "
                 f"{LARGEST_PART * 100:g} %: make the default workspace smaller, or use json"
             )
         return cls(
@@ -94,7 +94,7 @@ class Taught:
             upper=q[known].max(axis=0),
             before=before,
             exact=done,
-            left=left,
+            after=after,
             mean=_pair(sizes[2].mean(axis=0)),
         )
 

@@ -1,9 +1,9 @@
 """Whether the complete model predicts held-out rows at least as well as registration alone and
 local POE; the best of the three is the result.
 
-Mostly the complete model is far ahead: its generalised cross-validation is less than what the
-others leave on the very rows that they were fitted to, and nothing is fitted again. Otherwise the
-models in doubt are fitted again in folds of the rows.
+Mostly the complete model is far ahead: its generalised cross-validation is less than the squared
+residuals of the others on the very rows that they were fitted to, and nothing is fitted again.
+Otherwise the models in doubt are fitted again in folds of the rows.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ _HARDLY = 3.0  # coordinates per parameter of local POE: with less one row can t
 _FEW = 3.0  # coordinates per determined parameter: the formula is too hopeful
 _MANY = 20.0  # per parameter: the formula is exact enough
 _FOLDS = 5
-_JUDGED = 300  # rows that show what the simple models leave
+_JUDGED = 300  # rows that show the residuals of the simple models
 _FITS = 0.5  # weight of a row: what weighs less fits no model
 _SURELY = 1.0  # standard errors by which a model must predict better
 _WORSE = 1.04  # of the squares: less is no reason to give up the posterior
@@ -39,7 +39,7 @@ def best_model(
     measurements: Measurements, complete: Identification, fitted: Fit, again: Model
 ) -> Identification:
     """The complete model, or local POE where it surely predicts held-out rows better, or
-    registration alone where neither surely does; `Identification.held_out` says it.
+    registration alone where neither surely does; `Identification.held_out` holds the figures.
 
     fitted: the fit of the complete model; again: the same identification of some of the rows.
     Rows that weigh little in the fit are not judged.
@@ -56,8 +56,8 @@ def best_model(
         del rivals["local-poe"]
     if coordinates > _FEW * fitted.effective:
         few = rows.rows(np.unique(np.linspace(0, len(rows) - 1, _JUDGED).astype(int)))
-        left = {name: float(_left(fit, few, few).mean()) for name, fit in rivals.items()}
-        rivals = {name: rivals[name] for name in rivals if expected > _CLEARLY * left[name]}
+        simple = {name: float(_squares_after(fit, few, few).mean()) for name, fit in rivals.items()}
+        rivals = {name: rivals[name] for name in rivals if expected > _CLEARLY * simple[name]}
     if not rivals:
         return complete
     squares = {name: _held_out(fit, rows) for name, fit in rivals.items()}
@@ -101,7 +101,7 @@ def _local_poe_rank(rows: Measurements) -> float:
         return float("inf")
 
 
-def _left(fit: Model, rows: Measurements, judged: Measurements) -> Array:
+def _squares_after(fit: Model, rows: Measurements, judged: Measurements) -> Array:
     """Mean square (M,) of the coordinates of every judged row over the stated noise, after a fit
     to the rows; infinite where they are too few for it."""
     try:
@@ -118,17 +118,17 @@ def _held_out(fit: Model, rows: Measurements) -> Array:
     order = np.random.default_rng(0).permutation(len(rows))
     if rows.place is not None:  # every place in every fold
         order = order[np.argsort(rows.place[order], kind="stable")]
-    left = np.empty(len(rows))
+    squares = np.empty(len(rows))
     for part in (order[k::_FOLDS] for k in range(min(_FOLDS, len(rows)))):
-        left[part] = _left(fit, rows.rows(np.setdiff1d(order, part)), rows.rows(part))
-    return left
+        squares[part] = _squares_after(fit, rows.rows(np.setdiff1d(order, part)), rows.rows(part))
+    return squares
 
 
-def _better(left: Array, than: Array) -> bool:
+def _better(squares: Array, than: Array) -> bool:
     """Whether squares (N,) of rows are surely less than others."""
-    if not np.isfinite(left).all():
+    if not np.isfinite(squares).all():
         return False
-    gain = np.minimum(than, 1e300) - left
+    gain = np.minimum(than, 1e300) - squares
     return bool(gain.mean() > _SURELY * gain.std() / np.sqrt(len(gain)))
 
 

@@ -1,7 +1,7 @@
 """The complete model: δζ, δξ, δq and joint-motion functions by maximum a posteriori Gauss–Newton.
 
-Tolerances are the prior, so that nothing is eliminated and no rank is decided: parameters that the
-data do not determine stay at their prior, and their posterior deviation shows it. Noise level,
+Tolerances are the prior, so that no parameter has to be eliminated: those that the data do not
+determine stay at their prior, and their posterior deviation shows it. Noise level,
 number of harmonics and, on request, the tolerances are estimated from the evidence.
 """
 
@@ -30,9 +30,8 @@ from calibtool.measurement.observation import residuals, weighted_residuals, wei
 from calibtool.robot.inverse_starts import drawn
 from calibtool.robot.se3 import Array, readonly
 
-_RANK_TOLERANCE = (
-    1e-6  # of the largest singular value of normal equations; exact redundancies lie near 1e-8
-)
+# of the largest singular value of normal equations; exact redundancies lie near 1e-8
+_RANK_TOLERANCE = 1e-6
 _VIEWS = 200  # times as many configurations as are needed, where a camera sees few of them
 
 
@@ -164,7 +163,7 @@ def _identification(
         fitted.noise_factor
     )
     tool = fitted.state.frames(measurements.q, measurements.conditions).tool
-    left = residuals(measurements, fitted.state.setup, tool)
+    residual = residuals(measurements, fitted.state.setup, tool)
     at_prior = np.sqrt(np.diag(covariance)) > 0.99 * prior_std
     names = np.array(parameters.names)
     return Identification(
@@ -175,7 +174,7 @@ def _identification(
         rank=int((eigenvalues > 1.0).sum()),
         observable_rank=_observable_rank(measurements, fitted),
         unobservable=tuple(str(name) for name in names[at_prior]),
-        residual_rms=split_rms(left, measurements),
+        residual_rms=split_rms(residual, measurements),
         iterations=fitted.iterations,
         posterior=Posterior(
             parameters=parameters,
@@ -184,15 +183,18 @@ def _identification(
             noise_factor=fitted.noise_factor,
             effective=fitted.effective,
             log_evidence=float(log_evidence),
-            left=readonly(_left(measurements, fitted)),
+            residual_factors=readonly(_residual_factors(measurements, fitted)),
         ),
         flagged=flagged,
     )
 
 
-def _left(measurements: Measurements, fitted: Fit) -> Array:
-    """Standard deviation of the coordinates over the stated noise (2,), lengths and angles, freed
-    of what was fitted; rows that do not fit count with their weight."""
+def _residual_factors(measurements: Measurements, fitted: Fit) -> Array:
+    """Standard deviation of the residuals over the stated noise (2,), lengths and angles.
+
+    It is corrected for the number of fitted parameters; rows that do not fit count with their
+    weight.
+    """
     tool = fitted.state.frames(measurements.q, measurements.conditions).tool
     squares = weighted_residuals(measurements, fitted.state.setup, tool) ** 2
     weight = fitted.row_weight[:, None] * (weights(measurements) > 0)

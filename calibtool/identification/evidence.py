@@ -80,13 +80,15 @@ def most_probable(
     `parsimony` nats.
     """
     theta, covariance, kept = theta.copy(), covariance.copy(), np.ones(len(theta), dtype=bool)
-    left = list(sections)
-    while left:
-        gains = [log_density_ratio(theta[s], covariance[np.ix_(s, s)], prior_std[s]) for s in left]
+    remaining = list(sections)
+    while remaining:
+        gains = [
+            log_density_ratio(theta[s], covariance[np.ix_(s, s)], prior_std[s]) for s in remaining
+        ]
         worst = int(np.argmax(gains))
         if gains[worst] < -parsimony:
             break
-        s = left.pop(worst)
+        s = remaining.pop(worst)
         gain = np.linalg.solve(covariance[np.ix_(s, s)], covariance[s]).T
         theta -= gain @ theta[s]
         covariance -= gain @ covariance[s]

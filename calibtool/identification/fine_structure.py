@@ -1,9 +1,9 @@
 """Fine structure of the joint motions: which joints, and up to which order, before anything of it
 is fitted.
 
-Of a fit without it, the evidence for more harmonics of one joint needs their products with the
-residuals and the columns
-only, so that a hundred orders of every joint cost less than one step of a fit that has them.
+Of a fit without it, the evidence for more harmonics of one joint needs only their products with
+the residuals and the columns. A hundred orders of every joint cost less than one step of a fit that
+has them.
 """
 
 from dataclasses import dataclass
@@ -21,16 +21,16 @@ from calibtool.robot.se3 import Array
 _CHUNK = 1000  # configurations whose columns are in memory together
 _CLEAR = 3.0  # nats by which finer harmonics must make the data more probable
 _ROWS = 2.0  # waves per configuration, at most
-_NOISES = np.geomspace(0.4, 1.1, 6)  # of that of the fit
+_NOISES = np.geomspace(0.4, 1.1, 6)  # noise over that of the fit
 _HANDFUL, _FEW = 20, 200  # configurations
 _SIZES = np.geomspace(3e-6, 3e-4, 9)  # rad, of their coefficients
 
 
 def finer(measurements: Measurements, fit: Fit, highest: int) -> tuple[np.ndarray, Array]:
-    """Orders of harmonics per joint (n,) that the residuals of a fit ask for, and the size of what
-    is added (n,) in rad.
+    """Orders of harmonics per joint (n,) that the residuals of a fit support, and the size of the
+    coefficients that are added (n,) in rad.
 
-    At least those that the fit has, none from a handful of rows, and never more than two waves per
+    At least those that the fit has, nothing new below 20 configurations, and at most two waves per
     configuration.
     """
     has = harmonic_orders(fit.parameters)
@@ -41,8 +41,8 @@ def finer(measurements: Measurements, fit: Fit, highest: int) -> tuple[np.ndarra
         return orders, sizes
     products = _Products.of(measurements, fit)
     few = len(measurements) <= _FEW
-    # Joints that ask for it clearly have a size of their own; with few rows the others may do so
-    # together.
+    # A joint with clear fine structure has a size of its own; with few rows the other joints are
+    # tried together.
     for joints in (*([j] for j in turning), turning if has.max() <= LOW_ORDERS and few else []):
         asking = [j for j in joints if orders[j] == has[j] and 2 * steps[-1] > 2 * has[j]]
         if not asking:
@@ -81,15 +81,15 @@ class _Products:
         with_fit, with_offsets, with_residual, squares = [], [], [], 0.0
         for start in range(0, len(measurements), _CHUNK):
             rows = np.arange(start, min(start + _CHUNK, len(measurements)))
-            columns, left = linearised_rows(measurements.rows(rows), fit.parameters, fit.state)
+            columns, residual = linearised_rows(measurements.rows(rows), fit.parameters, fit.state)
             scale = np.sqrt(fit.row_weight[rows])[:, None] / fit.noise_factor
-            columns, left = columns * scale[..., None], left * scale
+            columns, residual = columns * scale[..., None], residual * scale
             offsets = np.swapaxes(columns[..., fit.parameters.blocks["offsets"]], 1, 2)
             with_fit.append(offsets @ columns)
             with_offsets.append(offsets @ np.swapaxes(offsets, 1, 2))
-            with_residual.append((offsets @ left[..., None])[..., 0])
-            squares += float((left**2).sum())
-        count = len(measurements) * left.shape[1]
+            with_residual.append((offsets @ residual[..., None])[..., 0])
+            squares += float((residual**2).sum())
+        count = len(measurements) * residual.shape[1]
         return cls(
             np.concatenate(with_fit),
             np.concatenate(with_offsets),
@@ -141,9 +141,8 @@ def _gain(
 ) -> tuple[float, float]:
     """The most that parameters of one size add to the log evidence, nats, and that size in rad.
 
-    Over the size and over the noise, which is less where they explain what it was for: `squares`
-    over the noise so far,
-    which has that many degrees of `freedom`.
+    Size and noise are both varied: the noise is less where the parameters explain a part of it.
+    `squares` are the squared residuals over the noise so far, with that many degrees of `freedom`.
     """
     values, vectors = np.linalg.eigh(information)
     values, along = np.maximum(values, 0.0), (vectors.T @ gradient) ** 2

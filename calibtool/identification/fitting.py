@@ -17,25 +17,23 @@ from calibtool.measurement.measurements import Measurements
 from calibtool.measurement.observation import weights
 from calibtool.robot.se3 import Array
 
-CONVERGED = 1e-3  # a step this small against the posterior's standard deviations changes nothing
-ROUGHLY = 0.1  # and this small a one not the choice of a model
+# Of the posterior standard deviations: a smaller step ends the iteration, …
+CONVERGED = 1e-3
+ROUGHLY = 0.1  # … and one so small is enough to choose a model
 _ROUNDING = 1e-12  # m: positions of an arm have no digits below
 _MAX_ITERATIONS = 30
-_PRIOR_STEPS = (
-    3  # Gauss–Newton steps in which tolerances are re-estimated; one where a fit before has done so
-)
-
-
-_UNSURE = 0.1  # of their tolerance: what base and targets are told by the rows less surely
+# Gauss–Newton steps in which tolerances are re-estimated; one where an earlier fit has done so
+_PRIOR_STEPS = 3
+_UNSURE = 0.1  # of their tolerance: less surely determined base and target coordinates are named
 _WEIGHT_STEPS = 5  # in which rows may change their weights
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A converged iteration: state, Fisher information H (p, p) of the stated noise, squared sizes
-    of rows (N,).
+    """A converged iteration: state, Fisher information H (p, p) of the stated noise, squared
+    residuals of the rows (N,).
 
-    row_weight (N,): what the squares of each row were multiplied by
+    row_weight (N,): factor of the squared residuals of each row
     """
 
     parameters: Parameters
@@ -62,7 +60,7 @@ class Fit:
         """Step of θ (p,) to the most probable one with the parameters `dropped` at zero, and its
         covariance (p, p).
 
-        By the quadratic model; rows and columns of dropped ones become zero.
+        The quadratic model of the fit is used; rows and columns of dropped ones become zero.
         """
         covariance = self.covariance
         gain = np.linalg.solve(covariance[np.ix_(dropped, dropped)], covariance[dropped]).T
@@ -89,9 +87,8 @@ def fit(
     """Gauss–Newton to the maximum a posteriori; noise, tolerances and row weights are re-estimated
     at every step.
 
-    `start` is the fit of a larger or smaller model, whose noise and tolerances are taken over;
-    prior_std (p,): tolerances to
-    start from instead.
+    `start` is the fit of a larger or smaller model, whose noise and tolerances are used first;
+    prior_std (p,): tolerances to start from instead.
     """
     stated = parameters.prior_std(tolerances)
     noise_factor, prior_steps = (1.0, _PRIOR_STEPS) if start is None else (start.noise_factor, 1)
@@ -119,14 +116,13 @@ def fit(
         nonlocal std, noise_factor, row_weight, used, taken, resting, equations, solution
         (equations, theta), previous = system, noise_factor
         taken += 1
-        priors = (
-            estimate_priors and taken <= prior_steps
-        )  # then they rest, so that the steps can converge
+        # After these steps the tolerances are kept, so that the iteration can converge.
+        priors = estimate_priors and taken <= prior_steps
         solution = posterior_step(
             parameters, equations, theta, std, noise_factor, largest if priors else None
         )
         std, noise_factor = solution.prior_std, solution.noise_factor
-        # Weights settle by a factor only, not by the square of the step, or never: they rest.
+        # Weights converge linearly only, or not at all: after some steps they are kept.
         used, moving = row_weight, not resting
         if moving:
             row_weight = row_weights(equations.row_squares, d, loss_function, noise_factor)

@@ -17,7 +17,7 @@ from calibtool.robot.se3 import Array
 
 _JUDGED = 500  # configurations that are held out
 _REPEATS = 2e-3  # rad or m of any joint: nearer rows are one configuration
-TYPICAL = 4.0  # times the typical squared size: more of a row counts no more
+TYPICAL = 4.0  # times the mean squared residual: a larger one counts as that
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +41,9 @@ class HeldOut:
         groups = _groups(measurements.q)
         rows = np.sort(np.concatenate(groups))
         part = measurements.rows(rows)
-        columns, left = linearised_rows(part, fit.parameters, fit.state)
+        columns, residual = linearised_rows(part, fit.parameters, fit.state)
         scale = np.sqrt(fit.row_weight[rows])[:, None] / fit.noise_factor
-        columns, left = columns * scale[..., None], left * scale
+        columns, residual = columns * scale[..., None], residual * scale
         blocks = []
         for size in sorted({len(group) for group in groups}):
             index = np.searchsorted(rows, np.stack([g for g in groups if len(g) == size]))
@@ -51,10 +51,10 @@ class HeldOut:
             flat = A.reshape(-1, A.shape[-1])
             CA = (fit.covariance @ flat.T).reshape(-1, *A.shape[:2])
             hat = np.moveaxis(CA, 0, 2) @ np.swapaxes(A, 1, 2)
-            blocks.append((index, CA, hat, left[index].reshape(A.shape[:2])))
+            blocks.append((index, CA, hat, residual[index].reshape(A.shape[:2])))
         return cls(fit.theta, fit.covariance, blocks, (weights(part) > 0).sum(axis=-1))
 
-    def sizes(self, dropped: np.ndarray | None = None) -> Array:
+    def squares(self, dropped: np.ndarray | None = None) -> Array:
         """Squared residuals per coordinate (M,) over the fit's noise, each group predicted by the
         others.
 
@@ -64,15 +64,15 @@ class HeldOut:
         """
         s = np.zeros(0, dtype=int) if dropped is None else dropped
         own = self.covariance[np.ix_(s, s)]
-        sizes = np.empty(len(self.d))
-        for index, CA, hat, left in self.blocks:
+        squares = np.empty(len(self.d))
+        for index, CA, hat, residual in self.blocks:
             part = CA[s]
-            gain = np.linalg.solve(own, part.reshape(len(s), left.size)).reshape(part.shape)
-            there = left + np.tensordot(self.theta[s], gain, 1)
+            gain = np.linalg.solve(own, part.reshape(len(s), residual.size)).reshape(part.shape)
+            there = residual + np.tensordot(self.theta[s], gain, 1)
             less = hat - np.moveaxis(part, 0, 2) @ np.moveaxis(gain, 0, 1)
-            alone = np.linalg.solve(np.eye(left.shape[1]) - less, there[..., None])
-            sizes[index] = (alone.reshape(*index.shape, -1) ** 2).sum(axis=-1)
-        return np.asarray(sizes / self.d)
+            alone = np.linalg.solve(np.eye(residual.shape[1]) - less, there[..., None])
+            squares[index] = (alone.reshape(*index.shape, -1) ** 2).sum(axis=-1)
+        return np.asarray(squares / self.d)
 
 
 def _groups(q: Array) -> list[np.ndarray]:
@@ -91,7 +91,7 @@ def _groups(q: Array) -> list[np.ndarray]:
     return [groups[k] for k in chosen]
 
 
-def typical(sizes: Array, reference: Array) -> float:
-    """Mean of squared sizes (M,) in which no row counts for more than a few times the typical one
-    of the reference."""
-    return float(np.minimum(sizes, TYPICAL * reference.mean()).mean())
+def typical(squares: Array, reference: Array) -> float:
+    """Mean of squared residuals (M,) in which no row counts for more than a few times the mean of
+    the reference."""
+    return float(np.minimum(squares, TYPICAL * reference.mean()).mean())

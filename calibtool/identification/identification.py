@@ -25,7 +25,7 @@ class Posterior:
     effective     effective number of parameters γ that the data determined
     log_evidence  of the data, up to a constant that is the same for every model of the same
                   measurements
-    left          (2,) standard deviation of what the model leaves in a coordinate over the stated
+    residual_factors  (2,) standard deviation of the residuals of a coordinate over the stated
                   noise, lengths and angles apart: the real noise and what the model does not
                   describe; 1 for a kind of coordinate that was not measured
     """
@@ -36,12 +36,12 @@ class Posterior:
     noise_factor: float
     effective: float
     log_evidence: float
-    left: Array = field(default_factory=lambda: np.ones(2))
+    residual_factors: Array = field(default_factory=lambda: np.ones(2))
 
     @property
     def discrepancy(self) -> Array:
-        """(2,) what is left beyond the stated noise, over it: 0 where the noise explains all."""
-        return np.sqrt(np.maximum(self.left**2 - 1.0, 0.0))
+        """(2,) residuals beyond the stated noise, over it: 0 where the noise explains all."""
+        return np.sqrt(np.maximum(self.residual_factors**2 - 1.0, 0.0))
 
     @property
     def std(self) -> Array:

@@ -1,5 +1,5 @@
-"""Which errors a robot is given: by evidence, then by held-out rows, section by section
-(`Family.sections`)."""
+"""Which errors the model of a robot contains: by evidence, then by held-out rows, section by
+section (`Family.sections`)."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
@@ -18,14 +18,12 @@ from calibtool.identification.parameters import Parameters, Part, State
 from calibtool.measurement.measurements import Measurements
 from calibtool.robot.se3 import Array
 
-_PARSIMONY = 4.0  # nats that a section must earn
+_PARSIMONY = 4.0  # nats by which a section must make the data more probable
 _CLEARLY, _AT_ALL = 1.0, 0.5  # standard errors by which held-out rows are predicted better
-_BEYOND_DOUBT = 30.0  # nats: held-out rows need not be asked
-_WORTHWHILE = 0.95  # of the held-out squares: what has fine structure has to leave less than that
-_FINE = (
-    32,
-    128,
-)  # harmonics up to which fine structure is sought, in turn: the finer beside the coarser
+_BEYOND_DOUBT = 30.0  # nats: with more, held-out rows are not compared
+_WORTHWHILE = 0.95  # of the held-out squares: with fine structure they have to be less
+# harmonics up to which fine structure is sought, in turn: the finer beside the coarser
+_FINE = (32, 128)
 
 
 class FitOf(Protocol):
@@ -43,13 +41,12 @@ class FitOf(Protocol):
 
 
 def chosen_fit(measurements: Measurements, orders: Mapping[str, int], fit_of: FitOf) -> Fit:
-    """The fit of what the data speak for. orders: those of families that are not open, by id.
+    """The fit of the errors that the data support. orders: those of families that are fixed, by id.
 
-    Evidence first: sections that are more probably absent go. Then held-out rows, because evidence
-    knows white noise only:
-    sections without which the others predict a row no worse go too. At last harmonics beyond the
-    low orders, of the joints
-    whose residuals ask for them, as long as held-out rows are predicted better by enough.
+    First harmonics beyond the low orders are added to the joints whose residuals need them. Then
+    sections that are more probably absent are removed. At last held-out rows decide, because the
+    evidence assumes white noise: sections without which held-out rows are predicted as well are
+    removed, and fine structure that does not predict them clearly better.
     """
     rows = Rows(measurements.robot, measurements.q, measurements.conditions)
     start = State.nominal(measurements.robot, measurements.setup)
@@ -61,7 +58,7 @@ def chosen_fit(measurements: Measurements, orders: Mapping[str, int], fit_of: Fi
     def probable(of: Fit) -> np.ndarray:
         sections = _sections(of.parameters, orders)
         if few and (fine := _fine_structure(of.parameters)):
-            # Held-out rows decide on all of it: one joint's part is never clear there.
+            # Held-out rows decide on all of it: the part of one joint is never clear with few rows.
             sections = [s for s in sections if s[0] not in fine[0]]
         return most_probable(of.theta, of.covariance, of.prior_std, sections, _PARSIMONY)
 
@@ -77,11 +74,11 @@ def chosen_fit(measurements: Measurements, orders: Mapping[str, int], fit_of: Fi
 def _with_fine_structure(
     measurements: Measurements, every: Fit, probable: np.ndarray, fit_of: FitOf
 ) -> Fit:
-    """The fit with the harmonics beyond the low orders that its residuals ask for; itself where
-    they do not.
+    """The fit with the harmonics beyond the low orders that its residuals need; the fit itself
+    where they need none.
 
-    The first are sought beside what is probable without them, so that few can hide in what few
-    rows leave open.
+    The first are searched for with only the sections that are probable without them, so that
+    undetermined parameters do not hide them.
     """
     fit = _smaller(every, probable, fit_of)
     for highest in _FINE:
@@ -94,8 +91,8 @@ def _with_fine_structure(
 
 
 def _priors(fit: Fit, larger: Parameters, size: Array) -> Array:
-    """Tolerances of a larger model (p,): the fit's own, and for what it does not have the size of
-    its joint (n,), rad."""
+    """Tolerances of a larger model (p,): those of the fit, and for new harmonics the size of their
+    joint (n,), rad."""
     known = dict(zip(fit.parameters.names, fit.prior_std, strict=True))
     of_joint = np.zeros(larger.count)
     for part in larger.parts:
@@ -119,8 +116,8 @@ def _useful(
 ) -> np.ndarray:
     """Of the parameters that are kept (p,) bool, those that help to predict held-out rows.
 
-    Fine structure that is not worth its number goes, and so do doubtful sections without which no
-    row is predicted worse.
+    Fine structure that hardly improves the prediction is removed, and so are doubtful sections
+    without which held-out rows are not predicted worse.
     """
     dropped = np.flatnonzero(~kept)
     theta, covariance = fit.conditional(dropped)
@@ -134,17 +131,17 @@ def _useful(
     if not (doubtful or fine):
         return kept
     held_out = HeldOut.of(measurements, fit)
-    now = held_out.sizes(dropped)
+    now = held_out.squares(dropped)
     for section in fine:
         trial = np.union1d(dropped, section)
-        without = held_out.sizes(trial)
+        without = held_out.squares(trial)
         worthwhile = typical(now, without) < _WORTHWHILE * typical(without, without)
         if not (worthwhile and _better(now, without, _CLEARLY)):
             dropped, now = trial, without
             break
     for _, section in sorted(doubtful, key=lambda pair: pair[0]):
         trial = np.union1d(dropped, section)
-        without = held_out.sizes(trial)
+        without = held_out.squares(trial)
         if len(trial) > len(dropped) and not _better(now, without, _AT_ALL):
             dropped, now = trial, without
     result = np.ones(len(theta), dtype=bool)
@@ -164,11 +161,11 @@ def _fine_structure(parameters: Parameters) -> list[np.ndarray]:
     return []
 
 
-def _better(sizes: Array, than: Array, errors: float) -> bool:
-    """Whether squared sizes (M,) of held-out rows are smaller than others by more than some
+def _better(squares: Array, than: Array, errors: float) -> bool:
+    """Whether squared residuals (M,) of held-out rows are smaller than others by more than some
     standard errors."""
     most = TYPICAL * than.mean()
-    gain = np.minimum(than, most) - np.minimum(sizes, most)
+    gain = np.minimum(than, most) - np.minimum(squares, most)
     return bool(gain.mean() > errors * gain.std() / np.sqrt(len(gain)))
 
 

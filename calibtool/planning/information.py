@@ -18,9 +18,8 @@ from calibtool.robot.gravity_torque import load_carrying, turned_by_gravity
 from calibtool.robot.robot import Robot
 from calibtool.robot.se3 import Array, readonly
 
-HARMONICS = (
-    2  # orders per joint in a design; higher ones ask for more configurations than a plan has
-)
+# Orders per joint in a design; higher ones ask for more configurations than a plan has
+HARMONICS = 2
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,8 @@ from calibtool.planning.information import Knowledge
 from calibtool.robot.se3 import Array
 
 Places = tuple[np.ndarray | None, np.ndarray | None]
-_OBSERVABLE = (
-    1e-8  # smallest eigenvalue of the candidates' information, over the largest, that counts
-)
+# Smallest eigenvalue of the candidates' information, over the largest, that counts
+_OBSERVABLE = 1e-8
 
 
 def observability_indices(

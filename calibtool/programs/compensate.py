@@ -1,70 +1,19 @@
 """A controller program in, the corrected program and a summary out."""
 
 import gc
-import re
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
-
-import numpy as np
+from dataclasses import replace
 
 from calibtool.calibration import Calibration
-from calibtool.compensation.backlash_path import BacklashPath
-from calibtool.compensation.one_step import default_bounds
-from calibtool.compensation.solve import Compensation, Method
-from calibtool.compensation.status import MEANING, OK, OUTSIDE, UNCORRECTED
-from calibtool.compensation.targets import OutsidePolicy, guarded
-from calibtool.compensation.weighted_error import Weights
-from calibtool.errors import CalibtoolError, InputError, NoSolutionError
-from calibtool.programs.agreement import AS_FRAME, SEED, Position, half_circles, positions
+from calibtool.errors import InputError
 from calibtool.programs.branches import Controller
-from calibtool.programs.controller_poses import check_controller_known, poses_to_write
+from calibtool.programs.correction import Correction, ProgramOptions
 from calibtool.programs.formats import coupling_of, read_program
-from calibtool.programs.frames import NamedFrames
-from calibtool.programs.motion_flow import Circle, follow
-from calibtool.programs.motions import EXTERNAL, JOINT, POSE, Literal, Program, ProgramText
-from calibtool.programs.nominal_joints import Stands, stands
-from calibtool.programs.numbers import Remark
-from calibtool.programs.program_summary import CompensatedProgram, Fate
-from calibtool.programs.writing import NewPositions, Writing, remark_of
-from calibtool.robot.coupling import JointValues, coupling_text
-from calibtool.robot.mechanism import Mechanism
-from calibtool.robot.se3 import Array
+from calibtool.programs.motions import EXTERNAL, Literal, ProgramText
+from calibtool.programs.program_summary import CompensatedProgram
 
 LARGEST = 250_000  # positions of a program
-ON_ERROR = ("stop", "skip")
-_KINDS = 4  # of errors, told in one message
-_TOGETHER = 4096  # rows that are corrected at once
-_AGREE = 1e-7  # rad or m: what is written for several branches may differ by so much
-
-
-@dataclass(frozen=True)
-class ProgramOptions:
-    """How a program is compensated; see the command's help.
-
-    method, outside   see `guarded`
-    on_error          `stop` or `skip`: what a target without an answer does
-    joint_values      whose they are; None: what the format says, see `coupling_of`
-    frames            frames and tools that the program does not define
-    backlash          take it up where the text is in the order of motion
-    controller_model  T_base_tool by which the controller solves poses; None: nobody states, which
-                      is the nominal robot's where the description knows of no other
-    ignore_external   poses beside external axes are those of the arm alone
-    largest_change    rad; this and weights: see `default_bounds`
-    """
-
-    method: Method = "exact"
-    outside: OutsidePolicy = "mark"
-    on_error: str = "stop"
-    joint_values: JointValues | None = None
-    frames: NamedFrames = field(default_factory=NamedFrames)
-    backlash: bool = True
-    controller_model: Mechanism | None = None
-    ignore_external: bool = False
-    largest_change: float | None = None
-    weights: Weights | None = None
 
 
 def compensate_program(
@@ -121,252 +70,13 @@ def compensate_texts(
     if options.ignore_external:
         program = replace(program, literals=tuple(map(_alone, program.literals)))
     controller = Controller(robot, coupling_of(robot, program_format, options.joint_values))
-    return _Correction(calibration, program, controller, options, program_format).result()
+    return Correction(calibration, program, controller, options, program_format).result()
 
 
 def _source(name: str, data: bytes, edited: bool) -> ProgramText:
     if b"\0" in data:
         raise InputError(f"{name}: holds zero bytes; expected a program in ASCII, UTF-8 or Latin-1")
     return ProgramText(name, data.decode("latin-1"), edited)
-
-
-_Failure = type[CalibtoolError]
-
-
-class _Correction:
-    """What is found out about each literal on the way through a program."""
-
-    def __init__(
-        self,
-        calibration: Calibration,
-        program: Program,
-        controller: Controller,
-        options: ProgramOptions,
-        program_format: str,
-    ) -> None:
-        self.calibration, self.program, self.controller = calibration, program, controller
-        self.options, self.format = options, program_format
-        self.failures: list[tuple[Remark, _Failure]] = []
-        self.left: list[Remark] = []
-        self.why: dict[int, str] = {}  # of literals that are left
-
-    def result(self) -> CompensatedProgram:
-        program = self.program
-        flow = follow(program, self.options.frames)
-        for remark in (*program.remarks, *flow.remarks):
-            if remark.bad:
-                self.failures.append((remark, InputError))
-            elif program.sources[remark.source].edited:
-                self.left.append(remark)
-        moved_to = {use.literal for use in flow.uses if use.line and not use.relative} | flow.edited
-        found, left = positions(program, flow)
-        for number, why in left.items():
-            self._leave(number, why, InputError if program.literals[number].bad else None)
-        self._stop()
-        answers = stands(self.controller, program, flow, found)
-        circles = flow.circles
-        del flow
-        rows, q = self._rows(found, answers)
-        self._stop()
-        corrected = self._corrected(found, answers, rows, q)
-        notes = program.notes + self._joint_values_note(found)
-        if any(program.literals[one.literal].kind == POSE for one in found):
-            notes += check_controller_known(
-                self.calibration, self.options.controller_model, program.sources[0].name
-            )
-        backlash = self.calibration.base.errors["backlash"]
-        if self.options.backlash and backlash.any():
-            if program.in_order:
-                robot = self.controller.robot
-                path = BacklashPath(backlash, robot.lower, robot.upper)
-                taken = path.taken_up(corrected.q)
-                corrected = replace(corrected, q=corrected.q + taken)
-            else:
-                notes += (
-                    "the backlash is not taken up: a program does not state in which order its "
-                    "targets are reached",
-                )
-        new = self._agreed(found, answers, rows, q, corrected, circles)
-        self._stop()
-        del answers, rows, q, corrected
-        writing = Writing(program, self.controller, new)
-        texts = tuple(writing.texts())
-        return self._told(writing, texts, moved_to, notes)
-
-    # --- what is left ----------------------------------------------------------------------------
-
-    def _leave(self, number: int, why: str, failure: _Failure | None = None) -> None:
-        """A literal is left as it is; failure: unless it may be, that is an error."""
-        self.why[number] = why
-        literal = self.program.literals[number]
-        if why in (SEED, AS_FRAME) or not self.program.sources[literal.source].edited:
-            return
-        if failure is None:
-            self.left.append(remark_of(literal, why))
-        else:
-            self.failures.append((remark_of(literal, why), failure))
-
-    def _stop(self) -> None:
-        if not self.failures or self.options.on_error != "stop":
-            return
-        first, kind = min(self.failures, key=lambda one: (one[0].source, one[0].line))
-        more = _others([failure for failure, _ in self.failures if failure is not first])
-        label = f"{first.name}: " if first.name else ""
-        raise kind(
-            f"{self.program.sources[first.source].name}:{first.line}: {label}{first.why}{more}; "
-            "nothing is written (--on-error skip leaves such targets)"
-        )
-
-    # --- joints and poses ------------------------------------------------------------------------
-
-    def _rows(self, found: Sequence[Position], answers: Stands) -> tuple[np.ndarray, Array]:
-        """Rows to correct, a position and its joints (N, n): one for each branch on which a
-        position is used.
-        """
-        robot = self.controller.robot
-        rows = np.array([k for k, q in enumerate(answers.q) for _ in q], dtype=int)
-        q = np.array([row for rows_of in answers.q for row in rows_of]).reshape(-1, robot.n)
-        inside = robot.within_limits(q)
-        beyond = {int(rows[k]): k for k in np.flatnonzero(~inside)[::-1]}
-        for k, position in enumerate(found):
-            why = answers.why[k]
-            if k in beyond and not why:
-                why = _beyond(self.controller, q[beyond[k]])
-            if why and self.program.literals[position.literal].blank:
-                self._leave(position.literal, "not taught: its numbers are zero")
-            elif why:
-                self._leave(position.literal, why, NoSolutionError)
-        good = np.array([k not in beyond for k in rows.tolist()], dtype=bool)
-        return rows[good], q[good]
-
-    def _corrected(
-        self, found: Sequence[Position], answers: Stands, rows: np.ndarray, q: Array
-    ) -> Compensation:
-        """The compensation of all rows, joint targets and poses each in batches."""
-        count, options = len(rows), self.options
-        bounds = default_bounds(self.calibration, options.largest_change, options.weights)
-        result = Compensation(
-            q.copy(), np.full(count, OK, dtype=object), np.zeros(count), np.zeros(count), q
-        )
-        poses = np.array(
-            [self.program.literals[found[k].literal].kind == POSE for k in rows.tolist()], bool
-        )
-        for kind in (False, True):
-            every = np.flatnonzero(poses == kind)
-            for first in range(0, len(every), _TOGETHER):
-                here = every[first : first + _TOGETHER]
-                T = answers.T[rows[here]] if kind else None
-                part = guarded(
-                    self.calibration, q[here], T, options.method, options.outside, bounds
-                )
-                for name in ("q", "status", "position", "orientation"):
-                    getattr(result, name)[here] = getattr(part, name)
-        return result
-
-    def _agreed(
-        self,
-        found: Sequence[Position],
-        answers: Stands,
-        rows: np.ndarray,
-        q: Array,
-        corrected: Compensation,
-        circles: Sequence[Circle],
-    ) -> NewPositions:
-        """Positions whose rows all have an answer and need the same numbers, both of a circle."""
-        robot = self.controller.robot
-        finite = np.nan_to_num(corrected.q)
-        poses = [self.program.literals[found[k].literal].kind == POSE for k in rows.tolist()]
-        commanded = [answers.T[k] if pose else None for k, pose in zip(rows, poses, strict=True)]
-        T, untouched = poses_to_write(
-            self.calibration, self.options.controller_model, commanded, q, corrected.q
-        )
-        first = np.flatnonzero(np.diff(rows, prepend=-1)).tolist()
-        good: list[int] = []
-        for start, end in pairwise([*first, len(rows)]):
-            literal = found[rows[start]].literal
-            here = corrected.status[start:end].tolist()
-            if np.isnan(corrected.q[start:end]).any():
-                refused = " (--outside refuse)" if OUTSIDE in here else ""
-                self._leave(literal, MEANING[here[0]] + refused, NoSolutionError)
-            elif UNCORRECTED in here:
-                self._leave(literal, MEANING[UNCORRECTED])
-            elif untouched[start:end].any():
-                why = "the controller's own model already brings the tool nearer to it"
-                self._leave(literal, why)
-            elif end > start + 1 and np.abs(T[start:end] - T[start]).max() > _AGREE:
-                why = "reached on several branches, which need different numbers"
-                self._leave(literal, why)
-            else:
-                good.append(start)
-        half = half_circles(circles, (found[rows[start]].literal for start in good))
-        for literal in half:
-            self._leave(literal, half[literal])
-        good = [start for start in good if found[rows[start]].literal not in half]
-        nominal = robot.mechanism.forward(q[good])
-        return NewPositions(
-            [found[rows[k]] for k in good],
-            q[good],
-            finite[good],
-            T[good],
-            nominal,
-            corrected.status[good],
-            np.array([answers.guessed[rows[k]] for k in good], dtype=bool),
-        )
-
-    def _joint_values_note(self, found: Sequence[Position]) -> tuple[str, ...]:
-        """Whose joint values were read and written, where that matters."""
-        if not any(self.program.literals[one.literal].kind == JOINT for one in found):
-            return ()
-        taken = coupling_text(self.controller.coupling)
-        own = coupling_text(self.controller.robot.coupling)
-        if taken:
-            return (f"joint values are the controller's, {taken}; if not: --joint-values serial",)
-        if own:
-            return (
-                f"joint values are the serial chain's; if not, {own}: --joint-values controller",
-            )
-        return ()
-
-    # --- the result ------------------------------------------------------------------------------
-
-    def _told(
-        self,
-        writing: Writing,
-        texts: tuple[bytes, ...],
-        moved_to: set[int],
-        notes: tuple[str, ...],
-    ) -> CompensatedProgram:
-        program = self.program
-        fates: list[Fate] = []
-        looks = {(look.source, look.line, look.name): look.why for look in writing.looks}
-        targets, corrected, alone = 0, 0, 0
-        for number, literal in enumerate(program.literals):
-            if not program.sources[literal.source].edited:
-                continue
-            left = number in self.why
-            targets += not literal.not_corrected and self.why.get(number) not in (SEED, AS_FRAME)
-            what = "left" if left else "corrected" if number in writing.changed else "unchanged"
-            place = (literal.source, literal.line, literal.name)
-            why = self.why[number] if left else looks.get(place, "")
-            fates.append(Fate(*place, literal.kind, what, why))
-            if literal.kind == POSE:
-                corrected += not left
-                followed = bool(literal.numbers) and number in moved_to
-                alone += left and (followed or literal.moved_to)
-        listed = program.literals or program.remarks or self.left
-        return CompensatedProgram(
-            names=tuple(source.name for source in program.sources),
-            texts=texts,
-            targets=targets,
-            changed=len(writing.changed),
-            largest_mm=1e3 * writing.largest_m,
-            largest_deg=float(np.rad2deg(writing.largest_rad)),
-            left_alone=(*self.left, *(remark for remark, _ in self.failures)),
-            remarks=tuple(writing.looks),
-            notes=notes if listed else (_nothing(self.format),),
-            fates=tuple(fates),
-            inconsistent=alone if corrected else 0,
-        )
 
 
 def _alone(literal: Literal) -> Literal:
@@ -376,29 +86,3 @@ def _alone(literal: Literal) -> Literal:
         if literal.not_corrected == EXTERNAL and literal.numbers
         else literal
     )
-
-
-def _others(failures: Sequence[Remark]) -> str:
-    """How many there are, and of which kinds if there are several."""
-    if not failures:
-        return ""
-    kinds = Counter(re.sub(r"\s*[('\d].*", "", failure.why) for failure in failures)
-    listed = ", ".join(f"{count} × {kind}" for kind, count in kinds.most_common(_KINDS))
-    more = ", …" if len(kinds) > _KINDS else ""
-    return f"; and {len(failures)} more" + (f" ({listed}{more})" if len(kinds) > 1 else "")
-
-
-def _nothing(program_format: str) -> str:
-    return (
-        f"no positions are written in it as {program_format}; if it is something else, say "
-        "so with --format"
-    )
-
-
-def _beyond(controller: Controller, q: Array) -> str:
-    robot = controller.robot
-    outside = np.flatnonzero((q < robot.lower - 1e-9) | (q > robot.upper + 1e-9))
-    j = int(outside[0])
-    factor, unit = robot.display_unit(j)
-    limits = f"{robot.lower[j] * factor:.6g} … {robot.upper[j] * factor:.6g} {unit}"
-    return f"joint {j + 1} at {q[j] * factor:.6g} {unit} is outside its limits ({limits})"

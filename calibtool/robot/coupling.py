@@ -15,9 +15,8 @@ from calibtool.robot.se3 import Array, readonly
 JointValues = Literal["serial", "controller"]
 JOINT_VALUES = ("serial", "controller")
 
-_SMALLEST_CONDITION = (
-    1e-6  # smallest singular value over the largest: below it a joint value cannot be told
-)
+# Smallest singular value over the largest: below it a joint value cannot be told
+_SMALLEST_CONDITION = 1e-6
 
 
 def coupling_matrix(description: Description, n: int, place: str) -> Array:

@@ -18,9 +18,8 @@ _STEP_LIMIT = 0.6
 
 _ROWS_TOGETHER = 64  # rows for which several starts are tried at once
 _NEAR_STARTS = 24  # starts near the pose before those drawn from everywhere
-_FROM_NEAR = (
-    12  # Newton steps: a start that needs more is at a joint limit, and another one is better
-)
+# Newton steps: a start that needs more is at a joint limit, and another one is better
+_FROM_NEAR = 12
 _FROM_AFAR = 60
 
 

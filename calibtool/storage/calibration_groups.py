@@ -150,8 +150,8 @@ def _write_posterior(group: h5py.Group, posterior: Posterior) -> None:
         put(group, f"elements_{part.family.id}", part.elements, "1", elements, "", "parameter")
     for name in ("noise_factor", "effective", "log_evidence"):
         group.attrs[name] = getattr(posterior, name)
-    left = "of a coordinate beside the parameters, over the stated noise: lengths, angles"
-    put(group, "left", posterior.left, "1", left, "", "kind")
+    words = "standard deviation of residuals over the stated noise: lengths, angles"
+    put(group, "residual_factors", posterior.residual_factors, "1", words, "", "kind")
     put_text(group, "names", parameters.names, "parameter names")
     put(group, "prior_std", posterior.prior_std, "SI", "tolerance as used", "", "parameter")
     put(
@@ -326,7 +326,7 @@ def _posterior(group: h5py.Group, robot: Robot, setup: Setup) -> Posterior:
         noise_factor=read_number(group, "noise_factor", 0.0),
         effective=read_number(group, "effective"),
         log_evidence=read_number(group, "log_evidence"),
-        left=get(group, "left", 2) if "left" in group else np.ones(2),
+        residual_factors=get(group, "residual_factors", 2),
     )
 
 

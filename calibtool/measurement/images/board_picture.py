@@ -24,11 +24,11 @@ def picture(paths: Sequence[Path], pixels: Array, lens: Lens, lost: Sequence[Pat
     tiles = []
     for k, path in list(enumerate(paths))[:_MOST]:
         tile, scale = _tile(path)
-        for corner, left in zip(pixels[k], lens.left[k], strict=True):
+        for corner, residual in zip(pixels[k], lens.residual[k], strict=True):
             if not np.isfinite(corner).all():
                 continue
             at = tuple(np.round(corner * scale).astype(int).tolist())
-            to = tuple(np.round(corner * scale + _ENLARGED * scale * left).astype(int).tolist())
+            to = tuple(np.round(corner * scale + _ENLARGED * scale * residual).astype(int).tolist())
             cv2.circle(tile, at, 3, _FOUND, 1, cv2.LINE_AA)
             cv2.line(tile, at, to, _ERROR, 1, cv2.LINE_AA)
         _written(tile, f"{path.name}  {lens.image_rms[k]:.2f} px")

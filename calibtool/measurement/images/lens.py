@@ -21,20 +21,20 @@ class Lens:
 
     intrinsics: Array
     T_camera_board: Array
-    left: Array
+    residual: Array
 
     @property
     def image_rms(self) -> Array:
         """Reprojection error of each image: (N,) px, rms of the distance."""
-        found: Array = np.sqrt(np.nanmean((self.left**2).sum(axis=-1), axis=-1))
+        found: Array = np.sqrt(np.nanmean((self.residual**2).sum(axis=-1), axis=-1))
         return found
 
     @property
     def pixel_noise(self) -> float:
         """Standard deviation of a coordinate, px, six unknowns of every image taken off."""
-        count = np.isfinite(self.left).sum()
-        freedom = max(count - 6 * len(self.left), 1)
-        return float(np.sqrt(np.nansum(self.left**2) / freedom))
+        count = np.isfinite(self.residual).sum()
+        freedom = max(count - 6 * len(self.residual), 1)
+        return float(np.sqrt(np.nansum(self.residual**2) / freedom))
 
 
 def calibrated(pixels: Array, corners: Array, size: tuple[int, int]) -> Lens:
@@ -73,7 +73,7 @@ def applied(pixels: Array, corners: Array, intrinsics: Array) -> Lens:
     """
     cv2 = opencv()
     K = np.array([[intrinsics[0], 0, intrinsics[2]], [0, intrinsics[1], intrinsics[3]], [0, 0, 1]])
-    poses, left = np.tile(np.eye(4), (len(pixels), 1, 1)), np.full_like(pixels, np.nan)
+    poses, residual = np.tile(np.eye(4), (len(pixels), 1, 1)), np.full_like(pixels, np.nan)
     for k, image in enumerate(pixels):
         seen = np.isfinite(image[:, 0])
         found, turn, shift = cv2.solvePnP(
@@ -86,5 +86,5 @@ def applied(pixels: Array, corners: Array, intrinsics: Array) -> Lens:
         )
         poses[k, :3, :3] = cv2.Rodrigues(turn)[0]
         poses[k, :3, 3] = np.asarray(shift).ravel()
-        left[k] = image - project(transform_points(poses[k], corners), intrinsics)
-    return Lens(intrinsics, poses, left)
+        residual[k] = image - project(transform_points(poses[k], corners), intrinsics)
+    return Lens(intrinsics, poses, residual)

@@ -18,9 +18,8 @@ from calibtool.measurement.setup import Setup
 from calibtool.measurement.streams import JointStream
 from calibtool.robot.se3 import readonly
 
-REGISTRATION_ROWS = (
-    20_000  # evenly spaced ones of a longer table; the set-up has at most some twenty unknowns
-)
+# Evenly spaced ones of a longer table; the set-up has at most some twenty unknowns
+REGISTRATION_ROWS = 20_000
 
 
 class JointFile(NamedTuple):
