@@ -50,3 +50,13 @@ def test_poses_of_a_board_inverted() -> None:
     wrong = replace(right, rotations=readonly(turned), points=readonly(points))
     assert "inverse_poses" in names(wrong)
     assert "inverse_poses" not in names(right)
+
+
+def test_poses_of_a_board_in_mirrored_images() -> None:
+    right = measured("board", 1)
+    assert right.rotations is not None
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    points, turned = right.points @ mirror, mirror @ right.rotations @ mirror
+    wrong = replace(right, rotations=readonly(turned), points=readonly(points))
+    assert "left_handed_axes" in names(wrong)
+    assert not {"left_handed_axes", "inverse_poses", "row_shift"} & names(right)
