@@ -49,8 +49,10 @@ CONDITIONS = {"payload_kg": (0.0, 10.0), "temperature_c": (20.0, 35.0)}
 FRESH = 1000
 NORMAL_95 = 1.959964
 _RANK = 1e-12  # of the largest eigenvalue of the information: less is an exact redundancy
-OPTIONAL = [family.id for family in FAMILIES if not family.always]
-GEOMETRY = BaseOptions("complete", CompleteOptions(orders=dict.fromkeys(OPTIONAL, 0)))
+GEOMETRY = BaseOptions(
+    "complete",
+    CompleteOptions(orders={family.id: int(family.kind == "geometric") for family in FAMILIES}),
+)
 
 
 def actual_robot(robot: Robot, seed: int, kinds: tuple[str, ...]) -> Truth:

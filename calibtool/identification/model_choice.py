@@ -40,6 +40,15 @@ class FitOf(Protocol):
     ) -> Fit: ...
 
 
+def offered(measurements: Measurements, orders: Mapping[str, int]) -> Parameters:
+    """All parameters from which sections are chosen, without fine structure; orders: of families
+    that are fixed, by id."""
+    rows = Rows(measurements.robot, measurements.q, measurements.conditions)
+    every = {family.id: family.orders[-1] if family.known(rows) else 0 for family in FAMILIES}
+    every |= {family.id: 1 for family in FAMILIES if family.always} | dict(orders)
+    return Parameters.of(measurements.robot, measurements.setup, **every)
+
+
 def chosen_fit(measurements: Measurements, orders: Mapping[str, int], fit_of: FitOf) -> Fit:
     """The fit of the errors that the data support. orders: those of families that are fixed, by id.
 
@@ -48,11 +57,8 @@ def chosen_fit(measurements: Measurements, orders: Mapping[str, int], fit_of: Fi
     evidence assumes white noise: sections without which held-out rows are predicted as well are
     removed, and fine structure that does not predict them clearly better.
     """
-    rows = Rows(measurements.robot, measurements.q, measurements.conditions)
     start = State.nominal(measurements.robot, measurements.setup)
-    every = {family.id: family.orders[-1] if family.known(rows) else 0 for family in FAMILIES}
-    every |= {family.id: 1 for family in FAMILIES if family.always} | dict(orders)
-    low = Parameters.of(measurements.robot, start.setup, **every)
+    low = offered(measurements, orders)
     few = low.count > measurements.equations
 
     def probable(of: Fit) -> np.ndarray:
