@@ -1,11 +1,11 @@
-"""Geometric identification beside figaroh, pybotics and robotkinecal, from the same simulated measurements.
+"""Geometric identification beside figaroh, pybotics and robotkinecal, from the same measurements.
 
-Run: python benchmarks/peers/geometry.py [--seeds 20] [--python PACKAGE=PYTHON]. A UR10 given as modified Denavit–Hartenberg
-(MDH) parameters, which a URDF says exactly too; 50 configurations of the whole joint range, 0.05 mm
-noise, judged at 1,000 fresh ones without noise. Base frame and nominal targets are given to all.
-`with_<tool>.py` is what a user writes; every tool runs it in a process of its own. pybotics takes
-one target; with three, the others see orientation as well: robotkinecal as 6-D poses, to which its
-user fits the three points.
+Run: python benchmarks/peers/geometry.py [--seeds 20] [--python PACKAGE=PYTHON]. A UR10 given as
+modified Denavit–Hartenberg (MDH) parameters, which a URDF says exactly too; 50 configurations of
+the whole joint range, 0.05 mm noise, judged at 1,000 fresh ones without noise. Base frame and
+nominal targets are given to all. `with_<tool>.py` is what a user writes; every tool runs it in a
+process of its own. pybotics takes one target; with three, the others see orientation as well:
+robotkinecal as 6-D poses, to which its user fits the three points.
 """
 
 import os

@@ -2,12 +2,12 @@
 same poses for all.
 
 Run: python benchmarks/peers/kinematics.py [--poses 10000] [--python PACKAGE=PYTHON]. Poses of
-uniform joint positions over the whole range, singular ones included. "no seed": any branch (CLIK: from the robot's home); "near
-seed": from 0.05 rad beside the answer. calibtool gets the poses in one call, or 500 in each; the
-others get them one by one. "solved" is inside the joint limits. The toolbox stops at its default
-tolerance, about 1 mm or 1 mrad, and is judged at 1e-2; the others converge to 1e-6 or better. Time
-is that of one CPU, a first call included. The toolbox runs in a process of its own: its libraries
-and Pinocchio's do not share one.
+uniform joint positions over the whole range, singular ones included. "no seed": any branch (CLIK:
+from the robot's home); "near seed": from 0.05 rad beside the answer. calibtool gets the poses in
+one call, or 500 in each; the others get them one by one. "solved" is inside the joint limits. The
+toolbox stops at its default tolerance, about 1 mm or 1 mrad, and is judged at 1e-2; the others
+converge to 1e-6 or better. Time is that of one CPU, a first call included. The toolbox runs in a
+process of its own: its libraries and Pinocchio's do not share one.
 """
 
 import argparse
