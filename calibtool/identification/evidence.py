@@ -69,7 +69,7 @@ def most_probable(
     covariance: Array,
     prior_std: Array,
     sections: list[np.ndarray],
-    parsimony: float,
+    parsimony: list[float],
 ) -> np.ndarray:
     """Which parameters (p,) bool remain when sections go whose absence is more probable than their
     presence.
@@ -77,18 +77,19 @@ def most_probable(
     The worst first, by p(θ_s = 0 | data) / p(θ_s = 0) (Savage and Dickey) of the Gaussian N(θ,
     covariance) over all of
     them, which is conditioned on every section that has gone. A section stays that earns more than
-    `parsimony` nats.
+    its `parsimony` in nats.
     """
     theta, covariance, kept = theta.copy(), covariance.copy(), np.ones(len(theta), dtype=bool)
-    remaining = list(sections)
+    remaining = list(zip(sections, parsimony, strict=True))
     while remaining:
         gains = [
-            log_density_ratio(theta[s], covariance[np.ix_(s, s)], prior_std[s]) for s in remaining
+            log_density_ratio(theta[s], covariance[np.ix_(s, s)], prior_std[s]) + least
+            for s, least in remaining
         ]
         worst = int(np.argmax(gains))
-        if gains[worst] < -parsimony:
+        if gains[worst] < 0.0:
             break
-        s = remaining.pop(worst)
+        s, _ = remaining.pop(worst)
         gain = np.linalg.solve(covariance[np.ix_(s, s)], covariance[s]).T
         theta -= gain @ theta[s]
         covariance -= gain @ covariance[s]
