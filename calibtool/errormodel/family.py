@@ -181,6 +181,10 @@ class Family(ABC):
         """(*shape) int: elements with the same number share one scale of tolerances."""
         return np.zeros(shape, dtype=int)
 
+    def fine(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Which elements are fine structure, whose size only the residuals tell: (*shape) bool."""
+        return np.zeros(shape, dtype=bool)
+
     def sections(self, shape: tuple[int, ...]) -> np.ndarray:
         """Elements with the same number become parameters together or not at all: (*shape) int."""
         return np.zeros(shape, dtype=int)

@@ -26,7 +26,7 @@ def test_json_on_stdout_and_in_a_file(files: Files) -> None:
 
 def test_json_holds_what_a_reader_needs(files: Files) -> None:
     value = json.loads(run("export", files.network, "--format", "json").stdout)
-    assert (value["schema"], value["schema_version"]) == ("calibtool/compensator", 3)
+    assert (value["schema"], value["schema_version"]) == ("calibtool/compensator", 4)
     assert value["robot"] == "planar-3r"
     assert [joint["unit"] for joint in value["joints"]] == ["rad"] * 3
     assert np.shape(value["nominal_placements_m"]) == (4, 4, 4)
