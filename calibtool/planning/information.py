@@ -85,8 +85,8 @@ class Knowledge:
         noise_position: float,
         noise_orientation: float,
     ) -> Self:
-        """The posterior of a complete model, its harmonics beyond `HARMONICS` and functions of pairs
-        of joints taken as they are.
+        """The posterior of a complete model; harmonics beyond `HARMONICS` and functions of pairs
+        of joints are taken as they are.
 
         The noise is that of the measurements to come. Raises InputError for a model
         without a posterior.
