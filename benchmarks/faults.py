@@ -89,7 +89,7 @@ class Bench:
         for fault in ("kill -9 at a random moment", "kill -9 at a random step of the writing"):
             yield self.killed(fault, name, new, duration, steps)
         if self.kills:
-            return
+            return ended.remove_outputs(self.folder, writer)
         yield from self.asked_to_end(name, new, steps)
         if name != "demo":  # of sixteen files, some are written before the disk is full
             yield self.large_file(name, new)
