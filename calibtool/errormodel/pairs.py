@@ -95,7 +95,7 @@ def pair_functions(q: Array) -> Array:
     first, second = _pairs(q.shape[1])
     both, between = q[:, first] + q[:, second], q[:, first] - q[:, second]
     waves = [np.sin(both), np.cos(both), np.sin(between), np.cos(between)]
-    return np.stack(waves, axis=-1).reshape(len(q), -1)
+    return np.stack(waves, axis=-1).reshape(len(q), 4 * len(first))
 
 
 def _pairs(n: int) -> tuple[np.ndarray, np.ndarray]:
