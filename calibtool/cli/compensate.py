@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibtool.cli.calibration_options import CalibrationOptions
 from calibtool.cli.files import (
     STREAM,
     check_output,
@@ -17,23 +18,18 @@ from calibtool.cli.files import (
     text_lines,
     wrote,
 )
-from calibtool.cli.input_files import load_calibration
 from calibtool.cli.options import (
     EXACT,
     CalibrationFile,
     CompensationMethod,
     Force,
-    FrameOption,
     JointValuesOption,
     LargestChange,
     Output,
     Outside,
-    PayloadKg,
     TakeUpBacklash,
-    TemperatureC,
     choice,
     joint_values_of,
-    under,
 )
 from calibtool.cli.options import largest_change as in_rad
 from calibtool.cli.programs import (
@@ -68,6 +64,7 @@ if TYPE_CHECKING:
 
 
 def compensate(
+    *,
     calibration: CalibrationFile,
     targets: Annotated[
         str,
@@ -104,9 +101,7 @@ def compensate(
         ),
     ] = None,
     backlash: TakeUpBacklash = True,
-    payload_kg: PayloadKg = None,
-    temperature_c: TemperatureC = None,
-    frame: FrameOption = None,
+    conditions: CalibrationOptions,
     kind: Format = "auto",
     on_error: OnError = "stop",
     frames: FramesFile = None,
@@ -176,7 +171,7 @@ def compensate(
     solver, policy = cast(Method, method), cast(OutsidePolicy, outside)
     values = joint_values_of(joint_values)
     most, weighed = in_rad(largest_change_deg), _weights(weights)
-    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
+    loaded = conditions.load(calibration)
     found_frame = frame_report(loaded)
     if found_frame is not None and found_frame.name == "fitted":
         message(f"frame fitted: every target moves by the common part, too: {found_frame.common}")

@@ -12,8 +12,10 @@ from calibtool.cli.options import (
     Force,
     JointValuesOption,
     Json,
+    RobotArgument,
     Seed,
     ToolOption,
+    WorkspaceName,
     choice,
     joint_values_of,
 )
@@ -33,9 +35,7 @@ if TYPE_CHECKING:
 
 
 def plan(
-    robot: Annotated[
-        str, typer.Argument(metavar="ROBOT", help="A built-in robot, or the path of a description.")
-    ],
+    robot: RobotArgument,
     output: Annotated[
         str | None,
         typer.Option(
@@ -63,12 +63,7 @@ def plan(
             help="Start from what a calibration knows: what to measure next.",
         ),
     ] = None,
-    workspace: Annotated[
-        str | None,
-        typer.Option(
-            help="A named workspace of the robot (default: its first); 'full' is the joint range."
-        ),
-    ] = None,
+    workspace: WorkspaceName = None,
     candidates: Annotated[
         int, typer.Option(min=1, help="How many configurations to choose from.")
     ] = 2000,

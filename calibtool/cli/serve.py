@@ -6,21 +6,18 @@ from typing import TYPE_CHECKING, Annotated, Any, BinaryIO
 
 import typer
 
+from calibtool.cli.calibration_options import CalibrationOptions
 from calibtool.cli.files import STREAM, message, shown
-from calibtool.cli.input_files import load_calibration, say_doubts
+from calibtool.cli.input_files import say_doubts
 from calibtool.cli.options import (
     CalibrationFile,
-    FrameOption,
     JointValuesOption,
     LargestChange,
     Outside,
-    PayloadKg,
     TakeUpBacklash,
-    TemperatureC,
     choice,
     joint_values_of,
     largest_change,
-    under,
 )
 
 if TYPE_CHECKING:
@@ -35,6 +32,7 @@ _WARM = 20  # corrections before the first row, so that everything is loaded
 
 
 def serve(
+    *,
     calibration: CalibrationFile,
     port: Annotated[
         int | None,
@@ -63,9 +61,7 @@ def serve(
     backlash: TakeUpBacklash = True,
     largest_change_deg: LargestChange = None,
     joint_values: JointValuesOption = None,
-    payload_kg: PayloadKg = None,
-    temperature_c: TemperatureC = None,
-    frame: FrameOption = None,
+    conditions: CalibrationOptions,
 ) -> None:
     """Correct joint positions while the arm moves.
 
@@ -93,7 +89,7 @@ def serve(
 
     choice(outside, OUTSIDE_POLICIES, "--outside")
     most, values = largest_change(largest_change_deg), joint_values_of(joint_values)
-    loaded = under(load_calibration(calibration, frame)[0], payload_kg, temperature_c)
+    loaded = conditions.load(calibration)
     whose = loaded.robot.joint_values(shown(calibration), values)
     say_doubts(loaded.robot)
 

@@ -12,8 +12,10 @@ from calibtool.cli.options import (
     Force,
     JointValuesOption,
     Output,
+    RobotArgument,
     Seed,
     ToolOption,
+    WorkspaceName,
     choice,
     joint_values_of,
 )
@@ -23,20 +25,13 @@ from calibtool.errors import InputError, UsageError
 
 
 def simulate(
-    robot: Annotated[
-        str, typer.Argument(metavar="ROBOT", help="A built-in robot, or the path of a description.")
-    ],
+    robot: RobotArgument,
     output: Output = "-",
     configurations: Annotated[
         int, typer.Option("-n", "--configurations", min=1, help="How many to measure.")
     ] = 100,
     seed: Seed = 0,
-    workspace: Annotated[
-        str | None,
-        typer.Option(
-            help="A named workspace of the robot (default: its first); 'full' is the joint range."
-        ),
-    ] = None,
+    workspace: WorkspaceName = None,
     errors: Annotated[
         str,
         typer.Option(
