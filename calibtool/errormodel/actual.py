@@ -41,6 +41,23 @@ class ErrorScales:
         for name, size in {"length": self.length, "angle": self.angle, **self.sizes}.items():
             check_number(size, name, 0)
 
+    @classmethod
+    def of(
+        cls, kinds: tuple[str, ...], sizes: Mapping[str, float], factor: float = 1.0
+    ) -> "ErrorScales":
+        """Sizes by the names of the options of `simulate`, such as `gear_mrad`, times a factor."""
+        milli = 1e-3 * factor
+        return cls(
+            kinds=kinds,
+            length=sizes["length_error_mm"] * milli,
+            angle=sizes["angle_error_mrad"] * milli,
+            sizes={
+                kind: sizes[f"{kind}_mrad"] * milli
+                for kind in ("gear", "gravity", "backlash", "payload")
+            },
+            warmth=sizes["thermal_k"] * factor,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class ActualRobot:
