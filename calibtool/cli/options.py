@@ -77,24 +77,6 @@ FrameOption = Annotated[
     ),
 ]
 
-ToolOption = Annotated[
-    str | None,
-    typer.Option(
-        "--tool",
-        metavar="FRAME",
-        help="The tool frame of a bare URDF, where its names do not tell it.",
-    ),
-]
-
-AllowOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--allow",
-        metavar="FOLDER",
-        help="A folder, besides its own, whose files the robot's description may name; repeatable.",
-    ),
-]
-
 JointValuesOption = Annotated[
     str | None,
     typer.Option(

@@ -6,15 +6,13 @@ import typer
 
 from calibtool.cli.files import check_output, message, shown, write_output, write_outputs, wrote
 from calibtool.cli.identify import report_target
-from calibtool.cli.input_files import load_calibration, load_described
+from calibtool.cli.input_files import RobotOptions, load_calibration
 from calibtool.cli.options import (
-    AllowOption,
     Force,
     JointValuesOption,
     Json,
     RobotArgument,
     Seed,
-    ToolOption,
     WorkspaceName,
     choice,
     joint_values_of,
@@ -106,8 +104,7 @@ def plan(
     cycles: Annotated[
         int | None, typer.Option(min=1, help="Cycles of --iso9283 (default 30).")
     ] = None,
-    tool: ToolOption = None,
-    allow: AllowOption = None,
+    described: RobotOptions,
     joint_values: JointValuesOption = None,
     json: Json = False,
     force: Force = False,
@@ -143,7 +140,7 @@ def plan(
 
     if program is not None:
         check_suffix(program)
-    model, values = load_described(robot, tool, allow), joint_values_of(joint_values)
+    model, values = described.load(robot), joint_values_of(joint_values)
     space = model.workspace(workspace)
     constraints = limits.constraints()
     if iso9283:

@@ -15,6 +15,7 @@ from calibtool.cli.options import (
     LargestChange,
     Outside,
     TakeUpBacklash,
+    check_solving,
     choice,
     joint_values_of,
     largest_change,
@@ -76,7 +77,6 @@ def serve(
     Example: calibtool serve calibration.h5 --port 5005
     """
     choice(rows, ROWS, "--rows")
-    choice(method, ("one-step", "exact"), "--method")
     if calibration == STREAM and port is None:
         from calibtool.errors import UsageError
 
@@ -85,9 +85,9 @@ def serve(
 
     from calibtool.compensation.row_by_row import Live, RowKind
     from calibtool.compensation.solve import Method
-    from calibtool.compensation.targets import OUTSIDE_POLICIES, OutsidePolicy
+    from calibtool.compensation.targets import OutsidePolicy
 
-    choice(outside, OUTSIDE_POLICIES, "--outside")
+    check_solving(method, outside)
     most, values = largest_change(largest_change_deg), joint_values_of(joint_values)
     loaded = conditions.load(calibration)
     whose = loaded.robot.joint_values(shown(calibration), values)

@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibtool.cli.files import HDF5, check_output, one_stdin, read_text, shown, write_output, wrote
-from calibtool.cli.input_files import load_described, load_measurements, measurements_words
+from calibtool.cli.input_files import RobotOptions, load_measurements, measurements_words
 from calibtool.cli.options import (
-    AllowOption,
     Force,
     JointValuesOption,
     Output,
     RobotArgument,
     Seed,
-    ToolOption,
     WorkspaceName,
     choice,
     joint_values_of,
@@ -157,8 +155,7 @@ def simulate(
             help="The joints of --at are corrected ones: what went into compensate.",
         ),
     ] = None,
-    tool: ToolOption = None,
-    allow: AllowOption = None,
+    described: RobotOptions,
     joint_values: JointValuesOption = None,
     force: Force = False,
 ) -> None:
@@ -192,7 +189,7 @@ def simulate(
     values = joint_values_of(joint_values)
     if values is not None and at is None:
         raise UsageError("--joint-values is for the joints of --at")
-    model = load_described(robot, tool, allow)
+    model = described.load(robot)
     scales = sizes.scales()
     inputs: dict[str, bytes] = {}
     truth = None
